@@ -13,8 +13,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from karma.bench.run import Run
+from karma.journal.header import EPISODES
 from karma.journal.records import AnswerTiming, read_records
-from karma.journal.run_folder import EPISODES, read_run
+from karma.journal.run_folder import read_run
 from karma.offline import go_offline
 from karma.testing import make_llama
 

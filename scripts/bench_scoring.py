@@ -37,9 +37,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.bench.experiment_file import beside
+from karma.benchmarks.lota_alfred.experiment import draw_tasks
 from karma.benchmarks.lota_alfred.planner import followed
 from karma.benchmarks.lota_alfred.prompt import LotaPromptOptions, score_prompt
-from karma.benchmarks.lota_alfred.tasks import draw_tasks
 from karma.benchmarks.players import ExpertPlayer
 from karma.benchmarks.trial_rooms import read_rooms
 from karma.contracts import END, Choice

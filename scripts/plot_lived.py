@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from karma.benchmarks.header import read_header
+from karma.bench.benchmark_runs import read_played
 from karma.benchmarks.lived.table import by_day, figures_of, stale_shares
-from karma.benchmarks.run import read_records
+from karma.journal.header import BenchmarkHeader
 from karma.report.lived_pictures import lived_pictures
 
 
@@ -22,7 +22,7 @@ def main(
 ) -> None:
     """Draw one picture."""
     wanted = [name.strip() for name in rows.split(";") if name.strip()]
-    _, records = read_records(run, read_header(run))
+    _, records = read_played(run, BenchmarkHeader.read(run))
     records = [one for one in records if not wanted or one.row in wanted]
     if days:
         records = by_day(records)

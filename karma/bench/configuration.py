@@ -9,8 +9,8 @@ from karma import registry
 from karma.bench.experiment import Experiment, RunOptions
 from karma.contracts import Task
 from karma.infer.manifest.manifest import resolve_planner
+from karma.journal.header import Header
 from karma.journal.provenance import header_of as journal_header
-from karma.journal.run_folder import Header
 from karma.journal.told import Config
 from karma.loading.doubt import may_refuse
 from karma.loading.models import Models, Row

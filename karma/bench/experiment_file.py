@@ -20,11 +20,13 @@ import msgspec
 from karma.bench.experiment import MOST_SEEDS, Experiment
 from karma.errors import FileError, KarmaError, did_you_mean
 from karma.files import read_toml
+from karma.journal.owned_folder import Kind
 from karma.journal.told import each_path
 from karma.loading.names import MODELS, check_models, check_row
 from karma.places import shipped
 
 T = TypeVar("T", bound=msgspec.Struct)
+TRACE = "trace"  # `kind` of a figure of policies, see `karma.lab.figure`
 _SHARED = re.compile(r"(\.\./)+shared/")
 _SETTING = re.compile(r'((?:"[^"]*"|[^"])*?\.\w+|\w+)=(.*)', re.DOTALL)
 
@@ -147,9 +149,26 @@ def read_as(path: Path, kind: type[T], changes: Changes | None = None) -> T:
     return _converted(path, tree, kind, f" (with {said})" if said else "")
 
 
-def has_grid(path: Path, changes: Changes | None = None) -> bool:
-    """Return whether an experiment is a sweep; errors as `read_experiment`."""
-    return bool(read_as(path, Experiment, changes).grid)
+class _Told(msgspec.Struct, frozen=True):
+    """What tells experiments of all forms apart."""
+
+    benchmark: str = ""
+    kind: str = ""
+
+
+def kind_of(path: Path, changes: Changes | None = None) -> Kind:
+    """Return what kind of run an experiment makes.
+
+    Raises:
+        FileError: it cannot be read; of one with our own tasks, also as `read_experiment`.
+        KarmaError: see `read_as`.
+    """
+    said = read_toml(path, _Told, fix=None if path.is_file() else "karma eval demo")
+    if said.benchmark:
+        return "benchmark"
+    if said.kind == TRACE:
+        return "figure"
+    return "sweep" if read_as(path, Experiment, changes).grid else "run"
 
 
 def _converted(path: Path, tree: Mapping[str, Any], kind: type[T], said: str = "") -> T:

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET  # written only
 
 from karma.bench.metrics import METRICS, Metric, TimedEpisode, episodes_of
-from karma.bench.sweep_folder import SweptCell, is_sweep, read_sweep
+from karma.bench.sweep_folder import SweptCell, read_sweep
 from karma.errors import KarmaError
 from karma.journal.not_run import NotRun
+from karma.journal.owned_folder import kind_in
 from karma.journal.records import EpisodeRecord
 from karma.journal.run_folder import RunData, read_run
 
@@ -126,7 +127,7 @@ FORMS: dict[str, Callable[[Path], bytes]] = {
 
 
 def _parts(folder: Path) -> list[_ExportedRun]:
-    if not is_sweep(folder):
+    if kind_in(folder) != "sweep":
         return [_ExportedRun(run=read_run(folder))]
     data = read_sweep(folder)
     return [_ExportedRun(run=data.run(cell), cell=cell) for cell in data.cells]

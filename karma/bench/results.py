@@ -13,7 +13,7 @@ from karma.bench.tables import Result
 from karma.errors import KarmaError
 from karma.journal.folder import changed
 from karma.journal.not_run import in_words
-from karma.journal.run_folder import RunData, differences, read_run
+from karma.journal.run_folder import RunData, read_run
 from karma.journal.steps import read_steps, steps_path
 from karma.journal.told import Config, all_apart, read_config, rows_apart, told_apart
 
@@ -140,7 +140,7 @@ def set_apart(names: list[str]) -> list[str]:
 
 def _headers_apart(first: RunData, run: RunData) -> list[str]:
     machines = ({k: str(v) for k, v in asdict(one.header.machine).items()} for one in (first, run))
-    found = differences(first.header, run.header)
+    found = first.header.apart(run.header)
     left_out = ("experiment file: ", "name: ")  # said by the options
     return [one for one in found if not one.startswith(left_out)] + changed("machine", *machines)
 

@@ -1,54 +1,49 @@
 """A run: an experiment in its folder, begun, gone on with, and finished."""
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
-from karma.bench.configuration import configuration, header_of
-from karma.bench.experiment import Experiment
-from karma.bench.experiment_file import Changes, read_experiment
-from karma.bench.experiment_tasks import load, scene_path
-from karma.bench.figures import added_up
-from karma.bench.precision import Precision, takes_another
+from karma.bench.benchmark_runs import BenchmarkSuite, benchmark_suite
+from karma.bench.experiment_file import Changes, kind_of
+from karma.bench.our_tasks import OurTasks, our_tasks
+from karma.bench.precision import takes_another
+from karma.bench.suite import BenchmarkResults, Chain, Suite
 from karma.bench.worker_count import IN_FLIGHT, Suggestion, suggest_workers
-from karma.bench.workers import Job, Stage, check_workers, perform_here, perform_in_processes
+from karma.bench.workers import check_workers, perform
 from karma.contracts import Task
-from karma.errors import FileError, KarmaError
-from karma.files import append_line, to_json
+from karma.errors import KarmaError
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.server import slots_of
 from karma.infer.hosted.session import Session
 from karma.journal.folder import locked
-from karma.journal.not_run import FILE as NOT_RUN
+from karma.journal.header import EPISODES
 from karma.journal.not_run import IN_A_ROW, NotRun
-from karma.journal.records import EpisodeRecord, EpisodeTiming, Key
-from karma.journal.run_folder import EPISODES, Finished, RunFolder
-from karma.offline import network_allowed
+from karma.journal.records import Key, key_of
 
 
 class Run:
-    """An experiment in its folder.
+    """An experiment in its folder: of our own tasks, or of a benchmark by its own protocol.
 
     Args:
         path: the TOML file.
-        folder: takes records, header, step logs, maps and imported scenes.
+        folder: takes records, header and whatever else episodes leave.
         changes: what the experiment says otherwise than its file.
         fresh: throw away what an earlier run left there.
         cassette: records hosted models or stands for them, and is the run's clock.
         base_url: of all hosted models, in place of the experiment's.
         computed: keys of its [models] that say how they are computed, in place of its own.
-        steps: whether to keep step logs; None leaves it to the experiment.
+        steps: whether to keep step logs; None leaves this and the following to the experiment, and
+            a benchmark has none of them.
         states: folder for KV states of rooms, in place of the experiment's.
-        half_width: wanted of every success rate's interval, by more seeds than the experiment
-            lists; None leaves it to the experiment.
-        max_seeds: that may come to, the listed ones counted; None leaves it to the experiment.
+        half_width: wanted of every success rate's interval, by more seeds than are listed.
+        max_seeds: that may come to, the listed ones counted.
+        suite: what is done, where it is of neither form; `path` is named in messages.
 
     Raises:
         FileError: the experiment is damaged, or the folder holds a run of something else.
-        KarmaError: another run is at work in the folder, or its tasks have one seed only.
+        KarmaError: another run is at work in the folder, its tasks have one seed only, or an
+            argument is of no use to it.
     """
 
     def __init__(
@@ -65,52 +60,40 @@ class Run:
         states: Path | None = None,
         half_width: float | None = None,
         max_seeds: int | None = None,
+        suite: Suite | None = None,
     ) -> None:
         self.path, self.folder = path, folder
-        self.experiment = read_experiment(path, changes)
-        if self.experiment.grid:
-            raise FileError(path, "it has a [[grid]]: a sweep, not a run", fix=f"karma eval {path}")
-        if computed:
-            models = self.experiment.models.computed_by(computed)
-            self.experiment = msgspec.structs.replace(self.experiment, models=models)
         self._session = Session(cassette)
-        models = self.experiment.models
-        if base_url:
-            models = msgspec.structs.replace(models, hosted=models.hosted.at(base_url))
-        loaded = load(self.experiment, path, folder)
-        self.tasks = loaded.tasks
-        self._steps = self.experiment.run.steps if steps is None else steps
-        self.precision = _precision(self.experiment, half_width, max_seeds)
-        told = self.experiment
-        if self.precision is not None:
-            _check_seeds_differ(self.tasks)
-            width, most = self.precision.half_width, self.precision.max_seeds
-            told = msgspec.structs.replace(told, half_width=width, max_seeds=most)
-        self.seeds = self.experiment.seeds
-        self._files = RunFolder(folder, steps=self._steps)
-        self._scenes = loaded.scenes
-        self._config = configuration(told)
-        self.header = header_of(self.experiment, self.tasks, loaded.scenes, steps=self._steps)
-        self.records: list[EpisodeRecord] = []
+        said = (path, folder, changes, computed or {}, base_url)
+        own: dict[str, Any] = {
+            "steps": steps, "states": states, "half_width": half_width, "max_seeds": max_seeds
+        }  # fmt: skip
+        self.suite: Suite
+        if suite is not None:
+            self.suite = suite
+        elif kind_of(path, changes) == "benchmark":
+            if wrong := [name for name, value in own.items() if value is not None]:
+                raise KarmaError(f"{path}: a benchmark has no {wrong[0]}")
+            self.suite = benchmark_suite(*said)
+        else:
+            self.suite = our_tasks(*said, **own)
+        self.experiment: Any = self.suite.experiment  # an `Experiment`, or a benchmark's own
+        ours = self.suite if isinstance(self.suite, OurTasks) else None
+        self.tasks: tuple[Task, ...] = ours.tasks if ours else ()  # of our own
+        self.precision = ours.experiment.precision if ours else None
+        self._config = ours.config if ours else None
+        self._scenes = ours.brought() if ours else {}
+        self.header = self.suite.header
+        self._files = self.suite.files()
+        self.records: list[Any] = []
         self.not_run: list[NotRun] = []  # of those that were tried last
-        self.timings: dict[Key, EpisodeTiming] = {}
-        with locked(self.folder):
+        self.timings: dict[Key, Any] = {}
+        self._begin_seeds(self.experiment.seeds)
+        with locked(folder):
             if fresh:
                 self._files.clear()
             self._claim()
             self._go_on()
-        kept = self.experiment.run.room_states
-        self._stage = Stage(
-            rows=self.experiment.rows,
-            models=models,
-            world=self.experiment.world,
-            seed=self.experiment.seeds[0],
-            folder=folder,
-            steps=self._steps,
-            states=replace(kept, folder=states or kept.folder),
-            tape=self._session.cassette.tape,
-            network=network_allowed(),
-        )
 
     @property
     def records_path(self) -> Path:
@@ -120,7 +103,7 @@ class Run:
     @property
     def total(self) -> int:
         """How many episodes the seeds come to that have been begun."""
-        return len(self._jobs())
+        return sum(len(chain.tasks) for chain in self.chains)
 
     @property
     def left(self) -> int:
@@ -133,18 +116,17 @@ class Run:
         Raises:
             KarmaError: a hosted planner may not or cannot be reached.
         """
-        models, in_flight = self._stage.models, None
+        models, in_flight = self.suite.models, None
         if models.hosted.planner is not None and self._session.cassette.mode != "replay":
             in_flight = slots_of(models.hosted.planner) or IN_FLIGHT
-        return suggest_workers(models, self.left, self._stage.rows, in_flight=in_flight)
+        return suggest_workers(models, self.left, self.suite.rows, in_flight=in_flight)
 
-    def episodes(self, workers: int = 1, *, ray: str = "") -> Iterator[EpisodeRecord]:
+    def episodes(self, workers: int = 1, *, ray: str = "") -> Iterator[Any]:
         """Do what is missing; each record is on the disk before it is yielded.
 
-        When the last is done, all lines are put in the order of seeds, rows and tasks, in
-        whatever order they were done. Where success rates are not yet as sure as they are wanted,
-        one seed after the other is begun. What was not run is in `not_run` afterwards; then the run
-        is not finished.
+        When the last is done, all lines are put in their final order, in whatever order they were
+        done. Where success rates are not yet as sure as they are wanted, one seed after the other
+        is begun. What was not run is in `not_run` afterwards; then the run is not finished.
 
         Args:
             workers: processes to use, each with models of its own.
@@ -157,7 +139,7 @@ class Run:
                 several episodes in a row were not run.
         """
         if workers > 1 or ray:
-            check_workers(self._stage.models, self._session.cassette, ray)
+            check_workers(self.suite.models, self._session.cassette, ray)
         with locked(self.folder):
             self._claim()
             self._go_on()
@@ -165,7 +147,9 @@ class Run:
                 self._files.reopen()
             self.not_run, in_a_row = [], 0
             while not self.not_run and (todo := self._todo()):
-                for one in self._perform(todo, workers, ray):
+                for one in perform(
+                    self.suite, todo, self._session, workers=workers, ray=ray, header=self.header
+                ):
                     if isinstance(one, NotRun):
                         in_a_row += not one.alone
                         self._put_aside(one, ends=in_a_row == IN_A_ROW)
@@ -177,94 +161,47 @@ class Run:
                     yield one.record
                 self._begin_another()
             if not self.not_run:
-                self._files.finish([job.key for job in self._jobs()], added_up)
+                order = [key for chain in self.chains for key in chain.keys]
+                self._files.finish(order, self.suite.added_up)
                 self.records, self.timings = self._files.done()
+
+    def results(self) -> BenchmarkResults:
+        """Return what a benchmark's records so far come to; errors as `Benchmark.results`."""
+        assert isinstance(self.suite, BenchmarkSuite)
+        return self.suite.results(self.records, self.not_run)
 
     # ------------------------------------------------------------- parts
 
     def _put_aside(self, one: NotRun, *, ends: bool) -> None:
         """Keep why an episode was not run; `ends`: so many were not that none would be."""
         self.not_run.append(one)
-        append_line(self.folder / NOT_RUN, to_json(one))
+        self._files.put_aside(one)
         if ends:
             raise KarmaError(f"{IN_A_ROW} episodes one after the other were not run: {one.reason}")
 
     def _claim(self) -> None:
         fix = f"--out another folder, or karma eval {self.path} --fresh, which throws that run away"
-        rooms = {scene_path(self.folder, name): data for name, data in self._scenes.items()}
-        scenes = {place.relative_to(self.folder).as_posix(): rooms[place] for place in rooms}
-        self._files.claim(self.header, self._config, fix=fix, scenes=scenes)
+        self._files.claim(self.header, self._config, fix=fix, scenes=self._scenes)
 
     def _go_on(self) -> None:
-        """Look at what is done, and at what is to be done next."""
-        self.records, self.timings = self._files.done()
+        """Look at what is done, and at what is to be done next; a begun seed is finished."""
+        together = [chain.keys for chain in self.chains if len(chain.tasks) > 1]
+        self.records, self.timings = self._files.done(together)
         listed = self.experiment.seeds
         last = max((record.seed for record in self.records), default=0)
-        self.seeds = (
-            *listed,
-            *range(max(listed) + 1, last + 1),
-        )  # a seed that was begun is finished
+        self._begin_seeds((*listed, *range(max(listed) + 1, last + 1)))
         if not self.left:
             self._begin_another()
+
+    def _begin_seeds(self, seeds: tuple[int, ...]) -> None:
+        self.seeds = seeds
+        self.chains = tuple(self.suite.chains(seeds))
 
     def _begin_another(self) -> None:
         """Begin the next seed where a success rate is not sure enough; all others are complete."""
         if self.precision and takes_another(self.records, self.precision, len(self.seeds)):
-            self.seeds = (*self.seeds, max(self.seeds) + 1)
+            self._begin_seeds((*self.seeds, max(self.seeds) + 1))
 
-    def _todo(self) -> list[Job]:
-        done = {record.key for record in self.records}
-        return [job for job in self._jobs() if job.key not in done]
-
-    def _perform(self, todo: list[Job], workers: int, ray: str) -> Iterator[Finished | NotRun]:
-        if ray:
-            from karma.bench.ray_workers import perform_on_ray
-
-            return perform_on_ray(
-                self._stage,
-                todo,
-                ray,
-                header=self.header,
-                scenes=self._scenes,
-                number=workers,
-            )
-        if workers > 1:
-            return perform_in_processes(self._stage, todo, workers)
-        return perform_here(self._stage, todo, self._session)
-
-    def _jobs(self) -> list[Job]:
-        """Return all episodes in their final order."""
-        return [
-            Job(row=row.name, task=task, seed=seed)
-            for seed in self.seeds
-            for row in self.experiment.rows
-            for task in self.tasks
-        ]
-
-
-def _precision(
-    experiment: Experiment, half_width: float | None, max_seeds: int | None
-) -> Precision | None:
-    """Return how sure to be, as a command asks or else the experiment; None: not at all.
-
-    Raises:
-        KarmaError: there is no such half-width, or a number of seeds without one.
-    """
-    width = experiment.half_width if half_width is None else half_width
-    if width is None:
-        if max_seeds is not None:
-            raise KarmaError("--max-seeds is for runs with --half-width, e.g. --half-width 0.05")
-        return None
-    try:
-        return Precision(half_width=width, max_seeds=max_seeds or experiment.max_seeds)
-    except ValueError as error:
-        raise KarmaError(f"{error}\n  To fix: --half-width 0.05") from error
-
-
-def _check_seeds_differ(tasks: Iterable[Task]) -> None:
-    """Raise KarmaError where another seed would be the same episode again."""
-    if alike := [task.id for task in tasks if task.kind == "sequence"]:
-        raise KarmaError(
-            f"task {alike[0]} is a sequence, which has one seed: no half-width is reached by more\n"
-            "  To fix: leave out the half-width, or put more sequences into the task file"
-        )
+    def _todo(self) -> list[Chain]:
+        done = {key_of(record) for record in self.records}
+        return [chain for chain in self.chains if not done.issuperset(chain.keys)]

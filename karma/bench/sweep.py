@@ -22,10 +22,8 @@ import msgspec
 from karma.bench.experiment_file import Changes, Setting, read_experiment
 from karma.bench.run import Run
 from karma.bench.sweep_folder import (
-    TABLE,
     SweepData,
     SweptCell,
-    is_sweep,
     read_sweep,
     write_sweep,
 )
@@ -33,10 +31,11 @@ from karma.errors import FileError, KarmaError, UnwritableError
 from karma.infer.checks.gguf import is_gguf
 from karma.infer.manifest.picture_pair import is_projector
 from karma.journal.folder import locked
+from karma.journal.header import CELLS, TABLE
 from karma.journal.not_run import in_words
-from karma.journal.owned_folder import MARK, OwnedFolder
+from karma.journal.owned_folder import MARK, SWEEP, OwnedFolder, kind_in
 from karma.journal.records import EpisodeRecord
-from karma.journal.run_folder import CELLS, SWEEP, RunFolder
+from karma.journal.run_folder import RunFolder
 from karma.journal.steps import slug
 
 _NO_GRID = Setting(key="grid", value=[])
@@ -147,7 +146,7 @@ class SweepRun:
 
     def _is_older(self) -> bool:
         """Return whether this sweep is there as an earlier version left it, without a mark."""
-        if (self.folder / MARK).exists() or not is_sweep(self.folder):
+        if (self.folder / MARK).exists() or kind_in(self.folder) != "sweep":
             return False
         try:
             kept = read_sweep(self.folder)

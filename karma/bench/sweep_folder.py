@@ -11,11 +11,11 @@ from karma.errors import FileError
 from karma.files import read_json, to_json
 from karma.journal.folder import replace_file
 from karma.journal.formats import UNKNOWN, figure_text
-from karma.journal.owned_folder import HEADER
+from karma.journal.header import CELLS, TABLE
+from karma.journal.owned_folder import HEADER, SWEEP
 from karma.journal.records import ALL
-from karma.journal.run_folder import CELLS, SWEEP, RunData, read_run
+from karma.journal.run_folder import RunData, read_run
 
-TABLE = "table.md"
 _SHOWN = ("subtasks_done", "goals_met", "refused", "explorations", "actions", "planner_calls")
 
 
@@ -51,11 +51,6 @@ class SweepData:
 class _KeptSweep:
     name: str
     cells: tuple[SweptCell, ...]
-
-
-def is_sweep(folder: Path) -> bool:
-    """Return whether a folder holds a sweep."""
-    return (folder / SWEEP).exists()
 
 
 def read_sweep(folder: Path) -> SweepData:

@@ -1,213 +1,110 @@
-"""Doing the episodes: in this process or in several at once, each with models of its own.
+"""Doing chains: in this process, in several, or on the machines of a Ray cluster that is there.
 
-An episode depends on its row, task and seed only, never on the process that does it or on earlier
-ones. So episodes can be dealt out in any way, and one whose worker died can be done again.
+On a cluster every node has this package and its own models, which are found by their SHA-256. A
+node that has another model, version, prompt or file than the run says so by name, and the run ends.
+What an episode leaves comes back with its record, so the run's folder lies on one machine only.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
+from typing import Any
 
-from karma import registry
-from karma.bench.days import Days
-from karma.bench.episode import run_episode
-from karma.bench.pool import Workshop, in_processes
-from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
-from karma.errors import FileError, KarmaError, UnwritableError
+from karma.bench.experiment_file import DataFolders
+from karma.bench.pool import JobQueue, Workshop, in_processes
+from karma.bench.ray_pool import WorkerNeed, in_cluster
+from karma.bench.suite import Chain, Do, Done, Suite
+from karma.bench.worker_count import worker_mb
+from karma.errors import KarmaError, UnwritableError
 from karma.infer.hosted.cassette import Cassette, CassetteError, Tape
 from karma.infer.hosted.session import Hosted, Session
-from karma.infer.llama.room_states import StateOptions
 from karma.journal.not_run import NotRun
-from karma.journal.part import TimeLog
-from karma.journal.records import EpisodeRecord, Key
-from karma.journal.run_folder import Finished
-from karma.journal.steps import StepLog
-from karma.loading.models import Models, Row, for_row, load_resources
-from karma.loading.worlds import world_maker
-from karma.methods.tour import explore_room
-from karma.offline import NetworkRefused, go_offline, settle
-from karma.world.home import Home
-
-MAPS = "maps"  # below the run folder
+from karma.loading.models import Models
+from karma.offline import NetworkRefused, go_offline, network_allowed
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Job:
-    """One episode to do."""
-
-    row: str
-    task: Task
-    seed: int
-
-    @property
-    def key(self) -> Key:
-        """What names the episode."""
-        return self.row, self.task.id, self.seed
-
-    @property
-    def shares(self) -> str:
-        """Nothing that is worth another order."""
-        return ""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Stage:
-    """What a worker needs to know before its first episode."""
-
-    rows: tuple[Row, ...]
-    models: Models
-    world: str
-    seed: int  # of the planner's decoding
-    folder: Path
-    steps: bool
-    states: StateOptions
-    tape: Tape  # the cassette that all workers join
-    network: bool  # hosted models on other machines may be asked
-
-
-class Performer:
-    """Does episodes, one after the other, with models that are loaded once.
+def perform(
+    suite: Suite,
+    chains: Sequence[Chain],
+    session: Session,
+    *,
+    workers: int = 1,
+    ray: str = "",
+    header: Any = None,
+) -> Iterator[Done]:
+    """Do chains; yields what each episode leaves, or why it was not run.
 
     Args:
-        stage: what to load.
+        suite: that they are of.
+        chains: in any order.
         session: of hosted models.
+        workers: processes; on a cluster 0 for as many as it has cores and memory for.
+        ray: address of the cluster's head, HOST:PORT; "" = this machine.
+        header: what the run depends on, held against every node.
 
     Raises:
-        KarmaError: a model cannot be loaded, or a row has an option that its method does not know.
+        KarmaError: see `in_processes`, `in_cluster` and `played`.
     """
-
-    def __init__(self, stage: Stage, session: Session | None = None) -> None:
-        self._stage, self._session = stage, session or Session()
-        resources = load_resources(
-            stage.models,
-            maps=stage.folder / MAPS,
-            seed=stage.seed,
-            session=self._session,
-            states=stage.states,
+    models = suite.models
+    if ray:
+        far: Workshop[Chain, Sequence[Done]] = Workshop(
+            begin=partial(suite.begin_on_node, header, DataFolders.here())
         )
-        self._make = world_maker(stage.world, [row.all_options for row in stage.rows])
-        self._world = self._make()
-        self._days = Days()
-        seeing = {stage.models.vision: resources.vision}
-        self._methods = {  # all of them now: a wrong row must not come to light hours later
-            row.name: _built(row, resources, seeing, stage.models) for row in stage.rows
-        }
-        self._session.ledger.take()  # what loading asked is on no episode's bill
+        cores, memory_mb = max(1, models.threads), worker_mb(models, suite.rows)
+        need = WorkerNeed(cores=cores, memory_mb=memory_mb)
+        for found in in_cluster(far, chains, ray, need=need, number=workers):
+            yield from found
+    elif workers > 1:
+        near: Workshop[Chain, Sequence[Done]] = Workshop(
+            begin=partial(_begun, suite, session.cassette.tape, network_allowed()),
+            imports=(__name__, type(suite).__module__, *imported(models)),
+        )
+        for found in in_processes(near, chains, workers):
+            yield from found
+    else:
+        play, queue, chain = suite.begin(session), JobQueue(chains), None
+        while queue.jobs:
+            chain = queue.next_after(chain)
+            yield from played(play, chain, session)
 
-    def do(self, job: Job) -> Finished | NotRun:
-        """Do one episode, or say why it was not run.
 
-        Raises:
-            KarmaError: no other episode could be run either: the disk is full, a recording is of
-                other requests, or somebody asked for the network.
-        """
+def _begun(suite: Suite, tape: Tape, network: bool) -> Do:
+    """Load what a worker process needs."""
+    go_offline(allow_network=network)
+    return loaded(suite, Session(Cassette.of(tape)))
+
+
+def loaded(suite: Suite, session: Session) -> Do:
+    """Load what a worker needs that leaves each chain whole."""
+    play = suite.begin(session)
+    return lambda chain: list(played(play, chain, session))
+
+
+def played(
+    play: Callable[[Chain], Iterator[Done]], chain: Chain, session: Session
+) -> Iterator[Done]:
+    """Do a chain; what one episode of it leaves may be the next one's, so none follows a lost one.
+
+    Raises:
+        KarmaError: no other could be run either: the disk is full, a recording is of other
+            requests, or somebody asked for the network.
+    """
+    episodes, problem = play(chain), ""
+    for row, task, seed in chain.keys:
         try:
-            return self._done(job)
+            one = next(episodes) if not problem else None
         except (UnwritableError, CassetteError, NetworkRefused):
             raise
         except KarmaError as error:
-            self._session.ledger.take()
-            return NotRun(row=job.row, task=job.task.id, seed=job.seed, reason=str(error))
-
-    def _done(self, job: Job) -> Finished:
-        if job.seed:
-            for scene in job.task.scenes:
-                self._know(scene)
-        steps, times = StepLog(), TimeLog()
-        with self._worlds(job.task) as world:
-            record = self._record(job, world, steps, times)
-        settle()
-        data = steps.data() if self._stage.steps else b""
-        return Finished(record=record, timing=times.of(record), steps=data)
-
-    @contextmanager
-    def _worlds(self, task: Task) -> Iterator[World]:
-        """Give the world of a task: a home, for as long as it is needed, where it has rooms."""
-        if len(task.scenes) == 1:
-            yield self._world
-            return
-        home = Home(self._make)
-        try:
-            yield home
-        finally:
-            home.stop()
-
-    def _record(self, job: Job, world: World, steps: StepLog, times: TimeLog) -> EpisodeRecord:
-        return run_episode(
-            self._methods[job.row],
-            world,
-            job.task,
-            row=job.row,
-            seed=job.seed,
-            folder=self._stage.folder,
-            ledger=self._session.ledger,
-            cassette=self._session.cassette,
-            steps=steps if self._stage.steps else None,
-            times=times,
-            days=self._days,
-        )
-
-    def _know(self, scene: SceneRef) -> None:
-        """Have a map of a room as it is, before somebody makes one of it on another day."""
-        path = self._stage.folder / MAPS / f"{scene.name}.json"
-        if path.exists():
-            return
-        try:
-            self._world.reset(scene.source)
-            graph, _ = explore_room(self._world, scene, None)
-        except FileError:  # the episode will say why
-            return
-        graph.save(path)
-
-
-def _built(
-    row: Row, resources: Resources, loaded: dict[str, VisionModel], models: Models
-) -> Method:
-    """Return the method of a row.
-
-    Raises:
-        KarmaError: it has an option that the method does not know, or of the wrong type.
-    """
-    try:
-        kind: type[Method] = registry.load("methods", row.method)
-        return kind.build(for_row(resources, row, loaded, models), row.all_options)
-    except KarmaError as error:
-        raise KarmaError(f"row {row.name!r}: {error}") from error
-
-
-def perform_here(
-    stage: Stage, jobs: Sequence[Job], session: Session | None = None
-) -> Iterator[Finished | NotRun]:
-    """Do the episodes in this process, in their order."""
-    performer = Performer(stage, session)
-    for job in jobs:
-        yield performer.do(job)
-
-
-def perform_in_processes(
-    stage: Stage, jobs: Sequence[Job], number: int
-) -> Iterator[Finished | NotRun]:
-    """Do the episodes in `number` processes, see `in_processes`."""
-    shop: Workshop[Job, Finished | NotRun] = Workshop(
-        begin=partial(_begun, stage),
-        imports=(__name__, *imported(stage.models)),
-    )
-    return in_processes(shop, jobs, number)
-
-
-def _begun(stage: Stage) -> Callable[[Job], Finished | NotRun]:
-    """Load what a worker process needs."""
-    go_offline(allow_network=stage.network)
-    return Performer(stage, Session(Cassette.of(stage.tape))).do
+            problem, one = str(error), None
+        session.ledger.take()
+        yield NotRun(row=row, task=task, seed=seed, reason=problem) if one is None else one
 
 
 def imported(models: Models) -> tuple[str, ...]:
     """Return what is imported once for all workers: what their models take, and no more."""
     hosted = models.hosted
     needed = {
-        "llama_cpp": hosted.planner is None,
+        "llama_cpp": bool(models.planner) and hosted.planner is None,
         "sentence_transformers": models.embedder.partition(":")[0] == "sentence",
         "openai": hosted != Hosted(),
     }

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
-from karma.cli.benchmarks import do_benchmark, refuse_options
 from karma.cli.eval_options import (
+    USED_BY,
     FailUnder,
     Junit,
     Limit,
@@ -30,12 +30,13 @@ from karma.cli.model_options import (
     cassette_of,
     model_options,
 )
-from karma.cli.progress import bar, tell_cluster
+from karma.cli.progress import bar, workers_for
 from karma.cli.shared import (
     ACTING,
     Json,
     clear_errors,
     console,
+    refuse_options,
     write_json,
 )
 from karma.cli.tasks import warn_of_tasks
@@ -55,6 +56,7 @@ def add_to(app: typer.Typer) -> None:
 @clear_errors
 @model_options
 def eval_command(
+    context: typer.Context,
     file: Annotated[Path, typer.Argument(help="An experiment, e.g. eval/demo.toml.")],
     out: Annotated[Path | None, typer.Option(help="Run folder; default runs/NAME.")] = None,
     fresh: Annotated[bool, typer.Option(help="Start over instead of going on.")] = False,
@@ -96,39 +98,28 @@ def eval_command(
     Exit code 0: every episode was run, whatever its success; 1: an error, or some were not run;
     4: all run, and success is below --fail-under; 130: stopped.
     """
-    from karma.bench.experiment_file import has_grid
+    from karma.bench.experiment_file import kind_of
     from karma.bench.figures import plain
-    from karma.benchmarks.run import is_benchmark
     from karma.journal.not_run import in_words
-    from karma.lab.figure import is_figure
     from karma.places import find_experiment
 
     file = find_experiment(file)
     folder = out or Path("runs") / file.stem
-    seeded = half_width is not None or max_seeds is not None
     changes, floors = changes_of(sets, only, limit, seeds, row), floors_of(fail_under)
-    ends = {"planner_dir": planner_dir, "fail_under": floors, "junit": junit}
+    kind = kind_of(file, changes)
+    if kind == "run" and planner_dir is not None:
+        kind = "sweep"
+    refuse_options(context, f"{file}: such an experiment", USED_BY[kind])
     opened = {
         "cassette": cassette_of(cassette, cassette_mode),
         "base_url": base_url,
         "computed": computed,
     }
-    if is_benchmark(file):
-        refuse_options(file, steps=steps, states=states, half_width=seeded, **ends)
-        said = {**opened, "fresh": fresh, "changes": changes}
-        do_benchmark(file, folder, workers=workers, ray=ray, json=json, opened=said)
+    if kind == "figure":
+        _do_figure(file, folder, fresh, workers, ray)
         return
-    if is_figure(file):
-        refuse_options(file, half_width=seeded, set=changes, **ends)
-        _do_figure(file, folder, fresh)
-        return
-    opened |= {
-        "steps": steps,
-        "states": states,
-        "half_width": half_width,
-        "max_seeds": max_seeds,
-    }
-    if planner_dir is not None or has_grid(file, changes):
+    opened |= {"steps": steps, "states": states, "half_width": half_width, "max_seeds": max_seeds}
+    if kind == "sweep":
         from karma.cli.sweeps import do_sweep
 
         do_sweep(
@@ -136,8 +127,10 @@ def eval_command(
             ray=ray, opened=opened, floors=floors, junit=junit, json=json,
         )  # fmt: skip
         return
-    opened |= {"fresh": fresh, "changes": changes}
-    run = _opened(file, folder, opened, floors)
+    run = _opened(file, folder, {**opened, "fresh": fresh, "changes": changes}, floors)
+    if kind == "benchmark":
+        _do_benchmark(run, workers, ray, json)
+        return
     lines = _done(run, workers, ray, tasks)
     if json is not None:
         write_json(json, plain(lines))
@@ -155,7 +148,8 @@ def _opened(
 
     with console.status(escape(f"reading {file} ...")):
         run = Run(file, folder, **opened)
-    check_floors(floors, [row.name for row in run.experiment.rows])
+    if floors:
+        check_floors(floors, [row.name for row in run.experiment.rows])
     return run
 
 
@@ -204,12 +198,7 @@ def _kept(run: "Run") -> str:
 
 def _do_episodes(run: "Run", workers: int, ray: str) -> None:
     """Do what is left of a run, with a line that says how far it is."""
-    if run.left and not workers and not ray:
-        suggested = run.suggest()
-        workers = suggested.number
-        console.print(escape(f"workers: {workers} ({suggested.reason})"), soft_wrap=True)
-    elif run.left and ray:
-        tell_cluster(ray, workers)
+    workers = workers_for(run, workers, ray)
     with bar() as progress:
         line = progress.add_task("episodes", total=run.total, completed=len(run.records))
         for record in run.episodes(workers, ray=ray):
@@ -219,18 +208,42 @@ def _do_episodes(run: "Run", workers: int, ray: str) -> None:
         progress.update(line, description="episodes")
 
 
-def _do_figure(file: Path, folder: Path, fresh: bool) -> None:
+def _do_benchmark(run: "Run", workers: int, ray: str, json: Path | None) -> None:
+    """Do a benchmark's episodes that are missing, and print its tables."""
+    from karma.bench.sheet import to_markdown
+    from karma.journal.header import TABLE
+    from karma.journal.not_run import in_words
+
+    workers = workers_for(run, workers, ray)
+    with console.status(""):
+        for record in run.episodes(workers, ray=ray):
+            mark = "done" if record.success else record.end
+            done = f"{len(run.records)} of {run.total}"
+            console.print(escape(f"{done}: {record.row}, {record.task}: {mark}"), soft_wrap=True)
+    results = run.results()
+    console.print(escape(to_markdown(results.behind)), soft_wrap=True)
+    if json is not None:
+        write_json(json, results.figures)
+    if run.not_run:
+        raise KarmaError(in_words(run.not_run))
+    console.print(escape(f"all tables: {run.folder / TABLE}"), soft_wrap=True)
+
+
+def _do_figure(file: Path, folder: Path, fresh: bool, workers: int, ray: str) -> None:
     """Run an experiment that replays traces instead of doing episodes."""
     from rich.markdown import Markdown
 
-    from karma.lab.figure import run_figure
+    from karma.journal.header import RESULTS
+    from karma.lab.figure import figure_run
 
     with bar() as progress:
         line = progress.add_task("policies", total=None)
-        for step in run_figure(file, folder, fresh=fresh):
-            text = escape(step.doing)
-            progress.update(line, total=step.total, completed=step.done, description=text)
+        run = figure_run(file, folder, fresh=fresh)
+        for record in run.episodes(workers if ray else workers or 1, ray=ray):
+            done, text = len(run.records), escape(record.row.replace("-", " "))
+            progress.update(line, total=run.total, completed=done, description=text)
+        progress.update(line, total=run.total, completed=run.total, description="drawn")
     claims = folder / "claims.md"
     if claims.exists():
         console.print(Markdown(claims.read_text(encoding="utf-8")))
-    console.print(escape(f"results: {folder / 'results.json'}"))
+    console.print(escape(f"results: {folder / RESULTS}"))

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from karma.cli.benchmarks import write_table
 from karma.cli.shared import (
     SHOWN,
     Json,
     clear_errors,
     console,
+    refuse_options,
     sheet_table,
     write_json,
 )
@@ -65,6 +65,7 @@ def compare_command(
 
 @clear_errors
 def table_command(
+    context: typer.Context,
     run: Annotated[Path, typer.Argument(help="A run folder.")],
     published: Annotated[
         Path | None, typer.Option(help="The paper's figures, to stand beside ours.")
@@ -88,17 +89,20 @@ def table_command(
     from karma.bench.published import load_published
     from karma.bench.results import result_of, unfinished
     from karma.bench.sheet import to_latex, to_markdown
-    from karma.bench.sweep_folder import is_sweep, read_sweep
+    from karma.bench.sweep_folder import read_sweep
     from karma.cli.sweeps import print_sweep
-    from karma.journal.owned_folder import write_beside
-    from karma.journal.run_folder import benchmark_in, read_run
+    from karma.journal.owned_folder import kind_in, write_beside
+    from karma.journal.run_folder import read_run
 
-    if benchmark_in(run):
-        write_table([run, *(beside or ())], out or run, json)
-        return
-    if is_sweep(run):
-        print_sweep(read_sweep(run), json)
-        return
+    match kind_in(run):
+        case "benchmark":
+            refuse_options(context, f"{run}: such a table", {"beside", "out", "json"})
+            _write_benchmark([run, *(beside or ())], out or run, json)
+            return
+        case "sweep":
+            refuse_options(context, f"{run}: the table of a sweep", {"json"})
+            print_sweep(read_sweep(run), json)
+            return
     if beside:
         raise KarmaError(
             "--beside is for runs of others' benchmarks\n  To fix: karma compare RUN RUN"
@@ -142,6 +146,32 @@ def table_command(
             "margins": margins(result),
         }
         write_json(json, parts)
+
+
+def _write_benchmark(runs: Sequence[Path], folder: Path, json: Path | None) -> None:
+    """Write the tables of a benchmark's runs as Markdown, and print what is their own.
+
+    Args:
+        runs: their folders; rows of all stand in one table.
+        folder: takes table.md.
+        json: takes the figures.
+
+    Raises:
+        KarmaError: the run has no episodes yet; or see `read_results`.
+    """
+    from karma.bench.benchmark_runs import read_results, written
+    from karma.bench.sheet import to_markdown
+    from karma.journal.header import TABLE
+    from karma.journal.owned_folder import write_beside
+
+    results = read_results(*runs)
+    if not results.figures:
+        raise KarmaError(f"{runs[0]}: the run has no episodes yet\n  To fix: karma eval FILE")
+    write_beside(folder, TABLE, written(results))
+    console.print(escape(to_markdown(results.behind)), soft_wrap=True)
+    console.print(escape(f"all tables: {folder / TABLE}"), soft_wrap=True)
+    if json is not None:
+        write_json(json, results.figures)
 
 
 def _side_by_side(one: "Comparison") -> "Sheet":

@@ -1,12 +1,13 @@
 """What `karma eval` sets otherwise than an experiment's file, and what it ends with."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
 
+from karma.cli.model_options import OPTIONS
 from karma.cli.shared import console
 from karma.files import write_atomic
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from karma.bench.experiment_file import Changes
     from karma.bench.figures import Figures
     from karma.bench.floors import SuccessFloor
+    from karma.journal.owned_folder import Kind
 
 BELOW = 4  # exit code: done, and a success rate is below --fail-under
 OTHERWISE, PASSED = "What is done otherwise than the file says", "Whether it passes"
@@ -60,6 +62,19 @@ FailUnder = Annotated[
 Junit = Annotated[
     Path | None, typer.Option(help="Also write JUnit's XML here.", rich_help_panel=PASSED)
 ]
+
+
+_FIGURE = frozenset({"out", "fresh", "workers", "ray"})
+_BENCHMARK = _FIGURE | {
+    "cassette", "cassette_mode", "base_url", "sets", "only", "limit", "seeds",
+    "row", "json", *(name for name, _, _ in OPTIONS),
+}  # fmt: skip
+_SWEEP = _BENCHMARK | {
+    "steps", "states", "half_width", "max_seeds", "planner_dir", "fail_under", "junit",
+}  # fmt: skip
+USED_BY: Mapping["Kind", frozenset[str]] = {  # kind of run -> options that it can use
+    "figure": _FIGURE, "benchmark": _BENCHMARK, "sweep": _SWEEP, "run": _SWEEP | {"tasks"},
+}  # fmt: skip
 
 
 def changes_of(

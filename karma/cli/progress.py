@@ -11,6 +11,8 @@ from karma.cli.shared import console
 if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn
 
+    from karma.bench.run import Run
+
 _LINE_S = 10.0  # between lines of a log
 
 
@@ -90,7 +92,19 @@ def _time_left() -> "ProgressColumn":
     return Left()
 
 
-def tell_cluster(address: str, workers: int) -> None:
-    """Say that a Ray cluster is at work, with how many workers; 0 as it has room for."""
-    many = workers or "as many workers as it has room for"
-    console.print(escape(f"on the Ray cluster at {address}: {many}"), soft_wrap=True)
+def workers_for(run: "Run", workers: int, ray: str) -> int:
+    """Say who does what is left of a run, and return how many workers to use.
+
+    Args:
+        run: it is silent about one that is done.
+        workers: that were asked for; 0: as many as the machine, or the cluster, has room for.
+        ray: address of a Ray cluster; "" = this machine.
+    """
+    if run.left and ray:
+        many = workers or "as many workers as it has room for"
+        console.print(escape(f"on the Ray cluster at {ray}: {many}"), soft_wrap=True)
+    elif run.left and not workers:
+        suggested = run.suggest()
+        workers = suggested.number
+        console.print(escape(f"workers: {workers} ({suggested.reason})"), soft_wrap=True)
+    return workers

@@ -7,7 +7,7 @@ import typer
 from rich.markup import escape
 
 from karma.cli.progress import bar
-from karma.cli.shared import SHOWN, clear_errors, console
+from karma.cli.shared import SHOWN, clear_errors, console, refuse_options
 from karma.errors import KarmaError
 from karma.files import write_atomic
 
@@ -21,6 +21,7 @@ def add_to(app: typer.Typer) -> None:
 
 @clear_errors
 def report_command(
+    context: typer.Context,
     runs: Annotated[
         list[str],
         typer.Argument(
@@ -72,12 +73,11 @@ def report_command(
     ] = "",
 ) -> None:
     """Write a run as one HTML page: tables, plots, and episodes to step through."""
-    from karma.bench.sweep_folder import is_sweep
-    from karma.report.figure_page import is_figure_folder
-    from karma.report.lived_page import is_lived
+    from karma.journal.owned_folder import benchmark_in, kind_in
 
     run = Path(runs[0])
-    is_home = len(runs) == 1 and is_lived(run)
+    kind = kind_in(run) if len(runs) == 1 else "sweep"
+    is_home = kind == "benchmark" and benchmark_in(run) == "lived"
     if (home or day is not None or row) and not is_home:
         raise KarmaError(
             "--home, --day and --row are of one run of lived-in homes\n"
@@ -89,15 +89,20 @@ def report_command(
                 f"{run}: lived-in homes have days, no episodes or frames\n"
                 f"  To fix: karma report {run} --home HOME --day DAY --row ROW"
             )
+        refuse_options(context, f"{run}: such a page", {"out", "home", "day", "row"})
         _write_lived(run, out, home, day, row)
-    elif len(runs) > 1 or is_sweep(run):
-        choice = (episodes, instructions, frames)
-        _write_comparison(runs, out, reference, choice if pages else None, published)
-    elif is_figure_folder(run):
-        _write_figure(run, out)
-    else:
-        choice = (episodes, instructions, frames)
-        _write_run(run, out, choice, published)
+        return
+    choice = (episodes, instructions, frames)
+    match kind:
+        case "sweep":
+            _write_comparison(runs, out, reference, choice if pages else None, published)
+        case "figure":
+            refuse_options(context, f"{run}: the page of a figure", {"out"})
+            _write_figure(run, out)
+        case _:
+            own = {"out", "episodes", "instructions", "frames", "published"}
+            refuse_options(context, f"{run}: the page of one run", own)
+            _write_run(run, out, choice, published)
 
 
 def _write_lived(run: Path, out: Path | None, home: str, day: int | None, row: str) -> None:
@@ -170,7 +175,7 @@ def _write_comparison(
 
 
 def _is_old(page: Path, run: Path) -> bool:
-    from karma.journal.run_folder import EPISODES
+    from karma.journal.header import EPISODES
 
     return not page.exists() or page.stat().st_mtime < (run / EPISODES).stat().st_mtime
 

@@ -4,7 +4,7 @@ import os
 import sys
 import traceback
 import unicodedata
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -120,6 +120,22 @@ def write_json(place: Path, figures: object) -> None:
         sys.stdout.write(data.decode())
     else:
         write_atomic(place, data)
+
+
+def refuse_options(context: typer.Context, what: str, known: Collection[str]) -> None:
+    """Raise KarmaError where a command was given an option that is of no use.
+
+    Args:
+        context: of the command.
+        what: it is about, e.g. "eval/demo.toml: such an experiment".
+        known: options that are of use, as parameters.
+    """
+    for one in context.command.params:
+        source = context.get_parameter_source(one.name or "")
+        given = source is not None and source.name == "COMMANDLINE" and one.opts[0].startswith("-")
+        if given and one.name not in known:
+            option = one.opts[0]
+            raise KarmaError(f"{what} has no {option}\n  To fix: leave out {option}")
 
 
 def readable(typed: str) -> str:

@@ -107,7 +107,8 @@ def _do_cells(sweep: "SweepRun", workers: int, ray: str) -> None:
 def print_sweep(data: "SweepData", json: Path | None) -> None:
     """Print a sweep's table and what failed; also write its figures where that is wanted."""
     from karma.bench.figures import plain
-    from karma.bench.sweep_folder import TABLE, figures_by_cell, sweep_sheet
+    from karma.bench.sweep_folder import figures_by_cell, sweep_sheet
+    from karma.journal.header import TABLE
 
     console.print(sheet_table(sweep_sheet(data)))
     for cell in data.cells:

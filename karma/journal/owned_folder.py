@@ -28,7 +28,7 @@ from karma.files import (
 from karma.journal.folder import replace_file
 
 MARK, MADE = ".karma-run", ".karma-made"
-HEADER = "header.json"
+HEADER, SWEEP = "header.json", "sweep.json"
 Kind = Literal["run", "sweep", "benchmark", "figure", "talk"]
 _CALLED: Mapping[Kind, str] = {
     "run": "a run", "sweep": "a sweep", "benchmark": "a run of a benchmark",
@@ -202,6 +202,40 @@ def read_mark(folder: Path) -> tuple[_Mark | None, frozenset[str]]:
     first, *lines = read_bytes(path, most=LARGEST_LOG).split(b"\n")[:-1] or [b""]
     begun = decode_json(first, _Mark, path=path, fix=_FIX)
     return begun, frozenset(name for line in lines if (name := _name_in(line)))
+
+
+class _Headed(msgspec.Struct, frozen=True):
+    """What headers of some kinds alone have."""
+
+    benchmark: str = ""
+    figure: str = ""
+
+
+def kind_in(folder: Path) -> Kind | None:
+    """Return what kind of run a folder holds; None where it holds none.
+
+    Its mark says so; of an earlier version's folder, which has none, its header or list of cells.
+
+    Raises:
+        FileError: the mark is damaged.
+    """
+    begun, _ = read_mark(folder)
+    if begun is not None:
+        return begun.kind
+    if (folder / SWEEP).exists():
+        return "sweep"
+    if not (folder / HEADER).exists():
+        return None
+    try:
+        said = read_json(folder / HEADER, _Headed)
+    except FileError:
+        return "run"  # whoever reads it says what is wrong
+    return "benchmark" if said.benchmark else "figure" if said.figure else "run"
+
+
+def benchmark_in(folder: Path) -> str:
+    """Return the benchmark that a folder holds a run of; FileError where its header is torn."""
+    return read_json(folder / HEADER, _Headed).benchmark
 
 
 def check_sealed(folder: Path) -> None:

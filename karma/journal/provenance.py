@@ -18,7 +18,7 @@ from karma.files import read_bytes, to_json
 from karma.infer.checks.memory import MEMINFO
 from karma.infer.llama.devices import devices
 from karma.infer.manifest.manifest import find_model, resolve_planner, sha256_of
-from karma.journal.run_folder import FORMAT, Header, Machine
+from karma.journal.header import FORMAT, Header, Machine
 from karma.journal.told import without_places
 from karma.loading.doubt import doubt_path, may_refuse
 from karma.loading.models import OPENAI, Models, Row

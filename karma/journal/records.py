@@ -7,10 +7,9 @@ runs, such as times and what a cache held, is in the episode's timing, a line of
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 from karma.contracts import Engine, Kind, KvState, Plan, RefusedRequest, SkillResult, Tour
-from karma.files import append_line, to_json
 from karma.infer.hosted.cost import Spent
 from karma.journal.folder import read_lines
 
@@ -215,6 +214,26 @@ class EpisodeTiming:
         return sum(sub.seconds for sub in self.subtasks)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlayedTiming:
+    """What one episode of a benchmark took."""
+
+    row: str
+    task: str
+    seed: int
+    seconds: float
+
+    @property
+    def key(self) -> Key:
+        """What names the episode."""
+        return self.row, self.task, self.seed
+
+
+def key_of(record: Any) -> Key:
+    """Return what names an episode, by its record."""
+    return record.row, record.task, record.seed
+
+
 def untimed(spent: Iterable[Spent]) -> tuple[Spent, ...]:
     """Return costs as a record keeps them: without the seconds, which no two runs share."""
     return tuple(replace(one, seconds=None) for one in spent)
@@ -232,11 +251,6 @@ def spent_by(record: EpisodeRecord, timing: EpisodeTiming | None) -> tuple[Spent
     seconds = (*(s for sub in timing.subtasks for s in sub.hosted_s), *timing.hosted_s)
     pairs = zip(record.spent(), seconds, strict=True)
     return tuple(replace(one, seconds=s) for one, s in pairs)
-
-
-def write_record(path: Path, record: EpisodeRecord | EpisodeTiming) -> None:
-    """Append one record or timing and see it to the disk."""
-    append_line(path, to_json(record))
 
 
 def read_records(path: Path) -> list[EpisodeRecord]:

@@ -5,74 +5,49 @@ whole or not at all, then a line of `timings.jsonl`, and last a line of `episode
 killed run left half done is not counted and is written again, so the files end up the same.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-
-import msgspec
+from typing import Any
 
 from karma.errors import FileError
-from karma.files import TEMPORARY, read_bytes, read_json, to_json, write_atomic
-from karma.journal.folder import brief, changed, refuse_other
+from karma.files import TEMPORARY, append_line, read_bytes, to_json, write_atomic
+from karma.journal.folder import read_lines, refuse_other
+from karma.journal.header import (
+    EPISODES,
+    RESULTS,
+    TABLE,
+    TIMINGS,
+    BenchmarkHeader,
+    Header,
+)
 from karma.journal.not_run import FILE as NOT_RUN
 from karma.journal.not_run import NotRun, read_not_run
-from karma.journal.owned_folder import HEADER, MARK, Kind, OwnedFolder, check_sealed
+from karma.journal.owned_folder import HEADER, MARK, Kind, OwnedFolder, check_sealed, kind_in
 from karma.journal.records import (
     EpisodeRecord,
     EpisodeTiming,
     Key,
+    PlayedTiming,
+    key_of,
     read_records,
     read_timings,
-    write_record,
 )
 from karma.journal.steps import FOLDER as STEPS
 from karma.journal.steps import packed, steps_path
-from karma.journal.told import CONFIG, Config, all_apart, read_config
+from karma.journal.told import CONFIG, Config, read_config
 from karma.methods.picture_states import FOLDER as PICTURES
 from karma.methods.picture_states import picture_name
 
-FORMAT = 6  # of the folder; 1 had times among the records, 2 no methods or rooms, 3 no tours,
-# 4 no engine and no refused prompts, 5 no goals met at the start and no tasks left unjudged
-EPISODES, TIMINGS, RESULTS = "episodes.jsonl", "timings.jsonl", "results.json"
-CELLS, SWEEP = "cells", "sweep.json"  # of a sweep's folder, see `karma.bench.sweep_folder`
 _NO_SCENES: Mapping[str, bytes] = {}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Machine:
-    """Where a run was begun; decides nothing."""
-
-    platform: str
-    cpu: str
-    cores: int
-    memory_mb: int | None
-    threads: int  # of each planner
-    devices: tuple[str, ...] = ()  # that llama.cpp can compute on, as it names and describes them
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Header:
-    """What a run's records depend on; a folder never mixes two."""
-
-    name: str  # of the experiment
-    experiment: str  # SHA-256 of its content
-    tasks: str  # SHA-256 of the tasks
-    versions: Mapping[str, str]  # of this package and of what computes
-    models: Mapping[str, str]  # role -> name and SHA-256
-    prompts: Mapping[str, str]  # template -> SHA-256
-    scenes: Mapping[str, str]  # name -> SHA-256
-    network: bool = False  # started with --allow-network
-    steps: bool = True  # whether step logs are kept
-    format: int
-    machine: Machine = field(compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finished:
     """All that one episode leaves."""
 
-    record: EpisodeRecord
-    timing: EpisodeTiming
+    record: Any  # an `EpisodeRecord`, or a benchmark's own
+    timing: EpisodeTiming | PlayedTiming
     steps: bytes = b""  # lines of its log
     files: Mapping[str, bytes] = field(default_factory=dict)  # path below the run folder -> content
 
@@ -96,7 +71,7 @@ def read_run(folder: str | Path) -> RunData:
         FileError: there is no run, it is of an earlier form, or a line is damaged.
     """
     folder = Path(folder)
-    header = read_header(folder / HEADER)
+    header = Header.read(folder)
     check_sealed(folder)
     return RunData(
         folder=folder,
@@ -108,76 +83,6 @@ def read_run(folder: str | Path) -> RunData:
     )
 
 
-def read_header(path: Path) -> Header:
-    """Read what a run depends on.
-
-    Raises:
-        FileError: there is none, it is of an earlier form, or a benchmark's.
-    """
-    if not path.exists():
-        if (path.parent / SWEEP).exists():
-            fix = f"name one of the folders in {path.parent / CELLS}"
-            raise FileError(path.parent, "a sweep, of many runs", fix=fix)
-        raise FileError(path, "there is no run in this folder", fix="karma eval FILE --out FOLDER")
-    if benchmark := benchmark_in(path.parent):
-        raise FileError(
-            path,
-            f"a run of the benchmark {benchmark}, which has records of its own: they are not"
-            " read here",
-            fix=f"karma table {path.parent}",
-        )
-    fix = "run it again: karma eval FILE --out another folder"
-    try:
-        header = read_json(path, Header)
-    except FileError as error:
-        reason = f"this folder holds no run of the present form ({error.reason})"
-        raise FileError(path, reason, fix=fix) from error
-    if header.format != FORMAT:
-        raise FileError(path, f"the run is of form {header.format}, not {FORMAT}", fix=fix)
-    return header
-
-
-class _Headed(msgspec.Struct, frozen=True):
-    benchmark: str = ""
-
-
-def benchmark_in(folder: Path) -> str:
-    """Return the benchmark that a folder holds a run of; "" where it holds none, or another run."""
-    try:
-        return read_json(folder / HEADER, _Headed).benchmark
-    except FileError:
-        return ""
-
-
-def differences(
-    old: Header, new: Header, told: Config | None = None, now: Config | None = None
-) -> list[str]:
-    """Return what tells two headers apart, in words.
-
-    Args:
-        old: of a run.
-        new: of another one.
-        told: what the first was told, if that is known; then options that differ are named.
-        now: what the second was told, likewise.
-    """
-    options = all_apart(told, now) if told is not None and now is not None else []
-    found = [
-        f"{what}: {brief(str(one))} became {brief(str(other))}"
-        for what, one, other in (
-            ("name", old.name, new.name),
-            ("experiment file", old.experiment, new.experiment),
-            ("tasks", old.tasks, new.tasks),
-            ("--allow-network", old.network, new.network),
-            ("step logs", old.steps, new.steps),
-        )
-        if one != other and not (what == "experiment file" and options)
-    ]
-    found += options if old.experiment != new.experiment else []
-    for what in ("versions", "models", "prompts", "scenes"):
-        found += changed(what, getattr(old, what), getattr(new, what))
-    return found
-
-
 class RunFolder:
     """The folder that a run writes.
 
@@ -185,10 +90,20 @@ class RunFolder:
         path: of the folder.
         steps: whether episodes leave step logs.
         kind: of run.
+        records: of what its records are.
     """
 
-    def __init__(self, path: Path, *, steps: bool, kind: Kind = "run") -> None:
-        self.path, self._steps = path, steps
+    def __init__(
+        self,
+        path: Path,
+        *,
+        steps: bool,
+        kind: Kind = "run",
+        records: type[Any] = EpisodeRecord,
+    ) -> None:
+        self.path, self._steps, self._records = path, steps, records
+        self._timings: type[Any] = EpisodeTiming if records is EpisodeRecord else PlayedTiming
+        self._kind: Kind = kind
         self._owned = OwnedFolder(path, kind)
 
     def clear(self) -> None:
@@ -206,8 +121,8 @@ class RunFolder:
 
     def claim(
         self,
-        header: Header,
-        config: Config,
+        header: Header | BenchmarkHeader,
+        config: Config | None,
         *,
         fix: str,
         scenes: Mapping[str, bytes] = _NO_SCENES,
@@ -216,7 +131,7 @@ class RunFolder:
 
         Args:
             header: what the run depends on.
-            config: what it was told, which is kept beside it.
+            config: what it was told, which is kept beside it; None: the header says all.
             fix: what helps where the folder holds another run.
             scenes: rooms that the tasks bring along, path below the folder -> content.
 
@@ -229,17 +144,18 @@ class RunFolder:
         check_sealed(self.path)
         found = ["header: none"]
         if path.exists():
-            found = differences(read_header(path), header, read_config(self.path), config)
-        begun = bool(read_records(self.path / EPISODES))
+            found = self._apart(header, config)
+        begun = bool(read_lines(self.path / EPISODES, self._records))
         if found and not begun:
             self.clear()
         if path.exists() or begun:
             refuse_other(path, found, fix=fix)
         else:
-            self._owned.begin({*_names(header), *scenes}, data)
+            self._owned.begin({*header.names, *scenes}, data)
             self._owned.write(HEADER, data)
-        for name, room in {CONFIG: to_json(config, indent=2), **scenes}.items():
-            self._owned.write(name, room)
+        told = {} if config is None else {CONFIG: to_json(config, indent=2)}
+        for name, content in {**told, **scenes}.items():
+            self._owned.write(name, content)
 
     def reserve(self) -> None:
         """Make a folder in which nothing was written yet this run's.
@@ -256,8 +172,13 @@ class RunFolder:
         if [one.name for one in self.path.iterdir()] == [MARK]:
             (self.path / MARK).unlink()
 
-    def done(self) -> tuple[list[EpisodeRecord], dict[Key, EpisodeTiming]]:
+    def done(
+        self, together: Iterable[Sequence[Key]] = ()
+    ) -> tuple[list[Any], dict[Key, EpisodeTiming | PlayedTiming]]:
         """Return the episodes that are done; traces of those that are not are swept away.
+
+        Args:
+            together: episodes that count only if all of them are done.
 
         Raises:
             FileError: a line that is not the last is damaged.
@@ -265,9 +186,12 @@ class RunFolder:
         self._owned.sweep()
         for left in (self.path / PICTURES).glob(f".*{TEMPORARY}"):
             left.unlink(missing_ok=True)
-        timings = {timing.key: timing for timing in read_timings(self.path / TIMINGS)}
-        found = {record.key: record for record in read_records(self.path / EPISODES)}
+        timings = {one.key: one for one in read_lines(self.path / TIMINGS, self._timings)}
+        found = {key_of(one): one for one in read_lines(self.path / EPISODES, self._records)}
         kept = {key: found[key] for key in found if key in timings and self._has_steps(key)}
+        for keys in together:
+            if not kept.keys() >= {*keys}:
+                kept = {key: kept[key] for key in kept if key not in keys}
         timings = {key: timings[key] for key in kept}
         if kept.keys() != found.keys():
             (self.path / RESULTS).unlink(missing_ok=True)  # it is not finished any more
@@ -276,8 +200,12 @@ class RunFolder:
 
     def reopen(self) -> None:
         """Take back what says that the run is finished, as more is to be done."""
-        for name in (RESULTS, NOT_RUN):
+        for name in self._owned.names & {RESULTS, TABLE, NOT_RUN}:
             (self.path / name).unlink(missing_ok=True)
+
+    def put_aside(self, one: NotRun) -> None:
+        """Keep why an episode was not run."""
+        append_line(self.path / NOT_RUN, to_json(one))
 
     def commit(self, one: Finished) -> None:
         """See an episode to the disk; it is done when this returns.
@@ -290,8 +218,8 @@ class RunFolder:
                 write_atomic(self.path / name, data)
         if self._steps:
             self._write_steps(one)
-        write_record(self.path / TIMINGS, one.timing)
-        write_record(self.path / EPISODES, one.record)
+        append_line(self.path / TIMINGS, to_json(one.timing))
+        append_line(self.path / EPISODES, to_json(one.record))
 
     def put_only(self, header: Header, one: Finished) -> None:
         """Have one episode that nobody judges in the folder, in place of itself before.
@@ -312,40 +240,51 @@ class RunFolder:
         self._owned.settle()
 
     def finish(
-        self, order: Sequence[Key], add_up: Callable[[Sequence[EpisodeRecord]], bytes]
+        self, order: Sequence[Key], add_up: Callable[[Sequence[Any]], Mapping[str, bytes]]
     ) -> None:
         """Put all lines in their final order, and write what they add up to.
 
         Args:
             order: the keys of all episodes, as they stand at the end.
-            add_up: makes the results of the records, as they are written; without seconds, since no
-                run repeats those.
+            add_up: makes the results of the records, as they are written, and what else there is to
+                write, by name; without seconds, since no run repeats those.
         """
         records, timings = self.done()
         rank = {key: number for number, key in enumerate(order)}
-        order = sorted((record.key for record in records), key=rank.__getitem__)
-        by_key = {record.key: record for record in records}
+        by_key = {key_of(record): record for record in records}
+        order = sorted(by_key, key=rank.__getitem__)
         self._rewrite({k: by_key[k] for k in order}, {k: timings[k] for k in order})
         self._owned.settle(seal=EPISODES, by=RESULTS)
-        self._owned.write(RESULTS, add_up([by_key[key] for key in order]))
+        for name, data in add_up([by_key[key] for key in order]).items():
+            self._owned.write(name, data)
 
     # ------------------------------------------------------------- parts
 
-    def _adopt(self, header: Header, config: Config) -> None:
+    def _adopt(self, header: Header | BenchmarkHeader, config: Config | None) -> None:
         """Take over the same run as an earlier version left it, without a mark.
 
         Raises:
             FileError: it is another run.
         """
         path = self.path / HEADER
-        if (self.path / MARK).exists() or not _is_header(path):
+        if (self.path / MARK).exists() or kind_in(self.path) != self._kind:
             return
-        found = differences(read_header(path), header, read_config(self.path), config)
+        try:
+            found = self._apart(header, config)
+        except FileError:
+            return  # it is of no form that this version can go on with
         refuse_other(path, found, fix="--out another folder")
         there = [*self.path.glob(f"{STEPS}/*/*.jsonl.gz")]
-        there += [one for one in self.path.glob("scenes/*.json") if one.stem in header.scenes]
+        if isinstance(header, Header):
+            there += [one for one in self.path.glob("scenes/*.json") if one.stem in header.scenes]
         names = {one.relative_to(self.path).as_posix() for one in there}
-        self._owned.adopt(names | _names(header), read_bytes(path))
+        self._owned.adopt(names | header.names, read_bytes(path))
+
+    def _apart(self, header: Header | BenchmarkHeader, config: Config | None) -> list[str]:
+        """Return what tells the folder's run apart from another one."""
+        if isinstance(header, BenchmarkHeader):
+            return BenchmarkHeader.read(self.path).apart(header)
+        return Header.read(self.path).apart(header, read_config(self.path), config)
 
     def _write_steps(self, one: Finished) -> None:
         path = steps_path(self.path, *one.record.key)
@@ -355,23 +294,9 @@ class RunFolder:
         return not self._steps or steps_path(self.path, *key).exists()
 
     def _rewrite(
-        self, records: Mapping[Key, EpisodeRecord], timings: Mapping[Key, EpisodeTiming]
+        self, records: Mapping[Key, Any], timings: Mapping[Key, EpisodeTiming | PlayedTiming]
     ) -> None:
         for name, lines in ((TIMINGS, timings), (EPISODES, records)):
             data = b"".join(to_json(line) for line in lines.values())
             if data or (self.path / name).exists():
                 self._owned.write(name, data)
-
-
-def _names(header: Header) -> set[str]:
-    """Return the files that a run may write, but for those of its episodes."""
-    maps = (f"maps/{scene}.json" for scene in header.scenes)
-    return {HEADER, CONFIG, EPISODES, TIMINGS, RESULTS, NOT_RUN, *maps}
-
-
-def _is_header(path: Path) -> bool:
-    """Return whether a file is the header of a run of the present form."""
-    try:
-        return bool(read_header(path))
-    except FileError:
-        return False

@@ -1,12 +1,14 @@
 """A figure of the paper as data: a TOML file with `kind = "trace"`, run cell by cell, then drawn.
 
-A cell is a workload with a unit set. Each is written to `cells/` when it is done, so that a run
-that was killed goes on where it was; `results.json` holds them all with what the paper claims of
-them, and has the same bytes whenever seed and tasks are the same.
+A cell is a workload with a unit set, and a chain of the run: an episode for each policy. It is
+written to `cells/` when it is done, so that a run that was killed goes on where it was;
+`results.json` holds them all with what the paper claims of them, and has the same bytes whenever
+seed and tasks are the same.
 """
 
 import hashlib
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -14,18 +16,27 @@ from typing import Literal
 import msgspec
 
 from karma import __version__
-from karma.errors import FileError
+from karma.bench.experiment_file import beside
+from karma.bench.nodes import refuse_node
+from karma.bench.run import Run
+from karma.bench.suite import NO_MODELS, Chain, Do, Done
+from karma.bench.workers import loaded
+from karma.errors import FileError, KarmaError
 from karma.files import read_bytes, read_json, read_toml, to_json, write_atomic
-from karma.journal.folder import locked
-from karma.journal.owned_folder import HEADER, MARK, OwnedFolder
+from karma.infer.hosted.session import Session
+from karma.journal.folder import changed
+from karma.journal.header import RESULTS
+from karma.journal.not_run import NotRun
+from karma.journal.owned_folder import HEADER, OwnedFolder
+from karma.journal.records import Key, PlayedTiming
+from karma.journal.run_folder import Finished
 from karma.lab.exploration import Exploration, explore
 from karma.lab.paper_claims import CellResults, PaperClaim, claims_of, claims_text
 from karma.lab.simulate import BELADY
-from karma.lab.sweep import PolicyRow, Sweep, run_rows, size_of, sized, sweep_of
+from karma.lab.sweep import Sweep, run_rows, size_of, sized, sweep_of
 from karma.lab.tasks import UNIT_SETS, Pool, UnitSet, alfred_pool, grammar_pool
 from karma.lab.workloads import WORKLOADS, Workload, costs_of, draw_errands, trace_of
-
-KIND = "trace"
+from karma.loading.models import Models, Row
 
 
 class TraceFigure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -62,9 +73,22 @@ class TraceFigure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
             raise ValueError("checkpoints: each 1 or more")
 
     @property
+    def seeds(self) -> tuple[int, ...]:
+        """The seed, as a run takes it."""
+        return (self.seed,)
+
+    @property
     def points(self) -> tuple[int, ...]:
         """After how many tasks it is looked: the last one is the end, if no other is before it."""
         return tuple(one for one in self.checkpoints if one <= self.length) or (self.length,)
+
+
+class FigureHeader(msgspec.Struct, frozen=True, kw_only=True):
+    """What a figure depends on."""
+
+    version: str
+    figure: str  # SHA-256 of the file
+    tasks: str  # and of what is drawn from
 
 
 class FigureCell(msgspec.Struct, frozen=True, kw_only=True):
@@ -90,30 +114,17 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FigureProgress:
-    """How far a figure is, in policies run."""
+class PolicyRecord:
+    """One policy in one cell."""
 
-    done: int
-    total: int
-    doing: str
-
-
-def is_figure(path: Path) -> bool:
-    """Return whether an experiment file is one of these.
-
-    Raises:
-        FileError: it cannot be read as TOML.
-    """
-    fix = None if path.is_file() else "karma eval demo"
-    return read_toml(path, _Kind, fix=fix).kind == KIND
+    row: str  # the cell's name
+    task: str  # the policy
+    seed: int
+    cell: FigureCell | None  # with this policy only; None: it is on the disk
 
 
-class _Kind(msgspec.Struct):
-    kind: str = ""
-
-
-def run_figure(path: Path, folder: Path, *, fresh: bool = False) -> Iterator[FigureProgress]:
-    """Run what is missing of a figure, then write `results.json` and draw it.
+def figure_run(path: Path, folder: Path, *, fresh: bool = False) -> Run:
+    """Return the run of a figure; its end writes `results.json` and draws it.
 
     Args:
         path: the TOML file.
@@ -130,37 +141,157 @@ def run_figure(path: Path, folder: Path, *, fresh: bool = False) -> Iterator[Fig
     if folder.exists():
         OwnedFolder(folder, "figure").look()  # before tasks are drawn, which takes seconds
     pool = _pool(figure, path)
-    with locked(folder):
-        owned = OwnedFolder(folder, "figure")
-        if fresh and owned.look():
-            owned.clear()
-        _claim(owned, figure, pool, path)
-        yield from _run(figure, policies, pool, folder)
+    header = FigureHeader(
+        version=__version__,
+        figure=hashlib.sha256(read_bytes(path)).hexdigest(),
+        tasks=hashlib.sha256(to_json([pool.source, pool.errands])).hexdigest(),
+    )
+    suite = FigureSuite(
+        experiment=figure, header=header, policies=policies, pool=pool, folder=folder
+    )
+    return Run(path, folder, fresh=fresh, suite=suite)
 
 
-def _run(
-    figure: TraceFigure,
-    policies: tuple[str, ...],
-    pool: Pool,
-    folder: Path,
-) -> Iterator[FigureProgress]:
-    places = [(workload, units) for workload in figure.workloads for units in figure.unit_sets]
-    total, cells = len(places) * len(policies), []
-    for number, (workload, units) in enumerate(places):
-        done = number * len(policies)
-        kept = folder / _cell(workload, units)
-        if not kept.exists():
-            runner = _Runner(figure, pool, workload, units)
-            for more in runner.run(policies):
-                yield FigureProgress(done=done + more, total=total, doing=f"{workload} {units}")
-            write_atomic(kept, to_json(runner.cell()))
-        cells.append(read_json(kept, FigureCell))
-        yield FigureProgress(done=done + len(policies), total=total, doing=f"{workload} {units}")
-    claims = claims_of(figure.claims, [cell.results() for cell in cells])
-    results = Results(figure=figure, source=pool.source, cells=cells, claims=claims)
-    write_atomic(folder / "results.json", to_json(results))
-    draw_figure(folder)
-    yield FigureProgress(done=total, total=total, doing="drawn")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FigureSuite:
+    """A figure, see `karma.bench.suite.Suite`; no model is loaded for it."""
+
+    experiment: TraceFigure
+    header: FigureHeader
+    policies: tuple[str, ...]
+    pool: Pool  # that is drawn from
+    folder: Path
+    models: Models = NO_MODELS
+    rows: tuple[Row, ...] = ()
+
+    def cells(self) -> dict[str, tuple[Workload, UnitSet]]:
+        """Return what each cell is of, by its name."""
+        one = self.experiment
+        pairs = [(workload, units) for workload in one.workloads for units in one.unit_sets]
+        return {f"{workload}-{units}": (workload, units) for workload, units in pairs}
+
+    def files(self) -> "FigureFolder":
+        """Return the folder that takes the cells."""
+        return FigureFolder(self)
+
+    def chains(self, seeds: Sequence[int]) -> list[Chain]:
+        """Return a chain for each cell."""
+        return [Chain(row=cell, tasks=self.policies, seed=seeds[0]) for cell in self.cells()]
+
+    def added_up(self, records: Sequence[FigureCell]) -> dict[str, bytes]:
+        """Return the results of all cells."""
+        claims = claims_of(self.experiment.claims, [cell.results() for cell in records])
+        results = Results(
+            figure=self.experiment, source=self.pool.source, cells=list(records), claims=claims
+        )
+        return {RESULTS: to_json(results)}
+
+    def begin(self, session: Session) -> Callable[[Chain], Iterator[Done]]:
+        """Return what plays a cell, policy by policy."""
+        return self._play
+
+    def begin_on_node(self, header: FigureHeader, there: object) -> Do:
+        """Return the same where this machine has the version of the run; tasks travel."""
+        refuse_node(changed("versions", {"karma": header.version}, {"karma": __version__}))
+        return loaded(self, Session())
+
+    def _play(self, chain: Chain) -> Iterator[Done]:
+        one, (workload, units) = self.experiment, self.cells()[chain.row]
+        drawn = [
+            draw_errands(self.pool, workload, one.length, one.seed, number)
+            for number in range(one.sequences)
+        ]
+        traces = [trace_of(errands, workload, units) for errands in drawn]
+        costs = [costs_of(errands, units, self.pool) for errands in drawn]
+        begun = time.perf_counter()
+        for row in run_rows(traces, chain.tasks, checkpoints=one.points, seed=one.seed):
+            explored = one.shows == "exploration"
+            found = [explore(row.policy, traces, costs, one.seed)] if explored else []
+            sweep = sweep_of(traces, [row])
+            cell = FigureCell(workload=workload, unit_set=units, sweep=sweep, exploration=found)
+            name, policy, seed = chain.row, row.policy, chain.seed
+            seconds = time.perf_counter() - begun
+            timing = PlayedTiming(row=name, task=policy, seed=seed, seconds=seconds)
+            record = PolicyRecord(row=name, task=policy, seed=seed, cell=cell)
+            yield Finished(record=record, timing=timing)
+
+
+class FigureFolder:
+    """The folder of a figure, to a run as `karma.journal.run_folder.RunFolder` is."""
+
+    def __init__(self, suite: FigureSuite) -> None:
+        self._suite, self.path = suite, suite.folder
+        self._owned = OwnedFolder(suite.folder, "figure")
+        self._open: dict[str, list[FigureCell]] = {}  # cells whose policies are not all done
+
+    def clear(self) -> None:
+        """Throw away what an earlier run left; FileError where what is there is no figure's."""
+        if self._owned.look():
+            self._owned.clear()
+
+    def claim(self, header: FigureHeader, config: None, *, fix: str, scenes: object) -> None:
+        """Make the folder the figure's, or see that it is; FileError where it holds another."""
+        place, data = self.path / HEADER, to_json(header, indent=2)
+        cells = map(_kept, self._suite.cells())
+        drawn = (
+            f"figure-{one}.{end}"
+            for one in self._suite.experiment.unit_sets
+            for end in ("png", "svg")
+        )
+        names = {HEADER, RESULTS, "claims.md", *cells, *drawn}
+        self._owned.look()
+        if place.exists() and read_bytes(place) != data:
+            reason = "this folder holds another figure, or one of other tasks"
+            raise FileError(place, reason, fix=fix)
+        self._owned.begin(names, data)
+        self._owned.write(HEADER, data)
+
+    def done(self, together: object = ()) -> tuple[list[PolicyRecord], dict[Key, PlayedTiming]]:
+        """Return the policies of the cells that are done."""
+        self._open.clear()
+        seed = self._suite.experiment.seed
+        found = [
+            PolicyRecord(row=cell, task=policy, seed=seed, cell=None)
+            for cell in self._suite.cells()
+            if (self.path / _kept(cell)).exists()
+            for policy in self._suite.policies
+        ]
+        return found, {}
+
+    def reopen(self) -> None:
+        """Leave what is there: its end writes it anew."""
+
+    def put_aside(self, one: NotRun) -> None:
+        """End the run: what keeps one policy from being run keeps all."""
+        raise KarmaError(one.reason)
+
+    def commit(self, one: Finished) -> None:
+        """Write a cell when its last policy is done."""
+        cells = self._open.setdefault(one.record.row, [])
+        cells.append(one.record.cell)
+        if len(cells) == len(self._suite.policies):
+            whole = msgspec.structs.replace(
+                cells[0],
+                sweep=msgspec.structs.replace(
+                    cells[0].sweep, rows=[row for cell in cells for row in cell.sweep.rows]
+                ),
+                exploration=[found for cell in cells for found in cell.exploration],
+            )
+            write_atomic(self.path / _kept(one.record.row), to_json(whole))
+
+    def finish(
+        self, order: object, add_up: Callable[[Sequence[FigureCell]], Mapping[str, bytes]]
+    ) -> None:
+        """Write what all cells come to, and draw it."""
+        names = self._suite.cells()
+        found = [read_json(self.path / _kept(name), FigureCell) for name in names]
+        for name, data in add_up(found).items():
+            write_atomic(self.path / name, data)
+        draw_figure(self.path)
+
+
+def _kept(cell: str) -> str:
+    return f"cells/{cell}.json"
 
 
 def read_figure(folder: Path) -> Results:
@@ -169,7 +300,7 @@ def read_figure(folder: Path) -> Results:
     Raises:
         FileError: they are missing or torn.
     """
-    return read_json(folder / "results.json", Results, fix="karma eval FILE runs the figure")
+    return read_json(folder / RESULTS, Results, fix="karma eval FILE runs the figure")
 
 
 def draw_figure(folder: Path, into: Path | None = None) -> tuple[Path, ...]:
@@ -215,8 +346,6 @@ def _with_bounds(policies: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _pool(figure: TraceFigure, path: Path) -> Pool:
-    from karma.bench.experiment_file import beside
-
     files = [beside(path.parent, name) for name in figure.tasks]
     missing = [file for file in files if not file.exists()]
     if files and not missing:
@@ -225,72 +354,3 @@ def _pool(figure: TraceFigure, path: Path) -> Pool:
         fix = 'put it there, or write otherwise = "grammar"'
         raise FileError(missing[0], f"no such file, which {path} draws from", fix=fix)
     return grammar_pool(figure.seed)
-
-
-class _Header(msgspec.Struct, frozen=True, kw_only=True):
-    version: str
-    figure: str  # SHA-256 of the file
-    tasks: str  # and of what is drawn from
-
-
-def _claim(owned: OwnedFolder, figure: TraceFigure, pool: Pool, path: Path) -> None:
-    """Make a folder the figure's, or see that it is; FileError where it holds something else."""
-    header = _Header(
-        version=__version__,
-        figure=hashlib.sha256(read_bytes(path)).hexdigest(),
-        tasks=hashlib.sha256(to_json([pool.source, pool.errands])).hexdigest(),
-    )
-    place, data = owned.path / HEADER, to_json(header, indent=2)
-    cells = (_cell(one, units) for one in figure.workloads for units in figure.unit_sets)
-    drawn = (f"figure-{one}.{end}" for one in figure.unit_sets for end in ("png", "svg"))
-    names = {HEADER, "results.json", "claims.md", *cells, *drawn}
-    if not (owned.path / MARK).exists() and place.exists() and read_bytes(place) == data:
-        owned.adopt(names, data)  # an earlier version's, which left no mark
-    owned.look()
-    if place.exists() and read_bytes(place) != data:
-        raise FileError(
-            place,
-            "this folder holds another figure, or one of other tasks",
-            fix=f"karma eval {path} --fresh, or --out another folder",
-        )
-    owned.begin(names, data)
-    owned.write(HEADER, data)
-
-
-def _cell(workload: Workload, units: UnitSet) -> str:
-    return f"cells/{workload}-{units}.json"
-
-
-class _Runner:
-    """One cell being run."""
-
-    def __init__(self, figure: TraceFigure, pool: Pool, workload: Workload, units: UnitSet) -> None:
-        self._figure, self._workload, self._units = figure, workload, units
-        drawn = [
-            draw_errands(pool, workload, figure.length, figure.seed, number)
-            for number in range(figure.sequences)
-        ]
-        self._traces = [trace_of(errands, workload, units) for errands in drawn]
-        self._costs = [costs_of(errands, units, pool) for errands in drawn]
-        self._rows: list[PolicyRow] = []
-        self._explored: list[Exploration] = []
-
-    def run(self, policies: Sequence[str]) -> Iterator[int]:
-        """Yield how many policies are done."""
-        figure = self._figure
-        rows = run_rows(self._traces, policies, checkpoints=figure.points, seed=figure.seed)
-        for row in rows:
-            self._rows.append(row)
-            if figure.shows == "exploration":
-                found = explore(row.policy, self._traces, self._costs, figure.seed)
-                self._explored.append(found)
-            yield len(self._rows)
-
-    def cell(self) -> FigureCell:
-        """Return what was found."""
-        return FigureCell(
-            workload=self._workload,
-            unit_set=self._units,
-            sweep=sweep_of(self._traces, self._rows),
-            exploration=self._explored,
-        )

@@ -12,10 +12,11 @@ from karma.bench.counterfactual import OFF_ROW, reductions
 from karma.bench.figures import COLUMNS, Figures, figures_of
 from karma.bench.metrics import episodes_of
 from karma.bench.results import check_same_rooms, split_name
-from karma.bench.sweep_folder import is_sweep, read_sweep
+from karma.bench.sweep_folder import read_sweep
 from karma.bench.tables import Result
 from karma.errors import KarmaError
 from karma.journal.formats import UNKNOWN, figure_text, range_text
+from karma.journal.owned_folder import kind_in
 from karma.journal.records import ALL
 from karma.journal.run_folder import RunData, read_run
 from karma.journal.steps import FOLDER
@@ -86,7 +87,7 @@ def sides_of(names: Sequence[str]) -> tuple[list[Side], list[str]]:
     notes: list[str] = []
     for name in names:
         folder, row = split_name(name)
-        if is_sweep(folder):
+        if kind_in(folder) == "sweep":
             found, missing = _cells(folder)
             notes += missing
         else:

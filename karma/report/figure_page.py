@@ -21,11 +21,6 @@ READS = {
 UNITS = "Units: M is what can be carried; R4 also what it is put in or on and what is switched."
 
 
-def is_figure_folder(folder: Path) -> bool:
-    """Return whether a run folder is of a figure: `karma eval` of a file with kind = "trace"."""
-    return (folder / "cells").is_dir()
-
-
 def figure_page(folder: Path) -> str:
     """Draw a figure anew and return its page.
 

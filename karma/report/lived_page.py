@@ -5,16 +5,15 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from karma.bench.benchmark_runs import read_played
 from karma.bench.sheet import Sheet
-from karma.benchmarks.header import BenchmarkHeader, read_header
 from karma.benchmarks.lived.benchmark import LivedHomes
 from karma.benchmarks.lived.records import LivedRecord
 from karma.benchmarks.lived.schedule import DAY_S
 from karma.benchmarks.lived.table import OURS, by_day, figures_of, stale_shares
 from karma.benchmarks.lived.trace import HomeTrace
-from karma.benchmarks.run import read_records
 from karma.errors import KarmaError, did_you_mean
-from karma.journal.run_folder import benchmark_in
+from karma.journal.header import BenchmarkHeader
 from karma.report.html import fill, script_data
 from karma.report.lived_day import WALK_S, day_name, told_day
 from karma.report.lived_pictures import curves_picture, lived_pictures
@@ -43,19 +42,14 @@ class LivedDay:
     trace: HomeTrace
 
 
-def is_lived(folder: Path) -> bool:
-    """Return whether a folder holds a run of lived-in homes."""
-    return benchmark_in(folder) == "lived"
-
-
 def read_lived(folder: Path) -> LivedRun:
     """Read a run, finished or not.
 
     Raises:
         KarmaError: it is torn, or no day is done.
     """
-    header = read_header(folder)
-    benchmark, records = read_records(folder, header)
+    header = BenchmarkHeader.read(folder)
+    benchmark, records = read_played(folder, header)
     if not records:
         raise KarmaError(f"{folder}: no day is done yet\n  To fix: karma eval FILE --out {folder}")
     assert isinstance(benchmark, LivedHomes)

@@ -15,10 +15,11 @@ import msgspec
 from karma.contracts import Resources, SceneRef, SubTask, Task, Tour
 from karma.errors import FileError
 from karma.journal.folder import locked
+from karma.journal.header import Header
 from karma.journal.part import TimeLog
 from karma.journal.provenance import header_of
 from karma.journal.records import EpisodeRecord, SubTaskRecord
-from karma.journal.run_folder import Finished, Header, RunFolder
+from karma.journal.run_folder import Finished, RunFolder
 from karma.journal.steps import StepLog
 from karma.loading.models import Models, Row
 

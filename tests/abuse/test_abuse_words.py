@@ -10,7 +10,8 @@ from support.run_files import write_experiment
 
 from karma.bench.run import Run
 from karma.errors import FileError, KarmaError
-from karma.journal.run_folder import EPISODES, RESULTS, read_run
+from karma.journal.header import EPISODES, RESULTS
+from karma.journal.run_folder import read_run
 from karma.language.request import check_length
 
 KARMA = str(Path(sys.executable).parent / "karma")

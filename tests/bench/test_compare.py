@@ -15,8 +15,8 @@ from karma.bench.compare import Arm, compare, compare_kinds
 from karma.bench.metrics import episodes_of
 from karma.cli import app
 from karma.errors import KarmaError
+from karma.journal.header import RESULTS
 from karma.journal.records import EpisodeTiming, SubTaskTiming
-from karma.journal.run_folder import RESULTS
 
 
 def arm(name, records, timings=None):

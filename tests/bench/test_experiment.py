@@ -17,7 +17,7 @@ from karma.bench.figures import figures
 from karma.bench.run import Run
 from karma.cli import app, show
 from karma.errors import FileError, KarmaError
-from karma.files import decode_json, to_json
+from karma.files import append_line, decode_json, to_json
 from karma.infer.hosted.cost import Spent
 from karma.journal.records import (
     AnswerTiming,
@@ -29,7 +29,6 @@ from karma.journal.records import (
     spent_by,
     untimed,
     waited,
-    write_record,
 )
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
@@ -83,7 +82,7 @@ def test_records_read_back_as_they_were_written(tmp_path):
     path = tmp_path / "run" / "episodes.jsonl"
     assert read_records(path) == []
     for record in (episode(), FAILED, BROKEN, SILENT):
-        write_record(path, record)
+        append_line(path, to_json(record))
     assert read_records(path) == [episode(), FAILED, BROKEN, SILENT]
     assert path.read_bytes().count(b"\n") == 4
 
@@ -100,7 +99,7 @@ def test_record_of_any_text_survives_a_round_trip_in_one_line(text, other, secon
 
 def test_torn_last_line_is_passed_over_and_left_to_the_run(tmp_path):
     path = tmp_path / "episodes.jsonl"
-    write_record(path, episode())
+    append_line(path, to_json(episode()))
     whole = path.read_bytes()
     for cut in (1, len(whole) // 2, len(whole) - 1):
         path.write_bytes(whole + whole[:cut])

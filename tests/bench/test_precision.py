@@ -18,8 +18,9 @@ from karma.bench.precision import Precision, reached, takes_another
 from karma.bench.run import Run
 from karma.cli import app
 from karma.errors import FileError, KarmaError
+from karma.journal.header import EPISODES, RESULTS
 from karma.journal.records import read_records
-from karma.journal.run_folder import EPISODES, RESULTS, read_run
+from karma.journal.run_folder import read_run
 from karma.seeds import stream
 from karma.tasks.files import load_tasks, write_tasks
 

@@ -24,20 +24,10 @@ from karma.contracts import SubTask
 from karma.errors import FileError, KarmaError
 from karma.files import TEMPORARY
 from karma.journal.folder import locked
+from karma.journal.header import EPISODES, FORMAT, RESULTS, TIMINGS, Header, Machine
 from karma.journal.owned_folder import HEADER, MARK, OwnedFolder, read_mark
 from karma.journal.records import EpisodeRecord, EpisodeTiming, SubTaskTiming, read_records
-from karma.journal.run_folder import (
-    EPISODES,
-    FORMAT,
-    RESULTS,
-    TIMINGS,
-    Finished,
-    Header,
-    Machine,
-    RunFolder,
-    differences,
-    read_run,
-)
+from karma.journal.run_folder import Finished, RunFolder, read_run
 from karma.journal.steps import Action, Ended, Instruction, Start, read_steps, slug, steps_path
 from karma.journal.told import CONFIG
 from karma.methods.picture_states import FOLDER as PICTURES
@@ -325,8 +315,8 @@ def header(**changes):
     ],
 )
 def test_difference_of_two_headers_is_said_in_words(change, said):
-    assert differences(header(), header(**change)) == [said]
-    assert differences(header(), header()) == []
+    assert header().apart(header(**change)) == [said]
+    assert header().apart(header()) == []
 
 
 def test_folder_of_the_earlier_form_is_refused_with_the_fix(planner, tmp_path):
@@ -420,7 +410,7 @@ def complete(folder, order=range(4)):
         for number in order:
             if ORDER[number] not in done:
                 files.commit(finished(number))
-        files.finish(ORDER, added_up)
+        files.finish(ORDER, lambda records: {RESULTS: added_up(records)})
 
 
 @settings(max_examples=30)

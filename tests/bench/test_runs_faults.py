@@ -7,7 +7,8 @@ from support.run_files import ONLY, files, write_experiment
 from typer.testing import CliRunner
 
 from karma.cli import app
-from karma.journal.run_folder import RESULTS, read_run
+from karma.journal.header import RESULTS
+from karma.journal.run_folder import read_run
 
 FLAKY = """
 from pathlib import Path

@@ -19,8 +19,8 @@ from karma.loading.models import Models
 
 ray = pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
 
+from karma.bench.nodes import check_node, models_here  # noqa: E402
 from karma.bench.ray_pool import host_of  # noqa: E402
-from karma.bench.ray_workers import check_node, models_here  # noqa: E402
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,9 @@ from support.tiny import export_tiny
 
 from karma.bench.run import Run
 from karma.errors import FileError
+from karma.journal.header import EPISODES
 from karma.journal.records import read_records
-from karma.journal.run_folder import EPISODES, read_run
+from karma.journal.run_folder import read_run
 from karma.journal.told import CONFIG
 from karma.tasks.files import load_tasks, with_whole, write_tasks
 

@@ -13,7 +13,8 @@ from karma.bench.run import Run
 from karma.bench.tables import sheets, to_csv
 from karma.contracts import SceneRef, Task
 from karma.errors import KarmaError
-from karma.journal.run_folder import EPISODES, RESULTS, read_run
+from karma.journal.header import EPISODES, RESULTS
+from karma.journal.run_folder import read_run
 from karma.journal.steps import Enter, Start, read_steps, steps_path
 from karma.tasks.files import load_tasks, with_whole, write_tasks
 

@@ -20,9 +20,10 @@ from karma.bench.sweep_folder import CELLS, SWEEP, TABLE, read_sweep
 from karma.cli import app, shared
 from karma.errors import FileError, KarmaError
 from karma.journal.folder import locked
+from karma.journal.header import EPISODES, RESULTS
 from karma.journal.owned_folder import HEADER
 from karma.journal.records import read_records
-from karma.journal.run_folder import EPISODES, RESULTS, read_run
+from karma.journal.run_folder import read_run
 from karma.testing import make_planner
 
 ONLY = ["simple-11", "simple-14"]

@@ -20,7 +20,8 @@ from karma.bench.sheet import Sheet, to_latex, to_markdown
 from karma.bench.tables import sheets, to_csv
 from karma.cli import app
 from karma.errors import FileError
-from karma.journal.run_folder import RESULTS, read_run
+from karma.journal.header import RESULTS
+from karma.journal.run_folder import read_run
 
 PAPER = ROOT / "eval" / "paper"
 PUBLISHED = load_published(PAPER / "published.csv")

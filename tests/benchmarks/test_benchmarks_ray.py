@@ -5,7 +5,6 @@ pip install 'karma-offline[ray]' && pytest tests/benchmarks/test_benchmarks_ray.
 
 import json
 import os
-import signal
 import textwrap
 from importlib import metadata
 
@@ -14,17 +13,17 @@ import pytest
 from support import alfred_kitchen as ours
 from support import eb_alfred as eb
 from support.eb_alfred import run_files
-from support.hosted_server import plant_key
-from support.ray_cluster import two_nodes, workers_of
+from support.ray_cluster import two_nodes
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma.bench.experiment_file import DataFolders, with_places_here
+from karma.bench.run import Run
 from karma.benchmarks.eb_alfred.experiment import EbExperiment
-from karma.benchmarks.run import EPISODES, HEADER, BenchmarkRun
 from karma.cli import app
 from karma.errors import KarmaError, WorkerLost
-from karma.infer.hosted.cassette import Cassette
+from karma.journal.header import EPISODES
+from karma.journal.owned_folder import HEADER
 
 pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
 
@@ -55,7 +54,7 @@ from pathlib import Path
 import msgspec
 from karma.loading.models import Models
 from karma.bench.sheet import Sheet
-from karma.benchmarks.benchmark import BenchmarkResults, Chain
+from karma.bench.suite import BenchmarkResults, Chain
 
 
 class Experiment(msgspec.Struct, frozen=True, kw_only=True):
@@ -157,7 +156,7 @@ def eb_run(tmp_path, monkeypatch, theirs):
 
     def opened(name, rows=eb.ROWS, **more):
         path.write_text(EB + rows)
-        return BenchmarkRun(path, tmp_path / name, **more)
+        return Run(path, tmp_path / name, **more)
 
     return opened
 
@@ -165,7 +164,7 @@ def eb_run(tmp_path, monkeypatch, theirs):
 def lived(tmp_path, name, homes=1):
     path = tmp_path / f"homes_{homes}.toml"
     path.write_text(LIVED.format(homes=homes))
-    return BenchmarkRun(path, tmp_path / name)
+    return Run(path, tmp_path / name)
 
 
 def test_lived_homes_leave_the_same_bytes_with_one_worker_two_and_a_cluster(cluster, tmp_path):
@@ -175,24 +174,6 @@ def test_lived_homes_leave_the_same_bytes_with_one_worker_two_and_a_cluster(clus
         assert (tmp_path / name / HEADER).read_bytes() == (tmp_path / "a" / HEADER).read_bytes()
 
 
-def test_cluster_that_is_stopped_and_loses_all_workers_goes_on_to_the_same_bytes(
-    cluster, tmp_path, caplog
-):
-    list(lived(tmp_path, "one", homes=3).episodes())
-    going = lived(tmp_path, "ray", homes=3).episodes(0, ray=cluster)
-    next(going)
-    going.close()  # stopped amid the work
-    run = lived(tmp_path, "ray", homes=3)
-    assert len(run.records) == 1
-    going = run.episodes(0, ray=cluster)
-    next(going)
-    for process in workers_of(cluster):
-        os.kill(process, signal.SIGKILL)
-    assert len(list(going)) == 4
-    assert "a worker was lost with its node or killed" in caplog.text
-    assert run_files(tmp_path / "ray") == run_files(tmp_path / "one")
-
-
 def test_chain_that_kills_its_workers_is_done_again_and_then_ends_the_run(
     cluster, plugin, tmp_path, monkeypatch
 ):
@@ -200,11 +181,11 @@ def test_chain_that_kills_its_workers_is_done_again_and_then_ends_the_run(
     assert "deadly" in metadata.entry_points(group="karma.benchmarks").names
     path = tmp_path / "x.toml"
     path.write_text(f'name = "x"\nbenchmark = "deadly"\nmark = "{tmp_path / "mark"}"\n')
-    run = BenchmarkRun(path, tmp_path / "run")
+    run = Run(path, tmp_path / "run")
     cause = "2 workers died of it, the last was lost with its node or killed"
     with pytest.raises(WorkerLost, match=f"r/always/0 cannot be done: {cause}"):
         list(run.episodes(1, ray=cluster))
-    again = BenchmarkRun(path, tmp_path / "run")
+    again = Run(path, tmp_path / "run")
     assert [(one.task, one.end) for one in again.records] == [("once", "played")]
 
 
@@ -266,40 +247,6 @@ def test_node_without_the_planner_is_refused_and_with_it_plays_the_same(
     whole = eb_run("one", said)
     list(whole.episodes())
     assert run_files(run.folder) == run_files(whole.folder)
-
-
-HOSTED = """
-[[rows]]
-name = "hosted"
-[models]
-planner = "openai"
-[models.hosted.planner]
-base_url = "http://127.0.0.1:9/v1"
-model = "m"
-"""
-REMOTE = """
-[[rows]]
-name = "remote"
-player = "expert"
-[models]
-rpc = "127.0.0.1:9"
-"""
-
-
-def test_what_cannot_go_to_a_cluster_is_refused_with_the_fix(eb_run, tmp_path, monkeypatch):
-    plant_key(monkeypatch)
-    tape = Cassette(tmp_path / "tape", "record")
-    for number, (rows, more, said) in enumerate(
-        (
-            (HOSTED, {}, "for workers on this machine\n  To fix: --workers"),
-            (eb.ROWS, {"cassette": tape}, "for workers on this machine\n  To fix: --workers"),
-            (REMOTE, {}, "one process only\n  To fix: leave out --workers and --ray"),
-        )
-    ):
-        with pytest.raises(KarmaError, match=said):
-            next(eb_run(f"run_{number}", rows, **more).episodes(ray="127.0.0.1:1"))
-    with pytest.raises(KarmaError, match="is on another machine, and this run is offline"):
-        next(eb_run("far").episodes(ray="192.0.2.1:6379"))
 
 
 def test_command_plays_a_benchmark_on_a_cluster(cluster, tmp_path):

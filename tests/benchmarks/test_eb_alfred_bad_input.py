@@ -7,8 +7,8 @@ import pytest
 from support.eb_alfred import run_files
 from support.hosted_server import chat, plant_key, wire_server
 
+from karma.bench.run import Run
 from karma.benchmarks.eb_alfred.planner import KEPT
-from karma.benchmarks.run import BenchmarkRun
 
 ROWS = """
 [[rows]]
@@ -74,7 +74,7 @@ def test_everything_that_is_wrong_is_counted_or_named_and_the_run_goes_on(
     plant_key(monkeypatch)
     with wire_server(answer) as (url, _):
         path = experiment(ROWS.format(url=url), tasks=TASKS)
-        records = list(BenchmarkRun(path, tmp_path / "a").episodes(workers))
+        records = list(Run(path, tmp_path / "a").episodes(workers))
     assert keep.setdefault("files", run_files(tmp_path / "a")) == run_files(tmp_path / "a")
     assert len(records) == 2 * len(TASKS["base"])
     found = {(one.row, one.instruction): one for one in records}

@@ -1,25 +1,19 @@
-"""EB-ALFRED played by hosted models: recorded, replayed, by several workers, cut short."""
+"""EB-ALFRED played by hosted models: recorded, replayed, beside the published scores."""
 
 import json
-import os
 import re
-import signal
-import threading
-import time
 
 import pytest
 from support.eb_alfred import run_files
 from support.hosted_server import plant_key, wire_server
-from support.run_files import lines_in, started
 from typer.testing import CliRunner
 
-from karma.benchmarks.run import EPISODES, TABLE, BenchmarkRun
+from karma.bench.run import Run
 from karma.cli import app
-from karma.errors import KarmaError
-from karma.infer.hosted.cassette import FILE, Cassette
+from karma.infer.hosted.cassette import Cassette
+from karma.journal.header import TABLE
 from karma.world.eb_alfred.actions import PUT
 
-IN_FLIGHT = 4
 HOSTED = """
 [[rows]]
 name = "hosted"
@@ -38,12 +32,8 @@ def planted_key(monkeypatch):
 
 
 def finished(path, folder, workers=1, **more):
-    run = BenchmarkRun(path, folder, **more)
+    run = Run(path, folder, **more)
     return list(run.episodes(workers)), run_files(folder)
-
-
-def eight_tasks():
-    return {"base": [("ours_1", f"Put the apple into the fridge, please ({n}).") for n in range(8)]}
 
 
 def household(path, body, headers):
@@ -95,73 +85,6 @@ def test_hosted_run_with_pictures_sends_them_and_the_cassette_keeps_their_names(
     assert "base64" not in kept
     tape = Cassette(tmp_path / "tape", "replay")
     assert finished(path, tmp_path / "b", cassette=tape)[1] == first
-
-
-def test_hosted_run_with_four_workers_has_four_requests_in_flight_and_the_same_bytes(
-    experiment, tmp_path
-):
-    together, asked = threading.Barrier(IN_FLIGHT), []
-
-    def answer(path, body, headers):
-        asked.append(path)
-        if len(asked) <= IN_FLIGHT:
-            together.wait(120)  # so many at once, or the run fails
-        return household(path, body, headers)
-
-    tape = tmp_path / "tape"
-    with wire_server(answer) as (url, _):
-        path = experiment(HOSTED.format(url=url), tasks=eight_tasks())
-        _, four = finished(path, tmp_path / "four", IN_FLIGHT, cassette=Cassette(tape, "record"))
-    recorded = (tape / FILE).read_bytes()
-    with wire_server(household) as (url, _):
-        records, one = finished(path, tmp_path / "one", base_url=url)
-    assert [record.success for record in records] == [True] * 8
-    assert one == four
-    for number in (1, 3):
-        found = finished(path, tmp_path / f"{number}", number, cassette=Cassette(tape, "replay"))
-        assert found[1] == four
-    assert (tape / FILE).read_bytes() == recorded
-
-
-def test_hosted_run_that_is_killed_with_workers_at_work_goes_on_to_the_same_bytes(
-    experiment, tmp_path
-):
-    slow = threading.Event()
-
-    def answer(path, body, headers):
-        if "(6)" in json.dumps(body) or "(7)" in json.dumps(body):
-            slow.wait(60)  # two episodes that are in flight when the run is killed
-        return household(path, body, headers)
-
-    out = tmp_path / "killed"
-    with wire_server(answer) as (url, _):
-        path = experiment(HOSTED.format(url=url), tasks=eight_tasks())
-        process = started(path, out, workers=3)
-        while lines_in(out / EPISODES) < 3 and process.is_alive():
-            time.sleep(0.02)
-        os.kill(process.pid, signal.SIGKILL)
-        process.join()
-        slow.set()
-        done = set((out / EPISODES).read_bytes().splitlines())
-        assert 0 < len(done) < 8
-        records, files = finished(path, out, workers=2)
-        assert len(records) < 8
-        assert done <= set((out / EPISODES).read_bytes().splitlines())
-        assert files == finished(path, tmp_path / "calm")[1]
-
-
-def test_hosted_run_whose_server_is_lost_ends_by_name_and_goes_on(experiment, tmp_path):
-    with wire_server(household) as (url, _):
-        path = experiment(HOSTED.format(url=url) + "retries = 0\n", tasks=eight_tasks())
-        first = BenchmarkRun(path, tmp_path / "a").episodes()
-        next(first)
-        first.close()
-    with pytest.raises(KarmaError, match="see that a server answers at"):
-        finished(path, tmp_path / "a", workers=2)
-    assert lines_in(tmp_path / "a" / EPISODES) == 1  # what was not asked is no failed episode
-    with wire_server(household) as (url, _):
-        records, _ = finished(path, tmp_path / "a", base_url=url)
-    assert len(records) == 7
 
 
 def test_table_has_rows_of_several_runs_and_the_published_ones(experiment, tmp_path, answering):

@@ -7,14 +7,15 @@ from support.eb_alfred import run_files
 from support.needs import need_models
 from typer.testing import CliRunner
 
+from karma.bench.run import Run
 from karma.benchmarks.eb_alfred.table import results_of
-from karma.benchmarks.run import EPISODES, TABLE, BenchmarkRun
 from karma.cli import app
 from karma.errors import FileError
+from karma.journal.header import EPISODES, TABLE
 
 
 def finished(path, folder, workers=1, **more):
-    run = BenchmarkRun(path, folder, **more)
+    run = Run(path, folder, **more)
     return list(run.episodes(workers)), run_files(folder)
 
 
@@ -29,7 +30,7 @@ def test_run_gives_equal_bytes_twice_and_with_two_workers(experiment, tmp_path):
 def test_trial_that_is_missing_is_in_no_rate_is_told_and_is_asked_for_again(experiment, tmp_path):
     said = [("ours_1", "The apple goes into the fridge."), ("lost", "Find it.")]
     path = experiment(tasks={"spatial": said})
-    run = BenchmarkRun(path, tmp_path / "a")
+    run = Run(path, tmp_path / "a")
     records = list(run.episodes())
     figures = {(one.row, one.subset): one for one in results_of(records)}
     assert figures["expert", "spatial"].success == 1.0
@@ -46,7 +47,7 @@ def test_trial_that_is_missing_is_in_no_rate_is_told_and_is_asked_for_again(expe
 def test_run_that_was_stopped_goes_on_and_gives_the_same(experiment, tmp_path):
     path = experiment()
     _, whole = finished(path, tmp_path / "a")
-    stopped = BenchmarkRun(path, tmp_path / "b").episodes()
+    stopped = Run(path, tmp_path / "b").episodes()
     for _ in range(6):  # in the middle of a chain of the strict row
         next(stopped)
     stopped.close()
@@ -61,8 +62,8 @@ def test_run_refuses_the_folder_of_another(experiment, tmp_path):
     finished(experiment(), tmp_path / "a")
     path = experiment(subsets=["base"])
     with pytest.raises(FileError, match="a run of something else"):
-        BenchmarkRun(path, tmp_path / "a")
-    assert BenchmarkRun(path, tmp_path / "a", fresh=True).total == 6
+        Run(path, tmp_path / "a")
+    assert Run(path, tmp_path / "a", fresh=True).total == 6
 
 
 @pytest.mark.parametrize(
@@ -94,7 +95,7 @@ def test_table_command_writes_the_table_of_a_run_also_of_one_that_is_not_finishe
     experiment, tmp_path
 ):
     path, out = experiment(), tmp_path / "run"
-    steps = BenchmarkRun(path, out).episodes()
+    steps = Run(path, out).episodes()
     next(steps)
     steps.close()
     done = CliRunner().invoke(app, ["table", str(out)])

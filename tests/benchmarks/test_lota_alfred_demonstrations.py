@@ -4,7 +4,7 @@ import pytest
 from support.eb_alfred import played
 from support.paths import SHARED
 
-from karma.benchmarks.lota_alfred.tasks import draw_tasks
+from karma.benchmarks.lota_alfred.experiment import draw_tasks
 from karma.benchmarks.players import ExpertPlayer
 from karma.benchmarks.trial_rooms import read_rooms
 from karma.world.eb_alfred.actions import read_types

@@ -13,7 +13,7 @@ from support.lota_alfred import FETCH, SAID, STOW, environment, listed, trial
 from support.paths import SHARED
 from support.tiny import export_tiny
 
-from karma.benchmarks.lota_alfred.experiment import LotaRow
+from karma.benchmarks.lota_alfred.experiment import LotaRow, draw_tasks
 from karma.benchmarks.lota_alfred.planner import followed, read_list
 from karma.benchmarks.lota_alfred.play import LotaStage, play
 from karma.benchmarks.lota_alfred.prompt import (
@@ -23,7 +23,6 @@ from karma.benchmarks.lota_alfred.prompt import (
     score_prompt,
 )
 from karma.benchmarks.lota_alfred.table import results_of, success_sheet
-from karma.benchmarks.lota_alfred.tasks import draw_tasks
 from karma.benchmarks.trial_rooms import TrialRooms
 from karma.errors import FileError
 from karma.infer.llama.model import LlamaModel

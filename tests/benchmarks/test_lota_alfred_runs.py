@@ -11,11 +11,12 @@ from support.lota_alfred import FETCH, STOW, trial
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
+from karma.bench.run import Run
 from karma.benchmarks.lota_alfred.table import results_of
-from karma.benchmarks.run import TABLE, BenchmarkRun
 from karma.cli import app
 from karma.errors import FileError, ModelError
 from karma.infer.hosted.cassette import Cassette
+from karma.journal.header import TABLE
 
 ROWS = """
 [[rows]]
@@ -81,16 +82,8 @@ def lota(experiment, tmp_path):
 
 
 def finished(path, folder, workers=1, **more):
-    run = BenchmarkRun(path, folder, **more)
+    run = Run(path, folder, **more)
     return list(run.episodes(workers)), run_files(folder)
-
-
-def test_run_gives_equal_bytes_twice_and_with_two_workers(lota, tmp_path):
-    path = lota()
-    records, first = finished(path, tmp_path / "a")
-    assert len(records) == 6
-    assert finished(path, tmp_path / "b")[1] == first
-    assert finished(path, tmp_path / "c", workers=2)[1] == first
 
 
 def test_run_of_a_model_gives_equal_bytes_with_two_workers(lota, tmp_path):
@@ -106,7 +99,7 @@ def test_run_of_a_model_gives_equal_bytes_with_two_workers(lota, tmp_path):
 
 def test_trial_that_is_missing_is_in_no_rate_and_most_of_them_are_an_error(lota, tmp_path):
     path = lota(trials=("ours_1", "lost"))
-    run = BenchmarkRun(path, tmp_path / "a")
+    run = Run(path, tmp_path / "a")
     records = list(run.episodes())
     expert = {(one.row, one.kind): one for one in results_of(records)}["expert", "all"]
     assert (expert.success, expert.episodes, expert.crashed) == (1.0, 1, 0)
@@ -119,7 +112,7 @@ def test_trial_that_is_missing_is_in_no_rate_and_most_of_them_are_an_error(lota,
     assert not (tmp_path / "a" / TABLE).exists()
     path = lota(trials=("lost", "ours_1", "gone"))
     with pytest.raises(FileError, match="holds 1 of the 3 trials that are listed"):
-        list(BenchmarkRun(path, tmp_path / "b").episodes())
+        list(Run(path, tmp_path / "b").episodes())
 
 
 def karma_eval(path, folder, code):

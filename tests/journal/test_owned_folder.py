@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from karma.cli import app
 from karma.errors import FileError
-from karma.journal.owned_folder import MADE, MARK, OwnedFolder, read_mark, write_beside
+from karma.journal.owned_folder import MADE, MARK, OwnedFolder, kind_in, read_mark, write_beside
 
 RUN = 'name = "expert"\nmethod = "expert"\n'
 FIGURE = (
@@ -65,6 +65,44 @@ def finished(commands, tmp_path_factory):
         return made[kind]
 
     return folder
+
+
+# ----------------------------------------------------------------- what kind it is
+
+
+@pytest.mark.parametrize("kind", KINDS[:-1])
+def test_kind_of_a_folder_is_known_with_and_without_its_mark(finished, tmp_path, kind):
+    folder = tmp_path / "run"
+    shutil.copytree(finished(kind), folder)
+    assert kind_in(folder) == kind
+    (folder / MARK).unlink()
+    assert kind_in(folder) == ("run" if kind == "talk" else kind)
+    assert kind_in(tmp_path) is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "command", "given"),
+    [
+        ("figure", "eval", "--tasks"),
+        ("figure", "eval", "--only=x"),
+        ("figure", "eval", "--gpu-layers=0"),
+        ("benchmark", "eval", "--no-steps"),
+        ("benchmark", "eval", "--tasks"),
+        ("sweep", "eval", "--tasks"),
+        ("sweep", "table", "--off=x"),
+        ("benchmark", "table", "--off=x"),
+        ("figure", "report", "--frames=none"),
+        ("benchmark", "report", "--no-pages"),
+        ("run", "report", "--reference=x"),
+    ],
+)
+def test_option_that_is_of_no_use_is_refused_by_name(commands, finished, kind, command, given):
+    words = commands[kind] if command == "eval" else [command, str(finished(kind))]
+    before = contents(finished(kind))
+    done = CliRunner().invoke(app, [*words, given])
+    option = given.partition("=")[0].replace("--no-", "--")
+    assert (done.exit_code, f"has no {option}\n" in done.output) == (1, True), done.output
+    assert contents(finished(kind)) == before
 
 
 # ----------------------------------------------------------------- somebody's files

@@ -3,16 +3,15 @@
 Covered: figures that are killed and go on, verdicts on made-up results, the command.
 """
 
-from itertools import pairwise
-
 import pytest
 from support.lab_trials import many_trials, write_trials
 from support.paths import ROOT
 
+from karma.bench.experiment_file import kind_of
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.files import read_toml
 from karma.lab.exploration import Exploration, explore
-from karma.lab.figure import TraceFigure, draw_figure, is_figure, read_figure, run_figure
+from karma.lab.figure import TraceFigure, draw_figure, figure_run, read_figure
 from karma.lab.intervals import Bootstrapped
 from karma.lab.paper_claims import CellResults, claims_of, claims_text
 from karma.lab.sweep import PolicyRow, Sweep, sized
@@ -156,23 +155,27 @@ def files(folder):
 
 
 def test_figure_that_was_killed_goes_on_to_the_same_bytes(small, tmp_path):
-    steps = list(run_figure(small, tmp_path / "whole"))
-    assert all(b.done >= a.done for a, b in pairwise(steps))
-    assert steps[-1].done == steps[-1].total == 2 * 5
+    run = figure_run(small, tmp_path / "whole")
+    assert len(list(run.episodes())) == run.total == 2 * 5
     for kill_at in (2, 8):
         folder = tmp_path / f"killed-{kill_at}"
-        for number, _ in enumerate(run_figure(small, folder)):
-            if number == kill_at:
-                break
+        going = figure_run(small, folder).episodes()
+        for _ in range(kill_at):
+            next(going)
+        going.close()
         kept = len(list((folder / "cells").glob("*.json"))) if (folder / "cells").exists() else 0
-        again = list(run_figure(small, folder))
-        assert sum(b.done == a.done + 1 for a, b in pairwise(again)) <= (2 - kept) * 5
+        assert len(list(figure_run(small, folder).episodes())) == (2 - kept) * 5
         assert files(folder) == files(tmp_path / "whole")
 
 
+def test_figure_by_two_workers_has_the_same_bytes(small, tmp_path):
+    list(figure_run(small, tmp_path / "one").episodes())
+    list(figure_run(small, tmp_path / "two").episodes(2))
+    assert files(tmp_path / "two") == files(tmp_path / "one")
+
+
 def test_figure_draws_and_states_its_claims(small, tmp_path):
-    *_, last = run_figure(small, tmp_path / "out")
-    assert last.doing == "drawn"
+    list(figure_run(small, tmp_path / "out").episodes())
     results = read_figure(tmp_path / "out")
     assert [(cell.workload, cell.unit_set) for cell in results.cells] == [
         ("type", "m"),
@@ -197,7 +200,7 @@ def test_figure_draws_and_states_its_claims(small, tmp_path):
 def test_figure_of_exploration_has_a_line_for_each_policy(small, tmp_path):
     text = small.read_text("utf-8").replace('name = "small"', 'name = "x"\nshows = "exploration"')
     small.write_text(text.replace('"split", "headroom"', '"linear"'), encoding="utf-8")
-    list(run_figure(small, tmp_path / "out"))
+    list(figure_run(small, tmp_path / "out").episodes())
     results = read_figure(tmp_path / "out")
     assert all(len(cell.exploration) == 5 for cell in results.cells)
     assert all(0 <= one <= 1 for c in results.cells for e in c.exploration for one in e.reduced)
@@ -205,12 +208,12 @@ def test_figure_of_exploration_has_a_line_for_each_policy(small, tmp_path):
 
 
 def test_folder_of_another_figure_is_refused_unless_fresh(small, tmp_path):
-    list(run_figure(small, tmp_path / "out"))
+    list(figure_run(small, tmp_path / "out").episodes())
     small.write_text(small.read_text("utf-8") + "seed = 5\n", encoding="utf-8")
     with pytest.raises(FileError, match="another figure"):
-        next(run_figure(small, tmp_path / "out"))
-    list(run_figure(small, tmp_path / "out", fresh=True))
-    list(run_figure(small, tmp_path / "new"))
+        figure_run(small, tmp_path / "out")
+    list(figure_run(small, tmp_path / "out", fresh=True).episodes())
+    list(figure_run(small, tmp_path / "new").episodes())
     assert files(tmp_path / "out") == files(tmp_path / "new")
 
 
@@ -227,30 +230,30 @@ def test_folder_of_another_figure_is_refused_unless_fresh(small, tmp_path):
 def test_figures_that_make_no_sense_are_refused_at_once(small, tmp_path, change, error, says):
     small.write_text(small.read_text("utf-8").replace(*change), encoding="utf-8")
     with pytest.raises(error, match=says):
-        next(run_figure(small, tmp_path / "out"))
+        figure_run(small, tmp_path / "out")
 
 
 def test_missing_tasks_are_an_error_or_said_aloud(small, tmp_path):
     (tmp_path / "t.jsonl.gz").unlink()
     with pytest.raises(FileError, match=r"t\.jsonl\.gz"):
-        next(run_figure(small, tmp_path / "out"))
+        figure_run(small, tmp_path / "out")
     text = small.read_text("utf-8").replace("sequences = 4", 'sequences = 2\notherwise = "grammar"')
     small.write_text(text, encoding="utf-8")
-    list(run_figure(small, tmp_path / "out"))
+    list(figure_run(small, tmp_path / "out").episodes())
     assert read_figure(tmp_path / "out").source.startswith("our task grammar")
 
 
 @pytest.mark.parametrize("path", PAPER, ids=lambda path: path.stem)
 def test_figures_of_the_paper_name_policies_and_claims_there_are(path):
     figure = read_toml(path, TraceFigure)
-    assert is_figure(path)
+    assert kind_of(path) == "figure"
     assert len(sized(figure.policies, figure.sizes)) > 1
     assert claims_of(figure.claims, []) == []
     assert figure.workloads == WORKLOADS
 
 
 def test_experiments_with_a_world_are_no_such_figures():
-    assert not is_figure(ROOT / "eval" / "demo.toml")
+    assert kind_of(ROOT / "eval" / "demo.toml") == "run"
 
 
 def test_all_four_figures_are_there():

@@ -10,8 +10,7 @@ from support.paths import ROOT
 from typer.testing import CliRunner
 
 from karma import registry
-from karma.bench.experiment_file import read_experiment
-from karma.benchmarks.run import is_benchmark
+from karma.bench.experiment_file import kind_of, read_experiment
 from karma.cli import app
 from karma.cli.talking import run_command
 from karma.contracts import Resources
@@ -26,7 +25,7 @@ from karma.methods.options import settings_of
 SETTING = ("recall", "recall_text", "recall_k", "query")
 PAPERS = ("cosine", "listing", 10, "instruction")
 FILES = [*sorted((ROOT / "eval").glob("*.toml")), *(ROOT / "eval/paper").glob("table*.toml")]
-EXPERIMENTS = [path for path in FILES if not is_benchmark(path)]
+EXPERIMENTS = [path for path in FILES if kind_of(path) != "benchmark"]
 
 
 def setting(row, models=None):

@@ -483,14 +483,14 @@ def test_command_names_a_folder_without_a_run(tmp_path):
 
 
 def test_command_draws_a_figure_of_the_policy_laboratory(tmp_path):
-    from karma.lab.figure import run_figure
+    from karma.lab.figure import figure_run
 
     (tmp_path / "fig.toml").write_text(
         'kind = "trace"\nname = "Fig. <4>"\nclaims = ["split"]\n'
         'policies = ["fifo-merge[10]", "wtinylfu-karma[1,9]", "wtinylfu-karma[9,1]"]\n'
         'workloads = ["type"]\nunit_sets = ["r4"]\nsequences = 2\nlength = 20\n'
     )
-    for _ in run_figure(tmp_path / "fig.toml", tmp_path / "run"):
+    for _ in figure_run(tmp_path / "fig.toml", tmp_path / "run").episodes():
         pass
     done = invoke(tmp_path / "run")
     assert done.exit_code == 0, done.output

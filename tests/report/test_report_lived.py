@@ -10,11 +10,11 @@ import pytest
 from support.chromium import chromium
 from typer.testing import CliRunner
 
+from karma.bench.run import Run
 from karma.benchmarks.lived.play import HomeLife
 from karma.benchmarks.lived.schedule import DAY_S
 from karma.benchmarks.lived.table import ALL, by_day, figures_of, stale_shares
 from karma.benchmarks.lived.trace import HomeTracer
-from karma.benchmarks.run import BenchmarkRun
 from karma.cli import app
 from karma.errors import KarmaError
 from karma.infer.embed.minilm import MiniLm
@@ -44,7 +44,7 @@ rows = [
 def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("homes")
     (place / "small.toml").write_text(SMALL)
-    list(BenchmarkRun(place / "small.toml", place / "run").episodes(1))
+    list(Run(place / "small.toml", place / "run").episodes(1))
     return place / "run"
 
 

@@ -2,10 +2,10 @@
 
 import json
 
-from karma.benchmarks.eb_alfred.tasks import read_tasks
+from karma.benchmarks.eb_alfred.experiment import read_tasks
 from karma.benchmarks.players import ExpertPlayer
-from karma.benchmarks.run import EPISODES, RESULTS, TABLE
 from karma.benchmarks.trial_rooms import TrialRooms, read_rooms
+from karma.journal.header import EPISODES, RESULTS, TABLE
 from karma.world.alfred.facts import gather
 from karma.world.eb_alfred.actions import ActionTypes, read_types
 from karma.world.eb_alfred.environment import Environment

@@ -4,9 +4,9 @@ from hypothesis import strategies as st
 
 from karma.bench.needs import needs
 from karma.files import to_json
+from karma.journal.header import EPISODES, FORMAT, TIMINGS, Header, Machine
 from karma.journal.owned_folder import HEADER
 from karma.journal.records import Answer, Call, EpisodeRecord, SubTaskRecord
-from karma.journal.run_folder import EPISODES, FORMAT, TIMINGS, Header, Machine
 
 
 def answer(program="GoToObject(robot, 'Apple')\n", error="", **changes):

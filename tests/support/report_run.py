@@ -10,8 +10,9 @@ from karma.bench.figures import added_up
 from karma.contracts import SceneRef, SubTask, Task
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
+from karma.journal.header import FORMAT, RESULTS, Header, Machine
 from karma.journal.part import TimeLog
-from karma.journal.run_folder import FORMAT, Finished, Header, Machine, RunFolder
+from karma.journal.run_folder import Finished, RunFolder
 from karma.journal.steps import StepLog
 from karma.memory.recall import CosineRecall
 from karma.methods.expert import ExpertMethod
@@ -129,7 +130,7 @@ def make_run(folder, keys=KEYS):
             row=row, seed=seed, folder=folder, steps=steps, times=times,
         )  # fmt: skip
         files.commit(Finished(record=record, timing=times.of(record), steps=steps.data()))
-    files.finish(keys, added_up)
+    files.finish(keys, lambda records: {RESULTS: added_up(records)})
     return folder
 
 

@@ -9,7 +9,7 @@ import signal
 from pathlib import Path
 
 from karma.cli import app
-from karma.journal.run_folder import TIMINGS
+from karma.journal.header import TIMINGS
 from support.paths import ROOT
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from karma.benchmarks.benchmark import BenchmarkResults, Chain, Play, planner_of
+from karma.bench.suite import BenchmarkResults, Chain, Play, planner_of
 from karma.benchmarks.eb_alfred.experiment import EbExperiment, EbRow, remarks_on, tasks_of
 from karma.benchmarks.eb_alfred.play import EbRecord, EbStage, play
 from karma.benchmarks.eb_alfred.prompt import kind_of

@@ -8,9 +8,13 @@ import msgspec
 from karma.bench.experiment import check_listed
 from karma.bench.experiment_tasks import select
 from karma.benchmarks.eb_alfred.prompt import PromptOptions
-from karma.benchmarks.eb_alfred.tasks import read_tasks
+from karma.errors import FileError
 from karma.loading.models import Models
-from karma.tasks.alfred_lists import ListedTask
+from karma.tasks.alfred_lists import ListedTask, read_lists
+
+SUBSETS = (
+    "base", "common_sense", "complex_instruction", "visual_appearance", "spatial", "long_horizon",
+)  # fmt: skip
 
 
 class EbRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -45,6 +49,24 @@ class EbExperiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     def plans(self) -> bool:
         """Whether a model is needed."""
         return any(row.player == "planner" for row in self.rows)
+
+
+def read_tasks(path: Path, subsets: tuple[str, ...] = ()) -> tuple[ListedTask, ...]:
+    """Read the tasks of a list of lists, in the order of `SUBSETS`.
+
+    Args:
+        path: JSON, subset -> entries.
+        subsets: those that are wanted; () = all.
+
+    Raises:
+        FileError: see `read_lists`; or a task has no instruction.
+    """
+    tasks = read_lists(path, subsets)
+    if silent := [task.id for task in tasks if not task.instruction]:
+        raise FileError(path, f"task {silent[0]} has no instruction")
+    order = subsets or SUBSETS
+    rank = {name: number for number, name in enumerate(order)}
+    return tuple(sorted(tasks, key=lambda task: rank.get(task.list, len(rank))))
 
 
 def tasks_of(experiment: EbExperiment, path: Path) -> tuple[ListedTask, ...]:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from karma.bench.sheet import Sheet
 from karma.bench.statistics import wilson
+from karma.benchmarks.eb_alfred.experiment import SUBSETS
 from karma.benchmarks.eb_alfred.play import EbRecord
-from karma.benchmarks.eb_alfred.tasks import SUBSETS
 from karma.errors import FileError
 from karma.files import read_bytes
 from karma.journal.formats import UNKNOWN, figure_text

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from karma.benchmarks.benchmark import BenchmarkResults, Chain, Play
+from karma.bench.suite import BenchmarkResults, Chain, Play
 from karma.benchmarks.lived.experiment import LivedExperiment
 from karma.benchmarks.lived.play import player, traced
 from karma.benchmarks.lived.records import LivedRecord

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from karma.benchmarks.benchmark import Chain
+from karma.bench.suite import Chain
 from karma.benchmarks.lived.experiment import EXPERT, HomeSpec, LivedExperiment, LivedRow
 from karma.benchmarks.lived.records import CheckedDoubt, LivedRecord, ServedRequest
 from karma.benchmarks.lived.schedule import DAY_S, HOUR_S, DayItem, day_plan

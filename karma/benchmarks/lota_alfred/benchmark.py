@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from karma.benchmarks.benchmark import BenchmarkResults, Chain, Play, planner_of
+from karma.bench.suite import BenchmarkResults, Chain, Play, planner_of
 from karma.benchmarks.lota_alfred.experiment import LotaExperiment, tasks_of
 from karma.benchmarks.lota_alfred.play import LotaRecord, LotaStage, play
 from karma.benchmarks.lota_alfred.prompt import FILES

@@ -1,5 +1,6 @@
 """A run of LoTa-Bench's ALFRED is a TOML file: a draw of tasks, rows, and the model that plans."""
 
+import random
 from pathlib import Path
 from typing import Literal
 
@@ -8,11 +9,12 @@ import msgspec
 from karma.bench.experiment import check_listed
 from karma.bench.experiment_tasks import select
 from karma.benchmarks.lota_alfred.prompt import LotaPromptOptions
-from karma.benchmarks.lota_alfred.tasks import draw_tasks
 from karma.contracts import Scoring
 from karma.errors import FileError
 from karma.loading.models import Models
-from karma.tasks.alfred_lists import ListedTask
+from karma.tasks.alfred_lists import ListedTask, read_lists
+
+_LEFT_OUT = "pick_two_obj_and_place"
 
 
 class LotaRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -51,6 +53,34 @@ class LotaExperiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     def plans(self) -> bool:
         """Whether a model is needed."""
         return any(row.player in ("scored", "generated") for row in self.rows)
+
+
+def draw_tasks(
+    path: Path, lists: tuple[str, ...] = (), *, percent: int = 100, seed: int = 1
+) -> tuple[ListedTask, ...]:
+    """Return a draw of tasks, in the order in which they were drawn, but for those of two objects.
+
+    The same list, percentage and seed give the source's draw.
+
+    Args:
+        path: of the lists.
+        lists: those that are wanted; () = all.
+        percent: of them, 1 to 100; rounded down to whole tasks.
+        seed: of the draw.
+
+    Raises:
+        FileError: see `read_lists`.
+    """
+    tasks = tuple(one for one in read_lists(path, lists) if _LEFT_OUT not in one.folder)
+    if percent == 100:
+        return tasks
+    drawn = random.Random(seed).sample(tasks, len(tasks) * percent // 100)
+    return tuple(drawn)
+
+
+def type_of_task(task: ListedTask) -> str:
+    """Return the type of a task, which its folder begins with."""
+    return task.folder.partition("-")[0]
 
 
 def tasks_of(experiment: LotaExperiment, path: Path) -> tuple[ListedTask, ...]:

@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass
 
-from karma.benchmarks.lota_alfred.experiment import LotaRow
+from karma.benchmarks.lota_alfred.experiment import LotaRow, type_of_task
 from karma.benchmarks.lota_alfred.planner import GeneratedPlayer, LotaAnswer, ScoredPlayer
-from karma.benchmarks.lota_alfred.tasks import type_of_task
 from karma.benchmarks.players import ChancePlayer, ExpertPlayer
 from karma.benchmarks.trial_rooms import TrialRooms
 from karma.contracts import LanguageModel, ScoringModel

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from karma.bench.benchmark_runs import read_results
+from karma.bench.run import Run
 from karma.benchmarks.lived.table import figures_of
-from karma.benchmarks.run import BenchmarkRun, read_results
 from karma.errors import KarmaError
 from karma.files import read_json
 from karma.methods.lived.body import HomeRobot
@@ -36,7 +37,7 @@ def played(folder, workers=1, text=SMALL):
     folder.mkdir(exist_ok=True)
     file = folder / "small.toml"
     file.write_text(text)
-    run = BenchmarkRun(file, folder / "run")
+    run = Run(file, folder / "run")
     list(run.episodes(workers))
     return run
 
@@ -55,11 +56,11 @@ def test_two_workers_write_the_same_bytes(whole, tmp_path):
 def test_a_run_that_was_cut_off_goes_on_to_the_same_bytes(whole, tmp_path):
     file = tmp_path / "small.toml"
     file.write_text(SMALL)
-    first = BenchmarkRun(file, tmp_path / "run")
+    first = Run(file, tmp_path / "run")
     for number, _ in enumerate(first.episodes(1)):
         if number == 4:
             break
-    again = BenchmarkRun(file, tmp_path / "run")
+    again = Run(file, tmp_path / "run")
     list(again.episodes(1))
     mine, theirs = tmp_path / "run/episodes.jsonl", whole.folder / "episodes.jsonl"
     assert mine.read_bytes() == theirs.read_bytes()

@@ -22,7 +22,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from karma.journal.run_folder import EPISODES
+from karma.journal.header import EPISODES
 from support.abuse import Case, stream
 from support.bundles import pack
 from support.paths import ROOT

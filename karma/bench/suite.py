@@ -1,17 +1,24 @@
-"""What a benchmark of others is to a run: its experiment, its chains of episodes, its records."""
+"""What a run does: a suite of episodes in chains; and what a benchmark of others is to it.
 
-from collections.abc import Callable, Iterator, Sequence
+A chain depends on its row, tasks and seed only, never on the process that does it or on earlier
+ones. So chains can be dealt out in any way, and one whose worker died can be done again.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
 import msgspec
 
+from karma.bench.experiment_file import DataFolders
 from karma.bench.sheet import Sheet
 from karma.contracts import LanguageModel
 from karma.infer.hosted.session import Session
+from karma.journal.not_run import NotRun
 from karma.journal.records import Key
-from karma.loading.models import Models, check_asked, language_model
+from karma.journal.run_folder import Finished
+from karma.loading.models import Models, Row, check_asked, language_model
 
 
 class ExperimentFile(Protocol):
@@ -68,6 +75,52 @@ class BenchmarkResults:
 
 
 Play = Callable[[Chain], Iterator[Any]]  # yields a record per key, playing it when asked for it
+NO_MODELS = Models(planner="", embedder="", gpu_layers=0)
+Done = Finished | NotRun
+Do = Callable[[Chain], Sequence[Done]]
+
+
+class Suite(Protocol):
+    """All that a run does of one experiment; it travels to the processes that do it."""
+
+    @property
+    def experiment(self) -> Any:
+        """What its file and the command say; has `seeds`."""
+
+    @property
+    def header(self) -> Any:
+        """What records depend on."""
+
+    def files(self) -> Any:
+        """Return the folder that takes what episodes leave, a `RunFolder` or its like."""
+
+    def chains(self, seeds: Sequence[int]) -> Sequence[Chain]:
+        """Return all episodes in their final order."""
+
+    def added_up(self, records: Sequence[Any]) -> Mapping[str, bytes]:
+        """Return what records come to, by the names of files."""
+
+    @property
+    def models(self) -> Models:
+        """What workers load, hosted models where the command has them asked."""
+
+    @property
+    def rows(self) -> Sequence[Row]:
+        """Those that may name models of their own."""
+
+    def begin(self, session: Session) -> Callable[[Chain], Iterator[Done]]:
+        """Load what episodes need, in the process that does them; KarmaError if that fails."""
+
+    def begin_on_node(self, header: Any, there: DataFolders) -> Do:
+        """Find this machine's files and models, and load them.
+
+        Args:
+            header: of the run, held against what is here.
+            there: folders of data on the machine of the run.
+
+        Raises:
+            KarmaError: something here is not what the run depends on.
+        """
 
 
 class Benchmark(Protocol):
