@@ -1,6 +1,7 @@
 # `make help` lists the targets; every target sets up .venv by itself (scripts/setup.sh).
 
 SHELL := /bin/bash
+unexport PYTHONDONTWRITEBYTECODE  # with it each process of the tests compiles all of karma anew
 MAKEFLAGS += --no-print-directory
 PY := .venv/bin/python
 WORKERS ?= 2

@@ -142,10 +142,10 @@ def test_what_libraries_start_by_themselves_executes_nothing_of_the_folder(folde
 
 def test_workers_of_a_cluster_on_this_machine_execute_nothing_of_the_folder(folder):
     pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
-    from support.ray_cluster import two_nodes
+    from support.ray_cluster import cluster_of
 
     need_models("karma-nano")
-    with two_nodes() as address:
+    with cluster_of(1) as address:
         done_in(folder, *KARMA, "eval", "e.toml", "--ray", address, "--out", "out")
 
 

@@ -25,7 +25,7 @@ from karma.journal.records import read_records
 from karma.journal.run_folder import EPISODES, RESULTS, read_run
 from karma.testing import make_planner
 
-ONLY = ["simple-11", "simple-14"]
+ONLY = ["simple-11"]
 TEXT = f"""
 name = "swept"
 tasks = "{TASKS}"
@@ -63,7 +63,7 @@ def whole(folder):
     """An undisturbed sweep."""
     sweep = SweepRun(folder / "x.toml", folder / "whole")
     done = list(sweep.episodes(1))
-    assert len(done) == 4 * 2 * 2
+    assert len(done) == 4 * 2
     assert sweep.failed == {}
     return folder / "whole"
 
@@ -158,7 +158,7 @@ def test_table_has_a_line_per_cell_and_row(whole, monkeypatch):
     assert [line[:3] for line in table[1:]] == [
         [planner, k, row] for planner in "ab" for k in "13" for row in ("babble", "expert")
     ]
-    assert all(line[4] == "2 of 2" for line in table[1:] if line[2] == "expert")
+    assert all(line[4] == "1 of 1" for line in table[1:] if line[2] == "expert")
     monkeypatch.setattr(shared.console, "width", 200)
     result = CliRunner().invoke(app, ["table", str(whole)])
     assert result.exit_code == 0
@@ -190,7 +190,7 @@ def test_grid_that_grows_keeps_what_is_done(folder, whole, tmp_path):
     path = folder / "more.toml"
     path.write_text(TEXT + GRID.replace("[1, 3]", "[1, 3, 5]"))
     sweep = SweepRun(path, run)
-    assert len(list(sweep.episodes(1))) == 2 * 2 * 2
+    assert len(list(sweep.episodes(1))) == 2 * 2
     before = swept(whole)[0]
     assert {name: found for name, found in swept(run)[0].items() if name in before} == before
 
@@ -229,14 +229,14 @@ def test_sweep_killed_twice_gives_the_bytes_of_one_that_was_not(folder, whole, t
         process = started(folder / "x.toml", run)
         end = time.monotonic() + 300
         while process.is_alive() and time.monotonic() < end:
-            if sum(map(lines_in, run.glob(f"{CELLS}/*/{EPISODES}"))) >= 5 * kill:
+            if sum(map(lines_in, run.glob(f"{CELLS}/*/{EPISODES}"))) >= 3 * kill:
                 break
             time.sleep(0.02)
         os.kill(process.pid, signal.SIGKILL)
         process.join()
         assert not all((place / RESULTS).exists() for place in (run / CELLS).iterdir())
     done = sum(len(read_records(place)) for place in run.glob(f"{CELLS}/*/{EPISODES}"))
-    assert done >= 10
+    assert done >= 6
     sweep = SweepRun(folder / "x.toml", run)
     assert len(list(sweep.episodes(1))) >= 1
     assert swept(run) == swept(whole)
@@ -252,7 +252,7 @@ def test_sweep_killed_twice_gives_the_bytes_of_one_that_was_not(folder, whole, t
 
 def test_csv_and_parquet_have_a_line_per_episode_with_the_same_values(whole, tmp_path):
     rows = list(csv.DictReader(io.StringIO(to_csv(whole).decode())))
-    assert len(rows) == 16
+    assert len(rows) == 8
     assert {row["cell"] for row in rows} == {cell.name for cell in read_sweep(whole).cells}
     assert rows[0]["set.planner"] == "a"
     assert {row["succeeded"] for row in rows if row["row"] == "expert"} == {"True"}
@@ -284,7 +284,7 @@ def test_junit_counts_what_the_records_say(whole):
     assert len(suites) == 8
     for suite in suites:
         cases = list(suite)
-        assert len(cases) == int(suite.get("tests")) == 2
+        assert len(cases) == int(suite.get("tests")) == 1
         assert len(suite.findall("*/failure")) == int(suite.get("failures"))
         assert len(suite.findall("*/error")) == int(suite.get("errors"))
     expert = [suite for suite in suites if suite.get("name").endswith("expert")]
@@ -336,10 +336,10 @@ def test_prompts_that_do_not_fit_are_named_under_the_table(tmp_path):
     text = TEXT.replace("max_tokens = 24", "max_tokens = 24\nn_ctx = 800")
     (tmp_path / "x.toml").write_text(text + '[[grid]]\nmodels.planner = ["a.gguf"]\n')
     sweep = SweepRun(tmp_path / "x.toml", tmp_path / "run")
-    assert len(list(sweep.episodes(1))) == 2 * 2
+    assert len(list(sweep.episodes(1))) == 2
     assert sweep.failed == {}
     table = (tmp_path / "run" / TABLE).read_text()
-    assert "Ended by an error: planner=a: 2 of 4 episodes, the first: RequestRefused" in table
+    assert "Ended by an error: planner=a: 1 of 2 episodes, the first: RequestRefused" in table
     assert "context of 800" in table
 
 
