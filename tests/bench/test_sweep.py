@@ -310,7 +310,7 @@ def test_rate_below_the_floor_has_an_exit_code_of_its_own(tmp_path):
     assert junit.read_bytes() == to_junit(tmp_path / "run")
     below = karma_eval(path, *run, "--fail-under", 0.6)
     assert below.exit_code == 4
-    assert "success of all rows: 0.500 (2 of 4), below 0.6" in below.output
+    assert "success of all rows: 0.500 (1 of 2), below 0.6" in below.output
     assert karma_eval(path, *run, "--fail-under", "expert=1").exit_code == 0
     assert karma_eval(path, *run, "--fail-under", "idle=0.1").exit_code == 4
     wrong = karma_eval(path, *run, "--fail-under", "exprt=1")
@@ -334,12 +334,13 @@ def test_model_whose_context_holds_no_prompt_fails_its_cell(tmp_path):
 def test_prompts_that_do_not_fit_are_named_under_the_table(tmp_path):
     make_planner(tmp_path / "a.gguf", "llama3", seed=1)
     text = TEXT.replace("max_tokens = 24", "max_tokens = 24\nn_ctx = 800")
+    text = text.replace(str(ONLY), '["simple-11", "simple-14"]')
     (tmp_path / "x.toml").write_text(text + '[[grid]]\nmodels.planner = ["a.gguf"]\n')
     sweep = SweepRun(tmp_path / "x.toml", tmp_path / "run")
-    assert len(list(sweep.episodes(1))) == 2
+    assert len(list(sweep.episodes(1))) == 2 * 2
     assert sweep.failed == {}
     table = (tmp_path / "run" / TABLE).read_text()
-    assert "Ended by an error: planner=a: 1 of 2 episodes, the first: RequestRefused" in table
+    assert "Ended by an error: planner=a: 2 of 4 episodes, the first: RequestRefused" in table
     assert "context of 800" in table
 
 
