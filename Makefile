@@ -1,13 +1,14 @@
 # `make help` lists the targets; every target sets up .venv by itself (scripts/setup.sh).
 
 SHELL := /bin/bash
+unexport PYTHONDONTWRITEBYTECODE  # with it each process of the tests compiles all of karma anew
 MAKEFLAGS += --no-print-directory
 PY := .venv/bin/python
 WORKERS ?= 2
 SEED ?= 29
 HASHED := $(wildcard $(foreach name,short_term scene_graph recall program prompt perceive goals \
 	policies tasks draw,tests/*/test_$(name).py))
-SHARED_TESTS = $(shell grep -lE 'SHARED|\bshared\b' tests/test_*.py tests/*/test_*.py)
+SHARED_TESTS = $(shell grep -lE 'SHARED|\bshared\b' tests/test_*.py tests/*/test_*.py tests/*/*/test_*.py)
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test check format scenes planner paper airgap docs server clean

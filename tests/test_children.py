@@ -29,6 +29,7 @@ tasks = "tasks.jsonl"
 [[rows]]
 name = "KARMA"
 """
+EXPERT = f'{EXPERIMENT}method = "expert"\n'
 TASK = (
     '{"id": "%s", "kind": "simple", "scene": "kitchen_1", "subtasks": [{"instruction": '
     '"Open the fridge.", "goals": ["OPEN(Fridge)"]}]}\n'
@@ -50,7 +51,7 @@ from karma.bench.run import Run
 import llama_cpp, sys
 sys.path.insert(0, "")  # as notebooks have it; what this process needs is loaded
 if __name__ == "__main__":
-    print(len(list(Run(Path("e.toml"), Path("out")).episodes(2))))
+    print(len(list(Run(Path("expert.toml"), Path("out")).episodes(2))))
 """
 FORKED = """import multiprocessing
 from karma.offline import go_offline
@@ -79,6 +80,7 @@ def folder(tmp_path):
         text = HOSTILE.format(mark=str(tmp_path / "marks"), name=name)
         (place / f"{name}.py").write_text(text)
     (place / "e.toml").write_text(EXPERIMENT)
+    (place / "expert.toml").write_text(EXPERT)
     (place / "lived.toml").write_text(LIVED)
     (place / "tasks.jsonl").write_text(TASK % "a" + TASK % "b")
     return place
@@ -104,7 +106,7 @@ KARMA = (sys.executable, "-P", "-m", "karma")
     [
         (*KARMA, "eval", "e.toml", "--workers", "2", "--out", "out"),
         (*KARMA, "eval", "lived.toml", "--workers", "2", "--out", "out"),
-        (sys.executable, "-m", "karma", "eval", "e.toml", "--workers", "2", "--out", "out"),
+        (sys.executable, "-m", "karma", "eval", "expert.toml", "--workers", "2", "--out", "out"),
         (sys.executable, "-P", "-c", IN_PYTHON),
     ],
     ids=["workers", "workers of a benchmark", "python -m", "in Python"],
@@ -142,10 +144,10 @@ def test_what_libraries_start_by_themselves_executes_nothing_of_the_folder(folde
 
 def test_workers_of_a_cluster_on_this_machine_execute_nothing_of_the_folder(folder):
     pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
-    from support.ray_cluster import two_nodes
+    from support.ray_cluster import cluster_of
 
     need_models("karma-nano")
-    with two_nodes() as address:
+    with cluster_of(1) as address:
         done_in(folder, *KARMA, "eval", "e.toml", "--ray", address, "--out", "out")
 
 

@@ -103,7 +103,8 @@ def test_installed_karma_runs_from_an_empty_folder(installed):
 
 @pytest.mark.parametrize("given", ["demo", "eval/demo.toml"])
 def test_installed_karma_finds_an_experiment_by_name_and_by_path(installed, given):
-    done = installed.run("karma", "eval", given, "--out", f"out/{len(given)}", "--limit", "1")
+    few = ("--limit", "1", "--row", "without memory")
+    done = installed.run("karma", "eval", given, "--out", f"out/{len(given)}", *few)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "without memory" in done.stdout
 

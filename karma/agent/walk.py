@@ -8,6 +8,7 @@ import math
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -119,6 +120,7 @@ class Walker:
         self._state: State = (0, 0, 0)
         self._horizon = 0.0
         self._walls: set[tuple[State, str]] = set()
+        self._known: tuple[Any, Mapping[State, _Route]] = (None, {})  # the last routes, and whence
 
     # ------------------------------------------------------------- acting
 
@@ -286,8 +288,14 @@ class Walker:
         self._state = (*self._floor.cell(pose.position_m), heading % 4)
         self._horizon = pose.horizon_deg
 
-    def _routes(self) -> dict[State, "_Route"]:
+    def _routes(self) -> Mapping[State, "_Route"]:
         """Return every state that can be reached: its cost, the state before, and the action."""
+        whence = (self._floor, self._state, frozenset(self._walls))
+        if self._known[0] != whence:
+            self._known = (whence, self._spread())
+        return self._known[1]
+
+    def _spread(self) -> dict[State, "_Route"]:
         routes: dict[State, _Route] = {self._state: (0, None, "")}
         waiting = deque([self._state])
         while waiting:
@@ -335,5 +343,6 @@ def _after(state: State, action: str) -> State:
     return x, z, (heading + _TURN[action]) % 4
 
 
+@lru_cache(maxsize=1 << 16)  # states of a room are a few thousand, and asked for at each step
 def _neighbours(state: State) -> tuple[tuple[str, State], ...]:
     return tuple((a, _after(state, a)) for a in ("MoveAhead", "RotateLeft", "RotateRight"))

@@ -275,6 +275,7 @@ def _distinct(names: Iterable[str]) -> tuple[str, ...]:
 
 
 @lru_cache(maxsize=2)
+@lru_cache(maxsize=4)
 def grammar_pool(seed: int, *, scenes: int = GRAMMAR_SCENES, tasks: int = GRAMMAR_TASKS) -> Pool:
     """Return requests of our task grammar in generated rooms, each about a thing to carry.
 

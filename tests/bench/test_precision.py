@@ -173,7 +173,7 @@ class Toss(ExpertEpisode):
 """
 ONLY = ("simple-11", "simple-12", "simple-13", "simple-14")
 ROWS = '[[rows]]\nname = "coin"\nmethod = "coin"\n[[rows]]\nname = "expert"\nmethod = "expert"\n'
-WIDTH, MOST = 0.2, 12
+WIDTH, MOST = 0.25, 12
 
 
 @pytest.fixture(scope="module")

@@ -36,7 +36,7 @@ def sequence(name, length):
 
 
 def write_experiment(folder, planner, seeds="[0]"):
-    write_tasks(folder / "tasks.jsonl", [sequence("s-a", 6), sequence("s-b", 4)])
+    write_tasks(folder / "tasks.jsonl", [sequence("s-a", 4), sequence("s-b", 3)])
     path = folder / "x.toml"
     path.write_text(
         f'name = "x"\ntasks = "{folder / "tasks.jsonl"}"\nseeds = {seeds}\n'

@@ -26,7 +26,7 @@ from karma.journal.records import read_records
 from karma.journal.run_folder import read_run
 from karma.testing import make_planner
 
-ONLY = ["simple-11", "simple-14"]
+ONLY = ["simple-11"]
 TEXT = f"""
 name = "swept"
 tasks = "{TASKS}"
@@ -64,7 +64,7 @@ def whole(folder):
     """An undisturbed sweep."""
     sweep = SweepRun(folder / "x.toml", folder / "whole")
     done = list(sweep.episodes(1))
-    assert len(done) == 4 * 2 * 2
+    assert len(done) == 4 * 2
     assert sweep.failed == {}
     return folder / "whole"
 
@@ -159,7 +159,7 @@ def test_table_has_a_line_per_cell_and_row(whole, monkeypatch):
     assert [line[:3] for line in table[1:]] == [
         [planner, k, row] for planner in "ab" for k in "13" for row in ("babble", "expert")
     ]
-    assert all(line[4] == "2 of 2" for line in table[1:] if line[2] == "expert")
+    assert all(line[4] == "1 of 1" for line in table[1:] if line[2] == "expert")
     monkeypatch.setattr(shared.console, "width", 200)
     result = CliRunner().invoke(app, ["table", str(whole)])
     assert result.exit_code == 0
@@ -191,7 +191,7 @@ def test_grid_that_grows_keeps_what_is_done(folder, whole, tmp_path):
     path = folder / "more.toml"
     path.write_text(TEXT + GRID.replace("[1, 3]", "[1, 3, 5]"))
     sweep = SweepRun(path, run)
-    assert len(list(sweep.episodes(1))) == 2 * 2 * 2
+    assert len(list(sweep.episodes(1))) == 2 * 2
     before = swept(whole)[0]
     assert {name: found for name, found in swept(run)[0].items() if name in before} == before
 
@@ -230,14 +230,14 @@ def test_sweep_killed_twice_gives_the_bytes_of_one_that_was_not(folder, whole, t
         process = started(folder / "x.toml", run)
         end = time.monotonic() + 300
         while process.is_alive() and time.monotonic() < end:
-            if sum(map(lines_in, run.glob(f"{CELLS}/*/{EPISODES}"))) >= 5 * kill:
+            if sum(map(lines_in, run.glob(f"{CELLS}/*/{EPISODES}"))) >= 2 * kill:
                 break
             time.sleep(0.02)
         os.kill(process.pid, signal.SIGKILL)
         process.join()
         assert not all((place / RESULTS).exists() for place in (run / CELLS).iterdir())
     done = sum(len(read_records(place)) for place in run.glob(f"{CELLS}/*/{EPISODES}"))
-    assert done >= 10
+    assert done >= 4
     sweep = SweepRun(folder / "x.toml", run)
     assert len(list(sweep.episodes(1))) >= 1
     assert swept(run) == swept(whole)
@@ -253,7 +253,7 @@ def test_sweep_killed_twice_gives_the_bytes_of_one_that_was_not(folder, whole, t
 
 def test_csv_and_parquet_have_a_line_per_episode_with_the_same_values(whole, tmp_path):
     rows = list(csv.DictReader(io.StringIO(to_csv(whole).decode())))
-    assert len(rows) == 16
+    assert len(rows) == 8
     assert {row["cell"] for row in rows} == {cell.name for cell in read_sweep(whole).cells}
     assert rows[0]["set.planner"] == "a"
     assert {row["succeeded"] for row in rows if row["row"] == "expert"} == {"True"}
@@ -285,7 +285,7 @@ def test_junit_counts_what_the_records_say(whole):
     assert len(suites) == 8
     for suite in suites:
         cases = list(suite)
-        assert len(cases) == int(suite.get("tests")) == 2
+        assert len(cases) == int(suite.get("tests")) == 1
         assert len(suite.findall("*/failure")) == int(suite.get("failures"))
         assert len(suite.findall("*/error")) == int(suite.get("errors"))
     expert = [suite for suite in suites if suite.get("name").endswith("expert")]
@@ -311,7 +311,7 @@ def test_rate_below_the_floor_has_an_exit_code_of_its_own(tmp_path):
     assert junit.read_bytes() == to_junit(tmp_path / "run")
     below = karma_eval(path, *run, "--fail-under", 0.6)
     assert below.exit_code == 4
-    assert "success of all rows: 0.500 (2 of 4), below 0.6" in below.output
+    assert "success of all rows: 0.500 (1 of 2), below 0.6" in below.output
     assert karma_eval(path, *run, "--fail-under", "expert=1").exit_code == 0
     assert karma_eval(path, *run, "--fail-under", "idle=0.1").exit_code == 4
     wrong = karma_eval(path, *run, "--fail-under", "exprt=1")
@@ -335,6 +335,7 @@ def test_model_whose_context_holds_no_prompt_fails_its_cell(tmp_path):
 def test_prompts_that_do_not_fit_are_named_under_the_table(tmp_path):
     make_planner(tmp_path / "a.gguf", "llama3", seed=1)
     text = TEXT.replace("max_tokens = 24", "max_tokens = 24\nn_ctx = 800")
+    text = text.replace(str(ONLY), '["simple-11", "simple-14"]')
     (tmp_path / "x.toml").write_text(text + '[[grid]]\nmodels.planner = ["a.gguf"]\n')
     sweep = SweepRun(tmp_path / "x.toml", tmp_path / "run")
     assert len(list(sweep.episodes(1))) == 2 * 2

@@ -24,11 +24,11 @@ model = "m"
 dialect = "plain"
 retries = 0
 """
-MEGABYTES = 10_000_000
+MEGABYTES = 2_000_000
 TASKS = {
     "base": [
         ("ours_1", "out of range"), ("ours_1", "partly out of range"), ("ours_1", "no JSON"),
-        ("ours_1", "10 MB"), ("ours_1", "500 actions"), ("ours_1", "a thing that is gone"),
+        ("ours_1", "2 MB"), ("ours_1", "500 actions"), ("ours_1", "a thing that is gone"),
         ("ours_1", "not there"), ("ours_1", "refused by the server"),
         ("ours_1", "half a character"),
         ("ours_1", "nested for ever"),
@@ -52,7 +52,7 @@ def answer(path, body, headers):
         "out of range": plan(9999, 0),
         "partly out of range": plan() if begun else plan(int(numbers["find a Fridge"]), 9999, 1),
         "no JSON": "I would rather open the fridge.",
-        "10 MB": "x" * MEGABYTES,
+        "2 MB": "x" * MEGABYTES,
         "500 actions": plan(*[int(numbers["find a Fridge"])] * 500),
         "a thing that is gone": plan() if begun else plan(*(int(numbers[one]) for one in CUT)),
         "not there": plan() if begun else plan(int(numbers["find a Pen"]), 0),
@@ -86,7 +86,7 @@ def test_everything_that_is_wrong_is_counted_or_named_and_the_run_goes_on(
             "out of range": never,
             "partly out of range": ("empty plan", 0, 1),
             "no JSON": never,
-            "10 MB": never,
+            "2 MB": never,
             "500 actions": ("steps", 0, 30),
             "a thing that is gone": ("empty plan", 1, len(CUT) - 1),
             "not there": ("empty plan", 1, 1),
@@ -96,10 +96,10 @@ def test_everything_that_is_wrong_is_counted_or_named_and_the_run_goes_on(
         }
         assert not any(one.success for one in mine.values())
         assert {task for task, one in mine.items() if one.no_json} == {
-            "no JSON", "10 MB", "half a character", "nested for ever"
+            "no JSON", "2 MB", "half a character", "nested for ever"
         }  # fmt: skip
         assert "there is no action 9999" in mine["out of range"].answers[0].error
-        assert {(len(a.text), a.characters) for a in mine["10 MB"].answers} == {(KEPT, MEGABYTES)}
+        assert {(len(a.text), a.characters) for a in mine["2 MB"].answers} == {(KEPT, MEGABYTES)}
         assert "no such thing" in mine["refused by the server"].error
         assert mine["not there"].steps[0].feedback.startswith("Invalid: no Pen was found")
     lines = keep["files"]["episodes.jsonl"].splitlines()

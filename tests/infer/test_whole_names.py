@@ -19,12 +19,16 @@ ROOM = ("CreditCard", "DeskLamp", "SideTable", "CoffeeTable", "Dumbbell", "Bed",
 ASKED = "#task place a card on the desk\n#memory\n#program\n"
 
 
+@pytest.fixture(scope="module")
+def model(smollm):
+    return GgufModel(smollm, LlamaOptions(threads=1))
+
+
 @pytest.mark.parametrize("asked", [ASKED, "#task get the lamp\n#program\n", "Once upon a time, '"])
 @pytest.mark.parametrize("names", [ROOM, ("A", "AB", "ABC"), ("Mug", "Mug_2", "Mug_3")])
-def test_the_likeliest_name_is_that_of_scoring_all(smollm, asked, names):
+def test_the_likeliest_name_is_that_of_scoring_all(model, asked, names):
     spec = ProgramSpec(skills=SKILLS, objects=names)
     state = ProgramAutomaton(spec).advance(ProgramAutomaton(spec).start(), "GoToObject(robot, '")
-    model = GgufModel(smollm, LlamaOptions(threads=1))
     prompt = f"{asked}GoToObject(robot, '"
     model.evaluate([], model.tokens(prompt))
     begun = NameBegun(0, state, model.decoded, model.logits().copy())

@@ -1,9 +1,14 @@
 """Each policy against a second, slow telling of the same rule."""
 
+import os
+import subprocess
+import sys
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from karma import registry
 from karma.errors import KarmaError, UnknownNameError
 from karma.memory.policies import Fifo, FifoMerge, FifoMergeWhenFull, Lfu, Lru, make_policy
 from karma.memory.sketch import CAP, CountMin4, ExactCounts
@@ -308,3 +313,27 @@ def test_policy_text_that_makes_no_sense_is_refused(text, says):
 def test_policy_of_unknown_name_suggests_the_nearest():
     with pytest.raises(UnknownNameError, match="wtinylfu-karma"):
         make_policy("wtinylfu-kama[9,1]")
+
+
+def test_answers_of_no_policy_depend_on_the_hash_seed():
+    program = (
+        "import sys; from karma.memory.policies import make_policy\n"
+        "for text in sys.argv[1:]:\n"
+        "    policy = make_policy(text)\n"
+        "    print([policy.touch(f'k{i * i % 17}') for i in range(200)], list(policy))\n"
+    )
+    names = registry.names("policies")
+    texts = [f"{name}[5]" for name in names]
+    texts += [f"{name}[3,2] cm4" for name in names if name.startswith("wtinylfu")]
+    answers = {
+        subprocess.run(
+            [sys.executable, "-c", program, *texts],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for seed in ("0", "1")
+    }
+    assert len(answers) == 1
+    assert answers.pop().count("\n") == len(texts)

@@ -229,13 +229,13 @@ def test_each_thing_that_they_stand_for_is_carried(tmp_path):
 def test_the_adversary_gets_no_false_done():
     need_models("karma-nano")
     done = subprocess.run(
-        [sys.executable, "scripts/check_guard.py", "--requests", "4"],
+        [sys.executable, "scripts/check_guard.py", "--requests", "2"],
         cwd=ROOT, capture_output=True, text=True, check=True,
         env={**os.environ, "PYTHONPATH": str(ROOT / "scripts")},  # the tests' children have none
     )  # fmt: skip
-    assert "wrong programs 36" in done.stdout
+    assert "wrong programs 18" in done.stdout
     assert "false done with the guard: 0" in done.stdout
-    assert "right programs carried out: 4 of 4" in done.stdout
+    assert "right programs carried out: 2 of 2" in done.stdout
     bare = int(done.stdout.split("false done without it: ")[1].split()[0])
     assert bare > 0  # the control: the same programs, believed
 

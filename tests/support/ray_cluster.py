@@ -1,12 +1,17 @@
 """A Ray cluster of two nodes on this machine, and the processes that work there."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 
+def two_nodes() -> AbstractContextManager[str]:
+    """The address of a cluster of two."""
+    return cluster_of(2)
+
+
 @contextmanager
-def two_nodes() -> Iterator[str]:
+def cluster_of(nodes: int) -> Iterator[str]:
     """The address of a cluster; nodes have the environment of this moment.
 
     Ray takes 127.0.0.1 to mean the outer address.
@@ -15,7 +20,8 @@ def two_nodes() -> Iterator[str]:
 
     node = {"num_cpus": 1, "node_ip_address": "127.0.0.2", "include_dashboard": False}
     made = Cluster(initialize_head=True, connect=False, head_node_args=node)
-    made.add_node(num_cpus=1, node_ip_address="127.0.0.2")
+    for _ in range(nodes - 1):
+        made.add_node(num_cpus=1, node_ip_address="127.0.0.2")
     try:
         yield made.address
     finally:

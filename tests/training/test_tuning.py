@@ -1,6 +1,7 @@
 """Tuning a GGUF: training's tokens are llama.cpp's, and the adapter's file is what peft says."""
 
 import json
+from copy import deepcopy
 
 import numpy as np
 import pytest
@@ -93,14 +94,20 @@ def test_the_loss_counts_answers_alone():
     assert later["logits_to_keep"].tolist() == [2, 3, 4]
 
 
-def test_leaving_out_the_prompts_logits_changes_no_loss(smollm):
+@pytest.fixture(scope="module")
+def weights(smollm):
+    """Real weights, which take seconds to read: for copies."""
+    return base_model(smollm)
+
+
+def test_leaving_out_the_prompts_logits_changes_no_loss(weights):
     import torch
 
     batch = [
         EncodedExample(tokens=tuple(range(100, 112)), prompt=6),
         EncodedExample(tokens=(*range(50, 58), 2), prompt=7),
     ]
-    given, model = collate(batch), base_model(smollm).eval()
+    given, model = collate(batch), deepcopy(weights).eval()
     labels = torch.full(given["input_ids"].shape, -100)
     labels[:, -given["labels"].shape[1] :] = given["labels"]
     with torch.no_grad():
@@ -111,20 +118,20 @@ def test_leaving_out_the_prompts_logits_changes_no_loss(smollm):
 
 
 @pytest.fixture(scope="module")
-def tuned(tmp_path_factory, smollm):
+def tuned(tmp_path_factory, smollm, weights):
     """An adapter of a few steps on real weights: enough to be told from rounding."""
     pytest.importorskip("peft")
     folder = tmp_path_factory.mktemp("tuned")
     tokenizer = read_gguf_tokenizer(smollm)
     given = encode(read_examples(examples_file(folder, LINES)), tokenizer, end_token(smollm))
     recipe = TuningRecipe(rank=2, alpha=4, steps=6, warmup=0, tokens=512, rate=2e-2, lowest=20)
-    found = tune(base_model(smollm), batches_of(given, 512, 0), folder, recipe,
+    found = tune(deepcopy(weights), batches_of(given, 512, 0), folder, recipe,
                  watched=[given[:2]])  # fmt: skip
     assert 0 <= found["exact"] <= 1
     return folder
 
 
-def test_a_merged_file_says_what_base_and_adapter_say_together(tmp_path, smollm, tuned):
+def test_a_merged_file_says_what_base_and_adapter_say_together(tmp_path, smollm, weights, tuned):
     import torch
     from peft import PeftModel
 
@@ -133,7 +140,7 @@ def test_a_merged_file_says_what_base_and_adapter_say_together(tmp_path, smollm,
     model = GgufModel(tmp_path / "one.gguf", LlamaOptions(threads=1))
     plain = GgufModel(smollm, LlamaOptions(threads=1))
     tokens = model.tokens("#task get the apple\n#program\nGoToObject(robot, '")
-    adapted = PeftModel.from_pretrained(base_model(smollm), str(tuned)).eval()
+    adapted = PeftModel.from_pretrained(deepcopy(weights), str(tuned)).eval()
     with torch.no_grad():
         wanted = adapted(torch.tensor([tokens])).logits[0, -1].numpy()
         with adapted.disable_adapter():

@@ -222,11 +222,10 @@ def test_scene_equals_what_its_seed_draws(name):
     assert to_json(build_scene(kind, int(number), seed)) == path.read_bytes()
 
 
-@pytest.mark.parametrize("hash_seed", ["0", "1"])
-def test_make_scenes_in_another_process_gives_equal_bytes(tmp_path, hash_seed):
+def test_make_scenes_under_another_hash_seed_gives_equal_bytes(tmp_path):
     script = ROOT / "scripts/make_scenes.py"
     command = [sys.executable, str(script), "--seed", "29", "--out", str(tmp_path)]
-    env = {**os.environ, "PYTHONHASHSEED": hash_seed}
+    env = {**os.environ, "PYTHONHASHSEED": "1"}
     subprocess.run(command, check=True, capture_output=True, env=env)
     for name in NAMES:
         assert (tmp_path / f"{name}.json").read_bytes() == (SCENES / f"{name}.json").read_bytes()

@@ -8,6 +8,7 @@ is tried in a process of its own, with little time and memory.
 import re
 import sys
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +81,7 @@ def _inside(loop: Any) -> Iterator[Any]:
         yield from part.find_all(nodes.For)
 
 
+@lru_cache  # of what has passed: an error is not kept
 def try_template(name: str, text: str) -> None:
     """Render a template in a process of its own, where it can take little time and memory.
 

@@ -5,7 +5,6 @@ from copy import deepcopy
 from itertools import pairwise
 
 import pytest
-from support.paths import SHARED
 from support.tiny_house import TABLE, tiny_house, xyz
 
 from karma.errors import FileError
@@ -68,8 +67,8 @@ def test_each_thing_of_a_generated_house_is_there_with_its_type(seed):
             assert one.id == one.name  # what tasks and trajectories of the house call it
 
 
-def test_house_at_hand_comes_in_whole():
-    path = SHARED / "data/cases/sim/house-ids-without-type/house.json"
+def test_house_at_hand_comes_in_whole(shared):
+    path = shared / "data/cases/sim/house-ids-without-type/house.json"
     if not path.exists():
         pytest.skip(f"needs {path}")
     scene = house_scene(read_json(path, dict), name="house")
