@@ -12,9 +12,11 @@ from dataclasses import replace
 from karma.agent.expert import ExpertView, NamedThing
 from karma.agent.guard import in_pieces, meant_by, switch_of
 from karma.agent.plain_programs import plain_program
+from karma.agent.reading import kind_of
 from karma.contracts import Goal, MemoryUnit, Mention, Request, SaidDeed, Skill, SkillCall
 from karma.household import uses
 from karma.household.ids import short_type
+from karma.household.pieces import piece_type
 from karma.household.states import DONE_BY
 from karma.language.request_words import deed_states
 from karma.language.said_deeds import able_to
@@ -176,30 +178,39 @@ def _moved(deed: SaidDeed) -> Iterator[str]:
 
 
 def _asked_line(deed: SaidDeed, thing: Mention | None, here: Collection[str]) -> SkillCall | None:
-    kind = _asked_type(thing, here)
-    name, objects = _ASKED.get(deed.deed, ""), [kind]
+    name = {"put": _NEAR if deed.near else _PUT, "throw": _PUT}.get(deed.deed, "")
+    name = name or _ASKED.get(deed.deed, "")
+    takes = next((line.takes for line in GOAL_LINES if line.name == name), "")
+    objects = [_asked_type(thing, here, takes or "pickupable")]
     match deed.deed:
         case "put":
-            name, objects = _NEAR if deed.near else _PUT, [kind, _asked_type(deed.place, here)]
+            objects.append(_asked_type(deed.place, here, "" if deed.near else "receptacle"))
         case "throw":
-            name, objects = _PUT, [kind, uses.BIN]
+            objects.append(uses.BIN)
         case "coffee":
             objects = [uses.COFFEE_CUP]
-        case "on" | "off" if kind not in uses.TAPS:
-            objects = [switch_of(kind)]
-    takes = next((line.takes for line in GOAL_LINES if line.name == name), "")
-    if not (name and all(objects)):
-        return None
-    able = not takes or able_to(objects[0], takes) or (name, objects[0]) == ("Cook", uses.TOASTED)
-    return SkillCall(skill=name, objects=tuple(objects)) if able else None
+    return SkillCall(skill=name, objects=tuple(objects)) if name and all(objects) else None
 
 
-def _asked_type(one: Mention | None, here: Collection[str]) -> str:
-    """Return the likeliest type that a mention means here; "" where words alone do not tell."""
+def _asked_type(one: Mention | None, here: Collection[str], need: str) -> str:
+    """Return the one type that a mention means here; "" where words alone do not tell.
+
+    Args:
+        one: a thing or place.
+        here: types that the agent knows of in this room.
+        need: what it has to be, "" for anything.
+    """
     if one is None or one.told or one.anything or one.every or one.other or one.holding:
         return ""
     if (one.number or 1) > 1:
         return ""
     if deed_states().keys() & one.text.lower().split():  # "the empty roll": a look must tell
         return ""
-    return next(iter(meant_by(one, here)), "")
+    kinds = {
+        switch_of(kind) if need == "toggleable" and kind not in uses.TAPS else kind_of(kind)
+        for kind in meant_by(one, here)
+        if not need
+        or able_to(kind, need)
+        or (need == "cookable" and able_to(piece_type(kind), need))
+    }
+    return kinds.pop() if len(kinds) == 1 else ""  # "the light": a lamp, or all of them?
