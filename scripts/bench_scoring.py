@@ -13,7 +13,7 @@ Speed: one prompt of 2,000 tokens and 200 candidates, one thread, seconds of the
 other jobs on the machine matter less. Naive scoring is timed on three candidates and multiplied,
 since all 200 take the same. Each of ours is the median of several.
 
-Figures of 2026-11-22 (more in docs/methods-lota.md), the shipped planner and the random Llama, this
+Figures of 2026-11-22 (more in docs/methods.md), the shipped planner and the random Llama, this
 one with `--parity-candidates 50`: scores within 1.1e-6 and 5.3e-7 of naive ones, the argmax equal
 on all 200 prompts; all scores on a warm prompt 461 and 226 times faster, the argmax 18,124 and
 6,898 times. It takes 10 and 17 minutes.

@@ -19,13 +19,13 @@ HISTORY = ROOT / "CHANGELOG.md"  # it names what is no more
 NOW = [page for page in PAGES if page != HISTORY]
 FOREIGN = {"InteractionObject"}  # classes of others
 MADE_LATER = ("models/weights", "models/local.toml")  # by users, ignored by git
-NEEDS = re.compile(r"^\| (`[^|]+`) \| (.+) \|$", re.MULTILINE)
+NEEDS = re.compile(r"^\* (`[^`]+`(?:, `[^`]+`)*): (.+)$", re.MULTILINE)
 PATHS = re.compile(r"(?<![\w/.~-])((?:karma|docs|tests|scripts|eval|models)/[\w./*-]*[\w*/])")
 
 
 @cache
 def needs() -> dict[tuple[str, ...], str]:
-    """Return what each command needs, by its first words, from the table of docs/README.md."""
+    """Return what each command needs, by its first words, from the list of docs/README.md."""
     table = text_of(ROOT / "docs/README.md").partition("## What each command needs")[2]
     return {
         tuple(command.split()): need

@@ -79,7 +79,7 @@ def _end(file: Path, number: int, found: Sequence["TaskFinding"], quick: bool) -
     tasks = len({one.task for one in bad})
     raise KarmaError(
         f"{file}: {tasks} of {number} tasks measure less than they seem to: {said}\n"
-        "  To fix: the lines above; docs/goals.md says what goals mean"
+        "  To fix: the lines above; docs/tasks.md says what goals mean"
     )
 
 

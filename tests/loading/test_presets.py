@@ -65,7 +65,7 @@ def test_experiments_measure_the_default_agent_unless_they_say_paper(path):
 
 
 def test_docs_say_what_the_default_and_the_paper_s_setting_are():
-    text = (ROOT / "docs" / "methods-karma.md").read_text()
+    text = (ROOT / "docs" / "methods.md").read_text()
     lines = re.findall(r"^\| `(\w+)` \| `(\S+)` \| `(\S+)` \|", text, flags=re.M)
     default = setting(Row(name="x"))
     assert {name: (one, other) for name, one, other in lines} == {

@@ -184,8 +184,7 @@ def agent() -> Iterator[Claim]:
 
     cosine = "alfred_l_cosine"
     yield (
-        "{} / {} / {} on our 48 tasks; ours {} / {} / {};"
-        " with all ten units in the prompt {} / {} / {};",
+        "{}/{}/{} on our 48 tasks; ours {}/{}/{}; with all ten units in the prompt {}/{}/{};",
         [
             *by_kind(cosine, "KARMA, K = 3"),
             *by_kind("alfred_l", full),

@@ -192,7 +192,7 @@ def curves() -> Iterator[Claim]:
     )  # fmt: skip
     names = ("known names", "held-out names")
     yield (
-        "| {} / {} | graph {} / {} | {}, {} held out | {} / {} % |",
+        "| {}/{} | graph {}/{} | {}, {} held out | {}/{} % |",
         [
             *(right(of, "all", "words", name) for of in ("ours", GRAPH) for name in names),
             *changed("words", names[1], others),

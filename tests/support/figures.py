@@ -40,7 +40,7 @@ Claim = tuple[str, Sequence[Figure]]  # a sentence with `{}` for each figure, an
 def row(name: str, *cells: Sequence[Figure]) -> Claim:
     """Return a row of a table; a cell has its figures between slashes, or `–` where all are so."""
     told = [cell if any(f.text != "–" for f in cell) else cell[:1] for cell in cells]
-    text = " | ".join(" / ".join("{}" for _ in cell) for cell in told)
+    text = " | ".join("/".join("{}" for _ in cell) for cell in told)
     return f"\n| {name} | {text} |\n", [figure for cell in told for figure in cell]
 
 

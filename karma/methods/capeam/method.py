@@ -1,6 +1,6 @@
 """CAPEAM-style (after Kim et al. 2023): frames from a context, a memory of the environment.
 
-The source's networks are not rebuilt; what stands for them is in docs/methods-capeam.md.
+The source's networks are not rebuilt; what stands for them is in docs/methods.md.
 """
 
 from collections.abc import Iterator, Mapping

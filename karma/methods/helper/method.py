@@ -1,6 +1,6 @@
 """HELPER (Sarch et al. 2023), rebuilt: examples for the planner, an object memory for the body.
 
-Where it deviates from its source is in docs/methods-helper.md.
+Where it deviates from its source is in docs/methods.md.
 """
 
 from collections.abc import Generator, Iterator, Mapping, Sequence

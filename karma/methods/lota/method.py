@@ -2,7 +2,7 @@
 
 `lota.score` chooses one step after the other from a closed list, by the log-likelihood that the
 model gives each; `lota.generate` takes a whole plan in one answer. Where they deviate from their
-sources is in docs/methods-lota.md.
+sources is in docs/methods.md.
 """
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence

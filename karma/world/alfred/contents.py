@@ -1,6 +1,6 @@
 """Infer which receptacle each movable object lies in at the start, which ALFRED does not say.
 
-Of the rules below the first that applies decides; the figures are in docs/alfred-replay.md.
+Of the rules below the first that applies decides; the figures are in docs/replays.md.
 1. The planner names the receptacle at the object's first pickup.
 2. The object reaches, whichever way it is turned, into the box of a larger vessel (plate, mug, box
    ...) at its height. AI2-THOR's volumes of vessels are generous: demonstrators move a cup to
