@@ -151,6 +151,7 @@ import resource, signal, sys
 from karma.errors import FileError
 from karma.files import append_line, write_atomic
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+sys.dont_write_bytecode = True
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 try:
     {"write": write_atomic, "append": append_line}[sys.argv[1]](sys.argv[2], b"x" * 5000)

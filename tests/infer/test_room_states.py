@@ -154,8 +154,9 @@ def test_state_that_llama_cpp_refuses_is_forgotten_and_evaluated_anew(made, tmp_
 
 
 @pytest.fixture
-def full_disk():
-    """No file may grow beyond 4 kB."""
+def full_disk(monkeypatch):
+    """No file may grow beyond 4 kB; half a .pyc would end whoever imports it next."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4_000, before[1]))
     yield

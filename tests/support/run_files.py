@@ -6,6 +6,7 @@ import os
 import resource
 import shutil
 import signal
+import sys
 from pathlib import Path
 
 from karma.cli import app
@@ -57,6 +58,7 @@ def evaluate(path, folder, workers=1, most_bytes=None, shared=None):
         os.environ["KARMA_SHARED"] = shared
     signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
     if most_bytes is not None:
+        sys.dont_write_bytecode = True  # half a .pyc would end whoever imports it next
         with Path(os.devnull).open("w") as nowhere:  # what it prints may be in a file too
             os.dup2(nowhere.fileno(), 1)
             os.dup2(nowhere.fileno(), 2)

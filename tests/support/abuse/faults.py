@@ -47,6 +47,8 @@ class Limits:
     def take(self) -> None:
         """Put them on this process."""
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        sys.dont_write_bytecode = True  # half a .pyc would end whoever imports it next
+        os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
         for what, value in self.most.items():
             resource.setrlimit(what, (value, value))
 
