@@ -29,6 +29,7 @@ _LEAD = re.compile(
 )
 _WISH = re.compile(r"\b(?:would|'d) (?:be|appreciate|like|love)\b|\bwondering$")
 _WHEN = frozenset(("when", "whenever", "once", "after", "until", "till", "before", "while"))
+_LIMITS = frozenset(("not", "n't", "never", "to", "limits", "bounds", "forbidden", "stay", "taken"))
 _DEADLINES = ("before", "by")
 _IF = frozenset(("if", "unless", "whether", "provided"))
 _SO_FAR = frozenset((
@@ -140,7 +141,11 @@ class Asides:
         )  # fmt: skip
         if self._asks_outside(begin, end) and not orders:  # "turn on the lamp to let me see"
             found = self.nouns.all_of(range(begin, end))
-            self.s.before += [one for one in found if one.types]
+            named = [one for one in found if one.types]
+            if named and _LIMITS & {*self.s.lows(verb, end)}:  # "the knife is off limits, ..."
+                self.s.taken.difference_update(range(begin, end))
+                return
+            self.s.before += named
             self.s.drop(begin, end)
 
     def _tells(self, verb: int) -> bool:
@@ -160,7 +165,7 @@ class Asides:
             return False
         if helpers & request_words().negations or "no" in self.s.lows(verb, verb + 3):
             return True
-        person = who in ("i", "we", "he", "she", "they", "it")
+        person = who in ("i", "we", "he", "she", "they", "it") or {"have", "has"} & helpers
         if word.lemma in ("go", "belong") and not person:
             return False
         asks = helpers & {"should", "must", "can", "could", "ought", "may"}

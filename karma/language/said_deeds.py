@@ -26,8 +26,6 @@ _MODALS = frozenset(("should", "must", "can", "could", "ought", "may", "might"))
 _ASKED_OF_YOU = ("could", "can", "would", "will")
 _SWITCHES = frozenset(("turn", "switch", "flip", "flick", "get", "have", "power"))
 _IS_SOMEWHERE = ("be", "go", "belong", "stand", "sit", "lie", "live", "rest", "end")
-_LEADING = ("once", "when", "if", "after", "before", "until", "till", "while", "unless", "so")
-_HOW_IT_IS = ("be", "go", "have", "get", "look", "smell", "seem", "feel", "turn")
 _PERSONS = ("i", "we", "you", "he", "she", "they")
 _FINDS = ("find", "locate", "look for", "search for", "show", "hunt")
 _MOVED = (
@@ -445,7 +443,6 @@ class SentenceDeeds:
             end = s.clause_end(number + 1, orders=False)
         asked = needed or helpers & _MODALS or self._is_wished(begin, number)
         if not (asked or self._moves(number, end, who)) or habit or who in _PERSONS or not about:
-            self._only_says(number, end, [] if habit or who in _PERSONS else about, begin)
             return []
         s.taken.update(range(begin, number + 1))
         after = range(number + 1, end)
@@ -463,16 +460,6 @@ class SentenceDeeds:
         s.taken.update(after)
         pair = _hung(replace(place, things=tuple(about[:3])), hangs=text == "hang")
         return [_said(text, deed, word.start, pair)]
-
-    def _only_says(self, number: int, end: int, about: Sequence[Mention], begin: int) -> None:
-        """Leave out what is told of a thing ahead of an order: "the egg has gone off, bin it"."""
-        s, named = self.s, [one for one in about if one.types]
-        if begin and s.low(begin - 1) in _LEADING:  # "once the lamp is off, ..."
-            return
-        told = s.words[number].lemma in _HOW_IT_IS and not self.pairs.has_place(range(number, end))
-        if told and named and any(s.is_order(n) for n in range(end, len(s.words))):
-            s.before += named
-            s.drop(begin, end)
 
     def _subjects(self, begin: int, end: int) -> list[Mention]:
         """Return what a sentence is about; a place only says which: "the mug on the desk"."""
