@@ -131,7 +131,7 @@ def layout():
 def write(path, *rows):
     """Write rows as JSON lines; gzipped where the name says so."""
     data = "".join(json.dumps(row) + "\n" for row in rows).encode()
-    path.write_bytes(gzip.compress(data) if path.suffix == ".gz" else data)
+    path.write_bytes(gzip.compress(data, mtime=0) if path.suffix == ".gz" else data)
     return path
 
 
