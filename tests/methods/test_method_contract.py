@@ -22,6 +22,7 @@ from karma.contracts import (
     SkillResult,
     SubTask,
     Task,
+    WorkedExample,
 )
 from karma.errors import KarmaError
 from karma.files import to_json
@@ -73,6 +74,12 @@ def nano():
     return model, file.prompt_profile
 
 
+def worked(instruction):
+    """The one example of a planner's prompt, for the row that copies it."""
+    program = BRING if instruction.startswith(("Bring", "Fetch")) else FETCH
+    return (WorkedExample(instruction=GOALS[0], program=program),)
+
+
 def resources(model, profile):
     return Resources(
         model=model,
@@ -80,6 +87,7 @@ def resources(model, profile):
         recall=registry.load("recalls", "cosine")(embedder()),
         vision=MetadataVision(),
         embedder=embedder(),
+        examples=worked,
     )
 
 
@@ -279,7 +287,8 @@ def test_begin_again_leaves_nothing_of_the_episode_before(name, tmp_path):
 def test_model_that_refuses_what_is_asked_becomes_a_record(name, tmp_path):
     method = build(name, answers=[])
     record = run_episode(method, EmbeddedWorld(), TASK, row=name, seed=0, folder=tmp_path)
-    assert record.error.startswith("RequestRefused: ") == (name not in ("expert", "idle"))
+    asks = name not in ("copying", "expert", "idle")
+    assert record.error.startswith("RequestRefused: ") == asks
     assert record.success == (name == "expert")
 
 
