@@ -346,7 +346,7 @@ class SaidDeed:
     """Something that is to be done, as words say it."""
 
     verb: str  # "switch off"
-    deed: str  # of `karma/language/verbs.toml`; "" no skill is called so
+    deed: str  # of `household.deeds`; "" no skill is called so
     start: int
     things: tuple[Mention, ...] = ()
     place: Mention | None = None

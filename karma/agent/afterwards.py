@@ -15,6 +15,7 @@ from karma.household.ids import is_part, root_id, type_of
 from karma.household.pieces import base_type, goes_by
 from karma.household.places import HAND
 from karma.household.saying import name_of, preposition, told_place
+from karma.household.states import SAID_AS
 from karma.household.uses import (
     BASINS,
     BURNER,
@@ -262,14 +263,12 @@ def _text(end: _End) -> str:
     if end.word == "away":
         return f"{text}thrown away"
     if not end.place:
-        return text + _SAID.get(end.word, end.word)
+        return text + SAID_AS.get(end.word, end.word)
     link = end.word if end.word == "near" else preposition(end.place)
     return f"{text}{link} the {name_of(end.place)}"
 
 
 # ----------------------------------------------------------------- what a name means
-
-_SAID = {"cleaned": "clean", "heated": "hot", "cooled": "cold", "opened": "open"}
 
 
 def _lies_in(sight: SeenObject, place: str) -> bool:

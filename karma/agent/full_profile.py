@@ -11,11 +11,12 @@ from karma.contracts import Area, FailedProgram, Fixture, PlanRequest, SeenObjec
 from karma.household.ids import short_type
 from karma.household.pieces import EGG
 from karma.household.places import FLOOR, HAND, NEAR_M
+from karma.household.states import SAID_AS
 from karma.household.types import object_types, types_with
 from karma.household.uses import BURNER, KNIVES, KNOB, WHOLE_OF, with_wholes
 
 _UNSAID = (FLOOR, KNOB)  # no program names them
-_DOORS = {"opened": "open", "closed": "closed", "on": "on", "off": "off"}  # state -> as told
+_DOORS = {one: SAID_AS.get(one, one) for one in ("opened", "closed", "on", "off")}
 _LINES = 40  # of a failed program that are shown
 _WIDTH = 160  # characters of one of its lines
 

@@ -15,9 +15,10 @@ from karma.agent.plain_programs import plain_program
 from karma.agent.reading import kind_of
 from karma.contracts import Goal, MemoryUnit, Mention, Request, SaidDeed, Skill, SkillCall
 from karma.household import uses
+from karma.household.deeds import deed_kind
 from karma.household.ids import short_type
 from karma.household.pieces import piece_type
-from karma.household.states import DONE_BY
+from karma.household.states import DONE_BY, END_STATES
 from karma.language.request_words import deed_states
 from karma.language.said_deeds import able_to
 
@@ -38,12 +39,12 @@ _SWITCHES = {
     "TurnOff": ("TOGGLEOFF", "toggleable", "it is off"),
 }  # line -> predicate, likewise
 _PUT, _NEAR, _HOLD, _COFFEE = "Put", "Near", "Hold", "MakeCoffee"
-_ASKED = {
-    "wash": "Clean", "heat": "Heat", "cook": "Cook", "toast": "Cook", "cool": "Cool",
-    "slice": "Slice", "fill": "Fill", "empty": "Empty", "break": "Break", "open": "Open",
-    "close": "Close", "on": "TurnOn", "off": "TurnOff", "take": _HOLD, "coffee": _COFFEE,
-}  # deed that words ask for -> line  # fmt: skip
 _MOVES = ("put", "throw")
+_BY_DEED = {"put": _PUT, "throw": _PUT, "take": _HOLD, "coffee": _COFFEE}
+_BY_STATE = {
+    **{state: line for line, (state, _, _) in _STATES.items()},
+    **{END_STATES[ends]: line for line, (ends, _, _) in _SWITCHES.items()},
+}  # how a thing is to be -> line
 _BREWING = Goal(predicate="TOGGLEON", arguments=(uses.COFFEE_MACHINE,))
 
 
@@ -178,8 +179,8 @@ def _moved(deed: SaidDeed) -> Iterator[str]:
 
 
 def _asked_line(deed: SaidDeed, thing: Mention | None, here: Collection[str]) -> SkillCall | None:
-    name = {"put": _NEAR if deed.near else _PUT, "throw": _PUT}.get(deed.deed, "")
-    name = name or _ASKED.get(deed.deed, "")
+    name = _BY_DEED.get(deed.deed) or _BY_STATE.get(deed_kind(deed.deed).leaves, "")
+    name = _NEAR if deed.deed == "put" and deed.near else name
     takes = next((line.takes for line in GOAL_LINES if line.name == name), "")
     objects = [_asked_type(thing, here, takes or "pickupable")]
     match deed.deed:

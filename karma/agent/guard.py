@@ -12,6 +12,7 @@ from karma.agent.effects import ProgramEffects, Thing, effects_of
 from karma.agent.reading import kind_of
 from karma.agent.several import with_turns
 from karma.contracts import Mention, RefusalKind, RefusedRequest, Request, SaidDeed, SkillCall
+from karma.household.deeds import FOR_GOOD, deed_kind
 from karma.household.pieces import EGG
 from karma.household.places import HAND, OVERLOOKED, SURFACES, landmark_types
 from karma.household.saying import preposition, spoken
@@ -22,9 +23,6 @@ from karma.household.uses import (
     COFFEE_CUP,
     COFFEE_MACHINE,
     COOKWARE,
-    FRIDGE,
-    KNIVES,
-    LAMPS,
     MICROWAVE,
     SINK,
     TAPS,
@@ -33,27 +31,7 @@ from karma.household.uses import (
 )
 from karma.language.hints import singular
 from karma.language.request_words import deed_states, request_words
-from karma.language.said_deeds import NEEDS, able_to
-
-_HELP: dict[str, frozenset[str]] = {
-    "wash": frozenset((SINK, "Bathtub")), "fill": frozenset((SINK, "Bathtub")),
-    "heat": frozenset((MICROWAVE, BURNER, "Pan", "Pot", "Plate", "Bowl")),
-    "cook": frozenset((MICROWAVE, BURNER, "Pan", "Pot", "Plate", "Bowl", TOASTER)),
-    "cool": frozenset((FRIDGE,)), "toast": frozenset((TOASTER,)),
-    "coffee": frozenset((COFFEE_MACHINE,)), "throw": frozenset((BIN,)),
-}  # deed -> where a thing may be put for it  # fmt: skip
-_RUNS: dict[str, frozenset[str]] = {
-    "wash": frozenset((TAPS[0],)), "fill": frozenset((TAPS[0],)),
-    "heat": frozenset((MICROWAVE, BURNER)), "cook": frozenset((MICROWAVE, BURNER, TOASTER)),
-    "toast": frozenset((TOASTER,)), "coffee": frozenset((COFFEE_MACHINE,)),
-    "look": frozenset(LAMPS),
-}  # deed -> what may run for it  # fmt: skip
-TOOLS: dict[str, frozenset[str]] = {
-    "slice": frozenset(KNIVES), "toast": frozenset(KNIVES), "cook": frozenset(("Pan", "Pot")),
-    "heat": frozenset(("Pan", "Pot")), "coffee": frozenset((COFFEE_CUP, "Cup")),
-}  # deed -> what may be moved for it  # fmt: skip
-FOR_GOOD = ("throw", "fling", "break", "slice", "empty")  # deeds that nothing takes back
-
+from karma.language.said_deeds import able_to
 
 # ----------------------------------------------------------------- before any planner
 
@@ -102,7 +80,7 @@ def _unknown(deed: SaidDeed, here: Collection[str]) -> RefusedRequest | None:
         kinds = meant_by(one, here)
         if not kinds:
             return _refused("place" if one.types else "thing", (one.text,))
-        needs = (NEEDS.get(deed.deed, ""), "pickupable" if deed.deed == "fill" else "")
+        needs = (deed_kind(deed.deed).takes, "pickupable" if deed.deed == "fill" else "")
         able = any(all(able_to(kind, need) for need in needs if need) for kind in kinds)
         if not able:  # a plant cannot be brought to the tap
             return _refused("impossible", (f"{deed.verb} the {one.text}",))
@@ -406,8 +384,8 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
     loose = any(one.anything or one.told for one in request.mentions)
     things = {kind for deed in request.deeds for one in deed.things for kind in _kinds(one, here)}
     places = {kind for deed in request.deeds for kind in _kinds(deed.place, here)}
-    along = {kind for deed in deeds for kind in TOOLS.get(deed, ())}
-    help_ = {kind for deed in deeds for kind in _HELP.get(deed, ())} | places
+    along = {kind for deed in deeds for kind in deed_kind(deed).tools}
+    help_ = {kind for deed in deeds for kind in deed_kind(deed).put_in} | places
     help_ |= {kind for one in request.deeds if one.deed == "on" for kind in _of_things(one, here)}
     help_ |= {kind_of(kind) for one in request.mentions for kind in one.at}
     for thing, place in found.at.items():
@@ -440,7 +418,7 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
             and not (deed == "throw" and BIN in places and kind in things)
         ):
             yield f"nobody asked to {deed} the {spoken(kind)}"
-    runs = {kind for deed in deeds for kind in _RUNS.get(deed, ())}
+    runs = {kind for deed in deeds for kind in deed_kind(deed).runs}
     switched = {
         switch_of(kind)
         for deed in request.deeds

@@ -18,6 +18,9 @@ GOAL_STATES = frozenset(
 DONE_BY: Mapping[str, str] = MappingProxyType(
     {"clean": "cleaned", "hot": "heated", "cold": "cooled", "shining": "on"}
 )  # what is to be done to a thing for it to be so; "shining" is on and in view
+SAID_AS: Mapping[str, str] = MappingProxyType(
+    {"cleaned": "clean", "heated": "hot", "cooled": "cold", "opened": "open"}
+)  # as people are told
 NEEDS: Mapping[str, Capability] = MappingProxyType(
     {
         "sliced": "sliceable", "cooked": "cookable", "filled": "canFillWithLiquid",

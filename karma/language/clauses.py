@@ -6,14 +6,9 @@ from collections.abc import Set as AbstractSet
 from dataclasses import replace
 
 from karma.contracts import Mention, Request, SaidDeed
+from karma.household.deeds import deed_kind
 from karma.household.saying import preposition, spoken
 
-_PLAIN = {
-    "take": "pick up", "find": "find", "go": "go to", "look": "look at", "wash": "wash",
-    "heat": "heat", "cook": "cook", "toast": "toast", "cool": "chill", "slice": "slice",
-    "on": "turn on", "off": "turn off", "open": "open", "close": "close", "break": "break",
-    "throw": "throw away", "fill": "fill", "empty": "empty",
-}  # fmt: skip
 _LINKS = frozenset(
     ("in", "on", "into", "onto", "to", "at", "under", "near", "beside", "next", "from")
 )
@@ -135,7 +130,7 @@ def said(deed: SaidDeed, whole: str = "", *, plain: bool = False) -> str:
         return f"put {thing} {where} {place}"
     if deed.deed == "fill":
         return f"fill {thing} with water"
-    verb = _PLAIN.get(deed.deed, deed.verb)
+    verb = deed_kind(deed.deed).said or deed.verb
     under = " under the lamp" if deed.deed == "look" else ""
     return f"{verb} {thing}{under}".rstrip()
 

@@ -1,11 +1,12 @@
 """The deeds of a sentence: orders, wishes, what needs doing; or that it only tells something."""
 
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from karma.contracts import Form, Mention, SaidDeed
 from karma.household.containment import hangs_on
+from karma.household.deeds import deed_kind
 from karma.household.types import object_types
 from karma.household.uses import BASIN_OF, BASINS, BIN, FAUCET, LAMPS, SWITCHED_BY_A_PART, TAPS
 from karma.language.asides import Asides
@@ -32,12 +33,6 @@ _MOVED = (
     "moved", "put", "placed", "brought", "set", "to", "be", "stood", "standing", "lying", "kept",
     "stored",
 )  # fmt: skip
-NEEDS: Mapping[str, str] = {
-    "open": "openable", "close": "openable", "on": "toggleable", "off": "toggleable",
-    "slice": "sliceable", "break": "breakable", "put": "pickupable", "take": "pickupable",
-    "throw": "pickupable", "wash": "pickupable", "heat": "pickupable", "cool": "pickupable",
-    "cook": "pickupable", "fill": "canFillWithLiquid", "empty": "canFillWithLiquid",
-}  # deed -> what one of its thing's types has to be  # fmt: skip
 
 
 @dataclass(slots=True)
@@ -704,7 +699,7 @@ def _meant_by(
 ) -> Sequence[Mention]:
     """Return what a pronoun stands for; anything else is itself."""
     if one.vague and one.text in ("them", "both", "these", "they") and last:
-        need = NEEDS.get(deed.deed, "")
+        need = deed_kind(deed.deed).takes
         able = [thing for thing in named if need and any(able_to(k, need) for k in thing.types)]
         served = not need or any(thing in able for thing in last) or not able
         return _so_many(last if served else able[-1:], one.number)
@@ -721,7 +716,7 @@ def _meant_by(
     pronoun = one.vague and (one.text in ("it", "this", "that", "one") or one.other)
     if not (pronoun and named):
         return [one]
-    wanted = NEEDS.get(deed.deed)
+    wanted = deed_kind(deed.deed).takes
     able = [thing for thing in named if wanted and any(able_to(one, wanted) for one in thing.types)]
     meant = (able or named)[-1]
     if one.text == "one" and last and not one.other:  # "put one on the desk": of those

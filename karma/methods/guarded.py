@@ -9,7 +9,7 @@ from functools import cache
 from typing import Protocol
 
 from karma import registry
-from karma.agent.guard import FOR_GOOD, cannot_serve, here_of, meant_by, stated
+from karma.agent.guard import cannot_serve, here_of, meant_by, stated
 from karma.agent.perceive import place_of
 from karma.agent.reading import kind_of
 from karma.agent.skills import Skills
@@ -31,6 +31,7 @@ from karma.contracts import (
     SkillResult,
     SubTask,
 )
+from karma.household.deeds import FOR_GOOD, deed_kind
 from karma.household.pieces import is_piece
 from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import OPPOSITES
@@ -53,7 +54,7 @@ _LOST = (
 _IN_VAIN = 2  # things of a plural that may fail before the rest is left
 _SWITCHED = (*LAMPS, "LightSwitch", "Television")  # "everything" that is switched off
 _SHOWN_BY = {"clean": "dirty", "empty": "filled"}  # a look shows the other; so with "off"
-_AFTER = {"on": "on", "open": "opened", "slice": "sliced", "off": "off", "close": "closed"}
+_SHOWS = frozenset(("on", "off", "opened", "closed", "sliced"))  # states that are so for any deed
 
 
 class Carrier(Protocol):
@@ -503,8 +504,8 @@ def _holds_already(
         return any(
             parent in places if places else kind_of(parent) in kinds for parent in sight.parent_ids
         )
-    after = _AFTER.get(deed.deed)
-    return after is not None and bool(sight.states) and is_so(after, sight)
+    after = deed_kind(deed.deed).leaves
+    return after in _SHOWS and bool(sight.states) and is_so(after, sight)
 
 
 def is_so(state: str, sight: SeenObject) -> bool:

@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator
 
-from karma.agent.guard import TOOLS, switch_of
+from karma.agent.guard import switch_of
 from karma.agent.reading import kind_of
 from karma.agent.skills import Skills
 from karma.contracts import Experience, Request, SkillCall, SkillResult
+from karma.household.deeds import deed_kind
 from karma.household.ids import type_of
 from karma.household.places import HAND
 from karma.household.uses import LAMPS
@@ -41,7 +42,10 @@ def _tool_put_down(asked: Request, experience: Experience) -> Iterator[SkillCall
     if held is None or place is None or place == HAND:
         return
     deeds = {deed.deed for deed in asked.deeds}
-    kind, tools = kind_of(held.object_type), {one for deed in deeds for one in TOOLS.get(deed, ())}
+    kind, tools = (
+        kind_of(held.object_type),
+        {one for deed in deeds for one in deed_kind(deed).tools},
+    )
     if kind not in tools or kind in {
         kind_of(one) for thing in asked.mentions for one in thing.types
     }:

@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 
 from karma.agent.perceive import place_of
 from karma.contracts import MemoryChange, Mention, Request, SeenObject
+from karma.household.deeds import deed_kind
 from karma.household.places import HAND
 from karma.household.saying import name_of, told_place
-from karma.household.states import ENDS
+from karma.household.states import ENDS, SAID_AS
 from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed, deed_verbs, request_words
 from karma.methods.experience import unit_of
@@ -20,12 +21,6 @@ _NOT_NOW = frozenset(
     ("no", "was", "were", "used", "should", "belongs", "belong", "goes", "go", "will", "or",
      "maybe", "if")
 )  # fmt: skip
-_AFTER = {
-    "wash": "clean", "open": "opened", "close": "closed", "on": "on", "off": "off",
-    "slice": "sliced", "cook": "cooked", "toast": "cooked", "heat": "heated", "cool": "cooled",
-    "fill": "filled", "empty": "empty", "break": "broken",
-}  # deed that somebody says to have done -> state  # fmt: skip
-_IN_WORDS = {"opened": "open", "heated": "warm", "cooled": "cold", "sliced": "cut"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,7 +98,7 @@ def _state_told(request: Request, knows: Remembering, change: MemoryChange) -> T
     if len(found) != 1:
         return None
     sight = found[0][0]
-    line = f"I will remember: the {name} is {_IN_WORDS.get(state, state)}."
+    line = f"I will remember: the {name} is {SAID_AS.get(state, state)}."
     return ToldPlace(
         answer=None if asks else MemoryAnswer(lines=(line,)),
         change=replace(change, seen=(replace(sight, states=_with(sight.states, state)),)),
@@ -115,12 +110,12 @@ def _state_said(words: Sequence[str]) -> str:
     """Return the state that words say a thing is in, "" for none.
 
     >>> _state_said("i just washed the plate".split()), _state_said("i wash the plate".split())
-    ('clean', '')
+    ('cleaned', '')
     """
     if words[:1] in (["i"], ["we"], ["i've"], ["we've"]):
         bases = ((word, base_of_deed(word)) for word in words[1:4])
         done = (base for word, base in bases if base and (word != base or word in ("cut", "shut")))
-        return _AFTER.get(deed_verbs().get(next(done, ""), ""), "")
+        return deed_kind(deed_verbs().get(next(done, ""), "")).leaves
     seen = request_words().seen if {"is", "are", "'s"} & {*words} else {}
     return next((seen[word] for word in reversed(words) if word in seen), "")
 
