@@ -339,6 +339,7 @@ class Mention:
     other: bool = False  # not the one that was meant before: "the other one"
     besides: tuple[str, ...] = ()  # types that are called so where none of `types` is at hand
     holding: tuple[str, ...] = ()  # types of what lies in or on it: "the plate with the potato"
+    states: tuple[str, ...] = ()  # of `household.states`, that it is told by: "that is open"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

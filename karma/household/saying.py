@@ -64,3 +64,25 @@ def told_place(place_id: str | None) -> str:
     if place_id is None:
         return "somewhere"
     return f"{preposition(place_id)} the {name_of(place_id)}" if place_id != HAND else "in the hand"
+
+
+def plural_of(word: str) -> str:
+    """Return the plural of a name.
+
+    >>> plural_of("butter knife"), plural_of("box"), plural_of("potato"), plural_of("loaf of bread")
+    ('butter knives', 'boxes', 'potatoes', 'loaves of bread')
+    """
+    word, of, rest = word.partition(" of ")
+    return _plural(word) + of + rest
+
+
+def _plural(word: str) -> str:
+    if word.endswith(("knife", "loaf")):
+        return word.removesuffix("fe").removesuffix("f") + "ves"
+    if word.endswith(("ss", "x", "ch", "sh", "tomato", "potato")):
+        return f"{word}es"
+    if word.endswith("s"):
+        return word
+    if word.endswith("y") and word[-2] not in "aeiou":
+        return f"{word[:-1]}ies"
+    return f"{word}s"

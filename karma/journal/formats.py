@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from karma.household.saying import plural_of
 from karma.infer.hosted.cost import Ledger, Spent
 
 COST_DIGITS = 6
@@ -53,7 +54,7 @@ def plural(number: int, word: str) -> str:
     >>> plural(1, "task"), plural(2, "task")
     ('1 task', '2 tasks')
     """
-    return f"{number} {word}" + ("" if number == 1 else "s")
+    return f"{number} {word if number == 1 else plural_of(word)}"
 
 
 def spent_text(spent: Sequence[Spent]) -> str:

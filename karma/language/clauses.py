@@ -8,6 +8,7 @@ from dataclasses import replace
 from karma.contracts import Mention, Request, SaidDeed
 from karma.household.deeds import deed_kind
 from karma.household.saying import preposition, spoken
+from karma.household.states import SAID_AS
 
 _LINKS = frozenset(
     ("in", "on", "into", "onto", "to", "at", "under", "near", "beside", "next", "from")
@@ -140,6 +141,8 @@ def _called(one: Mention, whole: str, *, plain: bool) -> str:
     if one.types and (plain or one.every or one.number is not None):
         return f"the {spoken(one.types[0]).lower()}"
     as_said = whole[one.start : one.end] if 0 <= one.start < one.end <= len(whole) else ""
+    if one.states and not plain:
+        return f"{as_said or one.text} that is {SAID_AS.get(one.states[0], one.states[0])}"
     if one.other or as_said.lower().endswith((" one", " ones", " other")):
         return f"the {one.text}"  # of what "the other one" stands for
     return as_said or f"the {one.text}"

@@ -57,6 +57,8 @@ class Nouns:
             if one is not None or self._s.low(end - 1) in request_words().rooms:
                 self._s.taken.update(range(number, end))
             if one is not None:
+                state, end = self._s.told_so.get(end, ("", end))
+                one = _told_so(one, state) if state else one
                 clause = self.done_before(end, body.stop)
                 if clause > end:
                     one = replace(one, told=True, vague=False)
@@ -393,3 +395,10 @@ class Nouns:
             if not (known or other):
                 return ()
         return ()
+
+
+def _told_so(one: Mention, state: str) -> Mention:
+    """Return a mention that is told by a state: "anything that is on" is all of that."""
+    if one.vague and one.text == "anything":
+        one = replace(one, vague=False, anything=True, every=True)
+    return replace(one, states=(*one.states, state))

@@ -74,7 +74,8 @@ class _PairGroup:
     def told_by(self, place: Mention, deed: str) -> None:
         """Take a place that says which thing is meant."""
         if self.things:
-            self.things[-1] = replace(self.things[-1], at=place.types)
+            last = self.things[-1]
+            self.things[-1] = replace(last, at=place.types, states=last.states + place.states)
         elif deed in ("wash", "look"):
             self.things.append(place)
         else:

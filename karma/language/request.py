@@ -48,6 +48,11 @@ _TELL_ME = re.compile(
     r"(?= (?:if|whether))|tell me|any idea|i wonder|do you know|can you tell|remind me)"
     r" ?(?:what|where|who|when|why|how|which|whether|if)"
 )
+_PARTING = re.compile(
+    r"(?:and |so |ok(?:ay)?,? |thanks,? |well,? )*"
+    r"(?:that's|that is|that'll be|that will be|this is) (?:all|it|enough|everything|great|fine|perfect|good)"
+    r"(?: for (?:now|today|the moment)| then| thanks?(?: you)?)*\W*"
+)
 _SMALL_TAGS = frozenset((
     "RB", "JJ", "JJR", "UH", "CC", "DT", "IN", "TO", "MD", "PRP", "PRP$", "WDT", "WP", "WRB", "RP",
     "EX", "POS", "PDT", ".", ",", "HYPH",
@@ -388,6 +393,8 @@ def _question_or_talk(s: SaidSentence) -> Form | None:
     left = s.left()
     if not left or set(s.lows()) - {".", "!", ",", "?"} <= request_words().talk:
         return "talk"
+    if _PARTING.fullmatch(s.text.strip().lower()):
+        return "talk"
     at = left[0]
     while s.low(at) in ("and", "so", "but", "then", "now", "well", "say", ","):
         at += 1
@@ -475,7 +482,8 @@ def _rest(s: SaidSentence) -> list[str]:
     small = words.never_mind | words.links | words.auxiliaries | words.be | words.small_verbs
     small |= words.me | words.elsewhere
     sides = {n for n in range(len(s.words)) if s.low(n) in words.regions and s.low(n + 1) == "of"}
-    denied = [s.low(n) for n in range(len(s.words)) if n not in s.gone and s.low(n) in _DENIES]
+    passed = s.gone | s.told_so_words
+    denied = [s.low(n) for n in range(len(s.words)) if n not in passed and s.low(n) in _DENIES]
     return denied + [
         s.low(n) for n in s.left()
         if n not in s.taken | sides and s.words[n].dep != "relcl" and s.low(n) not in small

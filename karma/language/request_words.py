@@ -1,6 +1,7 @@
 """The words that a request is read by, from `request_words.toml`."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -14,6 +15,7 @@ _PAST = {
     "taken": "take", "made": "make", "brought": "bring", "thrown": "throw", "put": "put",
     "cut": "cut", "shut": "shut", "set": "set",
 }  # fmt: skip
+_USUAL = re.compile(r"\b(?:from now on|in (?:the )?future|as a rule|from this day)\b")
 _LEADS_ON = frozenset(("go", "run", "come", "show", "like", "start", "use", "need", "want"))
 
 
@@ -78,6 +80,16 @@ def deed_verbs() -> Mapping[str, str]:
         for verb in verbs:
             found.setdefault(verb, deed)
     return found
+
+
+def is_usual(words: Sequence[str]) -> bool:
+    """Return whether words in small letters tell of what is always so, not once.
+
+    >>> is_usual(["it", "always", "goes", "there"]), is_usual("from now on it goes there".split())
+    (True, True)
+    """
+    lists, text = request_words(), " ".join(words)
+    return bool((lists.habits - lists.negations) & {*words}) or _USUAL.search(text) is not None
 
 
 @cache

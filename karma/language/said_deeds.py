@@ -12,7 +12,7 @@ from karma.household.uses import BASIN_OF, BASINS, BIN, FAUCET, LAMPS, SWITCHED_
 from karma.language.asides import Asides
 from karma.language.nouns import HOLDERS, Nouns
 from karma.language.pairs import DONE_AT_PLACES, Pair, Pairs
-from karma.language.request_words import deed_states, request_words
+from karma.language.request_words import deed_states, is_usual, request_words
 from karma.language.sentence import SaidSentence
 
 _LEFT_ALONE = re.compile(
@@ -46,7 +46,8 @@ class SentenceDeeds:
 
     def read(self) -> tuple[Form, list[SaidDeed]]:
         """Return what form a sentence has, and what is to be done."""
-        verbs = [n for n in range(len(self.s.words)) if self._may_ask(n)]
+        passed = self.s.told_so_words
+        verbs = [n for n in range(len(self.s.words)) if n not in passed and self._may_ask(n)]
         if not verbs:
             return self._verbless()
         deeds = self._ahead(verbs[0])
@@ -60,6 +61,9 @@ class SentenceDeeds:
             deeds += found
         if not deeds and not (self.asides.forbidden or self.asides.exclusions or self.s.unread):
             return self._told(), []
+        if deeds and is_usual(self.s.lows()) and all(map(_has_its_place, deeds)):
+            self._told()
+            return "teaching", []  # "always put the knives in the drawer": a rule, not a deed
         conditions = (one.thing for one in self.asides.conditions if one.thing is not None)
         ruled_out = (one for deed in self.asides.forbidden for one in deed.things)
         before = [*self.s.before, *ruled_out, *conditions]
@@ -86,7 +90,7 @@ class SentenceDeeds:
         self.s.taken = kept
         words = set(self.s.lows())
         taught = words & (request_words().habits | request_words().taught)
-        return "teaching" if taught else "statement"
+        return "teaching" if taught or is_usual(self.s.lows()) else "statement"
 
     # ------------------------------------------------------------- which words are verbs
 
@@ -432,7 +436,7 @@ class SentenceDeeds:
         s, word, who = self.s, self.s.words[number], self.s.low(subject)
         begin, helpers = s.phrase_begin(subject), s.helpers(number)
         about = self._subjects(begin, number)
-        habit = request_words().habits & set(s.lows())
+        habit = "never" in s.lows() or is_usual(s.lows())
         needed = word.lemma in ("need", "want", "require")
         if needed:
             end = s.clause_end(number + 1, orders=False)
@@ -724,6 +728,10 @@ def _meant_by(
     if one.text in ("it", "this", "that"):
         return [replace(meant, at=())]
     return [replace(one, text=meant.text, types=meant.types, vague=False)]  # "the other one"
+
+
+def _has_its_place(deed: SaidDeed) -> bool:
+    return deed.deed == "put" and deed.place is not None
 
 
 def _so_many(things: Sequence[Mention], number: int | None) -> list[Mention]:

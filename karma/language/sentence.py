@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from karma.contracts import Mention, SaidDeed, Word
+from karma.household.states import OPPOSITES
 from karma.language.lexicon import Lexicon
 from karma.language.request_words import base_of_deed, deed_verbs, is_deed, request_words
 
@@ -11,6 +12,10 @@ _BEFORE_VERBS = frozenset((
     "please", "just", "now", "then", "and", "or", "also", "to", "kindly", "quickly", "carefully",
     "gently", "so", "but", "maybe", "perhaps",
 ))  # fmt: skip
+_IS = frozenset(("is", "are", "'s", "'re", "was", "were", "looks", "look"))
+_WHATEVER = frozenset(("whatever", "whichever", "everything", "anything", "all"))
+_STATE_LEADS = _WHATEVER | {"one", "ones", "thing", "things", "those"}
+_STATE_ADVERBS = frozenset(("still", "not", "n't", "currently", "already", "now", "just", "all"))
 _SIGNS = frozenset((",", ":", ";", ".", "-", "!"))
 _HARD_SIGNS = frozenset((".", "!", "?", ";", ":"))
 
@@ -36,6 +41,41 @@ class SaidSentence:
     gone: set[int] = field(default_factory=set)  # of them, what is no part of the errand
     unread: list[str] = field(default_factory=list)
     alone: list[Mention] = field(default_factory=list)  # named without any deed
+    told_so: dict[int, tuple[str, int]] = field(default_factory=dict)  # where "that is open" begins
+
+    def __post_init__(self) -> None:
+        """Find what tells things by their state, which asks for nothing."""
+        for number in range(1, len(self.words)):
+            state, end = self._state_clause(number)
+            if state:
+                self.told_so[number] = state, end
+                self.taken.update(range(number, end))
+
+    @property
+    def told_so_words(self) -> set[int]:
+        """The numbers of the words in clauses like "that is open"."""
+        return {n for begin, (_, end) in self.told_so.items() for n in range(begin, end)}
+
+    def _state_clause(self, number: int) -> tuple[str, int]:
+        """Return the state in a clause that begins here, and its end: "that is still on"."""
+        at = number + (self.low(number) in ("that", "which", "who"))
+        before = self.low(number - 1)
+        led = self.tag(number - 1).startswith("NN") or before in _STATE_LEADS
+        if not led or (at == number and before not in _WHATEVER):
+            return "", number
+        left = self.low(at) in ("you", "i", "we", "they") and self.low(at + 1) == "left"
+        if not (left or self.low(at) in _IS):
+            return "", number
+        at += 2 if left else 1
+        no = False
+        while self.low(at) in _STATE_ADVERBS:
+            no = no or self.low(at) in ("not", "n't")
+            at += 1
+        state = request_words().seen.get(self.low(at), "")
+        if not state or (state in ("on", "off") and self.begins_noun(at + 1)):
+            return "", number
+        state = (OPPOSITES.get({"clean": "cleaned"}.get(state, state)) or "") if no else state
+        return state, at + 1
 
     def low(self, number: int) -> str:
         """Return a word in small letters, "" beyond the ends."""

@@ -34,13 +34,14 @@ from karma.contracts import (
 from karma.household.deeds import FOR_GOOD, deed_kind
 from karma.household.pieces import is_piece
 from karma.household.saying import name_of, spoken, told_place
-from karma.household.states import OPPOSITES
+from karma.household.states import ENDS, OPPOSITES, SAID_AS
 from karma.household.types import object_types
 from karma.household.uses import BASINS, LAMPS
 from karma.language.clauses import context_left_out, said
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
 from karma.language.request_words import request_words
+from karma.language.said_deeds import able_to
 from karma.methods.attempts import Programs
 from karma.methods.putting_back import put_back
 
@@ -282,7 +283,7 @@ def _told_apart_by_words(
     """Return the one of several that words tell of; "" where none is, None: any will do."""
     deed, thing = asked.deeds[0], asked.deeds[0].things[0]
     found: str | None = None
-    if deed.deed in _LOST:
+    if deed.deed in _LOST or thing.states:
         found = _told_by_its_state(episode, thing, kinds, skills)
         if found == "":
             yield refusal(RefusedRequest(kind="unclear", by="guard", words=(thing.text,)))
@@ -302,13 +303,23 @@ def _told_by_its_state(
     episode: Carrier, thing: Mention, kinds: Collection[str], skills: Skills
 ) -> str | None:
     """Return the thing that was seen so: "the empty roll"; "" for none, None: no state is told."""
-    states = (request_words().seen.get(word, "") for word in thing.text.lower().split()[:-1])
-    state = next(filter(None, states), "")
+    states = _states_told(thing, kinds)
+    sights = sorted(episode.sights(skills).items()) if states else ()
+    fits = (one for one, sight in sights if kind_of(one) in kinds and _is_all(states, sight))
+    return next(fits, "") if states else None
+
+
+def _states_told(thing: Mention, kinds: Collection[str]) -> tuple[str, ...]:
+    """Return the states that a thing is told by: "the empty roll", "the mug that is dirty"."""
+    words = thing.text.lower().split()[:-1]
+    said = [request_words().seen[word] for word in words if word in request_words().seen]
     fills = any(object_types()[kind].can("canFillWithLiquid") for kind in kinds)
-    state = "used up" if state == "empty" and not fills else state
-    sights = sorted(episode.sights(skills).items()) if state else ()
-    fits = (one for one, sight in sights if kind_of(one) in kinds and is_so(state, sight))
-    return next(fits, "") if state else None
+    states = (*said[:1], *thing.states)
+    return tuple("used up" if one == "empty" and not fills else one for one in states)
+
+
+def _is_all(states: Sequence[str], sight: SeenObject) -> bool:
+    return all(is_so(state, sight) for state in states)
 
 
 def _is_one_of_some(asked: Request) -> bool:
@@ -395,12 +406,13 @@ def _each(
     wanted = thing.number
     done: list[str] = []
     failed: list[str] = []
+    others: set[str] = set()  # that are not as they are told
     while (wanted is None or len(done) < wanted) and len(failed) < _IN_VAIN:
         if done and deed.deed == "take":
             came.told.append(Check(text="I can hold one thing at a time", found="otherwise"))
             came.short = True
             break
-        tried = {*done, *failed}
+        tried = {*done, *failed, *others}
         if thing.anything:
             rest = (one for one in found if one not in tried and kind_of(one) in kinds)
             one = next(rest, None)
@@ -409,7 +421,7 @@ def _each(
         if one is None or one in tried:
             break
         if not (thing.anything or _told_so(episode, skills, one, thing)):
-            failed.append(one)
+            (others.add if _states_told(thing, [kind_of(one)]) else failed.append)(one)
             continue
         if _holds_already(episode, skills, one, deed, {}):
             done.append(one)
@@ -417,7 +429,7 @@ def _each(
         kind = kind_of(one)
         single = replace(
             thing, types=(kind,), text=spoken(kind).lower(), number=None, every=False,
-            anything=False, at=(),
+            anything=False, at=(), states=(),
         )  # fmt: skip
         request = replace(asked, deeds=(replace(deed, things=(single,)),))
         text = said(request.deeds[0])
@@ -427,7 +439,19 @@ def _each(
         )
         came.programs += [program for program in step.programs if program.results]
         (done if step.finished else failed).append(one)
+    if not (done or failed) and _is_ended(deed, thing):
+        came.nothing_to_do = True
+        said_so = SAID_AS.get(thing.states[0], thing.states[0])
+        came.told.append(Check(text=f"nothing that I have seen is {said_so}", found="seen"))
+        return
     _tell_count(came, thing, done, failed)
+
+
+def _is_ended(deed: SaidDeed, thing: Mention) -> bool:
+    """Return whether a deed ends the state that its thing is told by: "close what is open"."""
+    leaves = deed_kind(deed.deed).leaves
+    ends = {ENDS.get(one, "empty" if one == "filled" else "") for one in thing.states}
+    return bool(leaves) and leaves in ends
 
 
 def _one_more(
@@ -455,6 +479,8 @@ def _tell_count(came: Came, thing: Mention, done: Sequence[str], failed: Sequenc
     """Say of how many things it was done, and of which not."""
     wanted = thing.number if thing.number is not None else len(done) + len(failed)
     text = f"{len(done)} of {wanted}: {thing.text}"
+    if thing.states:
+        text += f" that I saw to be {SAID_AS.get(thing.states[0], thing.states[0])}"
     if failed and len(done) < wanted:
         text += f"; not the {', the '.join(map(name_of, failed))}"
     if len(done) < wanted or not done:
@@ -479,13 +505,16 @@ def _next(
 
 
 def _told_so(episode: Carrier, skills: Skills, object_id: str, thing: Mention) -> bool:
-    """Return whether a thing is at the place that it is told by."""
-    if not thing.at:
-        return True
+    """Return whether a thing is at the place, and in the states, that it is told by."""
     sight = episode.sights(skills).get(object_id)
-    return sight is not None and any(
-        kind_of(parent) in {kind_of(kind) for kind in thing.at} for parent in sight.parent_ids
-    )
+    if thing.at and (sight is None or not _lies_at(sight, thing.at)):
+        return False
+    states = _states_told(thing, [kind_of(object_id)])
+    return not states or (sight is not None and _is_all(states, sight))
+
+
+def _lies_at(sight: SeenObject, places: Sequence[str]) -> bool:
+    return any(kind_of(parent) in {*map(kind_of, places)} for parent in sight.parent_ids)
 
 
 def _holds_already(
@@ -536,6 +565,8 @@ def _whatever(
 ) -> Generator[SkillResult, None, tuple[list[str], list[str]]]:
     """Look at a place; returns the kinds and ids of what can be carried there."""
     thing = deed.things[0]
+    if thing.states and not thing.at:
+        return _all_that_are_so(episode, deed, skills)
     if deed.deed in ("on", "off") and not thing.at:
         here = episode.here(skills)
         kinds = [kind for kind in _SWITCHED if kind in here or kind == "LightSwitch"]
@@ -553,10 +584,23 @@ def _whatever(
     there = [
         sight.object_id for sight in episode.sights(skills).values()
         if {kind_of(parent) for parent in sight.parent_ids} & places
-        and object_types()[sight.object_type].can("pickupable")
+        and object_types()[sight.object_type].can("pickupable") and _is_all(thing.states, sight)
     ]  # fmt: skip
     there.sort()
     return sorted({kind_of(one) for one in there}), there
+
+
+def _all_that_are_so(
+    episode: Carrier, deed: SaidDeed, skills: Skills
+) -> tuple[list[str], list[str]]:
+    """Return kinds and ids of what was seen in the states that a thing is told by."""
+    thing, takes = deed.things[0], deed_kind(deed.deed).takes
+    found = [
+        name for name, sight in sorted(episode.sights(skills).items())
+        if sight.states and _is_all(thing.states, sight)
+        and (takes is None or able_to(kind_of(name), takes))
+    ]  # fmt: skip
+    return sorted({*map(kind_of, found)}), found
 
 
 def _of_kinds(episode: Carrier, skills: Skills, kinds: Collection[str]) -> list[SeenObject]:

@@ -19,7 +19,7 @@ from karma.household.types import object_types
 from karma.language.clauses import said
 from karma.language.clock import HOUR_S
 from karma.language.request import RequestReader
-from karma.language.request_words import base_of_deed, deed_verbs, request_words
+from karma.language.request_words import base_of_deed, deed_verbs, is_usual, request_words
 from karma.memory.lived.ageing import Ageing, home_prior
 from karma.talk.home import BEGINS_S, PLACE_TOLD, TOLD, PastDeed, PastErrand
 
@@ -178,7 +178,7 @@ def habit_in(text: str, reader: RequestReader) -> tuple[tuple[str, ...], str] | 
     text = _TAUGHT.sub("", text)
     words = {word.strip(".,!") for word in text.lower().split()}
     lists = request_words()
-    usual = words & (lists.habits - lists.negations) or words & _BELONGS
+    usual = is_usual(text.lower().split()) or words & _BELONGS
     requests = reader.read(text)
     no = words & lists.negations or any(word.endswith("n't") for word in words)
     if not usual or no or len(requests) != 1:

@@ -4,6 +4,7 @@ What was seen is told with its age; what was not seen is not guessed, and the an
 Nothing is done for a question.
 """
 
+import math
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -12,20 +13,31 @@ from dataclasses import dataclass, replace
 from karma.agent.perceive import place_of
 from karma.contracts import MemoryUnit, Mention, Request, SeenObject
 from karma.household.containment import has_door
+from karma.household.deeds import DEED_KINDS
 from karma.household.ids import type_of
 from karma.household.pieces import base_type
-from karma.household.places import HAND
+from karma.household.places import HAND, NEAR_M
 from karma.household.saying import name_of, told_place
-from karma.household.types import object_types
+from karma.household.states import NEEDS
+from karma.household.types import ObjectType, object_types
 from karma.household.uses import without_basin
 from karma.journal.formats import plural
-from karma.language.clock import read_span, unread_times
 from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed, request_words
 from karma.methods.guarded import is_so
-from karma.talk.history import Move, deeds_in, deeds_of, habits, how_sure, looked_into, moves, owned
+from karma.talk.asking import ASKING, Question
+from karma.talk.history import (
+    Move,
+    deeds_in,
+    deeds_of,
+    habit_in,
+    habits,
+    how_sure,
+    looked_into,
+    moves,
+    owned,
+)
 from karma.talk.home import (
-    BEGINS_S,
     PLACE_TOLD,
     STATE_TOLD,
     TOLD,
@@ -33,14 +45,12 @@ from karma.talk.home import (
     PastErrand,
 )
 
-_ASKING = ("where", "when", "how", "who", "what", "which", "whose", "why")
 _MOVING = ("moved", "took", "put", "placed", "brought", "left", "carried")
 _MOST = 6  # things or errands in one answer
 _OLD_S = 3600.0  # what was seen so long ago may have been moved
 _OFFER = 'Say "go and see", or /look, and I look for it.'
-_OF_ANOTHER = re.compile(r"^\W*(?:and|what about|how about|or)\b.*\?\W*$", re.IGNORECASE)
-_TELLING = re.compile(
-    r"^(?:(?:and|so|hey|but|now|then)[, ]+)+|(?:(?:can|could|would) you )?tell me |^do you know "
+_OF_ANOTHER = re.compile(
+    r"^\W*(?:and |or )?(?:what about|how about|and|or)\b(?P<rest>.*)\?\W*$", re.IGNORECASE
 )
 
 
@@ -158,56 +168,40 @@ def of_another(text: str, question: str, reader: RequestReader) -> str:
     new, old = reader.read(text), reader.read(question)
     named = [one for request in old for one in request.alone if one.start >= 0]
     fresh = [one for request in new for one in request.alone if not one.vague]
-    whole_question = {"is", "are", "was", "did", "do"} & {*text.lower().split()}
-    if whole_question or len(new) != 1 or len(fresh) != 1 or not named:
+    rest = re.findall(r"[a-z]+", _OF_ANOTHER.sub(r"\g<rest>", text).lower())
+    if (
+        {*rest} & {*ASKING, "is", "are", "was", "did", "do", "s"}
+        or len(new) != 1
+        or len(fresh) != 1
+        or not named
+    ):
         return text
     whole, instead = old[0].whole, new[0].whole[fresh[0].start : fresh[0].end]
     return whole[: named[0].start] + instead + whole[named[0].end :]
 
 
-class _Question:
-    """A question's words, and the things in it."""
+class _Question(Question):
+    """A question with what it is answered from."""
 
     def __init__(self, request: Request, knows: Remembering, reader: RequestReader | None) -> None:
-        text = _TELLING.sub("", request.text.lower().replace("’", "'"))
-        self.words = re.findall(r"[a-z]+|'[a-z]+", text)
-        self.things = [one for one in request.alone if one.types]
-        self.unknown = [one for one in request.alone if not one.types and not one.vague]
+        super().__init__(request, knows.now_s)
         self.knows, self.reader = knows, reader
-        self._span, self._rest = read_span(text, knows.now_s + BEGINS_S)
-        self.asks = next((word for word in self.words[:4] if word in _ASKING), "")
-        self.first = self.words[0] if self.words else ""
-
-    def has(self, *words: str) -> bool:
-        """Return whether one of these words stands in it."""
-        return any(word in self.words for word in words)
-
-    def then(self, when_s: float) -> bool:
-        """Return whether it asks about the time that something happened."""
-        if self._span is None:
-            return True
-        late = self._span.before_s - BEGINS_S
-        ends = self.knows.now_s if "since" in self.words else late
-        return self._span.after_s - BEGINS_S <= when_s <= ends
-
-    @property
-    def of_no_time(self) -> tuple[str, ...]:
-        """What is said where it names a time that was not understood."""
-        unread = unread_times(self._rest)
-        return (f"I do not know when '{unread[0]}' was: this is all.",) if unread else ()
-
-    @property
-    def state(self) -> str:
-        """The state that it asks about, "" where it asks about none."""
-        seen, lies = request_words().seen, len(self.things) > 1  # "on the table" is no state
-        said = next(
-            (one for one in reversed(self.words) if one in seen and not (lies and one == "on")), ""
-        )
-        as_said = said in ("clean", "off", "empty")
-        return said if as_said else seen.get(said, "")
 
 
 # ----------------------------------------------------------------- what was done
+
+
+def _what_it_can(q: _Question) -> MemoryAnswer | None:
+    """Answer "what can you do?" and "who are you?"."""
+    asks = q.says(
+        r"\b(?:can|could) you (?:all )?do\b|\byou able to do\b|^(?:who|what) are you\b(?! \w)"
+    )
+    if not asks or q.asks not in ("what", "who") or q.things:
+        return None
+    deeds = ", ".join(kind.said for kind in DEED_KINDS.values() if kind.said and kind.takes)
+    can = f"I look after this room. I can put things somewhere, {deeds}."
+    tells = "Ask me where something is, how it is or what I did; tell me what I should know."
+    return MemoryAnswer(lines=(can, tells))
 
 
 def _what_was_done(q: _Question) -> MemoryAnswer | None:
@@ -228,8 +222,28 @@ def _what_was_done(q: _Question) -> MemoryAnswer | None:
     return MemoryAnswer(lines=(*reversed(past[-_MOST:]), *more, *q.of_no_time))
 
 
+def _what_was_told(q: _Question) -> MemoryAnswer | None:
+    """Answer "what did I tell you about the apple?" and "did I tell you where it is?"."""
+    if not q.says(r"\bi (?:ever |just |already )?(?:tell|told|teach|taught)\b") or q.reader is None:
+        return None
+    kinds = {kind for one in q.things for kind in one.types}
+    lines = [
+        f"{q.knows.ago(one.at_s).capitalize()}: {one.said.rstrip('.!')}."
+        for one in q.knows.past
+        if (one.status in TOLD or habit_in(one.said, q.reader) is not None) and q.then(one.at_s)
+        if not kinds or kinds & _spoken_of(one.said, q.reader)
+    ]
+    nothing = MemoryAnswer(lines=("Nothing that I remember.",), known=False)
+    return MemoryAnswer(lines=tuple(reversed(lines[-_MOST:]))) if lines else nothing
+
+
+def _spoken_of(text: str, reader: RequestReader) -> set[str]:
+    named = (one for asked in reader.read(text) for one in (*asked.alone, *asked.mentions))
+    return {kind for one in named for kind in one.types}
+
+
 def _whether_it_was_done(q: _Question) -> MemoryAnswer | None:
-    if q.asks not in ("", "when") or not q.has("did", "have", "has") or q.has("see", "seen"):
+    if q.asks not in ("", "when", "why") or not q.has("did", "have", "has") or q.has("see", "seen"):
         return None
     if q.has("leave", "left") and q.state:
         return None
@@ -261,7 +275,9 @@ def _whether_i_did(q: _Question, rest: Sequence[str]) -> MemoryAnswer | None:
         if not any(one.done for one in found):
             line = f"I tried {when}, and it came out {past.status}: {said}."
             return MemoryAnswer(lines=(line,))
-        told = {"when": when.capitalize(), "who": f"I did, {when}"}
+        told = {
+            "when": when.capitalize(), "who": f"I did, {when}", "why": f"You asked for it {when}"
+        }  # fmt: skip
         return MemoryAnswer(lines=(f"{told.get(q.asks, f'Yes, {when}')}: {said}.",))
     nobody = "Nobody that I know of." if q.asks == "who" else "No, not that I remember."
     return MemoryAnswer(lines=(nobody,), known=q.asks != "who")
@@ -362,7 +378,7 @@ def _how_many(q: _Question) -> MemoryAnswer | None:
         return None
     if not q.things:
         return _not_seen(q)
-    found = [one for one in q.knows.of(q.things[0]) if is_at(one[0], q.things[1:])]
+    found = [one for one in q.knows.of(q.things[0]) if is_at(one[0], q.at if q.about else ())]
     if q.state:
         found = [one for one in found if is_so(q.state, one[0])]
     if not found:
@@ -376,26 +392,119 @@ def _how_many(q: _Question) -> MemoryAnswer | None:
 
 
 def _what_lies_there(q: _Question) -> MemoryAnswer | None:
-    if q.asks not in ("what", "which", "who") or not q.has("in", "on", "inside", "under"):
+    """Answer "what is in the fridge?", "is there anything on it?", "is the drawer empty?"."""
+    empty = q.state == "empty" and not q.at and any(map(_holds_things, q.about[:1]))
+    whether = q.asks == "" and q.open and not q.about and bool(q.at)
+    asks = q.asks in ("what", "which", "who") and bool(q.at) and not q.about
+    if not (empty or whether or asks) or q.has("state", "done", "do"):
         return None
-    if not q.things or q.has("state", "done", "do"):
-        return None
-    place = q.things[-1]
-    lying = [
-        (sight, when)
-        for sight, when in q.knows.sights.values()
-        if sight.pickupable and is_at(sight, [place])
-    ]
-    where = told_place(q.knows.of(place)[0][0].object_id if q.knows.of(place) else place.types[0])
+    place = (q.at or q.about)[-1]
+    known = q.knows.of(place)
+    lying = _lying(q, place)
+    where = told_place(known[0][0].object_id if known else place.types[0])
+    if q.near:
+        where = f"near the {place.text}"
     if not lying:
-        shut = " I have not looked into it." if has_door(place.types[0]) else ""
-        return MemoryAnswer(lines=(f"I have seen nothing {where}.{shut}",), known=False)
+        return _nothing_there(q, place, where, empty=empty)
     lying.sort(key=lambda one: (-one[1], one[0].object_id))
     told = [
         f"the {name_of(sight.object_id)} ({q.knows.seen(sight, when)})" for sight, when in lying
     ]
     more = f" and {len(told) - _MOST} more" if len(told) > _MOST else ""
-    return MemoryAnswer(lines=(f"{where[0].upper()}{where[1:]}: {', '.join(told[:_MOST])}{more}.",))
+    lead = "No. " if empty else "Yes. " if whether else ""
+    what = f"{where[0].upper()}{where[1:]}: {', '.join(told[:_MOST])}{more}."
+    return MemoryAnswer(lines=(lead + what,))
+
+
+def _lying(q: _Question, place: Mention) -> list[tuple[SeenObject, float]]:
+    """Return what was seen in, on or near a place."""
+    if not q.near:
+        at = [one for one in q.knows.sights.values() if is_at(one[0], [place])]
+        return [one for one in at if one[0].pickupable]
+    return _beside(q, [sight for sight, _ in q.knows.of(place)])
+
+
+def _beside(q: _Question, those: Sequence[SeenObject]) -> list[tuple[SeenObject, float]]:
+    """Return what can be carried and was seen within reach of some things."""
+    ids = {one.object_id for one in those}
+    return [
+        (sight, when)
+        for sight, when in q.knows.sights.values()
+        if sight.pickupable and sight.object_id not in ids and place_of(sight) != HAND
+        if any(math.dist(sight.position_m, one.position_m) <= NEAR_M for one in those)
+    ]
+
+
+def _nothing_there(q: _Question, place: Mention, where: str, *, empty: bool) -> MemoryAnswer | None:
+    """Return that nothing was seen at a place, and whether that says anything."""
+    ids = {sight.object_id for sight, _ in q.knows.of(place)}
+    unopened = has_door(place.types[0]) and not ids & looked_into(q.knows.past)
+    if empty and unopened:
+        line = f"I have not looked into the {place.text}."
+        return MemoryAnswer(lines=(line,), known=False, look=_looking(place))
+    if empty:
+        return None if q.knows.of(place) else _not_seen(q)
+    shut = " I have not looked into it." if unopened else ""
+    return MemoryAnswer(lines=(f"I have seen nothing {where}.{shut}",), known=False)
+
+
+def _holds_things(one: Mention) -> bool:
+    return any(object_types()[kind].can("receptacle") for kind in one.types)
+
+
+def _what_is_beside(q: _Question) -> MemoryAnswer | None:
+    """Answer "what is the mug next to?"."""
+    if not (q.hangs_near and len(q.about) == 1 and not q.at):
+        return None
+    if not (found := q.knows.of(q.about[0])):
+        return _not_seen(q)
+    sight, when = found[0]
+    names = dict.fromkeys(f"the {name_of(one.object_id)}" for one, _ in _beside(q, [sight]))
+    near = f", near {', '.join([*names][:_MOST])}" if names else ""
+    line = f"The {name_of(sight.object_id)} is {_told(sight)}{near}; {q.knows.seen(sight, when)}."
+    return MemoryAnswer(lines=(line,))
+
+
+def _which_are_so(q: _Question) -> MemoryAnswer | None:
+    """Answer "is anything dirty?", "what is on?", "is everything closed?"."""
+    if q.things or q.unknown or not q.state or not (q.open or q.asks in ("what", "which")):
+        return None
+    need = NEEDS.get({"clean": "dirty", "empty": "filled"}.get(q.state, q.state))
+    known = [
+        one
+        for one in q.knows.sights.values()
+        if one[0].states and (need is None or _kind(one[0]).can(need))
+    ]
+    so = [one for one in known if is_so(q.state, one[0])]
+    every = q.has("everything", "all") and q.asks == ""
+    told = [one for one in known if one not in so] if every else so
+    word = q.state_word
+    if not told:
+        none = f"Yes, all that I have seen is {word}." if every else "Nothing that I have seen."
+        return MemoryAnswer(lines=(none,), known=bool(known))
+    names = ", ".join(
+        f"the {name_of(sight.object_id)} ({_told(sight)}, {q.knows.seen(sight, when, STATE_TOLD)})"
+        for sight, when in sorted(told, key=lambda one: (-one[1], one[0].object_id))[:_MOST]
+    )
+    more = f" and {len(told) - _MOST} more" if len(told) > _MOST else ""
+    lead = f"No, not {word}: " if every else "Yes: " if q.asks == "" else f"{word.capitalize()}: "
+    return MemoryAnswer(lines=(f"{lead}{names}{more}.",))
+
+
+def _kind(sight: SeenObject) -> ObjectType:
+    return object_types()[base_type(sight.object_type)]
+
+
+def _what_is_known(q: _Question) -> MemoryAnswer | None:
+    """Answer "what have you seen so far?", "what do you remember?"."""
+    knows = q.has("seen", "remember", "know", "memory") and q.has("you", "your")
+    if q.asks != "what" or not knows or q.things or q.has("not", "'t", "never"):
+        return None
+    carried = [sight for sight, _ in q.knows.sights.values() if sight.pickupable]
+    counts = Counter(name_of(one.object_id) for one in carried)
+    names = ", ".join(plural(count, name) for name, count in sorted(counts.items()))
+    told = f"I have seen {plural(len(carried), 'thing')} that can be carried"
+    return MemoryAnswer(lines=(f"{told}: {names}. /memory and /map show more.",))
 
 
 def _what_is_held(q: _Question) -> MemoryAnswer | None:
@@ -428,12 +537,13 @@ def _which_it_was(q: _Question) -> MemoryAnswer | None:
 
 def _whether(q: _Question) -> MemoryAnswer | None:
     left = q.first == "did" and q.has("leave", "left") and bool(q.state)  # "did you leave it open"
-    about = q.first in ("is", "are", "was", "were") or q.has("whether", "if") or left
+    had = q.says(r"^(?:do|have|has) (?:we|you|i) (?:still )?(?:have|got)\b")
+    about = q.first in ("is", "are", "was", "were") or q.has("whether", "if") or left or had
     if not about or q.asks or not (q.things or q.unknown):
         return None
     if not q.things:
         return _not_seen(q)
-    thing, places = q.things[0], q.things[1:]
+    thing, places = q.things[0], q.at if q.about else ()
     found = q.knows.of(thing)
     if not found:
         told = _told_last(q, thing, -1.0, STATE_TOLD) if q.state else None
@@ -441,13 +551,22 @@ def _whether(q: _Question) -> MemoryAnswer | None:
         return MemoryAnswer(lines=(said,)) if said else _not_seen(q)
     if q.state and not places:
         return _state_told(q, thing, found)
-    if "there" in q.words[:3] or places:
-        there = [one for one in found if is_at(one[0], places)]
+    if "there" in q.words[:3] or places or had:
+        there = [one for one in found if _is_there(q, one[0], places)]
         sight, when = (there or found)[0]
         yes = "Yes" if there else "No, not that I saw"
-        return MemoryAnswer(lines=(f"{yes}: the {name_of(sight.object_id)} is {_told(sight)}, "
-                             f"{q.knows.seen(sight, when)}.",))  # fmt: skip
+        name, seen = name_of(sight.object_id), q.knows.seen(sight, when)
+        either = "or" in q.words and len(places) > 1 and bool(there)
+        lead = f"The {name}" if either else f"{yes}: the {name}"
+        return MemoryAnswer(lines=(f"{lead} is {_told(sight)}, {seen}.",))
     return None
+
+
+def _is_there(q: _Question, sight: SeenObject, places: Sequence[Mention]) -> bool:
+    if not q.near or not places:
+        return is_at(sight, places)
+    those = [one for place in places for one, _ in q.knows.of(place)]
+    return any(one.object_id == sight.object_id for one, _ in _beside(q, those))
 
 
 def _state_told(
@@ -503,6 +622,22 @@ def _when(q: _Question) -> MemoryAnswer | None:
     sight, when = found[0]
     told = q.knows.ago(when)
     return MemoryAnswer(lines=(f"I saw the {name_of(sight.object_id)} {told}, {_told(sight)}.",))
+
+
+def _which_place(q: _Question) -> MemoryAnswer | None:
+    """Answer "which cabinet has the plate?", "what drawer is it in?"."""
+    if q.asks not in ("which", "what") or len(q.about) != 1 or not q.at or q.near:
+        return None
+    known = q.knows.of(q.about[0])
+    there = [one for one in known if is_at(one[0], q.at)]
+    name, place = name_of(q.about[0].types[0]), name_of(q.at[0].types[0])
+    lines = [
+        f"The {name_of(sight.object_id)} is {_told(sight)}, {q.knows.seen(sight, when)}."
+        for sight, when in (there or known)[:2]
+    ]
+    none = () if there else (f"In no {place} that I have seen is a {name}.",)
+    look = "" if known else _looking(q.about[0])
+    return MemoryAnswer(lines=(*none, *lines), known=bool(there), look=look)
 
 
 def _where(q: _Question) -> MemoryAnswer | None:
@@ -591,6 +726,9 @@ def _told(sight: SeenObject) -> str:
 
 
 _KINDS: tuple[Callable[[_Question], MemoryAnswer | None], ...] = (
+    _what_it_can,
+    _what_was_told,
+    _what_is_beside,
     _what_was_done,
     _what_changed,
     _who_did_it,
@@ -599,9 +737,12 @@ _KINDS: tuple[Callable[[_Question], MemoryAnswer | None], ...] = (
     _which_it_was,
     _how_many,
     _when,
+    _which_are_so,
+    _what_lies_there,
+    _which_place,
+    _whether,
     _whether_it_was_done,
     _where,
-    _what_lies_there,
-    _whether,
+    _what_is_known,
     _how_it_is,
 )

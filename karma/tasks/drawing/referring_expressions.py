@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from karma.contracts import MemoryUnit, PlanRequest
 from karma.household.pieces import base_type
 from karma.household.places import HAND
+from karma.household.saying import plural_of
 from karma.tasks.drawing.lexicon import (
     every_word,
     pick_common,
@@ -295,29 +296,7 @@ def with_article(rng: Rng, words: str, article: str = "") -> str:
     if not article:
         article = pick(rng, ("the", "the", "the", "the", "a", "a", "my", "that", "one of the", ""))
     if article == "one of the":
-        words = plural(words)
+        words = plural_of(words)
     if article == "a" and words[0] in "aeiou":
         article = "an"
     return f"{article} {words}".strip()
-
-
-def plural(word: str) -> str:
-    """Return the plural of a name.
-
-    >>> plural("butter knife"), plural("box"), plural("tomato"), plural("loaf of bread")
-    ('butter knives', 'boxes', 'tomatoes', 'loaves of bread')
-    """
-    word, of, rest = word.partition(" of ")
-    return _plural(word) + of + rest
-
-
-def _plural(word: str) -> str:
-    if word.endswith(("knife", "loaf")):
-        return word.removesuffix("fe").removesuffix("f") + "ves"
-    if word.endswith(("ss", "x", "ch", "sh", "tomato", "potato")):
-        return f"{word}es"
-    if word.endswith("s"):
-        return word
-    if word.endswith("y") and word[-2] not in "aeiou":
-        return f"{word[:-1]}ies"
-    return f"{word}s"

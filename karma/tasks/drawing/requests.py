@@ -11,6 +11,7 @@ from karma.household import uses
 from karma.household.containment import goes_in
 from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import LIKELY, landmark_types
+from karma.household.saying import plural_of
 from karma.household.types import ObjectType, object_types, types_with
 from karma.tasks.drawing.lexicon import every_word, lexicon, pick_common, types_called
 from karma.tasks.drawing.memories import Rng, pick
@@ -20,7 +21,6 @@ from karma.tasks.drawing.referring_expressions import (
     Situation,
     call,
     describe,
-    plural,
     refer,
     vaguely,
     with_article,
@@ -123,7 +123,7 @@ def _pair_ask(rng: Rng, scene: Situation) -> Ask | None:
     r = _draw_receptacle(rng, scene, x, movable=False)
     if r is None or r.name not in LIKELY:  # what takes one thing only is not among them
         return None
-    slots = {**_slots("x", x), **_slots("r", r), "xs": plural(word)}
+    slots = {**_slots("x", x), **_slots("r", r), "xs": plural_of(word)}
     text = filled(scene.book.pick(rng, PAIR), slots)
     goal = Goal(predicate="ON", arguments=(x.name, r.name), count=2)
     return Ask(kind=PAIR, text=text, goals=(goal,)) if text else None

@@ -12,11 +12,11 @@ import numpy as np
 
 from karma.contracts import Deed, Sighting
 from karma.household.places import HAND
+from karma.household.saying import plural_of
 from karma.household.types import object_types
 from karma.language.clock import span_of, spans
 from karma.memory.lived.setting import KnownPlace
 from karma.tasks.drawing.lexicon import takes_article
-from karma.tasks.drawing.referring_expressions import plural
 from karma.tasks.lived.forms import request_forms
 from karma.tasks.lived.naming import (
     meant_by,
@@ -334,7 +334,7 @@ def _count(draw: _RequestDraw, speaker: str) -> LivedRequest | None:
     if word is None or not takes_article(word):
         return None
     return LivedRequest(
-        text=_say(draw, "count", things=plural(word), at=at),
+        text=_say(draw, "count", things=plural_of(word), at=at),
         speaker=speaker, kind="count", asked="count", time_s=view.time_s, object_type=name,
         object_ids=tuple(one.object_id for one in truth), count=len(truth),
         places=tuple(sorted(ids)), room=place.room,
