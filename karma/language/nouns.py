@@ -186,7 +186,7 @@ class Nouns:
         if low not in ("all", "both"):
             return not tag.startswith(("NN", "JJ", "CD", "DT", "PRP$", "VBN"))
         if low == "both":  # not of "them both"
-            behind = following in ("on", "in", "into", "onto", "to", "off", "back", "away")
+            behind = following in ("of", "on", "in", "into", "onto", "to", "off", "back", "away")
             return behind and self._s.tag(at - 1) != "PRP"
         return following in ("of", "lies", "on", "in")
 

@@ -50,7 +50,8 @@ _TELL_ME = re.compile(
 )
 _PARTING = re.compile(
     r"(?:and |so |ok(?:ay)?,? |thanks,? |well,? )*"
-    r"(?:that's|that is|that'll be|that will be|this is) (?:all|it|enough|everything|great|fine|perfect|good)"
+    r"(?:that's|that is|that'll be|that will be|this is)"
+    r" (?:all|it|enough|everything|great|fine|perfect|good)"
     r"(?: for (?:now|today|the moment)| then| thanks?(?: you)?)*\W*"
 )
 _SMALL_TAGS = frozenset((

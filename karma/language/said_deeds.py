@@ -705,6 +705,8 @@ def _meant_by(
     if one.vague and one.text in ("them", "both", "these", "they") and last:
         need = deed_kind(deed.deed).takes
         able = [thing for thing in named if need and any(able_to(k, need) for k in thing.types)]
+        if (one.number or 1) > len(last) and (several := _one_by_one(named, one.number or 1)):
+            return several
         served = not need or any(thing in able for thing in last) or not able
         return _so_many(last if served else able[-1:], one.number)
     if one.vague and one.text in ("former", "latter"):
@@ -734,13 +736,27 @@ def _has_its_place(deed: SaidDeed) -> bool:
     return deed.deed == "put" and deed.place is not None
 
 
+def _one_by_one(named: Sequence[Mention], number: int) -> list[Mention]:
+    """Return the last different things to carry that were named one by one; [] if too few were."""
+    if any(one.every or (one.number or 1) > 1 for one in named):
+        return []
+    kinds = object_types()
+    carried = {
+        one.types: replace(one, at=())
+        for one in named
+        if any(kinds[kind].can("pickupable") for kind in one.types)
+    }
+    return [*carried.values()][-number:] if len(carried) >= number else []
+
+
 def _so_many(things: Sequence[Mention], number: int | None) -> list[Mention]:
     """Return things that were named before, of which so many are meant: "one of them"."""
     found = [replace(thing, at=()) for thing in things]
     if number is None:
         return found
     if len(found) == 1:
-        return [replace(found[0], number=number, every=False)]
+        alone = number > 1 and not (found[0].every or (found[0].number or 1) > 1)
+        return [replace(found[0], number=number, every=False, vague=alone)]  # "both" of one
     return found[-number:]
 
 

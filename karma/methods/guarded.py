@@ -32,6 +32,7 @@ from karma.contracts import (
     SubTask,
 )
 from karma.household.deeds import FOR_GOOD, deed_kind
+from karma.household.ids import root_id, type_of
 from karma.household.pieces import is_piece
 from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import ENDS, OPPOSITES, SAID_AS
@@ -265,6 +266,7 @@ def _the_same(
         before = yield from _told_apart_by_words(episode, asked, kinds, skills, came)
         if before == "":
             return
+    before = before and _piece_of(episode.sights(skills), before)
     if before and _holds_already(episode, skills, before, asked.deeds[0], own):
         came.nothing_to_do = True
         came.told.append(Check(text=f"the {name_of(before)}: that is so already", found="seen"))
@@ -275,6 +277,12 @@ def _the_same(
         used = [one for one in result.object_ids if kind_of(one) in kinds]
         if used and result.ok and thing.start >= 0:  # else "it" of an earlier text
             episode.chosen.setdefault(key, used[0])
+
+
+def _piece_of(sights: Collection[str], object_id: str) -> str:
+    """Return a piece of a thing that has been cut since; the thing itself where it is whole."""
+    pieces = (one for one in sorted(sights) if is_piece(type_of(one)) and root_id(one) == object_id)
+    return next(pieces, object_id)
 
 
 def _told_apart_by_words(

@@ -80,6 +80,7 @@ if TYPE_CHECKING:
 
 MAPS = Path("runs/maps")
 ANSWER_SECONDS = 120.0  # that an answer may take unless told otherwise
+_SPOKEN_OF = 4  # things named last that "it" or "both" may stand for
 _EARLIER = 3  # requests of earlier sessions, of which "it" may be the last thing
 Moment = Understanding | Plan | SkillResult | RequestReply  # what happens while an agent acts
 
@@ -320,7 +321,7 @@ class Agent:
         for text in (*self._earlier, *(reply.said for reply in self.replies), *ahead):
             said = reader.read(text, last, deeds)
             named = (one for request in said for one in (*request.alone, *request.mentions))
-            last = tuple(one for one in named if one.types) or last
+            last = (*last, *(one for one in named if one.types))[-_SPOKEN_OF:]
             for one in said:
                 deeds = asked_last(one, deeds)
         return last, deeds

@@ -17,9 +17,10 @@ _DETERMINERS = (
     r"(?:(?:the|my|your|our|his|her|their|this|that|these|those|a|an|any|all|one|each|both|some|of)"
     r"\s+)*"
 )
-_IN = r"in|inside|into|within|on|onto|under|underneath|at|from|out of"
+_IN = r"in|inside|into|within|on|onto|at|from|out of"
+_UNDER = r"under|underneath|below|beneath"
 _NEAR = r"near|by|beside|next to|close to|around"
-_AT = re.compile(rf"\b(?:{_IN}|(?P<near>{_NEAR}))\s+{_DETERMINERS}$")
+_AT = re.compile(rf"\b(?:{_IN}|(?P<under>{_UNDER})|(?P<near>{_NEAR}))\s+{_DETERMINERS}$")
 _HANGING = re.compile(rf"\b(?:{_IN}|(?P<near>{_NEAR}))\W*$")
 _HOLDS = re.compile(r"\s*(?:still )?(?:has|have|had|holds?|contains?)\b")
 _OPEN = re.compile(r"\b(?:anything|something|everything|all|stuff|things?)\b")
@@ -37,7 +38,7 @@ class Question:
     Attributes:
         about: the things that something is asked of.
         at: places where they may be: "in the fridge", "which cabinet has ...".
-        near: whether beside those places, not in or on them.
+        near: whether beside those places, not in or on them; `under` likewise.
         things: all of them, those of `about` first.
         unknown: named things that nothing is called by.
     """
@@ -51,7 +52,7 @@ class Question:
         self.asks = next((word for word in self.words[:4] if word in ASKING), "")
         self.first = self.words[0] if self.words else ""
         self.open = bool(_OPEN.search(self.raw))
-        self.near = False
+        self.near = self.under = False
         self._places: list[str] = []  # the words by which they are said
         named = list(self._named(request))
         self.at = [one for one in named if self._is_place(one)]
@@ -79,6 +80,7 @@ class Question:
         if found is None:
             return False
         self.near = self.near or found["near"] is not None
+        self.under = self.under or found["under"] is not None
         self._places.append(self.raw[found.start() : one.end])
         return True
 

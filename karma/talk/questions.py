@@ -7,20 +7,20 @@ Nothing is done for a question.
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from karma.agent.perceive import place_of
 from karma.contracts import MemoryUnit, Mention, Request, SeenObject
 from karma.household.containment import has_door
 from karma.household.deeds import DEED_KINDS
-from karma.household.ids import type_of
-from karma.household.pieces import base_type
+from karma.household.ids import root_id, type_of
+from karma.household.pieces import base_type, is_piece
 from karma.household.places import HAND, NEAR_M
 from karma.household.saying import name_of, told_place
 from karma.household.states import NEEDS
 from karma.household.types import ObjectType, object_types
-from karma.household.uses import without_basin
+from karma.household.uses import BASIN_OF, BASINS, BELOW_SINKS, without_basin
 from karma.journal.formats import plural
 from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed, request_words
@@ -78,11 +78,15 @@ class Remembering:
         """Return the sights of what a mention may mean, the last seen first."""
         kinds = {*thing.types, *map(without_basin, thing.types)}
         found = [
-            (replace(sight, states=self._states(sight)), when)
-            for sight, when in self.sights.values()
-            if kinds & {sight.object_type, base_type(sight.object_type)}
+            one for one in self.all() if kinds & {one[0].object_type, base_type(one[0].object_type)}
         ]
-        return sorted(found, key=lambda one: (-one[1], one[0].object_id))
+        found.sort(key=lambda one: (-one[1], one[0].object_id))
+        return list({_heap(sight): (sight, when) for sight, when in reversed(found)}.values())[::-1]
+
+    def all(self) -> Iterator[tuple[SeenObject, float]]:
+        """Yield each thing that was seen, in the states that are known, with when it was seen."""
+        for sight, when in self.sights.values():
+            yield replace(sight, states=self._states(sight)), when
 
     def _states(self, sight: SeenObject) -> tuple[str, ...]:
         unit = self.units.get(sight.object_id)
@@ -123,6 +127,12 @@ class Remembering:
             and any(object_id == s.object_id for change in one.changes for s in change.seen)
         )
         return max(told, default=-1.0)
+
+
+def _heap(sight: SeenObject) -> tuple[str, str | None]:
+    """Return what stands for a thing: the pieces of one whole at one place are one."""
+    name, piece = sight.object_id, is_piece(sight.object_type)
+    return (root_id(name) if piece else name), (place_of(sight) if piece else None)
 
 
 def age(seconds: float) -> str:
@@ -285,7 +295,8 @@ def _whether_i_did(q: _Question, rest: Sequence[str]) -> MemoryAnswer | None:
 
 def _who_did_it(q: _Question) -> MemoryAnswer | None:
     """Answer "who moved the apple?": from the log, or that nobody was seen."""
-    if q.asks != "who" or not q.things:
+    anybody = q.asks == "" and q.has("anybody", "anyone", "somebody", "someone")
+    if not (q.asks == "who" or (anybody and q.has(*_MOVING))) or not q.things:
         return None
     if not q.has(*_MOVING):
         if q.has("in", "on", "under"):  # "who is in the kitchen?"
@@ -399,6 +410,11 @@ def _what_lies_there(q: _Question) -> MemoryAnswer | None:
     if not (empty or whether or asks) or q.has("state", "done", "do"):
         return None
     place = (q.at or q.about)[-1]
+    if q.under and {*place.types} & {*BASIN_OF, *BASINS}:
+        place = replace(place, text="cabinet under it", types=BELOW_SINKS)
+    elif q.under:
+        line = f"I cannot see what is under the {place.text}."
+        return MemoryAnswer(lines=(line,), known=False)
     known = q.knows.of(place)
     lying = _lying(q, place)
     where = told_place(known[0][0].object_id if known else place.types[0])
@@ -467,13 +483,18 @@ def _what_is_beside(q: _Question) -> MemoryAnswer | None:
 
 def _which_are_so(q: _Question) -> MemoryAnswer | None:
     """Answer "is anything dirty?", "what is on?", "is everything closed?"."""
-    if q.things or q.unknown or not q.state or not (q.open or q.asks in ("what", "which")):
+    asks = q.asks in ("what", "which")
+    if not q.state or q.at or q.unknown or q.has("did", "do"):
         return None
+    if not (asks or (q.open and not q.about)):
+        return None
+    kinds = {kind for one in q.about for kind in one.types}
     need = NEEDS.get({"clean": "dirty", "empty": "filled"}.get(q.state, q.state))
     known = [
         one
-        for one in q.knows.sights.values()
-        if one[0].states and (need is None or _kind(one[0]).can(need))
+        for one in q.knows.all()
+        if one[0].states and (need is None or kinds or _kind(one[0]).can(need))
+        if not kinds or kinds & {one[0].object_type, base_type(one[0].object_type)}
     ]
     so = [one for one in known if is_so(q.state, one[0])]
     every = q.has("everything", "all") and q.asks == ""
@@ -538,6 +559,7 @@ def _which_it_was(q: _Question) -> MemoryAnswer | None:
 def _whether(q: _Question) -> MemoryAnswer | None:
     left = q.first == "did" and q.has("leave", "left") and bool(q.state)  # "did you leave it open"
     had = q.says(r"^(?:do|have|has) (?:we|you|i) (?:still )?(?:have|got)\b")
+    had = had or (q.first in ("does", "do") and bool(q.about) and bool(q.at))
     about = q.first in ("is", "are", "was", "were") or q.has("whether", "if") or left or had
     if not about or q.asks or not (q.things or q.unknown):
         return None
@@ -553,6 +575,8 @@ def _whether(q: _Question) -> MemoryAnswer | None:
         return _state_told(q, thing, found)
     if "there" in q.words[:3] or places or had:
         there = [one for one in found if _is_there(q, one[0], places)]
+        if (thing.number or 0) > 1:
+            return _whether_so_many(q, thing.number or 0, len(there))
         sight, when = (there or found)[0]
         yes = "Yes" if there else "No, not that I saw"
         name, seen = name_of(sight.object_id), q.knows.seen(sight, when)
@@ -560,6 +584,14 @@ def _whether(q: _Question) -> MemoryAnswer | None:
         lead = f"The {name}" if either else f"{yes}: the {name}"
         return MemoryAnswer(lines=(f"{lead} is {_told(sight)}, {seen}.",))
     return None
+
+
+def _whether_so_many(q: _Question, number: int, count: int) -> MemoryAnswer:
+    """Answer "are there more than two pillows?"."""
+    fewer = q.says(r"\b(?:less|fewer) than\b")
+    enough = count < number if fewer else count > number if q.says(r"\bmore than\b") else None
+    enough = count >= number if enough is None else enough
+    return MemoryAnswer(lines=(f"{'Yes' if enough else 'No'}: {count} that I have seen.",))
 
 
 def _is_there(q: _Question, sight: SeenObject, places: Sequence[Mention]) -> bool:

@@ -171,7 +171,8 @@ def test_a_habit_is_kept_and_obeyed(tmp_path, agent):
         ("I usually keep the mug in the cabinet", ("Mug", "Cabinet")),
         ("the apple never goes in the fridge", None),
         ("the apple is in the fridge", None),
-        ("always put the apple in the fridge", None),  # an errand
+        ("always put the apple in the fridge", ("Apple", "Fridge")),
+        ("from now on the apple goes in the fridge", ("Apple", "Fridge")),
         ("the fridge is always open", None),
         ("the apple belongs in the fridge", ("Apple", "Fridge")),
         ("go and put the apple in the fridge", None),

@@ -59,6 +59,33 @@ def agent(tmp_path_factory):
         ("where is the vase?", "I have not seen any vase here."),
         ("is the kettle full?", "I have not seen any kettle here."),
         ("where is the banana?", "I know nothing that is called banana."),
+        # what is asked of which place
+        ("is there anything in the fridge?", "Yes. In the fridge: the apple"),
+        ("is there anything in the microwave?", "I have seen nothing in the microwave."),
+        ("is the fridge empty?", "No. In the fridge: the apple"),
+        ("is the microwave empty?", "I have not looked into the microwave."),
+        ("does the fridge have anything in it?", "Yes. In the fridge: the apple"),
+        ("does the fridge have an apple in it?", "Yes: the apple is in the fridge"),
+        ("which of the cabinets has the apple in it?", "In no cabinet that I have seen is a"),
+        ("which cabinet is the apple in?", "In no cabinet that I have seen is a apple."),
+        ("do we have any apples?", "Yes: the apple is in the fridge"),
+        ("have we got a vase?", "I have not seen any vase here."),
+        ("is the apple in the sink or in the fridge?", "The apple is in the fridge"),
+        ("are there two apples?", "No: 1 that I have seen."),
+        ("are there fewer than two apples in the fridge?", "Yes: 1 that I have seen."),
+        ("what is under the sink?", "I have seen nothing in the cabinet."),
+        ("what is under the fridge?", "I cannot see what is under the fridge."),
+        # of all that is so
+        ("is anything open?", "Nothing that I have seen."),
+        ("is everything closed?", "Yes, all that I have seen is closed."),
+        ("which apples are clean?", "Clean: the apple"),
+        # of the agent
+        ("what can you do?", "I look after this room. I can put things somewhere, pick up"),
+        ("why did you wash the apple?", "You asked for it 1 hour ago: wash the apple."),
+        ("has anybody moved the apple?", "I did, 1 hour ago: put the apple in the fridge."),
+        ("did I tell you about the apple?", "Nothing that I remember."),
+        ("what have you seen so far?", "I have seen 10 things that can be carried: 1 apple"),
+        ("and where is the apple now?", "The apple is in the fridge"),
     ],
 )
 def test_answer(agent, question, answer):
@@ -148,6 +175,14 @@ def test_what_a_person_tells_is_remembered_with_its_source_and_used(tmp_path, to
     agent.home.leave()
     again = agent_saying(tmp_path, [], home=tmp_path / "home")
     assert again.do("where is the apple?").parts[0].answer.lines[0].startswith("You told me")
+
+
+def test_a_place_may_be_told_against_another(tmp_path):
+    agent = agent_saying(tmp_path, [])
+    agent.do("find the apple")
+    agent.do("the apple is not on the table, it's in the fridge")
+    told = agent.do("where is the apple?").parts[0].answer.lines
+    assert told == ("You told me just now: the apple is in the fridge.",)
 
 
 def test_eyes_count_more_than_what_was_told_before(tmp_path):
