@@ -194,6 +194,43 @@ def test_plurals_and_conditions_belong_to_the_agent(tmp_path, scene, text, statu
     assert reply.status != "done" or all(check.found != "otherwise" for check in reply.checks)
 
 
+OPEN, SHUT = "OpenObject(robot, '{}')\n", "CloseObject(robot, '{}')\n"
+CLOSING = [OPEN.format("Fridge"), OPEN.format("Microwave"), SHUT.format("Fridge"),
+           SHUT.format("Microwave")]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "text", ["close everything that is open", "close whatever you left open", "shut what's open"]
+)
+def test_things_are_told_by_their_state_which_is_no_deed(tmp_path, text):
+    """ "Close what is open" opens nothing, and leaves what is shut alone."""
+    agent = agent_saying(tmp_path, CLOSING)
+    assert agent.do("open the fridge")
+    assert agent.do("open the microwave")
+    reply = agent.do(text)
+    assert reply.status == "done"
+    done = {one.call.skill for part in reply.parts for one in part.results if one.ok}
+    assert "CloseObject" in done
+    assert "OpenObject" not in done
+    assert agent.do("is anything open?").parts[0].answer.lines == ("Nothing that I have seen.",)
+    again = agent.do(text)
+    assert again.status == "done"
+    assert not again.parts[0].results
+    assert "nothing that I have seen is open" in str(again)
+
+
+def test_one_that_was_cut_is_then_meant_by_its_pieces(tmp_path):
+    stack = TAKE + "PutObject(robot, 'Apple', 'Plate')\n"
+    agent = agent_saying(
+        tmp_path, ["PickupObject(robot, 'Knife')\nSliceObject(robot, 'Apple')\n", stack]
+    )
+    agent.do("find the apple")
+    agent.do("find the plate")
+    reply = agent.do("slice the apple and put it on the plate")
+    assert [part.status for part in reply.parts] == ["done", "done"]
+    assert agent.do("is the apple on the plate?").parts[0].answer.lines[0].startswith("Yes")
+
+
 def test_another_is_none_of_those_that_were_put_there_before(tmp_path):
     need_models("karma-nano")
     from karma.talk.agent import Agent
