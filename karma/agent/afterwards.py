@@ -92,7 +92,8 @@ class _Ends:
 
     def _put(self, call: SkillCall, ids: Sequence[str], ok: bool) -> None:
         there = call.objects[-1]  # of a type any will do: a full one gives way to another
-        place = there if there == type_of(there) else _id_of(there, ids[::-1])
+        alike = there == type_of(there) or type_of(there) == BURNER
+        place = type_of(there) if alike else _id_of(there, ids[::-1])
         held = next((end.thing for end in self.moved.values() if end.word == HAND), "")
         thing = _id_of(call.objects[0], ids) if call.objects[1:] else held
         if not thing:

@@ -5,6 +5,7 @@ from typing import Literal
 
 from karma.agent.program import SKILL_OF
 from karma.agent.reach import Reach
+from karma.agent.refusals import RefusedError
 from karma.agent.search import Search
 from karma.agent.sightings import known
 from karma.contracts import Known, SeenObject
@@ -93,6 +94,12 @@ class Switching:
         if not knobs:
             self._reach.approach(self._reach.names.find(KNOB) or self._reach.resolve(name))
             knobs = self._knobs()
+        if knobs and name != type_of(name) and not any(name in knob.controls for knob in knobs):
+            self._reach.approach(self._reach.resolve(name))
+            self._search.look_around()
+            knobs = [knob for knob in self._knobs() if name in knob.controls]
+            if not knobs:
+                raise RefusedError(f"its knob is not in sight: {name}")
         movable = (sight for sight in self._log.seen.values() if sight.pickupable)
         laden = {parent for sight in movable for parent in sight.parent_ids}
 

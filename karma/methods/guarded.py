@@ -19,6 +19,7 @@ from karma.contracts import (
     Condition,
     Embedder,
     Experience,
+    Found,
     Mention,
     Parser,
     Plan,
@@ -37,7 +38,7 @@ from karma.household.pieces import is_piece
 from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import ENDS, OPPOSITES, SAID_AS
 from karma.household.types import object_types
-from karma.household.uses import BASINS, LAMPS
+from karma.household.uses import BASINS, BURNER, LAMPS
 from karma.language.clauses import context_left_out, said
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
@@ -192,6 +193,8 @@ def _in_turn(
     alone = len(asked.deeds) == 1 and len(asked.deeds[0].things) == 1
     if alone and _is_several(asked.deeds[0].things[0]):
         yield from _each(episode, subtask, asked, skills, came)
+    elif [one.deed for one in asked.deeds] == ["go"]:
+        yield from _go(episode, asked.deeds[0], skills, came)
     elif alone and _is_sought(asked.deeds[0]):
         yield from _find(episode, asked.deeds[0].things[0], skills, came)
     elif alone:
@@ -253,6 +256,23 @@ def _find(
     came.told.append(Check(text=f"I found no {thing.text}", found="otherwise"))
 
 
+def _go(
+    episode: Carrier, deed: SaidDeed, skills: Skills, came: Came
+) -> Iterator[Plan | SkillResult]:
+    """Go to a thing, which takes no planner; nobody knows where "here" is."""
+    goal = deed.place or next(iter(deed.things), None)
+    kinds = [] if goal is None else [*map(kind_of, meant_by(goal, episode.here(skills)))]
+    if goal is None or not kinds:
+        yield refusal(RefusedRequest(kind="unclear", by="guard", words=(deed.verb,)))
+        return
+    came.searched = True
+    result = skills.run(SkillCall(skill="Explore", objects=(kinds[0],)))
+    yield result
+    came.nothing_to_do, came.short = result.ok, not result.ok
+    found: Found = "seen" if result.ok else "otherwise"
+    came.told.append(Check(text=f"I am at the {goal.text}", found=found))
+
+
 def _the_same(
     episode: Carrier, subtask: SubTask, asked: Request, skills: Skills, came: Came
 ) -> Iterator[Plan | SkillResult]:
@@ -295,6 +315,10 @@ def _told_apart_by_words(
         found = _told_by_its_state(episode, thing, kinds, skills)
         if found == "":
             yield refusal(RefusedRequest(kind="unclear", by="guard", words=(thing.text,)))
+    if found is None and thing.at and BURNER in kinds:
+        found = _under(episode, thing, skills)
+        if not found:
+            yield refusal(RefusedRequest(kind="unclear", by="guard", words=(thing.text,)))
     if found is None and _lies_told(deed):
         found = yield from _the_one_there(episode, thing, kinds, skills, came)
     if found is None and _is_one_of_some(asked):
@@ -328,6 +352,16 @@ def _states_told(thing: Mention, kinds: Collection[str]) -> tuple[str, ...]:
 
 def _is_all(states: Sequence[str], sight: SeenObject) -> bool:
     return all(is_so(state, sight) for state in states)
+
+
+def _under(episode: Carrier, thing: Mention, skills: Skills) -> str:
+    """Return the burner under a thing that it is told by; "" where none is known."""
+    wanted = {*map(kind_of, thing.at)}
+    stands = (
+        parent for sight in episode.sights(skills).values() if kind_of(sight.object_id) in wanted
+        for parent in sight.parent_ids if kind_of(parent) == BURNER
+    )  # fmt: skip
+    return next(stands, "")
 
 
 def _is_one_of_some(asked: Request) -> bool:
@@ -419,6 +453,7 @@ def _each(
         if done and deed.deed == "take":
             came.told.append(Check(text="I can hold one thing at a time", found="otherwise"))
             came.short = True
+            thing = replace(thing, number=len(found) or thing.number)
             break
         tried = {*done, *failed, *others}
         if thing.anything:
@@ -494,7 +529,7 @@ def _tell_count(came: Came, thing: Mention, done: Sequence[str], failed: Sequenc
     if len(done) < wanted or not done:
         came.short = True
         if not failed:
-            text += "; I found no more" if done else "; I found none"
+            text = f"{text}; I found no more" if done else f"I found none: {thing.text}"
         came.told.append(Check(text=text, found="otherwise"))
     else:
         came.nothing_to_do = came.nothing_to_do or not came.programs
