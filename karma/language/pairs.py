@@ -291,12 +291,7 @@ class Pairs:
             if (deed not in ("put", "take") or lies) and group.things:
                 group.told_by(one, deed)
             else:
-                self._s.unread += self._beyond(number, one, before)
-                group.near = before in words.near | (words.beside - {"under", "over"})
-                if deed == "put" and before in _BELOW and {*one.types} & {*BASINS, *BASIN_OF}:
-                    one, group.near = replace(one, types=BELOW_SINKS), False
-                group.between = before == "between"
-                group.places.append(one)
+                self._goes_to(number, one, before, deed, group)
         elif not (group.places and deed in ("put", "take")):
             group.things.append(one)
         elif self._is_listed(number) and group.things:
@@ -394,6 +389,19 @@ class Pairs:
             before -= 1
         return self._s.low(before) in ("and", ",", "or", ";")
 
+    def _goes_to(
+        self, number: int, one: Mention, before: str, deed: str, group: _PairGroup
+    ) -> None:
+        """Take a place where something is to go."""
+        self._s.unread += self._beyond(number, one, before)
+        group.near = before in request_words().near | (request_words().beside - {"under", "over"})
+        if deed == "put" and before in _BELOW and {*one.types} & {*BASINS, *BASIN_OF}:
+            one, group.near = replace(one, types=BELOW_SINKS), False
+        elif deed == "put" and before in _BELOW and _is_furniture(one):
+            self._s.unread.append(f"{before} {one.text}")  # nothing is put there
+        group.between = before == "between"
+        group.places.append(one)
+
     def preposition(self, number: int, least: int) -> str:
         """Return the preposition that a phrase beginning here stands behind; "" for none."""
         before = number - 1
@@ -441,3 +449,12 @@ class Pairs:
         """Return whether a place is named among some words."""
         to = request_words().destinations
         return any(self._s.low(n) in to and self._s.begins_noun(n + 1) for n in body)
+
+
+def _is_furniture(one: Mention) -> bool:
+    """Return whether all that a mention may mean stands free and takes things on or into it."""
+    kinds = [object_types()[kind] for kind in one.types]
+    return bool(kinds) and not any(
+        kind.can("pickupable") or kind.can("toggleable") or not kind.can("receptacle")
+        for kind in kinds
+    )

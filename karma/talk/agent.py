@@ -300,7 +300,8 @@ class Agent:
             found = [_Clause(text) for one in cut for text, _ in clauses_of(one)]
             return found or [_Clause(instruction)]
         instruction = of_another(instruction, self._question, reader)
-        plain = in_plain_words(instruction, self.home.past, reader)
+        seen = {name: sight for name, (sight, _) in self._episode.last_seen().items()}
+        plain = in_plain_words(instruction, self.home.past, reader, seen)
         requests = context_left_out(reader.read(plain.text, *self._spoken_of(reader, ahead)))
         usual = habits(self.home.past, reader)
         unread = [

@@ -46,6 +46,12 @@ _DONE_TO = re.compile(
 _TAUGHT = re.compile(
     r"^\W*(?:please )?(?:remember|keep in mind|note|don't forget) that +", re.IGNORECASE
 )
+_BESIDE_IT = re.compile(
+    r"(?P<order>\b(?:put|place|set|leave|bring|move|drop|lay|pop|open|close|shut)\b[^.,;?]*?) "
+    rf"where(?:ver)? (?P<thing>(?:the|my|your)(?: (?!(?:{_LINKS})\b)\w+){{1,3}}?)"
+    r" (?:is|are|was|were|lies|lie|stands|sits)(?: now| too| already)?(?=[.;!,]|$| and | then )",
+    re.IGNORECASE,
+)
 _AND_BACK = re.compile(r"(?:,? and|, then| then)+ back(?: again)?(?=[.!]?$)", re.IGNORECASE)
 _CUTS = re.compile(r"[.;!]|,? (?:and )?then\b|,|\band\b", re.IGNORECASE)
 _BELONGS = frozenset(("belongs", "belong", "goes", "go", "lives", "live"))
@@ -273,19 +279,26 @@ def _goes_back(found: re.Match[str]) -> bool:
     return re.search(r"\b(?:back|return|where)", found[0], re.IGNORECASE) is not None
 
 
-def in_plain_words(text: str, past: Sequence[PastErrand], reader: RequestReader) -> PlainRequest:
+def in_plain_words(
+    text: str,
+    past: Sequence[PastErrand],
+    reader: RequestReader,
+    seen: Mapping[str, SeenObject] | None = None,
+) -> PlainRequest:
     """Return a request with what it says of the log said plainly; as it is where that is unknown.
 
     Args:
         text: the request.
         past: the home's log.
         reader: of English.
+        seen: the latest sights, by id.
     """
-    if not any(kind.search(text) for kind in (_ORDINAL, _DONE_TO, _BACK)):
+    if not any(kind.search(text) for kind in (_ORDINAL, _DONE_TO, _BACK, _BESIDE_IT)):
         return PlainRequest(text, {})
-    speaking = _SpeakingOfThePast(past, reader)
+    speaking = _SpeakingOfThePast(past, reader, seen or {})
     for kind, plainly in (
         (_ORDINAL, speaking.ordinal), (_DONE_TO, speaking.done_to), (_BACK, speaking.back),
+        (_BESIDE_IT, speaking.beside_it),
     ):  # fmt: skip
         text = kind.sub(plainly, text)
     return PlainRequest(text, speaking.means, tuple(speaking.unknown))
@@ -320,7 +333,10 @@ def with_habits(request: Request, usual: Mapping[str, str]) -> Request:
 class _SpeakingOfThePast:
     """Says plainly what is said of the log, and keeps what that means."""
 
-    def __init__(self, past: Sequence[PastErrand], reader: RequestReader) -> None:
+    def __init__(
+        self, past: Sequence[PastErrand], reader: RequestReader, seen: Mapping[str, SeenObject]
+    ) -> None:
+        self._seen = seen
         self._moves = [one for one in moves(past) if one.said]
         self._taken = [
             (name, place) for one in past for change in one.changes for name, place in change.taken
@@ -371,6 +387,21 @@ class _SpeakingOfThePast:
         if type_of(last[1]) != FLOOR:
             self.means[base_type(type_of(last[1]))] = last[1]
         return f"put {name} {told_place(last[1])}"
+
+    def beside_it(self, found: re.Match[str]) -> str:
+        """Return "put the fork in the drawer" for "put the fork where the spoon is"."""
+        kinds = _kinds_of(found["thing"], self._reader)
+        lying = (
+            place for name, sight in self._seen.items()
+            if base_type(type_of(name)) in kinds and (place := place_of(sight)) not in (None, HAND)
+        )  # fmt: skip
+        place = next(lying, None)
+        if place is None or type_of(place) == FLOOR:
+            self.unknown.append(found[0][len(found["order"]) + 1 :])
+            return found[0]
+        self.means[base_type(type_of(place))] = place
+        told = found["order"].lower().endswith(f" {name_of(place)}")  # "open the drawer where ..."
+        return found["order"] if told else f"{found['order']} {told_place(place)}"
 
 
 def _kinds_of(words: str, reader: RequestReader) -> tuple[str, ...]:

@@ -298,6 +298,42 @@ def test_what_is_only_told_beside_an_errand_is_context(reader):
     assert context_left_out(told_only) == told_only
 
 
+@pytest.mark.parametrize(
+    ("text", "unread"),
+    [
+        ("put the book under the bed", ("under bed",)),
+        ("put the mug under the sink", ()),
+        ("put the mug under the coffee machine", ()),
+        ("put half of the tomato in the bowl", ("half of",)),
+        ("put the cup upside down in the sink", ("upside down",)),
+        ("cut the tomato in half", ()),
+    ],
+)
+def test_what_the_world_has_no_way_for_is_not_passed_over(reader, text, unread):
+    (request,) = reader.read(text)
+    assert request.unread == unread
+
+
+@pytest.mark.parametrize(
+    ("text", "states"),
+    [
+        ("close everything that is open", ("opened",)),
+        ("turn off whatever is on", ("on",)),
+        ("turn off all the lights that are still on", ("on",)),
+        ("wash the plates that aren't clean", ("dirty",)),
+        ("switch off anything that's on", ("on",)),
+        ("close what is open", ("opened",)),
+        ("turn off the lamp that is on the desk", ()),
+    ],
+)
+def test_states_that_things_are_told_by_are_no_deeds(reader, text, states):
+    (request,) = reader.read(text)
+    assert len(request.deeds) == 1
+    assert request.deeds[0].deed in ("close", "off", "wash")
+    assert request.deeds[0].things[0].states == states
+    assert request.unread == ()
+
+
 def test_it_may_stand_for_what_was_said_before(reader):
     (before,) = reader.read("wash the apple")
     (request,) = reader.read("put it in the fridge", before.mentions)

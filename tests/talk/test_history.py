@@ -184,6 +184,21 @@ def test_habits_are_told_from_other_statements(reader, text, habit):
     assert (found and (found[0][0], found[1])) == habit
 
 
+def test_where_something_else_lies_is_a_place(agent, reader):
+    """The apple lies in the fridge by now."""
+    seen = {name: sight for name, (sight, _) in agent._episode.last_seen().items()}
+    plain = in_plain_words("put the mug where the apple is", agent.home.past, reader, seen)
+    assert plain.text == "put the mug in the fridge"
+    assert plain.means["Fridge"].startswith("Fridge|")
+    told = in_plain_words("open the fridge where the apple is", agent.home.past, reader, seen)
+    assert told.text == "open the fridge"
+    for text in ("put the mug where the vase is", "open the drawer where the banana is"):
+        unknown = in_plain_words(text, agent.home.past, reader, seen).unknown
+        assert unknown == (text[text.index("where") :],)
+    for text in ("where is the apple?", "do you know where the apple is?"):
+        assert in_plain_words(text, agent.home.past, reader, seen).text == text
+
+
 def test_ones_own_is_meant_by_its_word(tmp_path):
     table = next(one for one in kitchen().objects if one.type == "DiningTable")
     more = (on(table, "Egg", 1.7, 0.1, size=(0.06, 0.06, 0.06)),)
