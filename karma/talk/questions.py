@@ -216,7 +216,8 @@ def _what_it_can(q: _Question) -> MemoryAnswer | None:
 
 def _what_was_done(q: _Question) -> MemoryAnswer | None:
     all_of_it = q.asks == "what" or q.has("anything", "something")
-    if not (all_of_it and q.has("do", "done", "did") and q.has("you", "i", "we")):
+    did = q.has("did", "done") or q.says(r"\b(?:you|we|i)\b.* do\b")
+    if not (all_of_it and did and q.has("you", "i", "we")):
         return None
     if q.things:
         return None
@@ -561,7 +562,8 @@ def _whether(q: _Question) -> MemoryAnswer | None:
     had = q.says(r"^(?:do|have|has) (?:we|you|i) (?:still )?(?:have|got)\b")
     had = had or (q.first in ("does", "do") and bool(q.about) and bool(q.at))
     about = q.first in ("is", "are", "was", "were") or q.has("whether", "if") or left or had
-    if not about or q.asks or not (q.things or q.unknown):
+    sure = q.says(r"^how (?:sure|certain) are you\b")
+    if not (about or sure) or (q.asks and not sure) or not (q.things or q.unknown):
         return None
     if not q.things:
         return _not_seen(q)
@@ -629,7 +631,7 @@ def _state_told(
 def _how_it_is(q: _Question) -> MemoryAnswer | None:
     if not (q.asks in ("how", "what") and q.things and q.has("state", "is", "are", "'s")):
         return None
-    if q.asks == "what" and not q.has("state"):
+    if not q.has("state") and not q.says(r"\bhow (?:'s|is|are|was|were)\b"):
         return None
     thing = q.things[-1]
     if not (found := q.knows.of(thing)):
