@@ -192,7 +192,7 @@ class Nouns:
 
     def _noun_follows(self, at: int, stop: int) -> bool:
         for number in range(at + 1, min(at + 4, stop)):
-            if self._s.tag(number).startswith("NN"):
+            if self._s.tag(number).startswith("NN") or self._s.low(number) in ("one", "ones"):
                 return True
             if self._s.tag(number) not in ("JJ", "VBN", "VBG", "CD", "HYPH", "CC"):
                 return False

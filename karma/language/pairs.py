@@ -319,7 +319,8 @@ class Pairs:
     def _goes_with(self, number: int, one: Mention, before: str, group: _PairGroup) -> bool:
         """Return whether a phrase only adds to one before it: "the tall one", "or a pencil"."""
         joint = self._s.low(number - 1)
-        if one.vague and one.text.split()[-1] == "one" and joint == "," and group.things:
+        adds = joint == "," and bool(group.things) and not group.places
+        if one.vague and one.text.split()[-1] == "one" and adds:
             group.told = one.text == "one"  # "the tall one" is whole, "the one" goes on
             return True
         if joint == "or" and one.types and not before and (group.places or group.things):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from karma.contracts import Form, Mention, SaidDeed
 from karma.household.containment import hangs_on
 from karma.household.deeds import deed_kind
+from karma.household.saying import spoken
 from karma.household.types import object_types
 from karma.household.uses import BASIN_OF, BASINS, BIN, FAUCET, LAMPS, SWITCHED_BY_A_PART, TAPS
 from karma.language.asides import Asides
@@ -719,6 +720,9 @@ def _meant_by(
     if one.types and one.text.split()[-1] in request_words().pieces:  # "the slices": of what?
         whole = [thing.types for thing in named if set(thing.types) < set(one.types)]
         return [replace(one, types=whole[-1])] if whole else [one]
+    *told, head = one.text.split() or [""]
+    if one.vague and told and head in ("one", "ones") and not one.other and named:
+        return [_told_otherwise(named[-1], told, every=head == "ones")]
     pronoun = one.vague and (one.text in ("it", "this", "that", "one") or one.other)
     if not (pronoun and named):
         return [one]
@@ -734,6 +738,16 @@ def _meant_by(
 
 def _has_its_place(deed: SaidDeed) -> bool:
     return deed.deed == "put" and deed.place is not None
+
+
+def _told_otherwise(meant: Mention, told: Sequence[str], *, every: bool) -> Mention:
+    """Return a thing of the same name that is told otherwise: "the clean plate, the dirty one"."""
+    names = (spoken(kind).lower() for kind in meant.types)
+    name = next((one for one in names if meant.text.endswith(one)), meant.text.split()[-1])
+    return replace(
+        meant, text=" ".join((*told, name)), start=-1, end=-1, at=(), states=(), number=None,
+        every=every, other=meant.start >= 0 and not every,
+    )  # fmt: skip
 
 
 def _one_by_one(named: Sequence[Mention], number: int) -> list[Mention]:

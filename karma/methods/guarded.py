@@ -311,10 +311,11 @@ def _told_apart_by_words(
     """Return the one of several that words tell of; "" where none is, None: any will do."""
     deed, thing = asked.deeds[0], asked.deeds[0].things[0]
     found: str | None = None
-    if deed.deed in _LOST or thing.states:
-        found = _told_by_its_state(episode, thing, kinds, skills)
-        if found == "":
-            yield refusal(RefusedRequest(kind="unclear", by="guard", words=(thing.text,)))
+    found = _told_by_its_state(episode, thing, kinds, skills)
+    if found == "" and not (deed.deed in _LOST or thing.states):
+        found = None
+    elif found == "":
+        yield refusal(RefusedRequest(kind="unclear", by="guard", words=(thing.text,)))
     if found is None and thing.at and BURNER in kinds:
         found = _under(episode, thing, skills)
         if not found:

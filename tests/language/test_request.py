@@ -334,6 +334,19 @@ def test_states_that_things_are_told_by_are_no_deeds(reader, text, states):
     assert request.unread == ()
 
 
+def test_one_that_is_told_otherwise_is_another(reader):
+    (request,) = reader.read("put the clean plate on the shelf and the dirty one in the sink")
+    assert [(one.things[0].text, one.things[0].other) for one in request.deeds] == [
+        ("clean plate", False), ("dirty plate", True),
+    ]  # fmt: skip
+    (listed,) = reader.read("put the red book on the bed, the blue one on the desk")
+    assert deeds(listed) == ["put Book > Bed", "put Book > Desk"]
+    (added,) = reader.read("slice the apple, the green one")
+    assert deeds(added) == ["slice Apple"]
+    (dishes,) = reader.read("wash the dishes")
+    assert dishes.deeds[0].things[0].every
+
+
 def test_it_may_stand_for_what_was_said_before(reader):
     (before,) = reader.read("wash the apple")
     (request,) = reader.read("put it in the fridge", before.mentions)
