@@ -398,7 +398,7 @@ class Pairs:
         group.near = before in request_words().near | (request_words().beside - {"under", "over"})
         if deed == "put" and before in _BELOW and {*one.types} & {*BASINS, *BASIN_OF}:
             one, group.near = replace(one, types=BELOW_SINKS), False
-        elif deed == "put" and before in _BELOW and _is_furniture(one):
+        elif deed == "put" and before in _BELOW and _has_no_room_below(one):
             self._s.unread.append(f"{before} {one.text}")  # nothing is put there
         group.between = before == "between"
         group.places.append(one)
@@ -452,10 +452,6 @@ class Pairs:
         return any(self._s.low(n) in to and self._s.begins_noun(n + 1) for n in body)
 
 
-def _is_furniture(one: Mention) -> bool:
-    """Return whether all that a mention may mean stands free and takes things on or into it."""
-    kinds = [object_types()[kind] for kind in one.types]
-    return bool(kinds) and not any(
-        kind.can("pickupable") or kind.can("toggleable") or not kind.can("receptacle")
-        for kind in kinds
-    )
+def _has_no_room_below(one: Mention) -> bool:
+    """Return whether nothing can be put under what a mention means: no lamp, tap or machine."""
+    return bool(one.types) and not any(object_types()[kind].can("toggleable") for kind in one.types)

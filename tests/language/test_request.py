@@ -48,7 +48,6 @@ def deeds(request):
 @pytest.mark.parametrize(
     ("text", "wanted"),
     [
-        ("Tuck the book under the pillow", ["put Book > Pillow"]),
         ("the kettle ought to be on the stove", ["put Kettle > StoveBurner/StoveKnob"]),
         ("give that pan a good scrub, then dry land it on the counter", None),
         ("turn the telly off and the floor lamp on", None),
@@ -302,6 +301,7 @@ def test_what_is_only_told_beside_an_errand_is_context(reader):
     ("text", "unread"),
     [
         ("put the book under the bed", ("under bed",)),
+        ("tuck the book under the pillow", ("under pillow",)),
         ("put the mug under the sink", ()),
         ("put the mug under the coffee machine", ()),
         ("put half of the tomato in the bowl", ("half of",)),
