@@ -100,7 +100,6 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     beyond_training: bool = False
     flash_attention: Switch = "auto"
     kv: KvType = "f16"
-    rpc: str = ""
     device: str = "auto"  # of torch models, see `TorchOptions`
     dtype: DType = "auto"
     hosted: Hosted = Hosted()  # where the roles are that have "openai"
@@ -148,7 +147,6 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             "beyond_training",
             "flash_attention",
             "kv",
-            "rpc",
         )
         return LlamaOptions(**{name: getattr(self, name) for name in names})
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from support.needs import need_models
 from support.paths import ROOT
-from support.rpc_device import rpc_device
 from typer.testing import CliRunner
 
 from karma.bench.run import Run
@@ -105,19 +104,6 @@ def test_every_picture_family_answers_another_picture_with_other_words(pairs, fa
     with pytest.raises(ModelError, match="there is none: nothing was rendered"):
         eyes.read_states(None, "wash the mug", [MUG])
     eyes.close()
-
-
-def test_layers_on_another_device_give_the_same_words(pairs):
-    """The GPU is llama.cpp's RPC device on this machine, see `support.rpc_device`."""
-    found = pair_of(pairs["llava"])
-    far = PictureChat(found, LlamaOptions(threads=1, rpc=rpc_device().address))
-    near = PictureChat(found, LlamaOptions(threads=1, gpu_layers=0))
-    assert (far.engine.device, near.engine.device) == ("RPC0", "CPU")
-    assert far.engine.gpu_layers > 0
-    said = [chat.answer(about(picture(3)), max_tokens=8) for chat in (far, near)]
-    assert said[0] == said[1] != ""
-    far.close()
-    near.close()
 
 
 def test_nothing_is_written_to_the_terminal_by_the_library(pairs):
