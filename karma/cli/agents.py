@@ -31,14 +31,7 @@ from karma.cli.model_options import (
     model_options,
 )
 from karma.cli.progress import bar, workers_for
-from karma.cli.shared import (
-    ACTING,
-    Json,
-    clear_errors,
-    console,
-    refuse_options,
-    write_json,
-)
+from karma.cli.shared import Json, console, refuse_options, tell, write_json
 from karma.cli.tasks import warn_of_tasks
 from karma.errors import KarmaError
 
@@ -48,12 +41,6 @@ if TYPE_CHECKING:
     from karma.bench.run import Run
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the command to the top level."""
-    app.command("eval", rich_help_panel=ACTING)(eval_command)
-
-
-@clear_errors
 @model_options
 def eval_command(
     context: typer.Context,
@@ -132,8 +119,7 @@ def eval_command(
         _do_benchmark(run, workers, ray, json)
         return
     lines = _done(run, workers, ray, tasks)
-    if json is not None:
-        write_json(json, plain(lines))
+    write_json(json, plain(lines))
     write_junit(folder, junit)
     if run.not_run:
         raise KarmaError(in_words(run.not_run))
@@ -181,7 +167,7 @@ def _done(run: "Run", workers: int, ray: str, tasks: bool) -> "Sequence[Figures]
         console.print(show.precision_table(reached(run.records, run.precision), run.precision))
     spent = [one for record in run.records for one in spent_by(record, run.timings[record.key])]
     if spent:
-        console.print(escape(spent_text(spent)), soft_wrap=True)
+        tell(spent_text(spent))
     console.print(escape(f"records: {run.records_path}"))
     if words := show.conclusion(lines):
         console.print(escape(words))
@@ -219,14 +205,13 @@ def _do_benchmark(run: "Run", workers: int, ray: str, json: Path | None) -> None
         for record in run.episodes(workers, ray=ray):
             mark = "done" if record.success else record.end
             done = f"{len(run.records)} of {run.total}"
-            console.print(escape(f"{done}: {record.row}, {record.task}: {mark}"), soft_wrap=True)
+            tell(f"{done}: {record.row}, {record.task}: {mark}")
     results = run.results()
-    console.print(escape(to_markdown(results.behind)), soft_wrap=True)
-    if json is not None:
-        write_json(json, results.figures)
+    tell(to_markdown(results.behind))
+    write_json(json, results.figures)
     if run.not_run:
         raise KarmaError(in_words(run.not_run))
-    console.print(escape(f"all tables: {run.folder / TABLE}"), soft_wrap=True)
+    tell(f"all tables: {run.folder / TABLE}")
 
 
 def _do_figure(file: Path, folder: Path, fresh: bool, workers: int, ray: str) -> None:

@@ -18,6 +18,7 @@ from karma.cli.shared import (
     UNFINISHED,
     console,
     readable,
+    tell,
 )
 from karma.errors import KarmaError
 
@@ -182,14 +183,14 @@ def converse(agent: "Agent", view: AnswerView | None = None) -> int:
     codes: list[int] = []
     asked: Unclear | None = None  # what was asked back about, where somebody can answer
     for line in (*home_lines(agent), f"{agent.map.lines()[0]}. Say what to do, or /help."):
-        console.print(escape(line), soft_wrap=True)
+        tell(line)
     try:
         for typed in _typed(agent.home.folder):
             if typed.split()[0] == "/quit":
                 break
             typed = _looking(agent) if typed.lower().rstrip(".!") in _LOOK else typed
             if (told := _said_of_it(agent, typed, asked)) is not None:
-                console.print(escape(told), style="dim", soft_wrap=True)
+                tell(told, style="dim")
                 continue
             offer = agent.replies[-1].offer if agent.replies and sys.stdin.isatty() else ""
             codes.append(_answered(agent, _whole(agent, typed, asked, offer), view))
@@ -227,15 +228,15 @@ def _whole(agent: "Agent", typed: str, asked: "Unclear | None", offer: str = "")
     from karma.talk.offers import is_yes
 
     if offer and is_yes(typed):
-        console.print(escape(f"so: {offer}"), style="dim", soft_wrap=True)
+        tell(f"so: {offer}", style="dim")
         return offer
     if asked is None or typed.startswith("/"):
         return typed
     if agent.is_errand(typed):
-        console.print(escape(f"that in place of: {asked.text}"), style="dim", soft_wrap=True)
+        tell(f"that in place of: {asked.text}", style="dim")
         return typed
     whole = completed(asked.text, typed, asked.about)
-    console.print(escape(f"so: {whole}"), style="dim", soft_wrap=True)
+    tell(f"so: {whole}", style="dim")
     return whole
 
 
@@ -251,7 +252,7 @@ def _answered(agent: "Agent", typed: str, view: AnswerView | None) -> int:
         tell_stopped(agent, said)
         return STOPPED
     except KarmaError as error:
-        console.print(escape(f"error: {error}"), style="red", soft_wrap=True, highlight=False)
+        tell(f"error: {error}", style="red")
         return FAILED
 
 
@@ -261,7 +262,7 @@ def tell_stopped(agent: "Agent", said: int) -> None:
         told = "stopped; all is as it was before you said that"
     else:
         told = f"stopped: {agent.replies[-1].stopped}; what was done before it is kept"
-    console.print(escape(told), style="yellow", soft_wrap=True, highlight=False)
+    tell(told, style="yellow")
 
 
 def _typed(home: Path | None = None) -> Iterator[str]:
@@ -310,7 +311,7 @@ def _lines(*, asks: bool) -> Iterator[str]:
         if not asks and not line:
             return
         if not asks and line.strip():
-            console.print(escape(f"> {line.strip()[:_SHOWN]}"), highlight=False, soft_wrap=True)
+            tell(f"> {line.strip()[:_SHOWN]}")
         if line.strip():
             yield line.strip()
 

@@ -3,36 +3,22 @@
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 
-from karma.cli.shared import ACTING, clear_errors, console
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the group to the top level."""
-    group = typer.Typer(help="Homes that last between sessions.", no_args_is_help=True)
-    group.command("list")(home_list)
-    group.command("new")(home_new)
-    group.command("show")(home_show)
-    group.command("forget")(home_forget)
-    app.add_typer(group, name="home", rich_help_panel=ACTING)
-
+from karma.cli.shared import tell
 
 Name = Annotated[str, typer.Argument(help="A home's name or folder.")]
 
 
-@clear_errors
 def home_list() -> None:
     """List the homes that are kept here."""
     from karma.talk.home import HOMES, homes
 
     for folder in homes():
-        _say(folder.name)
+        tell(folder.name)
     if not homes():
-        _say(f"no home in {HOMES}; karma chat makes one")
+        tell(f"no home in {HOMES}; karma chat makes one")
 
 
-@clear_errors
 def home_new(
     name: Name,
     scene: Annotated[str, typer.Option(help="A room's name, or a scene's file.")] = "",
@@ -45,10 +31,9 @@ def home_new(
 
     check_people(people)
     home = new_home(home_folder(name), scene, EmbeddedWorld(), people=people)
-    _say(f"{home.folder}: {home.scene}; karma chat --home {name}")
+    tell(f"{home.folder}: {home.scene}; karma chat --home {name}")
 
 
-@clear_errors
 def home_show(name: Name) -> None:
     """Say what was done in a home, the last ten requests."""
     from karma.talk.home import opened
@@ -56,19 +41,14 @@ def home_show(name: Name) -> None:
 
     home = opened(name)
     people = f", {home.card.people} people" if home.card.people else ""
-    _say(f"{home.folder}: {home.scene}{people}, {len(home.past)} requests")
+    tell(f"{home.folder}: {home.scene}{people}, {len(home.past)} requests")
     for one in home.past[-10:]:
-        _say(f"  {age(home.clock_s - one.at_s)}: {one.said} ({one.status})")
+        tell(f"  {age(home.clock_s - one.at_s)}: {one.said} ({one.status})")
 
 
-@clear_errors
 def home_forget(name: Name) -> None:
     """Remove a home and all that was remembered there."""
     from karma.talk.home import forget_home, home_folder
 
     forget_home(home_folder(name))
-    _say(f"forgotten: {home_folder(name)}")
-
-
-def _say(text: str) -> None:
-    console.print(escape(text), soft_wrap=True, highlight=False)
+    tell(f"forgotten: {home_folder(name)}")

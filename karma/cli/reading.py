@@ -3,20 +3,13 @@
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.markup import escape
 
-from karma.cli.shared import ACTING, Json, clear_errors, console, readable, write_json
+from karma.cli.shared import Json, readable, tell, write_json
 
 if TYPE_CHECKING:
     from karma.contracts import Mention, Request, SaidDeed
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the command to the top level."""
-    app.command("read", rich_help_panel=ACTING)(read_command)
-
-
-@clear_errors
 def read_command(
     text: Annotated[str, typer.Argument(help="What somebody says, in quotes.")],
     json: Json = None,
@@ -27,9 +20,8 @@ def read_command(
     found = reader_of(None).read(readable(text))
     for request in found:
         for line in lines_of_request(request):
-            console.print(escape(line), soft_wrap=True, highlight=False)
-    if json is not None:
-        write_json(json, found)
+            tell(line)
+    write_json(json, found)
 
 
 def lines_of_request(one: "Request") -> list[str]:

@@ -9,13 +9,7 @@ from rich.markup import escape
 
 from karma.cli.eval_options import end_below, write_junit
 from karma.cli.progress import bar
-from karma.cli.shared import (
-    SHOWN,
-    clear_errors,
-    console,
-    sheet_table,
-    write_json,
-)
+from karma.cli.shared import console, sheet_table, write_json
 from karma.cli.tasks import warn_of_tasks
 from karma.files import write_atomic
 
@@ -26,12 +20,6 @@ if TYPE_CHECKING:
     from karma.bench.sweep_folder import SweepData
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the command to the top level."""
-    app.command("export", rich_help_panel=SHOWN)(export_command)
-
-
-@clear_errors
 def export_command(
     run: Annotated[Path, typer.Argument(help="Folder of a run or a sweep.")],
     to: Annotated[str, typer.Option(help='"csv", "parquet" or "junit".')] = "csv",
@@ -117,9 +105,8 @@ def print_sweep(data: "SweepData", json: Path | None) -> None:
                 f"[red]failed:[/] {escape(f'{cell.name}: {cell.failed}')}", soft_wrap=True
             )
     console.print(escape(f"table: {data.folder / TABLE}"))
-    if json is not None:
-        figures = [
-            {"cell": cell.name, "values": cell.values, "figures": plain(lines)}
-            for cell, lines in figures_by_cell(data)
-        ]
-        write_json(json, figures)
+    figures = [
+        {"cell": cell.name, "values": cell.values, "figures": plain(lines)}
+        for cell, lines in figures_by_cell(data)
+    ]
+    write_json(json, figures)

@@ -1,14 +1,13 @@
 """`karma run` and `karma chat`: an agent that carries out what it is told, in view."""
 
-import inspect
 import sys
-from collections.abc import Callable, Mapping
-from functools import wraps
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
+from typer.core import TyperCommand
 
 from karma.cli.answers import AnswerView
 from karma.cli.conversation import CODES, converse, figures_of, say, show_folder, tell_stopped
@@ -21,15 +20,7 @@ from karma.cli.model_options import (
     hosted_of,
     model_options,
 )
-from karma.cli.shared import (
-    ACTING,
-    STOPPED,
-    Json,
-    clear_errors,
-    console,
-    readable,
-    write_json,
-)
+from karma.cli.shared import STOPPED, Json, console, readable, tell, write_json
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
@@ -40,13 +31,6 @@ if TYPE_CHECKING:
 _UNITS_S = {"m": 60.0, "h": 3600.0, "d": 86_400.0}
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the commands to the top level."""
-    app.command("run", rich_help_panel=ACTING)(run_command)
-    app.command("chat", rich_help_panel=ACTING)(chat_command())
-
-
-@clear_errors
 @model_options
 def run_command(
     instruction: Annotated[
@@ -208,7 +192,7 @@ def run_command(
             people=people,
         )
     if agent.manner:
-        console.print(escape(f"planner: {planner}, {agent.manner}"), style="dim", soft_wrap=True)
+        tell(f"planner: {planner}, {agent.manner}", style="dim")
     if instruction is None:
         raise typer.Exit(converse(agent, view))
     try:
@@ -219,24 +203,19 @@ def run_command(
             _close(agent)
         raise typer.Exit(STOPPED) from None
     _close(agent)
-    if json is not None:
-        write_json(json, figures_of(agent, reply))
+    write_json(json, figures_of(agent, reply))
     raise typer.Exit(CODES[reply.status])
 
 
-def chat_command() -> Callable[..., None]:
-    """Return `karma chat`: what `karma run` takes, without an instruction."""
+CHAT = "Talk with an agent in a room: it remembers what was said and done before."
 
-    @wraps(run_command)
-    def chat(**options: Any) -> None:
-        run_command(instruction=None, json=None, **options)
 
-    parts = inspect.signature(run_command).parameters.values()
-    kept = [one for one in parts if one.name not in ("instruction", "more", "json")]
-    chat.__signature__ = inspect.Signature(kept)  # type: ignore[attr-defined]
-    chat.__annotations__ = {one.name: one.annotation for one in kept}
-    chat.__doc__ = "Talk with an agent in a room: it remembers what was said and done before."
-    return chat
+class Chat(TyperCommand):
+    """`karma chat`: a call of `karma run` without an instruction, which ends in a conversation."""
+
+    def __init__(self, *args: Any, params: list[Any], **more: Any) -> None:
+        asked = [one for one in params if one.name not in ("instruction", "more", "json")]
+        super().__init__(*args, params=asked, **more)
 
 
 def _later_s(later: str, home: str, people: int | None) -> float:
@@ -258,9 +237,9 @@ def _close(agent: "Agent") -> None:
     from karma.journal.formats import spent_text
 
     kinds = ", ".join(dict.fromkeys(unit.object_type for unit in agent.memory)) or "nothing"
-    console.print(escape(f"remembers now: {kinds}"), style="dim", soft_wrap=True)
+    tell(f"remembers now: {kinds}", style="dim")
     if agent.spent:
-        console.print(escape(spent_text(agent.spent)), soft_wrap=True)
+        tell(spent_text(agent.spent))
     show_folder(agent)
 
 

@@ -11,12 +11,7 @@ from rich.markup import escape
 from rich.progress import track
 from rich.table import Table
 
-from karma.cli.shared import (
-    Json,
-    clear_errors,
-    console,
-    write_json,
-)
+from karma.cli.shared import Json, console, tell, write_json
 from karma.errors import FileError, KarmaError
 from karma.files import below, to_json, write_atomic
 from karma.journal.formats import figure_text, percent_text
@@ -38,14 +33,7 @@ Spots = Annotated[str | None, typer.Option(help=f"Labelled positions in them; {_
 Assets = Annotated[Path | None, typer.Option(help="Boxes of ProcTHOR's assets, for houses.")]
 Only = Annotated[list[str] | None, typer.Option(help="Names to take: FloorPlan1, or a trial's id.")]
 
-app = typer.Typer(
-    no_args_is_help=True,
-    help="Rooms: list, draw, import from AI2-THOR or ALFRED; replay recordings.",
-)
 
-
-@app.command("list")
-@clear_errors
 def world_list(json: Json = None) -> None:
     """List the scenes that ship with the project."""
     from karma.world.core import scene
@@ -57,13 +45,10 @@ def world_list(json: Json = None) -> None:
         rows.append((one.name, one.room, len(one.objects), len(one.reachable), one.source))
         table.add_row(*map(str, rows[-1]))
     console.print(table)
-    if json is not None:
-        names = ("scene", "room", "objects", "cells", "source")
-        write_json(json, [dict(zip(names, row, strict=True)) for row in rows])
+    names = ("scene", "room", "objects", "cells", "source")
+    write_json(json, [dict(zip(names, row, strict=True)) for row in rows])
 
 
-@app.command("show")
-@clear_errors
 def world_show(
     scene: Annotated[str, typer.Argument(help="A scene's name or file.")],
     out: Annotated[Path | None, typer.Option(help="PNG to write; default NAME.png.")] = None,
@@ -78,8 +63,6 @@ def world_show(
     console.print(escape(f"{path}: {one.name}, {one.room}, {len(one.objects)} objects"))
 
 
-@app.command("import")
-@clear_errors
 def world_import(
     files: Several,
     alfred: Annotated[bool, typer.Option("--alfred", help="FILES are ALFRED's trials.")] = False,
@@ -108,12 +91,9 @@ def world_import(
     else:
         rows = [row for path in files for row in _import_dump(path, layouts, assets, only, out)]
     console.print(escape(f"{len(rows)} scenes in {out}"))
-    if json is not None:
-        write_json(json, rows)
+    write_json(json, rows)
 
 
-@app.command("floors")
-@clear_errors
 def world_floors(
     dump: Annotated[Path, typer.Argument(help="AI2-THOR's rooms at reset, also gzipped.")],
     layouts: Annotated[Path, typer.Option(help="ALFRED's reachable cells.")],
@@ -136,8 +116,7 @@ def world_floors(
         f"{len(scores)} rooms: precision {precision:.3f}, recall {recall:.3f}; worst: {worst.scene}"
         f" ({worst.precision:.2f}, {worst.recall:.2f})"
     )
-    if json is not None:
-        write_json(json, scores)
+    write_json(json, scores)
 
 
 def _import_dump(
@@ -214,16 +193,9 @@ def _shown(items: Iterable[T], text: str, total: int | None = None) -> Iterable[
     )  # fmt: skip
 
 
-def _say(line: str) -> None:
-    """Print one line as it is, however long."""
-    console.print(line, markup=False, highlight=False, soft_wrap=True)
-
-
 # ----------------------------------------------------------------- replay
 
 
-@app.command("replay")
-@clear_errors
 def world_replay(
     files: Several,
     events: Annotated[bool, typer.Option("--events", help="FILES are recorded sessions.")] = False,
@@ -271,7 +243,7 @@ def world_replay(
     for result in _shown(replays, "replaying", len(chosen)):
         results.append(result)
         if result.ok == (mutate is not None):
-            _say(_told(result))
+            tell(_told(result))
     _summed(results, mutate, json)
 
 
@@ -288,15 +260,14 @@ def _summed(results: "Sequence[TrialResult]", mutate: int | None, json: Path | N
     ok = sum(result.ok for result in results)
     handled, unseen = sum(r.handled for r in results), sum(r.unseen for r in results)
     good = {"ok": ok} if mutate is None else {"caught": len(results) - ok, "seed": mutate}
-    if json is not None:
-        figures = {"trials": len(results), **good, "handled": handled, "unseen": unseen}
-        write_json(json, {**figures, "results": list(results)})
+    figures = {"trials": len(results), **good, "handled": handled, "unseen": unseen}
+    write_json(json, {**figures, "results": list(results)})
     if mutate is None:
         share = f" ({percent_text((handled - unseen) / handled, 1)} %)" if handled else ""
-        _say(f"actions on objects {handled}, in view {handled - unseen}{share}")
-        _say(f"trials {len(results)}, ok {ok}")
+        tell(f"actions on objects {handled}, in view {handled - unseen}{share}")
+        tell(f"trials {len(results)}, ok {ok}")
     else:
-        _say(f"trials {len(results)}, caught {len(results) - ok}")
+        tell(f"trials {len(results)}, caught {len(results) - ok}")
 
 
 def _replay_events(files: Sequence[Path], layouts: Path | None, json: Path | None) -> None:
@@ -316,12 +287,11 @@ def _replay_events(files: Sequence[Path], layouts: Path | None, json: Path | Non
         for gap in one.differences:
             what = f"step {gap.step} {gap.action}: {gap.object_id or 'agent'} {gap.field}"
             said = f"{gap.ours!r}, AI2-THOR {gap.theirs!r}"
-            _say(f"{Path(one.path).name} {what} is {said}" + (f" ({gap.cause})" * bool(gap.cause)))
+            tell(f"{Path(one.path).name} {what} is {said}" + (f" ({gap.cause})" * bool(gap.cause)))
     console.print(table)
-    if json is not None:
-        write_json(json, _event_figures(reports))
+    write_json(json, _event_figures(reports))
     flags = sum(one.compared for one in reports)
-    _say(f"events {len(reports)}, flags {flags}, equal {_percent(total_rate(reports))} %")
+    tell(f"events {len(reports)}, flags {flags}, equal {_percent(total_rate(reports))} %")
 
 
 def _event_figures(reports: "Sequence[EventReport]") -> list[dict[str, Any]]:
