@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from karma.errors import FileError, ModelError
 from karma.files import read_bytes
-from karma.infer.llama.gguf_export import interleave, write_gguf
-from karma.infer.llama.gguf_import import gguf_reader
+from karma.infer.llama.gguf_files import gguf_reader, interleave, write_gguf
 from karma.infer.manifest.manifest import (
     ModelEntry,
     check_file,
