@@ -28,7 +28,7 @@ from karma.infer.hosted.session import Endpoint, Hosted, Session
 from karma.infer.llama.options import KvType, LlamaOptions, Switch
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.manifest import default_planner, resolve_planner
-from karma.infer.torch_options import DType, TorchOptions
+from karma.infer.torch_load import DType, TorchOptions
 from karma.loading.doubt import doubt_of, may_refuse
 from karma.loading.examples import EXAMPLES, examples_for
 from karma.loading.names import MODELS, check_models, whole_name

@@ -35,13 +35,7 @@ _OPENERS: Mapping[tuple[str, str, str], str] = {  # what opens a model of that r
 
 
 def opened_as(role: str, entry: ModelEntry, place: str = "") -> str:
-    """Return how a role names a model of the manifest, "transformers:mysmol"; "" if it cannot.
-
-    Args:
-        role: as the registry calls it.
-        entry: of the model.
-        place: its folder, to name it by that.
-    """
+    """Return how a role names a model, "transformers:mysmol", or by its folder; "" if it cannot."""
     kind = _OPENERS.get((role, entry.role, entry.format))
     return f"{kind}:{place or entry.name}" if kind else ""
 

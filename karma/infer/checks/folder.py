@@ -111,12 +111,7 @@ def read_config(path: Path, *, fix: str) -> Mapping[str, Any]:
 
 
 def check_sizes(path: Path, said: Any, name: str = "") -> None:
-    """Refuse numbers for which a library would make things without end.
-
-    Args:
-        path: of the file.
-        said: what it holds, or a part.
-        name: of that part.
+    """Refuse numbers in what a file says for which a library would make things without end.
 
     Raises:
         ModelError: a size beyond all models; names it.

@@ -13,6 +13,7 @@ from karma.infer.checks.folder import PICKLES, CheckedFolder, check_folder
 from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
 from karma.infer.manifest.manifest import resolve_folder
 from karma.infer.torch_load import (
+    TorchOptions,
     bytes_of,
     check_room,
     device_of,
@@ -22,7 +23,6 @@ from karma.infer.torch_load import (
     quiet,
     threads,
 )
-from karma.infer.torch_options import TorchOptions
 
 FAMILIES: Mapping[str, tuple[str, ...]] = {  # of transformers; any head will do
     family: () for family in ("bert", "distilbert", "mpnet", "roberta", "xlm-roberta", "modernbert")

@@ -38,11 +38,6 @@ def try_in_own_process(path: Path) -> None:
 def open_gguf(path: Path, keywords: Mapping[str, Any], *, kv: str) -> tuple[Any, int]:
     """Load the file, turning llama.cpp's failures into one that names it.
 
-    Args:
-        path: the file.
-        keywords: of llama-cpp-python's `Llama`.
-        kv: type of the kept keys and values.
-
     Returns:
         The `Llama`, and how many layers llama.cpp says that it has put on GPUs.
 

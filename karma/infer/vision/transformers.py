@@ -17,6 +17,7 @@ from karma.errors import ModelError
 from karma.files import read_json
 from karma.infer.checks.folder import CheckedFolder
 from karma.infer.torch_load import (
+    TorchOptions,
     checked_folder,
     foreign,
     import_transformers,
@@ -25,7 +26,6 @@ from karma.infer.torch_load import (
     quiet,
     threads,
 )
-from karma.infer.torch_options import TorchOptions
 from karma.infer.vision.pictures import cut
 from karma.infer.vision.text import Profile, question, some_picture, states_told
 
