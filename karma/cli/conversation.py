@@ -1,7 +1,7 @@
 """A conversation in the terminal: what an agent says in colours, and what begins with a slash."""
 
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -147,8 +147,7 @@ def show_folder(agent: "Agent") -> None:
     """Say where the run is, if there is one, and what makes a page of it."""
     if not agent.has_run:
         return
-    text = escape(f"run: {agent.folder} (karma report {agent.folder})")
-    console.print(text, soft_wrap=True, highlight=False)
+    tell(f"run: {agent.folder} (karma report {agent.folder})")
 
 
 # ----------------------------------------------------------------- the conversation
@@ -245,7 +244,7 @@ def _answered(agent: "Agent", typed: str, view: AnswerView | None) -> int:
     said = len(agent.replies)
     try:
         if typed.startswith("/"):
-            _commands().get(typed.split()[0], _unknown)(agent)
+            _command(agent, typed.split()[0])
             return DONE
         return CODES[say(agent, typed, view).status]
     except KeyboardInterrupt:
@@ -324,15 +323,24 @@ def _line() -> str:
     return line.lstrip("\ufeff")
 
 
-def _commands() -> Mapping[str, Callable[["Agent"], None]]:
-    return {
-        "/memory": _memory, "/map": _map, "/undo": _undo, "/why": _why, "/help": _help,
-        "/look": _nothing_to_look_for,
-    }  # fmt: skip
-
-
-def _nothing_to_look_for(_: "Agent") -> None:
-    console.print("you have asked for nothing that I have not seen")
+def _command(agent: "Agent", name: str) -> None:
+    """Do what begins with a slash."""
+    match name:
+        case "/memory":
+            _plain(agent.memory.lines())
+        case "/map":
+            _plain(agent.map.lines())
+        case "/help":
+            _plain(_HELP)
+        case "/look":
+            console.print("you have asked for nothing that I have not seen")
+        case "/undo":
+            undone = agent.undo()
+            console.print("nothing to undo" if undone is None else escape(f"undone: {undone}"))
+        case "/why":
+            _why(agent)
+        case _:
+            console.print("there is no such command; /help lists them", style="yellow")
 
 
 def _plain(lines: Sequence[str]) -> None:
@@ -344,19 +352,6 @@ def _plain(lines: Sequence[str]) -> None:
         _in_one_row(line)
 
 
-def _memory(agent: "Agent") -> None:
-    _plain(agent.memory.lines())
-
-
-def _map(agent: "Agent") -> None:
-    _plain(agent.map.lines())
-
-
-def _undo(agent: "Agent") -> None:
-    undone = agent.undo()
-    console.print("nothing to undo" if undone is None else escape(f"undone: {undone}"))
-
-
 def _why(agent: "Agent") -> None:
     from karma.talk.replies import lines_why, rows_for
 
@@ -366,11 +361,3 @@ def _why(agent: "Agent") -> None:
     parts = agent.replies[-1].parts
     for part in parts:
         show_lines(lines_why(part, rows_for(len(parts))))
-
-
-def _help(_: "Agent") -> None:
-    _plain(_HELP)
-
-
-def _unknown(_: "Agent") -> None:
-    console.print(escape("there is no such command; /help lists them"), style="yellow")

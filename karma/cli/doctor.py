@@ -57,8 +57,8 @@ def _offline(json: Path | None) -> None:
     table.add_row(MARKS["ok"], "switches of libraries", f"{len(right)} of {len(switches)} are set")
     console.print(table)
     for one in findings:
-        if one.fix and one.status != "ok":
-            console.print(f"{MARKS[one.status]} {escape(f'{one.name}: {one.fix}')}", soft_wrap=True)
+        if one.fix:
+            _note(one.status, f"{one.name}: {one.fix}")
     console.print("[green]ready to run offline[/]" if good else "[red]something is missing[/]")
     write_json(json, {"ok": good, "findings": findings})
     if not good:
@@ -93,11 +93,9 @@ def doctor_models(
     console.print(_models_table(seen))
     for one in seen:
         for text in one.advice:
-            console.print(f"{MARKS['note']} {escape(f'{one.role}: {text}')}", soft_wrap=True)
+            _note("note", f"{one.role}: {text}")
         if one.error:
-            console.print(
-                f"{MARKS['problem']} {escape(f'{one.role}: {one.error}')}", soft_wrap=True
-            )
+            _note("problem", f"{one.role}: {one.error}")
     write_json(json, seen)
     if any(one.error for one in seen):
         raise typer.Exit(1)
@@ -156,7 +154,7 @@ def doctor_thor(
     console.print(table)
     for one in findings:
         if one.fix:
-            console.print(f"{MARKS[one.status]} {one.name}: {escape(one.fix)}", soft_wrap=True)
+            _note(one.status, f"{one.name}: {one.fix}")
     tried: dict[str, Any] | None = None
     if start:
         tried = _try(executable, platform, display, scene)
@@ -190,11 +188,15 @@ def _try(executable: str | None, platform: Any, display: str | None, scene: str)
         )
     except (KarmaError, ValueError, RuntimeError) as error:
         result["error"] = str(error)
-        console.print(f"{MARKS['problem']} start: {escape(str(error))}", soft_wrap=True)
+        _note("problem", f"start: {error}")
     finally:
         if world is not None:
             world.stop()
     return result
+
+
+def _note(status: str, text: str) -> None:
+    console.print(f"{MARKS[status]} {escape(text)}", soft_wrap=True)
 
 
 def _timed(call: Any) -> float:

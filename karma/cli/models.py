@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn
+from rich.progress import BarColumn, DownloadColumn, Progress, ProgressColumn, TextColumn
 from rich.table import Table
 
 from karma.cli.shared import Json, console, tell, write_json
@@ -129,7 +129,7 @@ def models_add(
         name=name, role=_role(role), licence=licence, source=source, revision=revision,
         prompt_profile=profile, context_length=context, chat=chat, in_place=in_place,
     )  # fmt: skip
-    with _progress() as bar:
+    with _progress(DownloadColumn()) as bar:
         task = bar.add_task("hashing", total=None)
 
         def told(part: str, done: int, total: int) -> None:
@@ -181,10 +181,7 @@ def models_bring(name: Annotated[str, typer.Argument(help="A model of the manife
     if check(entry).state == "ok":
         tell(f"{name} is here, as it must be")
         return
-    with Progress(
-        TextColumn("{task.description}"), BarColumn(), console=console, transient=True,
-        disable=not console.is_terminal,
-    ) as bar:  # fmt: skip
+    with _progress() as bar:
         task = bar.add_task(escape(name), total=None)
 
         def told(what: str, done: float, total: float) -> None:
@@ -260,8 +257,8 @@ def _role(text: str | None) -> Any:
     return text
 
 
-def _progress() -> Progress:
-    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn())
+def _progress(*more: ProgressColumn) -> Progress:
+    columns = (TextColumn("{task.description}"), BarColumn(), *more)
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from karma.world.alfred.facts import Files
     from karma.world.alfred.replay import TrialResult
     from karma.world.alfred.trial import Trial
-    from karma.world.recorded.sessions import EventReport
 
 T = TypeVar("T")
 _OR_NONE = 'default below $KARMA_SHARED or ../shared; "none" = without.'
@@ -146,43 +145,41 @@ def _import_dump(
 def _import_trials(
     files: Sequence[Path], side: "Files", only: list[str] | None, out: Path
 ) -> list[dict[str, Any]]:
-    from karma.world.alfred.facts import gather
     from karma.world.alfred.replay import fitted
-    from karma.world.alfred.trial import read_trials
 
-    every = [trial for path in files for trial in read_trials(path)]
-    chosen = _chosen(every, only)
-    plans = {trial.scene.floor_plan for trial in chosen}
-    facts = gather((trial for trial in every if trial.scene.floor_plan in plans), side)
+    chosen, facts = _trials(files, only, side)
     rows = []
     for trial in _shown(chosen, "importing"):
         scene = fitted(trial, facts[trial.scene.floor_plan])
         path = below(out, f"{trial.id}.json")
         write_atomic(path, to_json(scene))
-        rows.append(
-            {
-                "scene": scene.name,
-                "trial": trial.id,
-                "objects": len(scene.objects),
-                "cells": len(scene.reachable),
-                "path": str(path),
-            }
-        )
+        row = {"scene": scene.name, "trial": trial.id, "objects": len(scene.objects)}
+        rows.append({**row, "cells": len(scene.reachable), "path": str(path)})
     return rows
 
 
-def _chosen(trials: "Sequence[Trial]", ids: Iterable[str] | None) -> "list[Trial]":
-    """Return the trials with these ids, all without; refuses an id that none of them has."""
-    if ids is None:
-        return list(trials)
-    wanted = set(ids)
+def _trials(
+    files: Sequence[Path], ids: Iterable[str] | None, side: "Files", limit: int | None = None
+) -> "tuple[list[Trial], Any]":
+    """Return the trials with these ids, all without, and the facts of their rooms.
+
+    Raises:
+        KarmaError: none of them has one of the ids.
+    """
+    from karma.world.alfred.facts import gather
+    from karma.world.alfred.trial import read_trials
+
+    trials = [trial for path in files for trial in read_trials(path)]
+    wanted = {trial.id for trial in trials} if ids is None else set(ids)
     if missing := sorted(wanted - {trial.id for trial in trials}):
         more = f", nor {len(missing) - 1} more" * (len(missing) > 1)
         raise KarmaError(
             f"no trial {missing[0]!r} in the files given{more}\n"
             f"  To fix: leave --only or --ids out, or take e.g. {trials[0].id}"
         )
-    return [trial for trial in trials if trial.id in wanted]
+    chosen = [trial for trial in trials if trial.id in wanted][:limit]
+    plans = {trial.scene.floor_plan for trial in chosen}
+    return chosen, gather((one for one in trials if one.scene.floor_plan in plans), side)
 
 
 def _shown(items: Iterable[T], text: str, total: int | None = None) -> Iterable[T]:
@@ -229,15 +226,11 @@ def world_replay(
     if events:
         _replay_events(files, side.layouts, json)
         return
-    from karma.world.alfred.facts import gather
     from karma.world.alfred.replay import replay_all
-    from karma.world.alfred.trial import read_ids, read_trials
+    from karma.world.alfred.trial import read_ids
 
-    every = [trial for path in files for trial in read_trials(path)]
     wanted = [*(only or ()), *(read_ids(ids) if ids else ())]
-    chosen = _chosen(every, wanted if only or ids else None)[:limit]
-    plans = {trial.scene.floor_plan for trial in chosen}
-    facts = gather((trial for trial in every if trial.scene.floor_plan in plans), side)
+    chosen, facts = _trials(files, wanted if only or ids else None, side, limit)
     results: list[TrialResult] = []
     replays = replay_all(chosen, facts, mutate=mutate, strict=strict, workers=workers)
     for result in _shown(replays, "replaying", len(chosen)):
@@ -289,13 +282,12 @@ def _replay_events(files: Sequence[Path], layouts: Path | None, json: Path | Non
             said = f"{gap.ours!r}, AI2-THOR {gap.theirs!r}"
             tell(f"{Path(one.path).name} {what} is {said}" + (f" ({gap.cause})" * bool(gap.cause)))
     console.print(table)
-    write_json(json, _event_figures(reports))
+    write_json(
+        json,
+        [{"rate": one.rate, "causes": one.causes, **msgspec.to_builtins(one)} for one in reports],
+    )
     flags = sum(one.compared for one in reports)
     tell(f"events {len(reports)}, flags {flags}, equal {_percent(total_rate(reports))} %")
-
-
-def _event_figures(reports: "Sequence[EventReport]") -> list[dict[str, Any]]:
-    return [{"rate": one.rate, "causes": one.causes, **msgspec.to_builtins(one)} for one in reports]
 
 
 def _percent(share: float | None) -> str:

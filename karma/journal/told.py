@@ -8,7 +8,7 @@ import msgspec
 
 from karma.errors import FileError
 from karma.files import read_json
-from karma.loading.words import NO_WORDS
+from karma.loading.planner_files import NO_WORDS
 
 CONFIG = "config.json"  # in the run folder
 Config = Mapping[str, Any]

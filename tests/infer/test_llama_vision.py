@@ -176,7 +176,7 @@ def test_projector_without_what_it_needs_is_refused_by_name(pairs, tmp_path, fam
 def test_what_ends_the_process_ends_the_trial_only(pairs, tmp_path, family, lost):
     pair = damaged(pairs, family, lost, tmp_path / "x")
     with pytest.raises(ModelError, match=r"cannot look at a picture by it .*\(code -?\d+\)"):
-        picture_chat._try_in_own_process(pair)
+        picture_chat.try_pair(pair)
 
 
 def test_cut_or_foreign_projector_is_a_model_error(pairs, tmp_path):
@@ -252,7 +252,7 @@ def test_added_pair_is_described_verified_and_opened_by_name(pairs, manifest, mo
         "weights/smolvlm/mmproj-smolvlm.gguf", "weights/smolvlm/smolvlm.gguf",
     ]  # fmt: skip
     assert entry.memory_mb > 128
-    monkeypatch.setattr(picture_chat, "_try_in_own_process", None)  # the manifest vouches
+    monkeypatch.setattr(picture_chat, "try_pair", None)  # the manifest vouches
     eyes = LlamaVision("smolvlm", llama_options=ONE, max_tokens=4)
     assert eyes.read_states(picture(1), "wash the mug", [MUG]) == {}
     eyes.close()
