@@ -14,9 +14,7 @@ from karma.cli import (
     bundle,
     compare,
     doctor,
-    homes,
     models,
-    reading,
     report,
     sweeps,
     talking,
@@ -40,7 +38,7 @@ PARTS = "Parts by themselves"
 MACHINES = "This machine, and one without a network"
 
 TOP = {  # of `karma` itself, by panel; NAME_command is `karma NAME`
-    ACTING: (reading.read_command, agents.eval_command),
+    ACTING: (talking.read_command, agents.eval_command),
     SHOWN: (
         compare.table_command, compare.compare_command, report.report_command,
         sweeps.export_command,
@@ -48,7 +46,7 @@ TOP = {  # of `karma` itself, by panel; NAME_command is `karma NAME`
 }  # fmt: skip
 GROUPS = (  # panel, what it is for, commands: GROUP_NAME is `karma GROUP NAME`
     (ACTING, "Homes that last between sessions.",
-     (homes.home_list, homes.home_new, homes.home_show, homes.home_forget)),
+     (talking.home_list, talking.home_new, talking.home_show, talking.home_forget)),
     (MATERIAL, "Rooms: list, draw, import from AI2-THOR or ALFRED; replay recordings.",
      (worlds.world_list, worlds.world_show, worlds.world_import, worlds.world_floors,
       worlds.world_replay)),

@@ -19,7 +19,6 @@ from karma.cli.eval_options import (
     Sets,
     changes_of,
     end_below,
-    floors_of,
     write_junit,
 )
 from karma.cli.model_options import (
@@ -37,7 +36,6 @@ from karma.errors import KarmaError
 
 if TYPE_CHECKING:
     from karma.bench.figures import Figures
-    from karma.bench.floors import SuccessFloor
     from karma.bench.run import Run
 
 
@@ -87,17 +85,22 @@ def eval_command(
     """
     from karma.bench.experiment_file import kind_of
     from karma.bench.figures import plain
+    from karma.bench.floors import SuccessFloor, check_floors
+    from karma.bench.run import Run
+    from karma.bench.sweep import SweepRun
+    from karma.cli.sweeps import do_sweep
     from karma.journal.not_run import in_words
     from karma.places import find_experiment
 
     file = find_experiment(file)
     folder = out or Path("runs") / file.stem
-    changes, floors = changes_of(sets, only, limit, seeds, row), floors_of(fail_under)
+    changes = changes_of(sets, only, limit, seeds, row)
+    floors = [SuccessFloor.of(text) for text in fail_under or ()]
     kind = kind_of(file, changes)
     if kind == "run" and planner_dir is not None:
         kind = "sweep"
     refuse_options(context, f"{file}: such an experiment", USED_BY[kind])
-    opened = {
+    opened: dict[str, Any] = {
         "cassette": cassette_of(cassette, cassette_mode),
         "base_url": base_url,
         "computed": computed,
@@ -106,15 +109,19 @@ def eval_command(
         _do_figure(file, folder, fresh, workers, ray)
         return
     opened |= {"steps": steps, "states": states, "half_width": half_width, "max_seeds": max_seeds}
+    reading = console.status(escape(f"reading {file} ..."))
     if kind == "sweep":
-        from karma.cli.sweeps import do_sweep
-
-        do_sweep(
-            file, folder, changes=changes, planner_dir=planner_dir, fresh=fresh, workers=workers,
-            ray=ray, opened=opened, floors=floors, junit=junit, json=json,
-        )  # fmt: skip
+        with reading:
+            sweep = SweepRun(
+                file, folder, changes=changes, planner_dir=planner_dir, fresh=fresh, opened=opened
+            )
+        check_floors(floors, [one.name for one in sweep.experiment.rows])
+        do_sweep(sweep, workers, ray, floors, junit, json)
         return
-    run = _opened(file, folder, {**opened, "fresh": fresh, "changes": changes}, floors)
+    with reading:
+        run = Run(file, folder, fresh=fresh, changes=changes, **opened)
+    if floors:
+        check_floors(floors, [one.name for one in run.experiment.rows])
     if kind == "benchmark":
         _do_benchmark(run, workers, ray, json)
         return
@@ -124,19 +131,6 @@ def eval_command(
     if run.not_run:
         raise KarmaError(in_words(run.not_run))
     end_below([("", lines)], floors)
-
-
-def _opened(
-    file: Path, folder: Path, opened: Mapping[str, Any], floors: "list[SuccessFloor]"
-) -> "Run":
-    from karma.bench.floors import check_floors
-    from karma.bench.run import Run
-
-    with console.status(escape(f"reading {file} ...")):
-        run = Run(file, folder, **opened)
-    if floors:
-        check_floors(floors, [row.name for row in run.experiment.rows])
-    return run
 
 
 def _done(run: "Run", workers: int, ray: str, tasks: bool) -> "Sequence[Figures]":

@@ -118,16 +118,17 @@ def table_command(
             f"written, with all that stands behind them: {folder}/table.md, table.tex, table.csv"
         )
     )
-    parts = {
-        "name": result.name,
-        "figures": plain(result.figures),
-        "reductions": result.reductions,
-        "paper_reductions": result.paper_reductions,
-        "comparisons": result.comparisons,
-        "failures": result.failures,
-        "margins": margins(result),
-    }
-    write_json(json, parts)
+    if json is not None:
+        parts = {
+            "name": result.name,
+            "figures": plain(result.figures),
+            "reductions": result.reductions,
+            "paper_reductions": result.paper_reductions,
+            "comparisons": result.comparisons,
+            "failures": result.failures,
+            "margins": margins(result),
+        }
+        write_json(json, parts)
 
 
 def _write_benchmark(runs: Sequence[Path], folder: Path, json: Path | None) -> None:

@@ -1,8 +1,7 @@
 """`karma eval` of a grid of settings, and `karma export`."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
@@ -14,7 +13,6 @@ from karma.cli.tasks import warn_of_tasks
 from karma.files import write_atomic
 
 if TYPE_CHECKING:
-    from karma.bench.experiment_file import Changes
     from karma.bench.floors import SuccessFloor
     from karma.bench.sweep import SweepRun
     from karma.bench.sweep_folder import SweepData
@@ -41,39 +39,21 @@ def export_command(
 
 
 def do_sweep(
-    file: Path,
-    folder: Path,
-    *,
-    changes: "Changes",
-    planner_dir: Path | None,
-    fresh: bool,
-    workers: int,
-    ray: str,
-    opened: Mapping[str, Any],
-    floors: "list[SuccessFloor]",
-    junit: Path | None,
+    sweep: "SweepRun", workers: int, ray: str, floors: "list[SuccessFloor]", junit: Path | None,
     json: Path | None,
-) -> None:
+) -> None:  # fmt: skip
     """Do what is missing of a sweep, and print its table.
 
     Raises:
         typer.Exit: code 1 where a cell failed, 4 where one is below a floor, 130 when stopped.
     """
-    from karma.bench.floors import check_floors
-    from karma.bench.sweep import SweepRun
-
-    with console.status(escape(f"reading {file} ...")):
-        sweep = SweepRun(
-            file, folder, changes=changes, planner_dir=planner_dir, fresh=fresh, opened=opened
-        )
-    check_floors(floors, [row.name for row in sweep.experiment.rows])
     try:
         _do_cells(sweep, workers, ray)
     except KeyboardInterrupt:
         console.print("stopped; the same command (without --fresh) goes on")
         raise typer.Exit(130) from None
     print_sweep(sweep.data, json)
-    write_junit(folder, junit)
+    write_junit(sweep.folder, junit)
     if sweep.failed:
         raise typer.Exit(1)
     from karma.bench.sweep_folder import figures_by_cell
@@ -105,8 +85,9 @@ def print_sweep(data: "SweepData", json: Path | None) -> None:
                 f"[red]failed:[/] {escape(f'{cell.name}: {cell.failed}')}", soft_wrap=True
             )
     console.print(escape(f"table: {data.folder / TABLE}"))
-    figures = [
-        {"cell": cell.name, "values": cell.values, "figures": plain(lines)}
-        for cell, lines in figures_by_cell(data)
-    ]
-    write_json(json, figures)
+    if json is not None:
+        figures = [
+            {"cell": cell.name, "values": cell.values, "figures": plain(lines)}
+            for cell, lines in figures_by_cell(data)
+        ]
+        write_json(json, figures)

@@ -1,4 +1,4 @@
-"""`karma run` and `karma chat`: an agent that carries out what it is told, in view."""
+"""`karma run`, `chat`, `read` and `home`: what an agent is told, in view, and where it was."""
 
 import sys
 from collections.abc import Mapping
@@ -24,6 +24,7 @@ from karma.cli.shared import STOPPED, Json, console, readable, tell, write_json
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
+    from karma.contracts import Mention, Request, SaidDeed
     from karma.loading.presets import Preset
     from karma.talk.agent import Agent
 
@@ -250,3 +251,98 @@ def _preset(name: str) -> "Preset":
         return preset(name)
     except ValueError as error:
         raise KarmaError(str(error)) from error
+
+
+# ----------------------------------------------------------------- what a request asks for
+
+
+def read_command(
+    text: Annotated[str, typer.Argument(help="What somebody says, in quotes.")],
+    json: Json = None,
+) -> None:
+    """Say what a request asks for: form, deeds, things, what it rules out, times, conditions."""
+    from karma.methods.guarded import reader_of
+
+    found = reader_of(None).read(readable(text))
+    for request in found:
+        for line in lines_of_request(request):
+            tell(line)
+    write_json(json, found)
+
+
+def lines_of_request(one: "Request") -> list[str]:
+    """Return what a sentence was read as, a line for each thing that it says."""
+    lines = [one.text, f"  form: {one.form}" + (f", lacks {one.lacking}" if one.lacking else "")]
+    lines += [f"  to do: {_deed(deed)}" for deed in one.deeds]
+    lines += [f"  not to do: {_deed(deed)}" for deed in one.forbidden]
+    lines += [f"  ruled out: {_thing(thing)}" for thing in one.exclusions]
+    lines += [f"  time: {time}" for time in one.times]
+    for held in one.conditions:
+        state = f"{_thing(held.thing)} is {held.state or '?'}" if held.thing else "not understood"
+        lines.append(f"  only {held.text}: {'' if held.holds else 'not '}{state}")
+    lines += [f"  not understood: {word}" for word in one.unread]
+    return lines
+
+
+def _deed(deed: "SaidDeed") -> str:
+    things = ", ".join(map(_thing, deed.things))
+    place = f" {'near' if deed.near else 'to'} {_thing(deed.place)}" if deed.place else ""
+    return f"{deed.deed or 'no skill for'} ({deed.verb}) {things}{place}".rstrip()
+
+
+def _thing(one: "Mention") -> str:
+    kinds = "/".join(one.types) or ("whatever is there" if one.anything else "?")
+    count = f" x {one.number}" if one.number else " all" if one.every else ""
+    at = f", told by {'/'.join(one.at)}" if one.at else ""
+    return f"{one.text!r} = {kinds}{count}{at}"
+
+
+# ----------------------------------------------------------------- homes that last
+
+
+Name = Annotated[str, typer.Argument(help="A home's name or folder.")]
+
+
+def home_list() -> None:
+    """List the homes that are kept here."""
+    from karma.talk.home import HOMES, homes
+
+    for folder in homes():
+        tell(folder.name)
+    if not homes():
+        tell(f"no home in {HOMES}; karma chat makes one")
+
+
+def home_new(
+    name: Name,
+    scene: Annotated[str, typer.Option(help="A room's name, or a scene's file.")] = "",
+    people: Annotated[int, typer.Option(help="Who live there while the agent is away.")] = 0,
+) -> None:
+    """Begin a home, which nobody has been in yet."""
+    from karma.talk.home import home_folder, new_home
+    from karma.talk.people import check_people
+    from karma.world.sim import EmbeddedWorld
+
+    check_people(people)
+    home = new_home(home_folder(name), scene, EmbeddedWorld(), people=people)
+    tell(f"{home.folder}: {home.scene}; karma chat --home {name}")
+
+
+def home_show(name: Name) -> None:
+    """Say what was done in a home, the last ten requests."""
+    from karma.talk.home import opened
+    from karma.talk.questions import age
+
+    home = opened(name)
+    people = f", {home.card.people} people" if home.card.people else ""
+    tell(f"{home.folder}: {home.scene}{people}, {len(home.past)} requests")
+    for one in home.past[-10:]:
+        tell(f"  {age(home.clock_s - one.at_s)}: {one.said} ({one.status})")
+
+
+def home_forget(name: Name) -> None:
+    """Remove a home and all that was remembered there."""
+    from karma.talk.home import forget_home, home_folder
+
+    forget_home(home_folder(name))
+    tell(f"forgotten: {home_folder(name)}")
