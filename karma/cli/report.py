@@ -6,10 +6,10 @@ from typing import Annotated
 import typer
 
 from karma.cli.progress import bar
-from karma.cli.shared import console, refuse_options, tell
+from karma.cli.shared import console, refuse_options, tell, write_for
 from karma.errors import KarmaError
-from karma.files import write_atomic
 
+PAGE = "report.html"
 CHOICE = ("8", "auto", "auto")  # of episodes, instructions and frames, unless told otherwise
 
 
@@ -107,7 +107,7 @@ def _write_lived(run: Path, out: Path | None, home: str, day: int | None, row: s
     with bar(passing=True) as progress:
         line = progress.add_task("days lived again", total=record.day + 1)
         shown = lived_again(found, record, after_day=lambda: progress.advance(line))
-    path = _written(run, out, render_lived(found, shown))
+    path = write_for(run, out, PAGE, render_lived(found, shown).encode())
     tell(
         f"page: {path}: {len(found.records)} days; to watch: {record.task} of {record.row!r}, "
         f"{path.stat().st_size / 1e6:.1f} MB"
@@ -117,7 +117,7 @@ def _write_lived(run: Path, out: Path | None, home: str, day: int | None, row: s
 def _write_figure(run: Path, out: Path | None) -> None:
     from karma.report.figure_page import figure_page
 
-    path = _written(run, out, figure_page(run))
+    path = write_for(run, out, PAGE, figure_page(run).encode())
     tell(f"page: {path}")
 
 
@@ -130,7 +130,6 @@ def _write_comparison(
 ) -> None:
     """Write the page of several runs; with a choice of episodes also their own pages."""
     from karma.report.comparison import (
-        PAGE,
         ComparisonPage,
         chosen_reference,
         comparison_of,
@@ -150,7 +149,7 @@ def _write_comparison(
                 page = one
             else:
                 progress.update(line, completed=round(100 * one))
-    _written(path.parent, out, render_comparison(page), path.name)
+    write_for(path.parent, out, path.name, render_comparison(page).encode())
     tell(f"page: {path}: {len(page.sides)} side by side, {len(page.tasks)} tasks")
     for note in page.notes:
         tell(note)
@@ -201,22 +200,12 @@ def _write_run(
                 progress.update(line, completed=round(100 * one))
         progress.update(line, completed=100, description=f"{words}figures, pictures")
         page = page_of(found, result_of(found, paper), shown)
-        path = _written(run, out, render(page, pictures))
+        path = write_for(run, out, PAGE, render(page, pictures).encode())
     tell(
         f"page: {path}: {len(shown)} of {page.episodes} episodes to step through, "
         f"{len(pictures)} pictures, {path.stat().st_size / 1e6:.1f} MB"
     )
     _say_replayed(page.same, page.actions)
-
-
-def _written(run: Path, out: Path | None, page: str, name: str = "report.html") -> Path:
-    """Write a page where it is wanted, else into the run's folder; returns where."""
-    from karma.journal.owned_folder import write_beside
-
-    if out is None:
-        return write_beside(run, name, page.encode())
-    write_atomic(out, page.encode())
-    return out
 
 
 def _say_replayed(same: int, actions: int) -> None:

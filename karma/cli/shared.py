@@ -123,6 +123,16 @@ def write_json(place: Path | None, figures: object) -> None:
         write_atomic(place, data)
 
 
+def write_for(run: Path, out: Path | None, name: str, data: bytes) -> Path:
+    """Write what shows a run where it is wanted, else into the run's folder; return where."""
+    from karma.journal.owned_folder import write_beside
+
+    if out is None:
+        return write_beside(run, name, data)
+    write_atomic(out, data)
+    return out
+
+
 def refuse_options(context: typer.Context, what: str, known: Collection[str]) -> None:
     """Raise KarmaError where a command was given an option that is of no use.
 

@@ -8,9 +8,8 @@ from rich.markup import escape
 
 from karma.cli.eval_options import end_below, write_junit
 from karma.cli.progress import bar
-from karma.cli.shared import console, sheet_table, write_json
+from karma.cli.shared import console, sheet_table, write_for, write_json
 from karma.cli.tasks import warn_of_tasks
-from karma.files import write_atomic
 
 if TYPE_CHECKING:
     from karma.bench.floors import SuccessFloor
@@ -28,14 +27,9 @@ def export_command(
 ) -> None:
     """Write a run's episodes for other programs: one line each, with every metric."""
     from karma.bench.export import exported
-    from karma.journal.owned_folder import write_beside
 
-    data = exported(run, to)
-    if out is None:
-        out = write_beside(run, {"junit": "junit.xml"}.get(to, f"episodes.{to}"), data)
-    else:
-        write_atomic(out, data)
-    console.print(escape(f"written: {out}"))
+    name = {"junit": "junit.xml"}.get(to, f"episodes.{to}")
+    console.print(escape(f"written: {write_for(run, out, name, exported(run, to))}"))
 
 
 def do_sweep(
