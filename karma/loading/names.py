@@ -156,9 +156,7 @@ def _at(where: str) -> Iterator[None]:
     """Say where a name stood, in what is raised about it."""
     try:
         yield
-    except UnknownNameError as error:
-        raise UnknownNameError(f"{where}: {error}") from error
-    except ModelError as error:
-        raise ModelError(f"{where}: {error}") from error
     except KarmaError as error:
-        raise KarmaError(f"{where}: {error}") from error
+        kinds = (UnknownNameError, ModelError, KarmaError)
+        kind = next(one for one in kinds if isinstance(error, one))
+        raise kind(f"{where}: {error}") from error
