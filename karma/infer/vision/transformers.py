@@ -170,7 +170,10 @@ class TransformersVision:
     ) -> Mapping[str, tuple[str, ...]]:
         """Ask about several pictures together; what is asked again, is asked alone."""
         first = [self._opening(instruction, objects) for _, objects in asked]
-        answers = self.answer_all([image for image, _ in asked], first)
+        if len(asked) == 1:
+            answers = [self.answer(asked[0][0], first[0])]
+        else:
+            answers = self.answer_all([image for image, _ in asked], first)
         found: dict[str, tuple[str, ...]] = {}
         for (image, objects), opening, told in zip(asked, first, answers, strict=True):
 
