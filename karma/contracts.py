@@ -554,7 +554,7 @@ class Decoding:
 class Engine:
     """What a local model was computed by; answers may depend on it in their last bits."""
 
-    device: str  # as llama.cpp names it: "CPU", "CUDA0", "Metal", "RPC0"
+    device: str  # as llama.cpp names it: "CPU", "CUDA0", "Metal"
     gpu_layers: int  # of the model, that lie on it; 0 on the CPU
     n_ctx: int  # tokens
     threads: int

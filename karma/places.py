@@ -44,7 +44,7 @@ def rebuild_llama(options: str) -> str:
         return f'make setup CMAKE_ARGS="{options}"' if options else "make setup CMAKE_ARGS="
     wanted = f"llama-cpp-python=={version('llama-cpp-python')}"
     build = f"pip install --force-reinstall --no-deps --no-binary :all: {wanted}"
-    return f'CMAKE_ARGS="{options or "-DLLAVA_BUILD=ON -DGGML_RPC=ON"}" {build}'
+    return f'CMAKE_ARGS="{options or "-DLLAVA_BUILD=ON"}" {build}'
 
 
 def find_experiment(given: Path) -> Path:

@@ -10,18 +10,22 @@ run. "selection" is the time between having logits and having a token.
 import argparse
 import random
 import statistics
+import sys
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
 import numpy as np
 from numpy.typing import NDArray
+from support.llama_export import export_llama_gguf
 
 from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.infer.llama.constrain import choose_token
-from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
+from karma.infer.llama.gguf_files import new_tokenizer
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.programs.automaton import ProgramAutomaton

@@ -25,6 +25,7 @@ planner, at every step of the expert's plans. It needs the reference data and a 
 import argparse
 import random
 import statistics
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -33,8 +34,11 @@ from itertools import product
 from pathlib import Path
 from string import ascii_lowercase
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
 import numpy as np
 from numpy.typing import NDArray
+from support.llama_export import export_llama_gguf
 
 from karma.bench.experiment_file import beside
 from karma.benchmarks.lota_alfred.experiment import draw_tasks
@@ -43,7 +47,7 @@ from karma.benchmarks.lota_alfred.prompt import LotaPromptOptions, score_prompt
 from karma.benchmarks.players import ExpertPlayer
 from karma.benchmarks.trial_rooms import read_rooms
 from karma.contracts import END, Choice
-from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
+from karma.infer.llama.gguf_files import new_tokenizer
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.scoring import Scores, SkillScorer

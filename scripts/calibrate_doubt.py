@@ -20,7 +20,7 @@ from karma.agent.doubt import FEATURES
 from karma.files import to_json, write_atomic
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.manifest.manifest import resolve_planner
-from karma.loading.words import hints_for
+from karma.loading.planner_files import hints_for
 from karma.offline import go_offline
 from karma.seeds import stream
 from karma.tasks.drawing.phrases import our_book

@@ -12,10 +12,9 @@ from karma.infer.manifest.manifest import resolve_planner
 from karma.journal.header import Header
 from karma.journal.provenance import header_of as journal_header
 from karma.journal.told import Config
-from karma.loading.doubt import may_refuse
 from karma.loading.models import Models, Row
+from karma.loading.planner_files import NO_WORDS, chosen_words, may_refuse
 from karma.loading.presets import PRESETS, preset
-from karma.loading.words import NO_WORDS, chosen_words
 
 
 def configuration(experiment: msgspec.Struct) -> Config:

@@ -179,7 +179,7 @@ def _about_gpu(gguf: GgufModel) -> Iterator[str]:
     layers, whole, options = gguf.placement.layers, gguf.size.blocks + 1, gguf.options
     if options.gpu_layers != "auto":
         return
-    if any(one.is_gpu and one.address in ("", options.rpc) for one in devices()):
+    if any(one.is_gpu for one in devices()):
         if layers < whole:
             yield (
                 f"{layers} of {whole} layers fit the GPU: a smaller file, a smaller n_ctx or "

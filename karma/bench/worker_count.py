@@ -39,8 +39,7 @@ def suggest_workers(
             core each. None: nobody waits.
     """
     local = models.hosted.planner is None
-    card = models.rpc or any(one.is_gpu and not one.address for one in devices())
-    if local and models.gpu_layers != 0 and card:
+    if local and models.gpu_layers != 0 and any(one.is_gpu for one in devices()):
         return Suggestion(number=1, reason="a GPU, which one process has for itself")
     if in_flight is not None:
         most, worth = in_flight, episodes // _WORTH_WAITING

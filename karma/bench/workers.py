@@ -119,11 +119,6 @@ def check_workers(models: Models, cassette: Cassette, ray: str) -> None:
         cassette: records hosted models or stands for them.
         ray: address of a cluster; "" for processes here.
     """
-    if models.rpc:
-        raise KarmaError(
-            "llama.cpp's rpc-server serves one process only\n"
-            "  To fix: leave out --workers and --ray"
-        )
     if ray and (models.hosted != Hosted() or cassette.mode != "off"):
         raise KarmaError(  # keys and recordings do not travel
             "hosted models and cassettes are for workers on this machine\n"

@@ -14,9 +14,7 @@ from karma.cli import (
     bundle,
     compare,
     doctor,
-    homes,
     models,
-    reading,
     report,
     sweeps,
     talking,
@@ -24,7 +22,7 @@ from karma.cli import (
     vlm,
     worlds,
 )
-from karma.cli.shared import MACHINES, MATERIAL, PARTS, clear_errors
+from karma.cli.shared import clear_errors
 from karma.offline import go_offline
 
 app = typer.Typer(
@@ -33,19 +31,54 @@ app = typer.Typer(
     epilog='Begin with: karma run "wash the tomato, then put it in the fridge"',
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-talking.add_to(app)
-homes.add_to(app)
-reading.add_to(app)
-agents.add_to(app)
-compare.add_to(app)
-report.add_to(app)
-sweeps.add_to(app)
-app.add_typer(worlds.app, name="world", rich_help_panel=MATERIAL)
-app.add_typer(tasks.app, name="tasks", rich_help_panel=MATERIAL)
-app.add_typer(models.app, name="models", rich_help_panel=MATERIAL)
-app.add_typer(vlm.app, name="vlm", rich_help_panel=PARTS)
-app.add_typer(doctor.app, name="doctor", rich_help_panel=MACHINES)
-app.add_typer(bundle.app, name="bundle", rich_help_panel=MACHINES)
+ACTING = "The agent at work"  # panels of `karma --help`
+SHOWN = "What runs show"
+MATERIAL = "What runs are made of"
+PARTS = "Parts by themselves"
+MACHINES = "This machine, and one without a network"
+
+TOP = {  # of `karma` itself, by panel; NAME_command is `karma NAME`
+    ACTING: (talking.read_command, agents.eval_command),
+    SHOWN: (
+        compare.table_command, compare.compare_command, report.report_command,
+        sweeps.export_command,
+    ),
+}  # fmt: skip
+GROUPS = (  # panel, what it is for, commands: GROUP_NAME is `karma GROUP NAME`
+    (ACTING, "Homes that last between sessions.",
+     (talking.home_list, talking.home_new, talking.home_show, talking.home_forget)),
+    (MATERIAL, "Rooms: list, draw, import from AI2-THOR or ALFRED; replay recordings.",
+     (worlds.world_list, worlds.world_show, worlds.world_import, worlds.world_floors,
+      worlds.world_replay)),
+    (MATERIAL, "Task files: look for tasks that measure nothing.", (tasks.tasks_check,)),
+    (MATERIAL, "Models: list, show, verify, bring, add your own, remove.",
+     (models.models_list, models.models_show, models.models_verify, models.models_add,
+      models.models_bring, models.models_tune, models.models_remove)),
+    (PARTS, "Score models that read states (open, dirty ...) out of pictures.", (vlm.vlm_eval,)),
+    (MACHINES, "", (doctor.doctor_offline, doctor.doctor_models, doctor.doctor_thor)),
+    (MACHINES, "All in one archive, for a machine without a network.",
+     (bundle.bundle_build, bundle.bundle_verify, bundle.bundle_install)),
+)  # fmt: skip
+
+
+def _add_all() -> None:
+    """Give `karma` its commands."""
+    run = clear_errors(talking.run_command)
+    app.command("run", rich_help_panel=ACTING)(run)
+    app.command("chat", rich_help_panel=ACTING, cls=talking.Chat, help=talking.CHAT)(run)
+    for panel, commands in TOP.items():
+        for one in commands:
+            name = one.__name__.removesuffix("_command")
+            app.command(name, rich_help_panel=panel)(clear_errors(one))
+    for panel, words, commands in GROUPS:
+        name = commands[0].__name__.partition("_")[0]
+        if words:
+            group = typer.Typer(help=words, no_args_is_help=True)
+        else:
+            group = typer.Typer(callback=clear_errors(doctor.doctor), invoke_without_command=True)
+        for one in commands:
+            group.command(one.__name__.partition("_")[2])(clear_errors(one))
+        app.add_typer(group, name=name, rich_help_panel=panel)
 
 
 def _version(asked: bool) -> None:
@@ -72,6 +105,9 @@ def karma(
 def version() -> None:
     """Say which this is."""
     _version(asked=True)
+
+
+_add_all()
 
 
 def main() -> None:

@@ -19,7 +19,6 @@ from karma.cli.eval_options import (
     Sets,
     changes_of,
     end_below,
-    floors_of,
     write_junit,
 )
 from karma.cli.model_options import (
@@ -31,29 +30,15 @@ from karma.cli.model_options import (
     model_options,
 )
 from karma.cli.progress import bar, workers_for
-from karma.cli.shared import (
-    ACTING,
-    Json,
-    clear_errors,
-    console,
-    refuse_options,
-    write_json,
-)
+from karma.cli.shared import Json, console, refuse_options, tell, write_json
 from karma.cli.tasks import warn_of_tasks
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
     from karma.bench.figures import Figures
-    from karma.bench.floors import SuccessFloor
     from karma.bench.run import Run
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the command to the top level."""
-    app.command("eval", rich_help_panel=ACTING)(eval_command)
-
-
-@clear_errors
 @model_options
 def eval_command(
     context: typer.Context,
@@ -100,17 +85,22 @@ def eval_command(
     """
     from karma.bench.experiment_file import kind_of
     from karma.bench.figures import plain
+    from karma.bench.floors import SuccessFloor, check_floors
+    from karma.bench.run import Run
+    from karma.bench.sweep import SweepRun
+    from karma.cli.sweeps import do_sweep
     from karma.journal.not_run import in_words
     from karma.places import find_experiment
 
     file = find_experiment(file)
     folder = out or Path("runs") / file.stem
-    changes, floors = changes_of(sets, only, limit, seeds, row), floors_of(fail_under)
+    changes = changes_of(sets, only, limit, seeds, row)
+    floors = [SuccessFloor.of(text) for text in fail_under or ()]
     kind = kind_of(file, changes)
     if kind == "run" and planner_dir is not None:
         kind = "sweep"
     refuse_options(context, f"{file}: such an experiment", USED_BY[kind])
-    opened = {
+    opened: dict[str, Any] = {
         "cassette": cassette_of(cassette, cassette_mode),
         "base_url": base_url,
         "computed": computed,
@@ -119,38 +109,28 @@ def eval_command(
         _do_figure(file, folder, fresh, workers, ray)
         return
     opened |= {"steps": steps, "states": states, "half_width": half_width, "max_seeds": max_seeds}
+    reading = console.status(escape(f"reading {file} ..."))
     if kind == "sweep":
-        from karma.cli.sweeps import do_sweep
-
-        do_sweep(
-            file, folder, changes=changes, planner_dir=planner_dir, fresh=fresh, workers=workers,
-            ray=ray, opened=opened, floors=floors, junit=junit, json=json,
-        )  # fmt: skip
+        with reading:
+            sweep = SweepRun(
+                file, folder, changes=changes, planner_dir=planner_dir, fresh=fresh, opened=opened
+            )
+        check_floors(floors, [one.name for one in sweep.experiment.rows])
+        do_sweep(sweep, workers, ray, floors, junit, json)
         return
-    run = _opened(file, folder, {**opened, "fresh": fresh, "changes": changes}, floors)
+    with reading:
+        run = Run(file, folder, fresh=fresh, changes=changes, **opened)
+    if floors:
+        check_floors(floors, [one.name for one in run.experiment.rows])
     if kind == "benchmark":
         _do_benchmark(run, workers, ray, json)
         return
     lines = _done(run, workers, ray, tasks)
-    if json is not None:
-        write_json(json, plain(lines))
+    write_json(json, plain(lines))
     write_junit(folder, junit)
     if run.not_run:
         raise KarmaError(in_words(run.not_run))
     end_below([("", lines)], floors)
-
-
-def _opened(
-    file: Path, folder: Path, opened: Mapping[str, Any], floors: "list[SuccessFloor]"
-) -> "Run":
-    from karma.bench.floors import check_floors
-    from karma.bench.run import Run
-
-    with console.status(escape(f"reading {file} ...")):
-        run = Run(file, folder, **opened)
-    if floors:
-        check_floors(floors, [row.name for row in run.experiment.rows])
-    return run
 
 
 def _done(run: "Run", workers: int, ray: str, tasks: bool) -> "Sequence[Figures]":
@@ -181,7 +161,7 @@ def _done(run: "Run", workers: int, ray: str, tasks: bool) -> "Sequence[Figures]
         console.print(show.precision_table(reached(run.records, run.precision), run.precision))
     spent = [one for record in run.records for one in spent_by(record, run.timings[record.key])]
     if spent:
-        console.print(escape(spent_text(spent)), soft_wrap=True)
+        tell(spent_text(spent))
     console.print(escape(f"records: {run.records_path}"))
     if words := show.conclusion(lines):
         console.print(escape(words))
@@ -219,14 +199,13 @@ def _do_benchmark(run: "Run", workers: int, ray: str, json: Path | None) -> None
         for record in run.episodes(workers, ray=ray):
             mark = "done" if record.success else record.end
             done = f"{len(run.records)} of {run.total}"
-            console.print(escape(f"{done}: {record.row}, {record.task}: {mark}"), soft_wrap=True)
+            tell(f"{done}: {record.row}, {record.task}: {mark}")
     results = run.results()
-    console.print(escape(to_markdown(results.behind)), soft_wrap=True)
-    if json is not None:
-        write_json(json, results.figures)
+    tell(to_markdown(results.behind))
+    write_json(json, results.figures)
     if run.not_run:
         raise KarmaError(in_words(run.not_run))
-    console.print(escape(f"all tables: {run.folder / TABLE}"), soft_wrap=True)
+    tell(f"all tables: {run.folder / TABLE}")
 
 
 def _do_figure(file: Path, folder: Path, fresh: bool, workers: int, ray: str) -> None:

@@ -7,25 +7,12 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from karma.cli.shared import (
-    Json,
-    clear_errors,
-    console,
-    write_json,
-)
-
-app = typer.Typer(no_args_is_help=True, help="All in one archive, for a machine without a network.")
+from karma.cli.shared import Json, console, tell, write_json
 
 File = Annotated[Path, typer.Argument(help="The bundle.")]
 Sha256 = Annotated[str, typer.Option(help="Of the bundle, as `build` said; refused otherwise.")]
 
 
-def _say(text: str) -> None:
-    console.print(escape(text), highlight=False, soft_wrap=True)
-
-
-@app.command("build")
-@clear_errors
 def bundle_build(
     out: Annotated[Path, typer.Option(help="The archive to write, e.g. karma.tar.")],
     models: Annotated[
@@ -62,7 +49,7 @@ def bundle_build(
         extras=PROJECT / "requirements-extras.lock" if extras or thor is not None else None,
     )
     with console.status("building the bundle ..."):
-        built = build(out, spec, say=_say)
+        built = build(out, spec, say=tell)
     names = escape(", ".join(built.models) or "none")
     console.print(
         f"[green]✓[/] {escape(str(built.path))}: {built.bytes / 1e6:.1f} MB, "
@@ -72,17 +59,14 @@ def bundle_build(
     )
     console.print(f"SHA-256 {built.sha256}", soft_wrap=True)
     console.print("bring it by another way than the bundle, and give it as --sha256 over there")
-    if json is not None:
-        write_json(json, built)
+    write_json(json, built)
 
 
-@app.command("verify")
 def bundle_verify(file: File, sha256: Sha256 = "") -> None:
     """Check every file without unpacking; the first wrong one is named."""
     _installer(str(file), "--sha256", sha256)
 
 
-@app.command("install")
 def bundle_install(
     file: File,
     into: Annotated[Path, typer.Option(help="A new or empty folder.")],

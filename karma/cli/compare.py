@@ -7,15 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from karma.cli.shared import (
-    SHOWN,
-    Json,
-    clear_errors,
-    console,
-    refuse_options,
-    sheet_table,
-    write_json,
-)
+from karma.cli.shared import Json, console, refuse_options, sheet_table, tell, write_json
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
@@ -23,13 +15,6 @@ if TYPE_CHECKING:
     from karma.bench.sheet import Sheet
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the commands to the top level."""
-    app.command("table", rich_help_panel=SHOWN)(table_command)
-    app.command("compare", rich_help_panel=SHOWN)(compare_command)
-
-
-@clear_errors
 def compare_command(
     runs: Annotated[
         list[str],
@@ -47,7 +32,7 @@ def compare_command(
     if not 0 < half_width < 0.5:
         raise KarmaError(f"--half-width {half_width}: it is between 0 and 0.5")
     for words in unfinished(runs):
-        console.print(escape(words), soft_wrap=True, highlight=False)
+        tell(words)
     found = [
         compare_kinds(group[0], other, half_width=half_width)
         for group in arms_named(runs)
@@ -56,14 +41,12 @@ def compare_command(
     for comparisons in found:
         console.print(sheet_table(_side_by_side(comparisons[0])))
         console.print(sheet_table(_by_kind(comparisons)))
-        console.print(escape(_remarks(comparisons[0])), soft_wrap=True, highlight=False)
+        tell(_remarks(comparisons[0]))
     for words in set_apart(runs):
-        console.print(escape(words), soft_wrap=True, highlight=False)
-    if json is not None:
-        write_json(json, [one for group in found for one in group])
+        tell(words)
+    write_json(json, [one for group in found for one in group])
 
 
-@clear_errors
 def table_command(
     context: typer.Context,
     run: Annotated[Path, typer.Argument(help="A run folder.")],
@@ -125,7 +108,7 @@ def table_command(
     for sheet in (*tables.main_sheets(result), *margin):
         console.print(sheet_table(sheet))
     for words in unfinished([str(run)]):
-        console.print(escape(words), soft_wrap=True, highlight=False)
+        tell(words)
     folder = out or run
     write_beside(folder, "table.md", to_markdown(sheets).encode())
     write_beside(folder, "table.tex", to_latex(sheets).encode())
@@ -168,10 +151,9 @@ def _write_benchmark(runs: Sequence[Path], folder: Path, json: Path | None) -> N
     if not results.figures:
         raise KarmaError(f"{runs[0]}: the run has no episodes yet\n  To fix: karma eval FILE")
     write_beside(folder, TABLE, written(results))
-    console.print(escape(to_markdown(results.behind)), soft_wrap=True)
-    console.print(escape(f"all tables: {folder / TABLE}"), soft_wrap=True)
-    if json is not None:
-        write_json(json, results.figures)
+    tell(to_markdown(results.behind))
+    tell(f"all tables: {folder / TABLE}")
+    write_json(json, results.figures)
 
 
 def _side_by_side(one: "Comparison") -> "Sheet":

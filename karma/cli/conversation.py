@@ -1,7 +1,7 @@
 """A conversation in the terminal: what an agent says in colours, and what begins with a slash."""
 
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from karma.cli.shared import (
     UNFINISHED,
     console,
     readable,
+    tell,
 )
 from karma.errors import KarmaError
 
@@ -146,8 +147,7 @@ def show_folder(agent: "Agent") -> None:
     """Say where the run is, if there is one, and what makes a page of it."""
     if not agent.has_run:
         return
-    text = escape(f"run: {agent.folder} (karma report {agent.folder})")
-    console.print(text, soft_wrap=True, highlight=False)
+    tell(f"run: {agent.folder} (karma report {agent.folder})")
 
 
 # ----------------------------------------------------------------- the conversation
@@ -182,14 +182,14 @@ def converse(agent: "Agent", view: AnswerView | None = None) -> int:
     codes: list[int] = []
     asked: Unclear | None = None  # what was asked back about, where somebody can answer
     for line in (*home_lines(agent), f"{agent.map.lines()[0]}. Say what to do, or /help."):
-        console.print(escape(line), soft_wrap=True)
+        tell(line)
     try:
         for typed in _typed(agent.home.folder):
             if typed.split()[0] == "/quit":
                 break
             typed = _looking(agent) if typed.lower().rstrip(".!") in _LOOK else typed
             if (told := _said_of_it(agent, typed, asked)) is not None:
-                console.print(escape(told), style="dim", soft_wrap=True)
+                tell(told, style="dim")
                 continue
             offer = agent.replies[-1].offer if agent.replies and sys.stdin.isatty() else ""
             codes.append(_answered(agent, _whole(agent, typed, asked, offer), view))
@@ -227,15 +227,15 @@ def _whole(agent: "Agent", typed: str, asked: "Unclear | None", offer: str = "")
     from karma.talk.offers import is_yes
 
     if offer and is_yes(typed):
-        console.print(escape(f"so: {offer}"), style="dim", soft_wrap=True)
+        tell(f"so: {offer}", style="dim")
         return offer
     if asked is None or typed.startswith("/"):
         return typed
     if agent.is_errand(typed):
-        console.print(escape(f"that in place of: {asked.text}"), style="dim", soft_wrap=True)
+        tell(f"that in place of: {asked.text}", style="dim")
         return typed
     whole = completed(asked.text, typed, asked.about)
-    console.print(escape(f"so: {whole}"), style="dim", soft_wrap=True)
+    tell(f"so: {whole}", style="dim")
     return whole
 
 
@@ -244,14 +244,14 @@ def _answered(agent: "Agent", typed: str, view: AnswerView | None) -> int:
     said = len(agent.replies)
     try:
         if typed.startswith("/"):
-            _commands().get(typed.split()[0], _unknown)(agent)
+            _command(agent, typed.split()[0])
             return DONE
         return CODES[say(agent, typed, view).status]
     except KeyboardInterrupt:
         tell_stopped(agent, said)
         return STOPPED
     except KarmaError as error:
-        console.print(escape(f"error: {error}"), style="red", soft_wrap=True, highlight=False)
+        tell(f"error: {error}", style="red")
         return FAILED
 
 
@@ -261,7 +261,7 @@ def tell_stopped(agent: "Agent", said: int) -> None:
         told = "stopped; all is as it was before you said that"
     else:
         told = f"stopped: {agent.replies[-1].stopped}; what was done before it is kept"
-    console.print(escape(told), style="yellow", soft_wrap=True, highlight=False)
+    tell(told, style="yellow")
 
 
 def _typed(home: Path | None = None) -> Iterator[str]:
@@ -310,7 +310,7 @@ def _lines(*, asks: bool) -> Iterator[str]:
         if not asks and not line:
             return
         if not asks and line.strip():
-            console.print(escape(f"> {line.strip()[:_SHOWN]}"), highlight=False, soft_wrap=True)
+            tell(f"> {line.strip()[:_SHOWN]}")
         if line.strip():
             yield line.strip()
 
@@ -323,15 +323,24 @@ def _line() -> str:
     return line.lstrip("\ufeff")
 
 
-def _commands() -> Mapping[str, Callable[["Agent"], None]]:
-    return {
-        "/memory": _memory, "/map": _map, "/undo": _undo, "/why": _why, "/help": _help,
-        "/look": _nothing_to_look_for,
-    }  # fmt: skip
-
-
-def _nothing_to_look_for(_: "Agent") -> None:
-    console.print("you have asked for nothing that I have not seen")
+def _command(agent: "Agent", name: str) -> None:
+    """Do what begins with a slash."""
+    match name:
+        case "/memory":
+            _plain(agent.memory.lines())
+        case "/map":
+            _plain(agent.map.lines())
+        case "/help":
+            _plain(_HELP)
+        case "/look":
+            console.print("you have asked for nothing that I have not seen")
+        case "/undo":
+            undone = agent.undo()
+            console.print("nothing to undo" if undone is None else escape(f"undone: {undone}"))
+        case "/why":
+            _why(agent)
+        case _:
+            console.print("there is no such command; /help lists them", style="yellow")
 
 
 def _plain(lines: Sequence[str]) -> None:
@@ -343,19 +352,6 @@ def _plain(lines: Sequence[str]) -> None:
         _in_one_row(line)
 
 
-def _memory(agent: "Agent") -> None:
-    _plain(agent.memory.lines())
-
-
-def _map(agent: "Agent") -> None:
-    _plain(agent.map.lines())
-
-
-def _undo(agent: "Agent") -> None:
-    undone = agent.undo()
-    console.print("nothing to undo" if undone is None else escape(f"undone: {undone}"))
-
-
 def _why(agent: "Agent") -> None:
     from karma.talk.replies import lines_why, rows_for
 
@@ -365,11 +361,3 @@ def _why(agent: "Agent") -> None:
     parts = agent.replies[-1].parts
     for part in parts:
         show_lines(lines_why(part, rows_for(len(parts))))
-
-
-def _help(_: "Agent") -> None:
-    _plain(_HELP)
-
-
-def _unknown(_: "Agent") -> None:
-    console.print(escape("there is no such command; /help lists them"), style="yellow")

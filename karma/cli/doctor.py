@@ -11,25 +11,16 @@ from rich.markup import escape
 from rich.table import Table
 
 from karma.cli.model_options import model_options
-from karma.cli.shared import (
-    Json,
-    clear_errors,
-    console,
-    write_json,
-)
+from karma.cli.shared import Json, console, write_json
 from karma.errors import KarmaError
 from karma.journal.formats import UNKNOWN, figure_text
 
 if TYPE_CHECKING:
     from karma.bench.model_doctor import ModelSeen
 
-app = typer.Typer()
-
 MARKS = {"ok": "[green]ok[/]", "note": "[yellow]note[/]", "problem": "[red]problem[/]"}
 
 
-@app.callback(invoke_without_command=True)
-@clear_errors
 def doctor(
     context: typer.Context,
     offline: Annotated[
@@ -45,9 +36,7 @@ def doctor(
         console.print("for the real AI2-THOR: karma doctor thor")
 
 
-@app.command("offline")
-@clear_errors
-def offline_command(json: Json = None) -> None:
+def doctor_offline(json: Json = None) -> None:
     """List every condition of a run without a network; exit code 1 if one does not hold."""
     _offline(json)
 
@@ -68,19 +57,16 @@ def _offline(json: Path | None) -> None:
     table.add_row(MARKS["ok"], "switches of libraries", f"{len(right)} of {len(switches)} are set")
     console.print(table)
     for one in findings:
-        if one.fix and one.status != "ok":
-            console.print(f"{MARKS[one.status]} {escape(f'{one.name}: {one.fix}')}", soft_wrap=True)
+        if one.fix:
+            _note(one.status, f"{one.name}: {one.fix}")
     console.print("[green]ready to run offline[/]" if good else "[red]something is missing[/]")
-    if json is not None:
-        write_json(json, {"ok": good, "findings": findings})
+    write_json(json, {"ok": good, "findings": findings})
     if not good:
         raise typer.Exit(1)
 
 
-@app.command("models")
-@clear_errors
 @model_options
-def models_command(
+def doctor_models(
     experiment: Annotated[
         Path | None, typer.Argument(help="An experiment; else what `karma run` takes.")
     ] = None,
@@ -107,13 +93,10 @@ def models_command(
     console.print(_models_table(seen))
     for one in seen:
         for text in one.advice:
-            console.print(f"{MARKS['note']} {escape(f'{one.role}: {text}')}", soft_wrap=True)
+            _note("note", f"{one.role}: {text}")
         if one.error:
-            console.print(
-                f"{MARKS['problem']} {escape(f'{one.role}: {one.error}')}", soft_wrap=True
-            )
-    if json is not None:
-        write_json(json, seen)
+            _note("problem", f"{one.role}: {one.error}")
+    write_json(json, seen)
     if any(one.error for one in seen):
         raise typer.Exit(1)
 
@@ -140,9 +123,7 @@ def _models_table(found: Sequence["ModelSeen"]) -> Table:
     return table
 
 
-@app.command("thor")
-@clear_errors
-def thor(
+def doctor_thor(
     executable: Annotated[
         str | None, typer.Option(help="File, folder or command; default $KARMA_THOR_BUILD.")
     ] = None,
@@ -173,14 +154,13 @@ def thor(
     console.print(table)
     for one in findings:
         if one.fix:
-            console.print(f"{MARKS[one.status]} {one.name}: {escape(one.fix)}", soft_wrap=True)
+            _note(one.status, f"{one.name}: {one.fix}")
     tried: dict[str, Any] | None = None
     if start:
         tried = _try(executable, platform, display, scene)
         good = good and not tried.get("error")
     console.print("[green]all is there[/]" if good else "[red]something is missing[/]")
-    if json is not None:
-        write_json(json, {"ok": good, "findings": findings, "start": tried})
+    write_json(json, {"ok": good, "findings": findings, "start": tried})
     if not good:
         raise typer.Exit(1)
 
@@ -208,11 +188,15 @@ def _try(executable: str | None, platform: Any, display: str | None, scene: str)
         )
     except (KarmaError, ValueError, RuntimeError) as error:
         result["error"] = str(error)
-        console.print(f"{MARKS['problem']} start: {escape(str(error))}", soft_wrap=True)
+        _note("problem", f"start: {error}")
     finally:
         if world is not None:
             world.stop()
     return result
+
+
+def _note(status: str, text: str) -> None:
+    console.print(f"{MARKS[status]} {escape(text)}", soft_wrap=True)
 
 
 def _timed(call: Any) -> float:

@@ -101,17 +101,6 @@ def changes_of(
     return Changes(settings=tuple(settings), rows=tuple(rows or ()))
 
 
-def floors_of(texts: Sequence[str] | None) -> "list[SuccessFloor]":
-    """Return what `--fail-under` asks.
-
-    Raises:
-        KarmaError: one of them is no rate.
-    """
-    from karma.bench.floors import SuccessFloor
-
-    return [SuccessFloor.of(text) for text in texts or ()]
-
-
 def write_junit(folder: Path, junit: Path | None) -> None:
     """Write a run's test cases where that is wanted."""
     if junit is not None:

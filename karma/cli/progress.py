@@ -4,9 +4,7 @@ from math import inf
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-from rich.markup import escape
-
-from karma.cli.shared import console
+from karma.cli.shared import console, tell
 
 if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn
@@ -102,9 +100,9 @@ def workers_for(run: "Run", workers: int, ray: str) -> int:
     """
     if run.left and ray:
         many = workers or "as many workers as it has room for"
-        console.print(escape(f"on the Ray cluster at {ray}: {many}"), soft_wrap=True)
+        tell(f"on the Ray cluster at {ray}: {many}")
     elif run.left and not workers:
         suggested = run.suggest()
         workers = suggested.number
-        console.print(escape(f"workers: {workers} ({suggested.reason})"), soft_wrap=True)
+        tell(f"workers: {workers} ({suggested.reason})")
     return workers

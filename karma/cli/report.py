@@ -4,22 +4,15 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 
 from karma.cli.progress import bar
-from karma.cli.shared import SHOWN, clear_errors, console, refuse_options
+from karma.cli.shared import console, refuse_options, tell, write_for
 from karma.errors import KarmaError
-from karma.files import write_atomic
 
+PAGE = "report.html"
 CHOICE = ("8", "auto", "auto")  # of episodes, instructions and frames, unless told otherwise
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the command to the top level."""
-    app.command("report", rich_help_panel=SHOWN)(report_command)
-
-
-@clear_errors
 def report_command(
     context: typer.Context,
     runs: Annotated[
@@ -114,21 +107,18 @@ def _write_lived(run: Path, out: Path | None, home: str, day: int | None, row: s
     with bar(passing=True) as progress:
         line = progress.add_task("days lived again", total=record.day + 1)
         shown = lived_again(found, record, after_day=lambda: progress.advance(line))
-    path = _written(run, out, render_lived(found, shown))
-    console.print(
-        escape(
-            f"page: {path}: {len(found.records)} days; to watch: {record.task} of {record.row!r}, "
-            f"{path.stat().st_size / 1e6:.1f} MB"
-        ),
-        soft_wrap=True,
+    path = write_for(run, out, PAGE, render_lived(found, shown).encode())
+    tell(
+        f"page: {path}: {len(found.records)} days; to watch: {record.task} of {record.row!r}, "
+        f"{path.stat().st_size / 1e6:.1f} MB"
     )
 
 
 def _write_figure(run: Path, out: Path | None) -> None:
     from karma.report.figure_page import figure_page
 
-    path = _written(run, out, figure_page(run))
-    console.print(escape(f"page: {path}"), soft_wrap=True)
+    path = write_for(run, out, PAGE, figure_page(run).encode())
+    tell(f"page: {path}")
 
 
 def _write_comparison(
@@ -140,7 +130,6 @@ def _write_comparison(
 ) -> None:
     """Write the page of several runs; with a choice of episodes also their own pages."""
     from karma.report.comparison import (
-        PAGE,
         ComparisonPage,
         chosen_reference,
         comparison_of,
@@ -160,13 +149,10 @@ def _write_comparison(
                 page = one
             else:
                 progress.update(line, completed=round(100 * one))
-    _written(path.parent, out, render_comparison(page), path.name)
-    console.print(
-        escape(f"page: {path}: {len(page.sides)} side by side, {len(page.tasks)} tasks"),
-        soft_wrap=True,
-    )
+    write_for(path.parent, out, path.name, render_comparison(page).encode())
+    tell(f"page: {path}: {len(page.sides)} side by side, {len(page.tasks)} tasks")
     for note in page.notes:
-        console.print(escape(note), soft_wrap=True, highlight=False)
+        tell(note)
     folders = dict.fromkeys(one.run.folder for one in sides) if choice is not None else ()
     old = [folder for folder in folders if _is_old(folder / PAGE, folder)]
     for number, folder in enumerate(old, start=1):
@@ -214,25 +200,12 @@ def _write_run(
                 progress.update(line, completed=round(100 * one))
         progress.update(line, completed=100, description=f"{words}figures, pictures")
         page = page_of(found, result_of(found, paper), shown)
-        path = _written(run, out, render(page, pictures))
-    console.print(
-        escape(
-            f"page: {path}: {len(shown)} of {page.episodes} episodes to step through, "
-            f"{len(pictures)} pictures, {path.stat().st_size / 1e6:.1f} MB"
-        ),
-        soft_wrap=True,
+        path = write_for(run, out, PAGE, render(page, pictures).encode())
+    tell(
+        f"page: {path}: {len(shown)} of {page.episodes} episodes to step through, "
+        f"{len(pictures)} pictures, {path.stat().st_size / 1e6:.1f} MB"
     )
     _say_replayed(page.same, page.actions)
-
-
-def _written(run: Path, out: Path | None, page: str, name: str = "report.html") -> Path:
-    """Write a page where it is wanted, else into the run's folder; returns where."""
-    from karma.journal.owned_folder import write_beside
-
-    if out is None:
-        return write_beside(run, name, page.encode())
-    write_atomic(out, page.encode())
-    return out
 
 
 def _say_replayed(same: int, actions: int) -> None:

@@ -85,12 +85,6 @@ class SafeConsole(Console):
 
 console = SafeConsole()
 
-ACTING = "The agent at work"  # panels of `karma --help`
-SHOWN = "What runs show"
-MATERIAL = "What runs are made of"
-PARTS = "Parts by themselves"
-MACHINES = "This machine, and one without a network"
-
 DONE, FAILED, MISUSE, REFUSED, UNFINISHED, ASKED, STOPPED = 0, 1, 2, 3, 4, 5, 130  # exit codes
 
 
@@ -109,17 +103,34 @@ Json = Annotated[
 ]  # fmt: skip
 
 
-def write_json(place: Path, figures: object) -> None:
-    """Write figures where `Json` says.
+def tell(text: str, *, style: str = "") -> None:
+    """Print a text as it is, however long its lines."""
+    console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+
+
+def write_json(place: Path | None, figures: object) -> None:
+    """Write figures where `Json` says, if it says anything.
 
     Raises:
         FileError: that cannot be written.
     """
+    if place is None:
+        return
     data = to_json(figures, indent=2)
     if place == Path("-"):
         sys.stdout.write(data.decode())
     else:
         write_atomic(place, data)
+
+
+def write_for(run: Path, out: Path | None, name: str, data: bytes) -> Path:
+    """Write what shows a run where it is wanted, else into the run's folder; return where."""
+    from karma.journal.owned_folder import write_beside
+
+    if out is None:
+        return write_beside(run, name, data)
+    write_atomic(out, data)
+    return out
 
 
 def refuse_options(context: typer.Context, what: str, known: Collection[str]) -> None:

@@ -1,37 +1,22 @@
 """`karma eval` of a grid of settings, and `karma export`."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
 
 from karma.cli.eval_options import end_below, write_junit
 from karma.cli.progress import bar
-from karma.cli.shared import (
-    SHOWN,
-    clear_errors,
-    console,
-    sheet_table,
-    write_json,
-)
+from karma.cli.shared import console, sheet_table, write_for, write_json
 from karma.cli.tasks import warn_of_tasks
-from karma.files import write_atomic
 
 if TYPE_CHECKING:
-    from karma.bench.experiment_file import Changes
     from karma.bench.floors import SuccessFloor
     from karma.bench.sweep import SweepRun
     from karma.bench.sweep_folder import SweepData
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the command to the top level."""
-    app.command("export", rich_help_panel=SHOWN)(export_command)
-
-
-@clear_errors
 def export_command(
     run: Annotated[Path, typer.Argument(help="Folder of a run or a sweep.")],
     to: Annotated[str, typer.Option(help='"csv", "parquet" or "junit".')] = "csv",
@@ -42,50 +27,27 @@ def export_command(
 ) -> None:
     """Write a run's episodes for other programs: one line each, with every metric."""
     from karma.bench.export import exported
-    from karma.journal.owned_folder import write_beside
 
-    data = exported(run, to)
-    if out is None:
-        out = write_beside(run, {"junit": "junit.xml"}.get(to, f"episodes.{to}"), data)
-    else:
-        write_atomic(out, data)
-    console.print(escape(f"written: {out}"))
+    name = {"junit": "junit.xml"}.get(to, f"episodes.{to}")
+    console.print(escape(f"written: {write_for(run, out, name, exported(run, to))}"))
 
 
 def do_sweep(
-    file: Path,
-    folder: Path,
-    *,
-    changes: "Changes",
-    planner_dir: Path | None,
-    fresh: bool,
-    workers: int,
-    ray: str,
-    opened: Mapping[str, Any],
-    floors: "list[SuccessFloor]",
-    junit: Path | None,
+    sweep: "SweepRun", workers: int, ray: str, floors: "list[SuccessFloor]", junit: Path | None,
     json: Path | None,
-) -> None:
+) -> None:  # fmt: skip
     """Do what is missing of a sweep, and print its table.
 
     Raises:
         typer.Exit: code 1 where a cell failed, 4 where one is below a floor, 130 when stopped.
     """
-    from karma.bench.floors import check_floors
-    from karma.bench.sweep import SweepRun
-
-    with console.status(escape(f"reading {file} ...")):
-        sweep = SweepRun(
-            file, folder, changes=changes, planner_dir=planner_dir, fresh=fresh, opened=opened
-        )
-    check_floors(floors, [row.name for row in sweep.experiment.rows])
     try:
         _do_cells(sweep, workers, ray)
     except KeyboardInterrupt:
         console.print("stopped; the same command (without --fresh) goes on")
         raise typer.Exit(130) from None
     print_sweep(sweep.data, json)
-    write_junit(folder, junit)
+    write_junit(sweep.folder, junit)
     if sweep.failed:
         raise typer.Exit(1)
     from karma.bench.sweep_folder import figures_by_cell

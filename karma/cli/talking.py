@@ -1,14 +1,13 @@
-"""`karma run` and `karma chat`: an agent that carries out what it is told, in view."""
+"""`karma run`, `chat`, `read` and `home`: what an agent is told, in view, and where it was."""
 
-import inspect
 import sys
-from collections.abc import Callable, Mapping
-from functools import wraps
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
+from typer.core import TyperCommand
 
 from karma.cli.answers import AnswerView
 from karma.cli.conversation import CODES, converse, figures_of, say, show_folder, tell_stopped
@@ -21,18 +20,11 @@ from karma.cli.model_options import (
     hosted_of,
     model_options,
 )
-from karma.cli.shared import (
-    ACTING,
-    STOPPED,
-    Json,
-    clear_errors,
-    console,
-    readable,
-    write_json,
-)
+from karma.cli.shared import STOPPED, Json, console, readable, tell, write_json
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
+    from karma.contracts import Mention, Request, SaidDeed
     from karma.loading.presets import Preset
     from karma.talk.agent import Agent
 
@@ -40,13 +32,6 @@ if TYPE_CHECKING:
 _UNITS_S = {"m": 60.0, "h": 3600.0, "d": 86_400.0}
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the commands to the top level."""
-    app.command("run", rich_help_panel=ACTING)(run_command)
-    app.command("chat", rich_help_panel=ACTING)(chat_command())
-
-
-@clear_errors
 @model_options
 def run_command(
     instruction: Annotated[
@@ -208,7 +193,7 @@ def run_command(
             people=people,
         )
     if agent.manner:
-        console.print(escape(f"planner: {planner}, {agent.manner}"), style="dim", soft_wrap=True)
+        tell(f"planner: {planner}, {agent.manner}", style="dim")
     if instruction is None:
         raise typer.Exit(converse(agent, view))
     try:
@@ -219,24 +204,19 @@ def run_command(
             _close(agent)
         raise typer.Exit(STOPPED) from None
     _close(agent)
-    if json is not None:
-        write_json(json, figures_of(agent, reply))
+    write_json(json, figures_of(agent, reply))
     raise typer.Exit(CODES[reply.status])
 
 
-def chat_command() -> Callable[..., None]:
-    """Return `karma chat`: what `karma run` takes, without an instruction."""
+CHAT = "Talk with an agent in a room: it remembers what was said and done before."
 
-    @wraps(run_command)
-    def chat(**options: Any) -> None:
-        run_command(instruction=None, json=None, **options)
 
-    parts = inspect.signature(run_command).parameters.values()
-    kept = [one for one in parts if one.name not in ("instruction", "more", "json")]
-    chat.__signature__ = inspect.Signature(kept)  # type: ignore[attr-defined]
-    chat.__annotations__ = {one.name: one.annotation for one in kept}
-    chat.__doc__ = "Talk with an agent in a room: it remembers what was said and done before."
-    return chat
+class Chat(TyperCommand):
+    """`karma chat`: a call of `karma run` without an instruction, which ends in a conversation."""
+
+    def __init__(self, *args: Any, params: list[Any], **more: Any) -> None:
+        asked = [one for one in params if one.name not in ("instruction", "more", "json")]
+        super().__init__(*args, params=asked, **more)
 
 
 def _later_s(later: str, home: str, people: int | None) -> float:
@@ -258,9 +238,9 @@ def _close(agent: "Agent") -> None:
     from karma.journal.formats import spent_text
 
     kinds = ", ".join(dict.fromkeys(unit.object_type for unit in agent.memory)) or "nothing"
-    console.print(escape(f"remembers now: {kinds}"), style="dim", soft_wrap=True)
+    tell(f"remembers now: {kinds}", style="dim")
     if agent.spent:
-        console.print(escape(spent_text(agent.spent)), soft_wrap=True)
+        tell(spent_text(agent.spent))
     show_folder(agent)
 
 
@@ -271,3 +251,98 @@ def _preset(name: str) -> "Preset":
         return preset(name)
     except ValueError as error:
         raise KarmaError(str(error)) from error
+
+
+# ----------------------------------------------------------------- what a request asks for
+
+
+def read_command(
+    text: Annotated[str, typer.Argument(help="What somebody says, in quotes.")],
+    json: Json = None,
+) -> None:
+    """Say what a request asks for: form, deeds, things, what it rules out, times, conditions."""
+    from karma.methods.guarded import reader_of
+
+    found = reader_of(None).read(readable(text))
+    for request in found:
+        for line in lines_of_request(request):
+            tell(line)
+    write_json(json, found)
+
+
+def lines_of_request(one: "Request") -> list[str]:
+    """Return what a sentence was read as, a line for each thing that it says."""
+    lines = [one.text, f"  form: {one.form}" + (f", lacks {one.lacking}" if one.lacking else "")]
+    lines += [f"  to do: {_deed(deed)}" for deed in one.deeds]
+    lines += [f"  not to do: {_deed(deed)}" for deed in one.forbidden]
+    lines += [f"  ruled out: {_thing(thing)}" for thing in one.exclusions]
+    lines += [f"  time: {time}" for time in one.times]
+    for held in one.conditions:
+        state = f"{_thing(held.thing)} is {held.state or '?'}" if held.thing else "not understood"
+        lines.append(f"  only {held.text}: {'' if held.holds else 'not '}{state}")
+    lines += [f"  not understood: {word}" for word in one.unread]
+    return lines
+
+
+def _deed(deed: "SaidDeed") -> str:
+    things = ", ".join(map(_thing, deed.things))
+    place = f" {'near' if deed.near else 'to'} {_thing(deed.place)}" if deed.place else ""
+    return f"{deed.deed or 'no skill for'} ({deed.verb}) {things}{place}".rstrip()
+
+
+def _thing(one: "Mention") -> str:
+    kinds = "/".join(one.types) or ("whatever is there" if one.anything else "?")
+    count = f" x {one.number}" if one.number else " all" if one.every else ""
+    at = f", told by {'/'.join(one.at)}" if one.at else ""
+    return f"{one.text!r} = {kinds}{count}{at}"
+
+
+# ----------------------------------------------------------------- homes that last
+
+
+Name = Annotated[str, typer.Argument(help="A home's name or folder.")]
+
+
+def home_list() -> None:
+    """List the homes that are kept here."""
+    from karma.talk.home import HOMES, homes
+
+    for folder in homes():
+        tell(folder.name)
+    if not homes():
+        tell(f"no home in {HOMES}; karma chat makes one")
+
+
+def home_new(
+    name: Name,
+    scene: Annotated[str, typer.Option(help="A room's name, or a scene's file.")] = "",
+    people: Annotated[int, typer.Option(help="Who live there while the agent is away.")] = 0,
+) -> None:
+    """Begin a home, which nobody has been in yet."""
+    from karma.talk.home import home_folder, new_home
+    from karma.talk.people import check_people
+    from karma.world.sim import EmbeddedWorld
+
+    check_people(people)
+    home = new_home(home_folder(name), scene, EmbeddedWorld(), people=people)
+    tell(f"{home.folder}: {home.scene}; karma chat --home {name}")
+
+
+def home_show(name: Name) -> None:
+    """Say what was done in a home, the last ten requests."""
+    from karma.talk.home import opened
+    from karma.talk.questions import age
+
+    home = opened(name)
+    people = f", {home.card.people} people" if home.card.people else ""
+    tell(f"{home.folder}: {home.scene}{people}, {len(home.past)} requests")
+    for one in home.past[-10:]:
+        tell(f"  {age(home.clock_s - one.at_s)}: {one.said} ({one.status})")
+
+
+def home_forget(name: Name) -> None:
+    """Remove a home and all that was remembered there."""
+    from karma.talk.home import forget_home, home_folder
+
+    forget_home(home_folder(name))
+    tell(f"forgotten: {home_folder(name)}")

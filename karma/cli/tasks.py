@@ -6,14 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.markup import escape
 
-from karma.cli.shared import (
-    Json,
-    clear_errors,
-    console,
-    write_json,
-)
+from karma.cli.shared import Json, console, tell, write_json
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
@@ -22,16 +16,7 @@ if TYPE_CHECKING:
 
 _NAMED = 5  # tasks in a warning
 
-app = typer.Typer(no_args_is_help=True, help="Task files: look for tasks that measure nothing.")
 
-
-@app.callback()
-def _tasks() -> None:
-    """Keep `check` a command of its own."""
-
-
-@app.command("check")
-@clear_errors
 def tasks_check(
     file: Annotated[Path, typer.Argument(help="A task file, e.g. eval/alfred_l/tasks.jsonl.")],
     quick: Annotated[
@@ -62,9 +47,8 @@ def tasks_check(
     for one in found:
         mark = "" if one.serious else "note: "
         text = f"{file}:{lines[one.task]}: {mark}{one}"
-        console.print(escape(text), soft_wrap=True, highlight=False)
-    if json is not None:
-        write_json(json, found)
+        tell(text)
+    write_json(json, found)
     _end(file, len(tasks), found, quick)
 
 
@@ -72,7 +56,7 @@ def _end(file: Path, number: int, found: Sequence["TaskFinding"], quick: bool) -
     bad = [one for one in found if one.serious]
     if not bad:
         how = "the expert did not try" if quick else "the expert solves all"
-        console.print(escape(f"{file}: {number} tasks, nothing wrong ({how})"), soft_wrap=True)
+        tell(f"{file}: {number} tasks, nothing wrong ({how})")
         return
     counts = Counter(one.what for one in bad)
     said = ", ".join(f"{times} × {what}" for what, times in counts.items())
@@ -110,7 +94,6 @@ def warn_of_tasks(run: "Run", told: set[tuple[str, ...]] | None = None) -> None:
             ids[one.what].append(one.task)
     for what, tasks in ids.items():
         said = ", ".join(tasks[:_NAMED]) + (" ..." if len(tasks) > _NAMED else "")
-        console.print(escape(f"tasks: {what}: {len(tasks)} of {len(run.tasks)}: {said}"),
-                      style="yellow", soft_wrap=True, highlight=False)  # fmt: skip
+        tell(f"tasks: {what}: {len(tasks)} of {len(run.tasks)}: {said}", style="yellow")
     if ids and run.experiment.tasks:
-        console.print(escape(f"  more: karma tasks check {run.experiment.tasks}"), soft_wrap=True)
+        tell(f"  more: karma tasks check {run.experiment.tasks}")

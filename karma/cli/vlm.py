@@ -7,28 +7,12 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from karma.cli.shared import (
-    Json,
-    clear_errors,
-    console,
-    write_json,
-)
+from karma.cli.shared import Json, console, write_json
 from karma.files import write_atomic
 from karma.journal.formats import figure_text
 
-app = typer.Typer(
-    no_args_is_help=True, help="Score models that read states (open, dirty ...) out of pictures."
-)
 
-
-@app.callback()
-def _group() -> None:
-    """Models that read states out of pictures."""
-
-
-@app.command("eval")
-@clear_errors
-def eval_command(
+def vlm_eval(
     model: Annotated[
         str, typer.Option(help='Name in the manifest, or a folder; "llama:..." for two .gguf.')
     ] = "karma-nano-vlm",
@@ -63,8 +47,7 @@ def eval_command(
             progress.update(shown, completed=clock.frames)
     found = score(asked, model=vision.name, seed=seed, clock=clock)
     _show(found)
-    if json is not None:
-        write_json(json, found)
+    write_json(json, found)
     if html is not None:
         write_atomic(html, page(found, asked).encode())
         console.print(escape(f"page: {html}"))

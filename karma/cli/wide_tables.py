@@ -13,12 +13,7 @@ _UNBOUNDED = 100_000  # columns
 
 
 def parts_of(table: Table, console: Console) -> list[Table]:
-    """Return a table that fits as it is, another one as several, each with the first columns.
-
-    Args:
-        table: of texts.
-        console: that it is for.
-    """
+    """Return a table that fits as it is, another as several, each with the first columns."""
     width = console.width
     wide = console.options.update(width=_UNBOUNDED)
     if not table.columns or Measurement.get(console, wide, table).maximum <= width:

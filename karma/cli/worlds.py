@@ -11,12 +11,7 @@ from rich.markup import escape
 from rich.progress import track
 from rich.table import Table
 
-from karma.cli.shared import (
-    Json,
-    clear_errors,
-    console,
-    write_json,
-)
+from karma.cli.shared import Json, console, tell, write_json
 from karma.errors import FileError, KarmaError
 from karma.files import below, to_json, write_atomic
 from karma.journal.formats import figure_text, percent_text
@@ -25,7 +20,6 @@ if TYPE_CHECKING:
     from karma.world.alfred.facts import Files
     from karma.world.alfred.replay import TrialResult
     from karma.world.alfred.trial import Trial
-    from karma.world.recorded.sessions import EventReport
 
 T = TypeVar("T")
 _OR_NONE = 'default below $KARMA_SHARED or ../shared; "none" = without.'
@@ -38,14 +32,7 @@ Spots = Annotated[str | None, typer.Option(help=f"Labelled positions in them; {_
 Assets = Annotated[Path | None, typer.Option(help="Boxes of ProcTHOR's assets, for houses.")]
 Only = Annotated[list[str] | None, typer.Option(help="Names to take: FloorPlan1, or a trial's id.")]
 
-app = typer.Typer(
-    no_args_is_help=True,
-    help="Rooms: list, draw, import from AI2-THOR or ALFRED; replay recordings.",
-)
 
-
-@app.command("list")
-@clear_errors
 def world_list(json: Json = None) -> None:
     """List the scenes that ship with the project."""
     from karma.world.core import scene
@@ -57,13 +44,10 @@ def world_list(json: Json = None) -> None:
         rows.append((one.name, one.room, len(one.objects), len(one.reachable), one.source))
         table.add_row(*map(str, rows[-1]))
     console.print(table)
-    if json is not None:
-        names = ("scene", "room", "objects", "cells", "source")
-        write_json(json, [dict(zip(names, row, strict=True)) for row in rows])
+    names = ("scene", "room", "objects", "cells", "source")
+    write_json(json, [dict(zip(names, row, strict=True)) for row in rows])
 
 
-@app.command("show")
-@clear_errors
 def world_show(
     scene: Annotated[str, typer.Argument(help="A scene's name or file.")],
     out: Annotated[Path | None, typer.Option(help="PNG to write; default NAME.png.")] = None,
@@ -78,8 +62,6 @@ def world_show(
     console.print(escape(f"{path}: {one.name}, {one.room}, {len(one.objects)} objects"))
 
 
-@app.command("import")
-@clear_errors
 def world_import(
     files: Several,
     alfred: Annotated[bool, typer.Option("--alfred", help="FILES are ALFRED's trials.")] = False,
@@ -108,12 +90,9 @@ def world_import(
     else:
         rows = [row for path in files for row in _import_dump(path, layouts, assets, only, out)]
     console.print(escape(f"{len(rows)} scenes in {out}"))
-    if json is not None:
-        write_json(json, rows)
+    write_json(json, rows)
 
 
-@app.command("floors")
-@clear_errors
 def world_floors(
     dump: Annotated[Path, typer.Argument(help="AI2-THOR's rooms at reset, also gzipped.")],
     layouts: Annotated[Path, typer.Option(help="ALFRED's reachable cells.")],
@@ -136,8 +115,7 @@ def world_floors(
         f"{len(scores)} rooms: precision {precision:.3f}, recall {recall:.3f}; worst: {worst.scene}"
         f" ({worst.precision:.2f}, {worst.recall:.2f})"
     )
-    if json is not None:
-        write_json(json, scores)
+    write_json(json, scores)
 
 
 def _import_dump(
@@ -167,43 +145,41 @@ def _import_dump(
 def _import_trials(
     files: Sequence[Path], side: "Files", only: list[str] | None, out: Path
 ) -> list[dict[str, Any]]:
-    from karma.world.alfred.facts import gather
     from karma.world.alfred.replay import fitted
-    from karma.world.alfred.trial import read_trials
 
-    every = [trial for path in files for trial in read_trials(path)]
-    chosen = _chosen(every, only)
-    plans = {trial.scene.floor_plan for trial in chosen}
-    facts = gather((trial for trial in every if trial.scene.floor_plan in plans), side)
+    chosen, facts = _trials(files, only, side)
     rows = []
     for trial in _shown(chosen, "importing"):
         scene = fitted(trial, facts[trial.scene.floor_plan])
         path = below(out, f"{trial.id}.json")
         write_atomic(path, to_json(scene))
-        rows.append(
-            {
-                "scene": scene.name,
-                "trial": trial.id,
-                "objects": len(scene.objects),
-                "cells": len(scene.reachable),
-                "path": str(path),
-            }
-        )
+        row = {"scene": scene.name, "trial": trial.id, "objects": len(scene.objects)}
+        rows.append({**row, "cells": len(scene.reachable), "path": str(path)})
     return rows
 
 
-def _chosen(trials: "Sequence[Trial]", ids: Iterable[str] | None) -> "list[Trial]":
-    """Return the trials with these ids, all without; refuses an id that none of them has."""
-    if ids is None:
-        return list(trials)
-    wanted = set(ids)
+def _trials(
+    files: Sequence[Path], ids: Iterable[str] | None, side: "Files", limit: int | None = None
+) -> "tuple[list[Trial], Any]":
+    """Return the trials with these ids, all without, and the facts of their rooms.
+
+    Raises:
+        KarmaError: none of them has one of the ids.
+    """
+    from karma.world.alfred.facts import gather
+    from karma.world.alfred.trial import read_trials
+
+    trials = [trial for path in files for trial in read_trials(path)]
+    wanted = {trial.id for trial in trials} if ids is None else set(ids)
     if missing := sorted(wanted - {trial.id for trial in trials}):
         more = f", nor {len(missing) - 1} more" * (len(missing) > 1)
         raise KarmaError(
             f"no trial {missing[0]!r} in the files given{more}\n"
             f"  To fix: leave --only or --ids out, or take e.g. {trials[0].id}"
         )
-    return [trial for trial in trials if trial.id in wanted]
+    chosen = [trial for trial in trials if trial.id in wanted][:limit]
+    plans = {trial.scene.floor_plan for trial in chosen}
+    return chosen, gather((one for one in trials if one.scene.floor_plan in plans), side)
 
 
 def _shown(items: Iterable[T], text: str, total: int | None = None) -> Iterable[T]:
@@ -214,16 +190,9 @@ def _shown(items: Iterable[T], text: str, total: int | None = None) -> Iterable[
     )  # fmt: skip
 
 
-def _say(line: str) -> None:
-    """Print one line as it is, however long."""
-    console.print(line, markup=False, highlight=False, soft_wrap=True)
-
-
 # ----------------------------------------------------------------- replay
 
 
-@app.command("replay")
-@clear_errors
 def world_replay(
     files: Several,
     events: Annotated[bool, typer.Option("--events", help="FILES are recorded sessions.")] = False,
@@ -257,21 +226,17 @@ def world_replay(
     if events:
         _replay_events(files, side.layouts, json)
         return
-    from karma.world.alfred.facts import gather
     from karma.world.alfred.replay import replay_all
-    from karma.world.alfred.trial import read_ids, read_trials
+    from karma.world.alfred.trial import read_ids
 
-    every = [trial for path in files for trial in read_trials(path)]
     wanted = [*(only or ()), *(read_ids(ids) if ids else ())]
-    chosen = _chosen(every, wanted if only or ids else None)[:limit]
-    plans = {trial.scene.floor_plan for trial in chosen}
-    facts = gather((trial for trial in every if trial.scene.floor_plan in plans), side)
+    chosen, facts = _trials(files, wanted if only or ids else None, side, limit)
     results: list[TrialResult] = []
     replays = replay_all(chosen, facts, mutate=mutate, strict=strict, workers=workers)
     for result in _shown(replays, "replaying", len(chosen)):
         results.append(result)
         if result.ok == (mutate is not None):
-            _say(_told(result))
+            tell(_told(result))
     _summed(results, mutate, json)
 
 
@@ -288,15 +253,14 @@ def _summed(results: "Sequence[TrialResult]", mutate: int | None, json: Path | N
     ok = sum(result.ok for result in results)
     handled, unseen = sum(r.handled for r in results), sum(r.unseen for r in results)
     good = {"ok": ok} if mutate is None else {"caught": len(results) - ok, "seed": mutate}
-    if json is not None:
-        figures = {"trials": len(results), **good, "handled": handled, "unseen": unseen}
-        write_json(json, {**figures, "results": list(results)})
+    figures = {"trials": len(results), **good, "handled": handled, "unseen": unseen}
+    write_json(json, {**figures, "results": list(results)})
     if mutate is None:
         share = f" ({percent_text((handled - unseen) / handled, 1)} %)" if handled else ""
-        _say(f"actions on objects {handled}, in view {handled - unseen}{share}")
-        _say(f"trials {len(results)}, ok {ok}")
+        tell(f"actions on objects {handled}, in view {handled - unseen}{share}")
+        tell(f"trials {len(results)}, ok {ok}")
     else:
-        _say(f"trials {len(results)}, caught {len(results) - ok}")
+        tell(f"trials {len(results)}, caught {len(results) - ok}")
 
 
 def _replay_events(files: Sequence[Path], layouts: Path | None, json: Path | None) -> None:
@@ -316,16 +280,14 @@ def _replay_events(files: Sequence[Path], layouts: Path | None, json: Path | Non
         for gap in one.differences:
             what = f"step {gap.step} {gap.action}: {gap.object_id or 'agent'} {gap.field}"
             said = f"{gap.ours!r}, AI2-THOR {gap.theirs!r}"
-            _say(f"{Path(one.path).name} {what} is {said}" + (f" ({gap.cause})" * bool(gap.cause)))
+            tell(f"{Path(one.path).name} {what} is {said}" + (f" ({gap.cause})" * bool(gap.cause)))
     console.print(table)
-    if json is not None:
-        write_json(json, _event_figures(reports))
+    write_json(
+        json,
+        [{"rate": one.rate, "causes": one.causes, **msgspec.to_builtins(one)} for one in reports],
+    )
     flags = sum(one.compared for one in reports)
-    _say(f"events {len(reports)}, flags {flags}, equal {_percent(total_rate(reports))} %")
-
-
-def _event_figures(reports: "Sequence[EventReport]") -> list[dict[str, Any]]:
-    return [{"rate": one.rate, "causes": one.causes, **msgspec.to_builtins(one)} for one in reports]
+    tell(f"events {len(reports)}, flags {flags}, equal {_percent(total_rate(reports))} %")
 
 
 def _percent(share: float | None) -> str:

@@ -20,9 +20,8 @@ from karma.infer.llama.devices import devices
 from karma.infer.manifest.manifest import find_model, resolve_planner, sha256_of
 from karma.journal.header import FORMAT, Header, Machine
 from karma.journal.told import without_places
-from karma.loading.doubt import doubt_path, may_refuse
 from karma.loading.models import OPENAI, Models, Row
-from karma.loading.words import chosen_words
+from karma.loading.planner_files import chosen_words, doubt_path, may_refuse
 from karma.offline import network_allowed
 from karma.world.core.scene import find
 

@@ -8,7 +8,7 @@ import msgspec
 
 from karma.errors import FileError
 from karma.files import read_json
-from karma.loading.words import NO_WORDS
+from karma.loading.planner_files import NO_WORDS
 
 CONFIG = "config.json"  # in the run folder
 Config = Mapping[str, Any]
@@ -35,6 +35,8 @@ def read_config(folder: Path) -> Config | None:
     rows = found.get("rows")
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise FileError(path, "no configuration of a run: `rows` is no list of tables")
+    if isinstance(models := found.get("models"), dict) and not models.get("rpc"):
+        models.pop("rpc", None)  # an option that there was; nothing was said by it
     return found
 
 

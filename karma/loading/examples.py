@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from karma import registry
 from karma.agent.expert import ExpertView
 from karma.agent.goal_lines import as_lines
 from karma.agent.plain_programs import plain_program
@@ -16,6 +15,7 @@ from karma.contracts import Embedder, Examples, Vectors, WorkedExample
 from karma.errors import FileError, KarmaError
 from karma.files import read_bytes, write_atomic
 from karma.infer.embed.minilm import FILES
+from karma.loading.planner_files import learnt_embedder
 from karma.methods.example_memory import ExampleMemory
 from karma.places import cache, shipped
 from karma.tasks.drawing.alfred import names_its_place, read_sentences
@@ -23,7 +23,6 @@ from karma.tasks.requests import load_said
 
 EXAMPLES = 4  # told to a planner with the full prompt, if nothing else is said
 _HASH = 32  # bytes of SHA-256 before what is kept
-_EMBEDDER = "minilm"  # whatever recall uses, so that equal runs have equal examples
 
 
 def bank_file(named: str = "") -> Path:
@@ -98,8 +97,7 @@ def examples_for(
     """
     if not count:
         return None
-    if embedder is None or embedder.name != _EMBEDDER:
-        embedder = registry.load("embedders", _EMBEDDER)()
+    embedder = learnt_embedder(embedder)
     path = bank_file(named)
     bank = _bank(path, path.stat().st_mtime if path.is_file() else 0.0, goals)
     memory = ExampleMemory(embedder, bank, kept_vectors(embedder, [e.instruction for e in bank]))

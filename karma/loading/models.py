@@ -1,7 +1,7 @@
 """The models of a run: what is said of them, and how each is opened, once."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from inspect import signature
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -28,12 +28,11 @@ from karma.infer.hosted.session import Endpoint, Hosted, Session
 from karma.infer.llama.options import KvType, LlamaOptions, Switch
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.manifest import default_planner, resolve_planner
-from karma.infer.torch_options import DType, TorchOptions
-from karma.loading.doubt import doubt_of, may_refuse
+from karma.infer.torch_load import DType, TorchOptions
 from karma.loading.examples import EXAMPLES, examples_for
 from karma.loading.names import MODELS, check_models, whole_name
+from karma.loading.planner_files import NO_WORDS, doubt_of, hints_for, may_refuse
 from karma.loading.presets import PRESETS, preset
-from karma.loading.words import NO_WORDS, hints_for
 
 _HOTTEST = 100.0
 
@@ -100,7 +99,6 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     beyond_training: bool = False
     flash_attention: Switch = "auto"
     kv: KvType = "f16"
-    rpc: str = ""
     device: str = "auto"  # of torch models, see `TorchOptions`
     dtype: DType = "auto"
     hosted: Hosted = Hosted()  # where the roles are that have "openai"
@@ -141,16 +139,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     @property
     def llama(self) -> LlamaOptions:
         """How a GGUF is opened."""
-        names = (
-            "threads",
-            "gpu_layers",
-            "n_ctx",
-            "beyond_training",
-            "flash_attention",
-            "kv",
-            "rpc",
-        )
-        return LlamaOptions(**{name: getattr(self, name) for name in names})
+        return LlamaOptions(**{one.name: getattr(self, one.name) for one in fields(LlamaOptions)})
 
     @property
     def torch(self) -> TorchOptions:

@@ -35,13 +35,7 @@ _OPENERS: Mapping[tuple[str, str, str], str] = {  # what opens a model of that r
 
 
 def opened_as(role: str, entry: ModelEntry, place: str = "") -> str:
-    """Return how a role names a model of the manifest, "transformers:mysmol"; "" if it cannot.
-
-    Args:
-        role: as the registry calls it.
-        entry: of the model.
-        place: its folder, to name it by that.
-    """
+    """Return how a role names a model, "transformers:mysmol", or by its folder; "" if it cannot."""
     kind = _OPENERS.get((role, entry.role, entry.format))
     return f"{kind}:{place or entry.name}" if kind else ""
 
@@ -162,9 +156,7 @@ def _at(where: str) -> Iterator[None]:
     """Say where a name stood, in what is raised about it."""
     try:
         yield
-    except UnknownNameError as error:
-        raise UnknownNameError(f"{where}: {error}") from error
-    except ModelError as error:
-        raise ModelError(f"{where}: {error}") from error
     except KarmaError as error:
-        raise KarmaError(f"{where}: {error}") from error
+        kinds = (UnknownNameError, ModelError, KarmaError)
+        kind = next(one for one in kinds if isinstance(error, one))
+        raise kind(f"{where}: {error}") from error

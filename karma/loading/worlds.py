@@ -11,12 +11,7 @@ PICTURES = {"renderDepthImage": True, "renderInstanceSegmentation": True}  # AI2
 
 
 def world_maker(name: str, options: Iterable[Mapping[str, Any]]) -> Callable[[], World]:
-    """Return what makes a run's worlds: with depth and instance masks where a row looks at them.
-
-    Args:
-        name: of the world.
-        options: of the rows.
-    """
+    """Return what makes a run's worlds: with depth and instance masks where a row looks at them."""
     make: Callable[..., World] = registry.load("worlds", name)
     looks = any(one.get("perception") == "pictures" for one in options)
     return partial(make, **PICTURES) if looks else make

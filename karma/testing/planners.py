@@ -8,7 +8,7 @@ from typing import Any
 from karma.agent.prompt import render, skills_of
 from karma.contracts import PlanRequest
 from karma.household.types import object_types
-from karma.infer.llama.gguf_export import add_special_tokens, add_vocabulary, new_tokenizer
+from karma.infer.llama.gguf_files import add_special_tokens, add_vocabulary, new_tokenizer
 from karma.testing.architectures import Size, language_keys, language_tensors
 from karma.testing.families import Family, find_family
 from karma.testing.random_gguf import add_keys, write_random_gguf

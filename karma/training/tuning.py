@@ -18,7 +18,7 @@ import numpy as np
 
 from karma.errors import FileError, ModelError
 from karma.files import LARGEST_LOG, read_bytes, to_json, unpack, write_atomic
-from karma.infer.llama.gguf_import import gguf_reader, read_gguf_tokenizer
+from karma.infer.llama.gguf_files import gguf_reader, read_gguf_tokenizer
 
 _MATRICES = ("q_proj", "k_proj", "v_proj", "o_proj", "gate_proj", "up_proj", "down_proj")
 _LAYER = re.compile(r"\.layers\.(\d+)\.")

@@ -90,7 +90,7 @@ model = "m"
 """
 
 
-def test_what_is_not_for_a_cluster_or_for_several_workers_is_refused_by_name(planner, tmp_path):
+def test_what_is_not_for_a_cluster_is_refused_by_name(planner, tmp_path):
     path = write_experiment(tmp_path / "x.toml", "openai")
     path.write_text(path.read_text() + HOSTED)
     hosted = Run(path, tmp_path / "hosted")
@@ -99,9 +99,6 @@ def test_what_is_not_for_a_cluster_or_for_several_workers_is_refused_by_name(pla
     for run in (hosted, recorded):
         with pytest.raises(KarmaError, match=r"for workers on this machine\n  To fix: --workers"):
             next(run.episodes(ray="127.0.0.1:1"))
-    remote = Run(path, tmp_path / "remote", computed={"rpc": "127.0.0.1:9"})
-    with pytest.raises(KarmaError, match=r"one process only\n  To fix: leave out --workers and"):
-        next(remote.episodes(2))
 
 
 def test_workers_that_wait_for_a_server_need_no_core_each(monkeypatch, tmp_path):

@@ -5,12 +5,10 @@ import os
 from pathlib import Path
 
 import pytest
-from support.rpc_device import rpc_device
 from typer.testing import CliRunner
 
 from karma.bench import model_doctor
 from karma.cli import app
-from karma.infer.llama import devices
 from karma.loading.models import Models
 from karma.testing import make_picture_model, make_planner
 
@@ -55,13 +53,6 @@ def test_shipped_models_tell_device_memory_speed_and_context():
         assert words in text
 
 
-def test_planner_on_a_device_tells_its_layers_there():
-    _, found = doctor("--rpc", rpc_device().address)
-    assert found["planner"]["device"].startswith("RPC")
-    assert found["planner"]["how"] == "7 of 7 layers, f16 KV, flash attention on, 1 thread"
-    assert found["planner"]["measured_mb"] is None  # this device counts nothing down
-
-
 def test_experiment_s_models_are_looked_at_and_options_go_before_its_own(tmp_path):
     planner = make_planner(tmp_path / "tiny.gguf")
     (tmp_path / "x.toml").write_text(EXPERIMENT.format(planner=planner, vision="nano-vlm"))
@@ -95,14 +86,6 @@ def test_card_that_llama_cpp_was_not_built_for_is_told_with_the_command(tmp_path
     words = 'built without it: make setup CMAKE_ARGS="-DGGML_CUDA=on"'
     assert words in doctor()[0]
     assert words not in doctor("--gpu-layers", 0)[0]
-
-
-def test_layers_that_do_not_fit_are_told_with_what_makes_room(monkeypatch):
-    monkeypatch.setattr(devices, "memory_mb", lambda _: (devices._SPARE_MB + 60, 1000.0))
-    text, found = doctor("--rpc", rpc_device().address)
-    assert " of 7 layers, " in found["planner"]["how"]
-    assert not found["planner"]["how"].startswith("7")
-    assert "of 7 layers fit the GPU: a smaller file" in text
 
 
 @pytest.mark.parametrize(

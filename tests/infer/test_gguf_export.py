@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.llama_export import export_llama_gguf
 
 from karma.errors import FileError, ModelError
-from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
+from karma.infer.llama.gguf_files import new_tokenizer
 
 CORPUS = [
     "PutObject(robot, 'Apple', 'Fridge')\nGoToObject(robot, 'Apple|-00.47|+01.15|+00.48')\n",

@@ -6,8 +6,7 @@ import pytest
 from support.paths import ROOT
 
 from karma.errors import FileError
-from karma.infer.llama.gguf_export import new_tokenizer
-from karma.infer.llama.gguf_import import read_gguf_tokenizer
+from karma.infer.llama.gguf_files import new_tokenizer, read_gguf_tokenizer
 
 SHIPPED = ROOT / "models" / "nano" / "planner.gguf"
 CORPUS = ["PutObject(robot, 'Apple', 'Fridge')\nPlease warm the bread; it's 1234.\n"] * 3

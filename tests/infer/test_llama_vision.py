@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from support.needs import need_models
 from support.paths import ROOT
-from support.rpc_device import rpc_device
 from typer.testing import CliRunner
 
 from karma.bench.run import Run
@@ -107,19 +106,6 @@ def test_every_picture_family_answers_another_picture_with_other_words(pairs, fa
     eyes.close()
 
 
-def test_layers_on_another_device_give_the_same_words(pairs):
-    """The GPU is llama.cpp's RPC device on this machine, see `support.rpc_device`."""
-    found = pair_of(pairs["llava"])
-    far = PictureChat(found, LlamaOptions(threads=1, rpc=rpc_device().address))
-    near = PictureChat(found, LlamaOptions(threads=1, gpu_layers=0))
-    assert (far.engine.device, near.engine.device) == ("RPC0", "CPU")
-    assert far.engine.gpu_layers > 0
-    said = [chat.answer(about(picture(3)), max_tokens=8) for chat in (far, near)]
-    assert said[0] == said[1] != ""
-    far.close()
-    near.close()
-
-
 def test_nothing_is_written_to_the_terminal_by_the_library(pairs):
     program = (
         "import sys, numpy as np\n"
@@ -190,7 +176,7 @@ def test_projector_without_what_it_needs_is_refused_by_name(pairs, tmp_path, fam
 def test_what_ends_the_process_ends_the_trial_only(pairs, tmp_path, family, lost):
     pair = damaged(pairs, family, lost, tmp_path / "x")
     with pytest.raises(ModelError, match=r"cannot look at a picture by it .*\(code -?\d+\)"):
-        picture_chat._try_in_own_process(pair)
+        picture_chat.try_pair(pair)
 
 
 def test_cut_or_foreign_projector_is_a_model_error(pairs, tmp_path):
@@ -266,7 +252,7 @@ def test_added_pair_is_described_verified_and_opened_by_name(pairs, manifest, mo
         "weights/smolvlm/mmproj-smolvlm.gguf", "weights/smolvlm/smolvlm.gguf",
     ]  # fmt: skip
     assert entry.memory_mb > 128
-    monkeypatch.setattr(picture_chat, "_try_in_own_process", None)  # the manifest vouches
+    monkeypatch.setattr(picture_chat, "try_pair", None)  # the manifest vouches
     eyes = LlamaVision("smolvlm", llama_options=ONE, max_tokens=4)
     assert eyes.read_states(picture(1), "wash the mug", [MUG]) == {}
     eyes.close()

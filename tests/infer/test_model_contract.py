@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from support.llama_export import export_llama_gguf
 from support.tiny_models import save_clip, save_sentence
 
 from karma.contracts import (
@@ -25,7 +26,7 @@ from karma.errors import ModelError
 from karma.infer.checks import memory
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.llama import gguf_model
-from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
+from karma.infer.llama.gguf_files import new_tokenizer
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.programs.automaton import ProgramAutomaton

@@ -18,7 +18,7 @@ from karma.infer.hosted.session import Endpoint, Session
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.programs.automaton import ProgramAutomaton
-from karma.infer.programs.plan_grammars import plan_gbnf, plan_regex, plan_schema
+from karma.infer.programs.grammars import plan_gbnf, plan_regex, plan_schema
 
 ACTIONS = ("find a Apple", "find a Fridge", *(f"open the Drawer_{n}" for n in range(2, 14)))
 SPEC = PlanSpec(

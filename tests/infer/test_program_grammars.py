@@ -19,8 +19,7 @@ from karma.contracts import REFUSAL_KINDS, ProgramSpec
 from karma.errors import ProgramError
 from karma.household.types import object_types
 from karma.infer.programs.automaton import ProgramAutomaton
-from karma.infer.programs.gbnf import gbnf
-from karma.infer.programs.regex import regex
+from karma.infer.programs.grammars import gbnf, regex
 from karma.infer.programs.schema import program_text, schema
 
 SAMPLES = 10_000

@@ -15,8 +15,7 @@ from karma import registry
 from karma.contracts import SeenObject
 from karma.errors import KarmaError, ModelError
 from karma.infer.embed.sentence import SentenceEmbedder
-from karma.infer.torch_load import bytes_of, device_of
-from karma.infer.torch_options import TorchOptions
+from karma.infer.torch_load import TorchOptions, bytes_of, device_of
 from karma.infer.vision.transformers import TransformersVision, VisionOptions
 from karma.loading.models import Models, load_resources
 

@@ -8,7 +8,7 @@ from karma.agent.doubt import LogisticDoubt
 from karma.errors import ModelError
 from karma.files import to_json
 from karma.infer.manifest.manifest import ModelEntry, ModelFile
-from karma.loading.doubt import doubt_of, may_refuse
+from karma.loading.planner_files import doubt_of, may_refuse
 
 FITTED = LogisticDoubt(
     coefficients={"refusing": 1.0}, intercept=0.0, threshold=0.5, fitted_on="nothing"

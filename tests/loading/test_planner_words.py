@@ -9,7 +9,7 @@ from karma import registry
 from karma.errors import FileError, ModelError
 from karma.infer.manifest.manifest import ModelEntry, ModelFile
 from karma.language.hints import WordFile, write_words
-from karma.loading.words import chosen_words, hints_for
+from karma.loading.planner_files import chosen_words, hints_for
 
 FILE = WordFile(
     types={"Cup": ("glass",), "Knife": ("knife",)}, deeds={"wash": ("wash",)},

@@ -4,7 +4,8 @@ To llama.cpp it is a device like a card: layers, keys and values go to its memor
 process, and kernels run there. Not the same: its kernels are the CPU's, so bits are too.
 
 llama.cpp ends a process that frees a model whose server is gone, so a server lives until the
-process that has started it ends. It serves one process only.
+process that has started it ends. It serves one process only, and llama.cpp keeps a device for as
+long as the process lives: so tests that need one have a process of their own.
 """
 
 import ctypes
@@ -37,11 +38,18 @@ class RpcDevice:
 
 @cache
 def rpc_device() -> RpcDevice:
-    """The one of this process, started when first asked for."""
-    return start()[0]
+    """The GPU of this process, which llama.cpp knows from then on."""
+    from llama_cpp.llama_cpp import _lib
+
+    device = start()
+    _lib.ggml_backend_rpc_add_server.restype = ctypes.c_void_p
+    _lib.ggml_backend_rpc_add_server.argtypes = [ctypes.c_char_p]
+    _lib.ggml_backend_register.argtypes = [ctypes.c_void_p]
+    _lib.ggml_backend_register(_lib.ggml_backend_rpc_add_server(device.address.encode()))
+    return device
 
 
-def start() -> tuple[RpcDevice, subprocess.Popen[bytes]]:
+def start() -> RpcDevice:
     """Start a server in a process of its own, which ends when ours does."""
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
@@ -60,7 +68,7 @@ def start() -> tuple[RpcDevice, subprocess.Popen[bytes]]:
         except OSError:
             time.sleep(0.05)
         else:
-            return RpcDevice(address=address, process=process.pid), process
+            return RpcDevice(address=address, process=process.pid)
     raise RuntimeError(f"no RPC device came up at {address}")
 
 

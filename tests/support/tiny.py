@@ -1,6 +1,7 @@
 """A planner of random weights, small enough to make in a test: it babbles programs that parse."""
 
-from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
+from karma.infer.llama.gguf_files import new_tokenizer
+from support.llama_export import export_llama_gguf
 
 CORPUS = ["#task put the apple in the fridge\n#memory\n @Fridge *Apple\n#program\n"]
 

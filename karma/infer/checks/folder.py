@@ -38,8 +38,22 @@ class CheckedFolder:
         return sum(self.sizes.values())
 
     def number(self, *keys: str, default: int) -> int:
-        """Return a positive number of config.json; see `whole_number`."""
-        return whole_number(self.path / "config.json", self.config, *keys, default=default)
+        """Return the number at `keys` of config.json, one inside the other; else the default.
+
+        Raises:
+            ModelError: no positive number stands there.
+        """
+        found: Any = self.config
+        for key in keys:
+            if not isinstance(found, dict):
+                break
+            found = found.get(key)
+            if found is None:
+                return default
+        if not isinstance(found, int) or isinstance(found, bool) or found < 1:
+            what = f"{'.'.join(keys)} is {found!r}, not a positive number"
+            raise ModelError(f"{self.path / 'config.json'}: {what}")
+        return found
 
 
 def check_folder(
@@ -111,12 +125,7 @@ def read_config(path: Path, *, fix: str) -> Mapping[str, Any]:
 
 
 def check_sizes(path: Path, said: Any, name: str = "") -> None:
-    """Refuse numbers for which a library would make things without end.
-
-    Args:
-        path: of the file.
-        said: what it holds, or a part.
-        name: of that part.
+    """Refuse numbers in what a file says for which a library would make things without end.
 
     Raises:
         ModelError: a size beyond all models; names it.
@@ -132,24 +141,6 @@ def check_sizes(path: Path, said: Any, name: str = "") -> None:
             ending = next((one for one in sorted(_MOST, key=len)[::-1] if name.endswith(one)), "")
             if ending and not said <= _MOST[ending]:
                 raise ModelError(f"{path}: {name} is {said!r:.40}; {_MOST[ending]} at most")
-
-
-def whole_number(path: Path, config: Mapping[str, Any], *keys: str, default: int) -> int:
-    """Return the positive number at `keys`, one inside the other; `default` where it is not said.
-
-    Raises:
-        ModelError: something else stands there; names `path`, the file.
-    """
-    found: Any = config
-    for key in keys:
-        if not isinstance(found, dict):
-            break
-        found = found.get(key)
-        if found is None:
-            return default
-    if not isinstance(found, int) or isinstance(found, bool) or found < 1:
-        raise ModelError(f"{path}: {'.'.join(keys)} is {found!r}, not a positive number")
-    return found
 
 
 def check_weights(folder: Path, *, fix: str) -> Mapping[str, int]:

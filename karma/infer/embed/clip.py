@@ -17,6 +17,7 @@ from karma.errors import ModelError
 from karma.infer.checks.folder import CheckedFolder
 from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
 from karma.infer.torch_load import (
+    TorchOptions,
     checked_folder,
     foreign,
     load_image_processor,
@@ -25,7 +26,6 @@ from karma.infer.torch_load import (
     place_of,
     threads,
 )
-from karma.infer.torch_options import TorchOptions
 
 FAMILIES = {"clip": ("CLIPModel",), "siglip": ("SiglipModel",)}
 NEEDS = (("tokenizer.json",), ("preprocessor_config.json",))

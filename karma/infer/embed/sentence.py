@@ -1,7 +1,7 @@
 """Embed texts by sentence-transformers, with any model of its kind in a folder."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from karma.infer.checks.folder import PICKLES, CheckedFolder, check_folder
 from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
 from karma.infer.manifest.manifest import resolve_folder
 from karma.infer.torch_load import (
+    TorchOptions,
     bytes_of,
     check_room,
     device_of,
@@ -22,7 +23,6 @@ from karma.infer.torch_load import (
     quiet,
     threads,
 )
-from karma.infer.torch_options import TorchOptions
 
 FAMILIES: Mapping[str, tuple[str, ...]] = {  # of transformers; any head will do
     family: () for family in ("bert", "distilbert", "mpnet", "roberta", "xlm-roberta", "modernbert")
@@ -57,7 +57,7 @@ class SentenceEmbedder:
         self.name = place.name
         self._model = _load(place.path, options)
         _refuse_missing(self._model, checked)
-        self._row = _encoder(self._model)
+        self._row = lru_cache(maxsize=REMEMBERED)(self._computed)
         with foreign(f"{place.path}: it opens and cannot be asked"):
             self.dimension = len(unit_row(self._row("a")))
 
@@ -69,6 +69,13 @@ class SentenceEmbedder:
     def embed(self, texts: Sequence[str]) -> Vectors:
         """Return one row of length 1 per text, shape (n, dimension); n may be 0."""
         return stacked(map(self._row, texts), self.dimension)
+
+    def _computed(self, text: str) -> Vectors:
+        with threads(1):
+            found: Vectors = self._model.encode(
+                text, normalize_embeddings=True, show_progress_bar=False, convert_to_numpy=True
+            )
+        return found
 
 
 def _check_modules(folder: Path, fix: str) -> str:
@@ -115,20 +122,6 @@ def _refuse_missing(model: Any, folder: CheckedFolder) -> None:
             f"{folder.path}: not a whole model: {len(missing)} weights are missing, "
             f"e.g. {missing[0]}"
         )
-
-
-def _encoder(model: Any) -> Callable[[str], Vectors]:
-    """Return what turns one text into its row, and remembers it."""
-
-    @lru_cache(maxsize=REMEMBERED)
-    def row(text: str) -> Vectors:
-        with threads(1):
-            found: Vectors = model.encode(
-                text, normalize_embeddings=True, show_progress_bar=False, convert_to_numpy=True
-            )
-        return found
-
-    return row
 
 
 def _load(folder: Path, options: TorchOptions) -> Any:

@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 _MILLION = 1e6
+_ADDED = ("requests", "failures", "prompt_tokens", "completion_tokens", "cost", "seconds")
 
 
 class Prices(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -96,15 +97,7 @@ class Ledger:
 
 
 def _sum(one: Spent, other: Spent) -> Spent:
-    def both(name: str) -> Any:
-        return total([getattr(one, name), getattr(other, name)])
-
-    return replace(
-        one,
-        requests=one.requests + other.requests,
-        failures=one.failures + other.failures,
-        prompt_tokens=both("prompt_tokens"),
-        completion_tokens=both("completion_tokens"),
-        cost=both("cost"),
-        seconds=both("seconds"),
-    )
+    sums: dict[str, Any] = {
+        name: total([getattr(one, name), getattr(other, name)]) for name in _ADDED
+    }
+    return replace(one, **sums)

@@ -1,6 +1,6 @@
 """Say to each kind of server what it understands: how an answer is bound, and a thought left out.
 
-Every server ignores some form of constraint without a word, so none is trusted: see `canary`. What
+Every server ignores some form of constraint without a word, so none is trusted: see `planner`. What
 was tried against the real server, and what is written down from its documents: docs/hosted.md.
 """
 
@@ -14,9 +14,14 @@ from karma.contracts import AnswerSpec, PlanSpec
 from karma.infer.hosted.session import Constraint, DialectName
 from karma.infer.hosted.thinking import gbnf_after_thought
 from karma.infer.programs.automaton import ProgramAutomaton
-from karma.infer.programs.gbnf import gbnf
-from karma.infer.programs.plan_grammars import admits_plan, plan_gbnf, plan_regex, plan_schema
-from karma.infer.programs.regex import regex
+from karma.infer.programs.grammars import (
+    admits_plan,
+    gbnf,
+    plan_gbnf,
+    plan_regex,
+    plan_schema,
+    regex,
+)
 from karma.infer.programs.schema import program_text, schema
 
 Fields = dict[str, Any]  # of a request

@@ -1,6 +1,6 @@
 """Fill the roles of planner and embedder over any OpenAI-compatible endpoint.
 
-`dialects` says how an answer is held to programs, `server` who it is that answers, `canary` proves
+`dialects` says how an answer is held to programs, `server` who it is that answers, `planner` proves
 it, and `session` holds the line.
 """
 
@@ -143,7 +143,7 @@ class HostedLanguageModel:
         body: Any
         if self._endpoint.api == "chat":
             path = "/chat/completions"
-            body, kept = _messages(stable, changing, prompt.pictures, alone=self._no_system)
+            body, kept = messages_of(stable, changing, prompt.pictures, alone=self._no_system)
         elif prompt.pictures:
             raise ModelError(f'{self.name}: pictures need api = "chat"')
         else:
@@ -269,7 +269,7 @@ def picture_name(image: Frame) -> str:
     return f"{width}x{height} {hashlib.sha256(pixels).hexdigest()}"
 
 
-def _messages(
+def messages_of(
     stable: str, changing: str, pictures: Sequence[Frame], *, alone: bool
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the messages of a prompt, and as a cassette keeps them; `alone`: the user's only."""

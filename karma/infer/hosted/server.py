@@ -35,7 +35,7 @@ def manner_of(
     dialect, known = DIALECTS.get(endpoint.dialect, DIALECTS["plain"]), False
     if session is not None:
         _check_listed(endpoint, session)
-        found = next((d for d in _candidates(endpoint) if _is(d, endpoint, session)), None)
+        found = _dialect_of(endpoint, session)
         dialect, known = found or dialect, found is not None
     constraint = endpoint.constraint or dialect.constraint
     if constraint is not None and constraint not in dialect.bindings:
@@ -72,20 +72,14 @@ def slots_of(endpoint: Endpoint) -> int | None:
     return slots if isinstance(slots, int) and slots > 0 else None
 
 
-def _candidates(endpoint: Endpoint) -> list[Dialect]:
-    """Return the dialects whose pages are asked for: all, the one that is named, or none."""
-    return [
-        one
-        for one in DIALECTS.values()
-        if one.page is not None and endpoint.dialect in ("auto", one.name)
-    ]
-
-
-def _is(dialect: Dialect, endpoint: Endpoint, session: Session) -> bool:
-    if dialect.page is None:
-        return False
-    page, mark = dialect.page
-    return mark in (session.look(endpoint, page) or {})
+def _dialect_of(endpoint: Endpoint, session: Session) -> Dialect | None:
+    """Return the dialect whose page the server has, of all or of the one that is named."""
+    for one in DIALECTS.values():
+        if one.page is not None and endpoint.dialect in ("auto", one.name):
+            page, mark = one.page
+            if mark in (session.look(endpoint, page) or {}):
+                return one
+    return None
 
 
 def _opens_thought(dialect: Dialect, endpoint: Endpoint, session: Session) -> bool:

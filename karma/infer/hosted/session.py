@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 import msgspec
 
 from karma.errors import KarmaError, ModelError, RequestRefused, ServerLost
-from karma.infer.hosted.bounded import bounded_transport
+from karma.infer.hosted.bounded import bounded
 from karma.infer.hosted.cassette import Cassette, CassetteError, Exchange, Reply
 from karma.infer.hosted.cost import Ledger, Prices, Spent, Usage, cost_of, usage_of
 from karma.infer.hosted.key import Key
@@ -296,7 +296,7 @@ class Session:
                 http_client=openai.DefaultHttpxClient(
                     trust_env=False,
                     follow_redirects=False,
-                    transport=bounded_transport(total_s=endpoint.timeout_s, verify=not plain),
+                    **bounded(total_s=endpoint.timeout_s, verify=not plain),
                 ),
                 default_headers={"Accept-Encoding": "identity"},
             )
@@ -309,15 +309,14 @@ def _read(content: bytes, endpoint: Endpoint, key: Key, *, asked: bool) -> Reply
     """Return what a server sent as a reply; `asked`: it had to answer, a page may be missing."""
     try:
         answer = msgspec.json.decode(content)
+        odd = "" if isinstance(answer, dict) else "object; is base_url right, up to /v1?"
     except (ValueError, RecursionError) as error:
         said = content[:_LONGEST_MESSAGE].decode(errors="replace")
-        reason = f"the answer is no JSON ({error}) but {said!r}"
-        return _broken(endpoint, reason, key) if asked else _failed(reason, key)
-    if not isinstance(answer, dict):
-        reason = "the answer is no JSON object; is base_url right, up to /v1?"
-        return _broken(endpoint, reason, key) if asked else _failed(reason, key)
-    if asked and (reason := fault_in(answer)):
-        return _broken(endpoint, reason, key)
+        answer, odd = {}, f"({error}) but {said!r}"
+    reason = f"the answer is no JSON {odd}" if odd else fault_in(answer) if asked else ""
+    if reason:
+        lost = _lost(endpoint, reason, key)
+        return _BrokenReply(str(lost)) if asked else _failed(reason, key)
     kept = {name: value for name, value in answer.items() if name not in ("id", "created")}
     kept = key.out_of(kept)
     if key.is_disguised_in(kept):
@@ -327,10 +326,6 @@ def _read(content: bytes, endpoint: Endpoint, key: Key, *, asked: bool) -> Reply
 
 class _BrokenReply(ServerLost):
     """A body that says that the server could not answer; it is asked again."""
-
-
-def _broken(endpoint: Endpoint, reason: str, key: Key) -> _BrokenReply:
-    return _BrokenReply(str(_lost(endpoint, reason, key)))
 
 
 def _is_dead(error: Any) -> bool:

@@ -1,13 +1,11 @@
 """Read object states by a hosted model: the paper's four steps (KARMA §3.4, Fig. 10)."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from karma.contracts import Frame, SeenObject
 from karma.errors import ModelError
-from karma.infer.hosted.model import options_of, picture_name, said_in, sendable
+from karma.infer.hosted.model import messages_of, options_of, said_in, sendable
 from karma.infer.hosted.session import Endpoint, Session
-from karma.infer.vision.pictures import picture_url
 from karma.infer.vision.text import question, some_picture, states_told
 
 MAX_TOKENS = 1024  # four steps of reasoning
@@ -54,31 +52,15 @@ class HostedVision:
             return {}
         image = some_picture(self.name, image)
         role, text = question("full", sendable(instruction), objects)
-        whole = {"type": "image_url", "image_url": {"url": picture_url(image)}}
-        named = {"type": "image_url", "picture": picture_name(image)}
+        first = messages_of(role, text, [image], alone=False)
+        options = options_of(self._endpoint, MAX_TOKENS, 0.0, 0)
 
         def ask(said: Sequence[tuple[str, str]]) -> str:
             later = [{"role": role, "content": text} for role, text in said]
-            sent, kept = (_first(role, text, picture) + later for picture in (whole, named))
-            return self._ask(sent, named=kept)
+            body, named = ({"messages": [*one["messages"], *later], **options} for one in first)
+            exchange = self._session.ask(
+                "vision", self._endpoint, "/chat/completions", body, named=named
+            )
+            return said_in(exchange.reply.answer or {}, self._endpoint)[0]
 
         return states_told(ask, objects, ATTEMPTS)[0]
-
-    def _ask(self, messages: list[dict[str, Any]], *, named: list[dict[str, Any]]) -> str:
-        """Return the answer to messages; `named` has the picture's name in its place."""
-        options = options_of(self._endpoint, MAX_TOKENS, 0.0, 0)
-        exchange = self._session.ask(
-            "vision",
-            self._endpoint,
-            "/chat/completions",
-            {"messages": messages, **options},
-            named={"messages": named, **options},
-        )
-        return said_in(exchange.reply.answer or {}, self._endpoint)[0]
-
-
-def _first(role: str, text: str, picture: Mapping[str, Any]) -> list[dict[str, Any]]:
-    return [
-        {"role": "system", "content": role},
-        {"role": "user", "content": [picture, {"type": "text", "text": text}]},
-    ]

@@ -18,12 +18,7 @@ _DIGITS = 6  # of a chance or logarithm: what lies behind differs between proces
 
 
 class CertaintyLog:
-    """Collects the chances of an answer's tokens as they are chosen.
-
-    Args:
-        table: the vocabulary.
-        spec: of the answer, if it has one.
-    """
+    """Collects the chances of an answer's tokens as they are chosen."""
 
     def __init__(self, table: TokenTable, spec: AnswerSpec | None) -> None:
         self._refusals = refusal_lines(spec) if isinstance(spec, ProgramSpec) else ()

@@ -17,12 +17,7 @@ _FIX = "\n  To fix: --no-chat, or chat = false, opens it without"
 
 
 def through_template(metadata: Mapping[str, Any], chat: bool | None) -> bool:
-    """Return whether prompts go through a GGUF's template: if it has one, unless told so.
-
-    Args:
-        metadata: of the file.
-        chat: what was said; None: nothing.
-    """
+    """Return whether prompts go through a GGUF's template: as said, else if it has one."""
     return TEMPLATE in metadata if chat is None else chat
 
 

@@ -1,12 +1,11 @@
 """Ask llama.cpp which devices it can compute on, and choose one for a model.
 
 llama-cpp-python binds none of this, and `llama_supports_gpu_offload()` is true for a build with a
-mere RPC backend; so ggml's own functions are called through ctypes. Source: ggml-backend.h,
-ggml-rpc.h of the pinned llama.cpp.
+mere RPC backend; so ggml's own functions are called through ctypes. Source: ggml-backend.h of the
+pinned llama.cpp.
 """
 
 import ctypes
-import socket
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -15,25 +14,20 @@ from typing import Any, Literal
 from karma.errors import ModelError
 from karma.infer.checks.memory import Footprint
 from karma.infer.llama.options import LlamaOptions
-from karma.offline import allow_host
 from karma.places import rebuild_llama
 
 Kind = Literal["cpu", "gpu", "integrated", "accelerator"]
 _KINDS: tuple[Kind, ...] = ("cpu", "gpu", "integrated", "accelerator")  # by ggml's number
-_PATIENCE_S = 5.0  # for a remote device's server
 _SPARE_MB = 256.0  # of a GPU: what its driver takes beside what is asked for
-
-_remote: dict[str, tuple[str, ...]] = {}  # names of the devices at an address, once registered
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Device:
     """One thing that llama.cpp computes on."""
 
-    name: str  # as llama.cpp calls it: "CPU", "CUDA0", "Metal", "RPC0"
+    name: str  # as llama.cpp calls it: "CPU", "CUDA0", "Metal"
     kind: Kind
     description: str
-    address: str = ""  # of a remote one, HOST:PORT
 
     @property
     def is_gpu(self) -> bool:
@@ -47,7 +41,6 @@ class Placement:
 
     devices: tuple[str, ...]  # names of GPUs; () on the CPU
     layers: int  # of the model on them, the last one for the output; 0 on the CPU
-    one: int | None  # number of the one GPU that is used, as llama.cpp counts; None: all
 
     @property
     def name(self) -> str:
@@ -59,21 +52,18 @@ class Placement:
         """What llama-cpp-python's `Llama` is given; on the CPU no GPU is touched at all."""
         import llama_cpp
 
-        none = llama_cpp.LLAMA_SPLIT_MODE_NONE
-        if not self.layers:
-            return {
-                "n_gpu_layers": 0, "split_mode": none, "main_gpu": -1, "offload_kqv": False,
-                "op_offload": False,
-            }  # fmt: skip
-        chosen = {} if self.one is None else {"split_mode": none, "main_gpu": self.one}
-        return {"n_gpu_layers": self.layers, **chosen}
+        if self.layers:
+            return {"n_gpu_layers": self.layers}
+        return {
+            "n_gpu_layers": 0, "split_mode": llama_cpp.LLAMA_SPLIT_MODE_NONE, "main_gpu": -1,
+            "offload_kqv": False, "op_offload": False,
+        }  # fmt: skip
 
 
 def devices() -> tuple[Device, ...]:
     """Return what the installed llama.cpp can compute on, the CPU among them."""
     ggml = _ggml()
     handles = [ggml.ggml_backend_dev_get(n) for n in range(ggml.ggml_backend_dev_count())]
-    remote = {name: address for address, names in _remote.items() for name in names}
     found = []
     for handle in handles:
         name = ggml.ggml_backend_dev_name(handle).decode()
@@ -83,19 +73,13 @@ def devices() -> tuple[Device, ...]:
                 name=name,
                 kind=_KINDS[number] if number < len(_KINDS) else "accelerator",
                 description=ggml.ggml_backend_dev_description(handle).decode(errors="replace"),
-                address=remote.get(name, ""),
             )
         )
     return tuple(found)
 
 
 def memory_mb(device: Device) -> tuple[float, float] | None:
-    """Return a device's free memory and all of it, in MB; None where it does not tell.
-
-    llama.cpp ends the process where a remote device's server is gone, so that is looked for first.
-    """
-    if device.address and not _answers(device.address):
-        return None
+    """Return a device's free memory and all of it, in MB; None where it does not tell."""
     ggml = _ggml()
     handle = ggml.ggml_backend_dev_by_name(device.name.encode())
     free, total = ctypes.c_size_t(), ctypes.c_size_t()
@@ -103,45 +87,11 @@ def memory_mb(device: Device) -> tuple[float, float] | None:
     return (free.value / 1e6, total.value / 1e6) if total.value else None
 
 
-def add_remote(address: str) -> tuple[str, ...]:
-    """Register the devices of a llama.cpp RPC server, once; return their names.
-
-    Args:
-        address: HOST:PORT; another machine than this one needs `--allow-network`.
-
-    Raises:
-        KarmaError: the host is on another machine, and this run is offline.
-        ModelError: no such address, nobody answers, or llama.cpp was built without RPC.
-    """
-    if address in _remote:
-        return _remote[address]
-    host, _, port = address.rpartition(":")
-    if not host or not port.isdigit():
-        raise ModelError(f"rpc = {address!r}: not HOST:PORT, e.g. 127.0.0.1:50052")
-    allow_host(host, "the RPC device")
-    ggml = _ggml()
-    rpc = ggml.ggml_backend_reg_by_name(b"RPC")
-    if not rpc:
-        raise ModelError(
-            f"rpc = {address!r}: llama.cpp was built without RPC\n"
-            f"  To fix: {rebuild_llama('... -DGGML_RPC=on')}"
-        )
-    if not _answers(address):
-        raise ModelError(
-            f"rpc = {address!r}: nobody answers there\n"
-            f"  To fix: start llama.cpp's rpc-server -H {host} -p {port}, or take rpc away"
-        )
-    before = {one.name for one in devices()}
-    ggml.ggml_backend_register(ggml.ggml_backend_rpc_add_server(address.encode()))
-    _remote[address] = tuple(one.name for one in devices() if one.name not in before)
-    return _remote[address]
-
-
 def place(name: str, size: Footprint, options: LlamaOptions, *, context: int) -> Placement:
     """Choose where a model's layers go.
 
     All of them on the GPU where there is one with enough free memory, else as many as fit, else
-    none. A remote device is used by models that name it, and then alone.
+    none.
 
     Args:
         name: of the model, for messages.
@@ -152,27 +102,21 @@ def place(name: str, size: Footprint, options: LlamaOptions, *, context: int) ->
     Raises:
         ModelError: layers were asked for by number and there is no GPU, or they do not fit.
     """
-    cpu = Placement(devices=(), layers=0, one=None)
+    cpu = Placement(devices=(), layers=0)
     if options.gpu_layers == 0:
         return cpu
-    ours = add_remote(options.rpc) if options.rpc else ()
-    gpus = _counted(devices())
-    if options.rpc:
-        chosen = [one for one in gpus if one.name in ours][:1]
-    else:
-        chosen = [one for one in gpus if not one.address]
-    if not chosen:
+    found = devices()
+    cards = [one for one in found if one.kind == "gpu"]
+    used = cards or [one for one in found if one.kind == "integrated"]
+    if not used:
         if options.gpu_layers == "auto":
             return cpu
         raise ModelError(
             f"gpu_layers = {options.gpu_layers}, but llama.cpp as it is built here knows no GPU, "
-            f"only {', '.join(one.name for one in devices() if not one.address)}\n"
+            f"only {', '.join(one.name for one in found)}\n"
             f"  To fix: {rebuild_llama('-DGGML_CUDA=on')} (or -DGGML_METAL=on, -DGGML_VULKAN=on), "
             'or gpu_layers = "auto"'
         )
-    alone = len(chosen) < len(gpus)
-    one = gpus.index(chosen[0]) if alone else None
-    used = chosen[:1] if alone else chosen
     names = tuple(gpu.name for gpu in used)
     layers = _fitting(size, context, free_mb(names))
     if options.gpu_layers != "auto":
@@ -184,7 +128,7 @@ def place(name: str, size: Footprint, options: LlamaOptions, *, context: int) ->
                 f'  To fix: gpu_layers = {layers}, or "auto", or a smaller n_ctx'
             )
         layers = wanted
-    return Placement(devices=names, layers=layers, one=one) if layers else cpu
+    return Placement(devices=names, layers=layers) if layers else cpu
 
 
 def free_mb(names: Sequence[str]) -> float | None:
@@ -202,23 +146,6 @@ def _fitting(size: Footprint, context: int, free: float | None) -> int:
     return int(max(0.0, free - work_mb) / size.layers_mb(context) * size.blocks)
 
 
-def _counted(found: Sequence[Device]) -> list[Device]:
-    """Return GPUs as llama.cpp numbers them: remote ones, then cards, else integrated ones."""
-    remote = [one for one in found if one.is_gpu and one.address]
-    cards = [one for one in found if one.kind == "gpu" and not one.address]
-    shared = [one for one in found if one.kind == "integrated" and not one.address]
-    return [*remote, *(cards or shared)]
-
-
-def _answers(address: str) -> bool:
-    host, _, port = address.rpartition(":")
-    try:
-        socket.create_connection((host.strip("[]"), int(port)), timeout=_PATIENCE_S).close()
-    except (OSError, OverflowError):
-        return False
-    return True
-
-
 @cache
 def _ggml() -> Any:
     """Return ggml's functions that are used here, with their signatures.
@@ -234,15 +161,11 @@ def _ggml() -> Any:
         ("ggml_backend_dev_count", number, []),
         ("ggml_backend_dev_get", pointer, [number]),
         ("ggml_backend_dev_by_name", pointer, [text]),
-        ("ggml_backend_reg_by_name", pointer, [text]),
-        ("ggml_backend_register", None, [pointer]),
         ("ggml_backend_dev_name", text, [pointer]),
         ("ggml_backend_dev_description", text, [pointer]),
         ("ggml_backend_dev_type", ctypes.c_int, [pointer]),
         ("ggml_backend_dev_memory", None, [pointer, sizes, sizes]),
-        ("ggml_backend_rpc_add_server", pointer, [text]),
     ):
-        function = getattr(_lib, name, None)  # the last is in builds with RPC only
-        if function is not None:
-            function.restype, function.argtypes = result, arguments
+        function = getattr(_lib, name)
+        function.restype, function.argtypes = result, arguments
     return _lib

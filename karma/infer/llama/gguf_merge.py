@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from karma.errors import FileError, ModelError
 from karma.files import read_bytes
-from karma.infer.llama.gguf_export import interleave, write_gguf
-from karma.infer.llama.gguf_import import gguf_reader
+from karma.infer.llama.gguf_files import gguf_reader, interleave, write_gguf
 from karma.infer.manifest.manifest import (
     ModelEntry,
     check_file,
@@ -79,13 +78,7 @@ def merge_adapter(
 ) -> None:
     """Write base and adapter as one GGUF; it appears whole or not at all.
 
-    Args:
-        base: the GGUF; llama or qwen2.
-        adapter: peft's adapter_model.safetensors.
-        config: its adapter_config.json.
-        out: the file.
-        name: its general.name.
-        progress: is told the share that is done.
+    The base is of llama or qwen2; adapter and config are peft's; `progress` hears the share done.
 
     Raises:
         FileError: one cannot be read, or the file cannot be written.

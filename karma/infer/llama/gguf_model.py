@@ -27,6 +27,7 @@ from karma.infer.llama.room_states import RoomStates, StateOptions
 from karma.infer.manifest.manifest import check_file, sha256_of
 from karma.places import repair
 
+_TRIAL = "karma.infer.llama.chat_template:trial"
 _N_BATCH = 512  # tokens per call; measured to change nothing but memory and speed
 _PLAIN_TYPES = (0, 1, 7, 32)  # F32, F16, Q8_0, BF16, whose sums over several tokens are cheap
 _WORTH_GUESSING = (3, 9)  # tokens ahead, of those and of other files: fewer cost as much as alone
@@ -98,7 +99,7 @@ class GgufModel:
         self.placement = place(self.name, self.size, options, context=planned)
         self._check_memory(path)
         if sha256 is None and not tried:
-            try_in_own_process(path)
+            try_in_own_process(_TRIAL, path, cannot="cannot run it")
         self.llama: Any
         self.llama, layers = open_gguf(path, self._keywords(), kv=options.kv)
         if layers != self.placement.layers:

@@ -9,39 +9,42 @@ from typing import Any
 from karma.children import run_child
 from karma.errors import ModelError
 
-_TRIAL = "karma.infer.llama.chat_template:trial"
 _TRIAL_S = 900  # the largest models, from a slow disk
 _passed: set[tuple[int, ...]] = set()
 
 
-def try_in_own_process(path: Path) -> None:
-    """Try a file that nobody vouches for where it may kill nothing but the trial.
+def try_in_own_process(trial: str, *files: Path, cannot: str) -> None:
+    """Try files that nobody vouches for where they may kill nothing but the trial.
 
-    llama.cpp aborts on some damaged files whose header looks right. One that has passed is not
-    tried again by this process, as long as nobody has written to it.
+    llama.cpp aborts on some damaged files whose header looks right. What has passed is not tried
+    again by this process, as long as nobody has written to it.
+
+    Args:
+        trial: "module:function", which gets the paths.
+        files: the last one is what errors speak of.
+        cannot: what they say of it.
 
     Raises:
         ModelError: the trial failed.
     """
-    found = path.stat()
-    file = (found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
-    if file in _passed:
+    found = [path.stat() for path in files]
+    tried = tuple(
+        number
+        for one in found
+        for number in (one.st_dev, one.st_ino, one.st_size, one.st_mtime_ns, one.st_ctime_ns)
+    )
+    if tried in _passed:
         return
-    end = run_child(_TRIAL, str(path), limit_s=_TRIAL_S)
+    end = run_child(trial, *map(str, files), limit_s=_TRIAL_S)
     if end.code is None:
-        raise ModelError(f"{path}: llama.cpp had not opened it after {_TRIAL_S} s")
+        raise ModelError(f"{files[-1]}: llama.cpp had not opened it after {_TRIAL_S} s")
     if end.code:
-        raise ModelError(f"{path}: llama.cpp cannot run it (code {end.code}): {end.said}")
-    _passed.add(file)
+        raise ModelError(f"{files[-1]}: llama.cpp {cannot} (code {end.code}): {end.said}")
+    _passed.add(tried)
 
 
 def open_gguf(path: Path, keywords: Mapping[str, Any], *, kv: str) -> tuple[Any, int]:
     """Load the file, turning llama.cpp's failures into one that names it.
-
-    Args:
-        path: the file.
-        keywords: of llama-cpp-python's `Llama`.
-        kv: type of the kept keys and values.
 
     Returns:
         The `Llama`, and how many layers llama.cpp says that it has put on GPUs.

@@ -28,7 +28,6 @@ class LlamaOptions:
     flash_attention: Switch = "auto"  # on a GPU, and where `kv` needs it
     kv: KvType = "f16"  # of the kept keys and values
     threads: int = 1  # more than the cores that are free wait for each other
-    rpc: str = ""  # HOST:PORT of llama.cpp's rpc-server, whose device may be used
 
     def __post_init__(self) -> None:
         """Refuse what llama.cpp would take without a word, or end the process over."""

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from karma.children import run_child
 from karma.contracts import Engine
 from karma.errors import ModelError
 from karma.infer.checks.memory import projector_mb
 from karma.infer.checks.projector import check_projector
 from karma.infer.checks.template import TEMPLATE
 from karma.infer.llama.gguf_model import GgufModel
+from karma.infer.llama.opening import try_in_own_process
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.manifest.picture_pair import PicturePair
 from karma.infer.vision.pictures import picture_url
@@ -53,7 +53,7 @@ class PictureChat:
                 "  To fix: gguf-new-metadata --chat-template-file TEMPLATE IN.gguf OUT.gguf"
             )
         if pair.sha256 is None:
-            _try_in_own_process(pair)
+            try_pair(pair)
         # freed as late as Python's own end, llama-cpp-python complains of a closed terminal
         weakref.finalize(self, self._model.close)
         self._handler = _handler(pair.projector, use_gpu=self._model.placement.layers > 0)
@@ -102,6 +102,12 @@ def trial(model: str, projector: str) -> None:
     _handler(Path(projector), use_gpu=False)(llama=llama, messages=messages, max_tokens=1)
 
 
+def try_pair(pair: PicturePair) -> None:
+    """Try two files that nobody vouches for; see `try_in_own_process`."""
+    cannot = f"cannot look at a picture by it and {pair.model.name}"
+    try_in_own_process(f"{__name__}:trial", pair.model, pair.projector, cannot=cannot)
+
+
 def _handler(projector: Path, *, use_gpu: bool) -> Any:
     """Return llama-cpp-python's handler, and let its library speak of errors only."""
     from llama_cpp import _logger, llama_chat_format, mtmd_cpp
@@ -121,17 +127,3 @@ def _whole(tokens: int) -> int:
 def _is_remote(part: Mapping[str, Any]) -> bool:
     address = part.get("image_url")
     return address is not None and not str(address["url"]).startswith("data:")
-
-
-def _try_in_own_process(pair: PicturePair) -> None:
-    """Try files that nobody vouches for: llama.cpp ends the process on many a damaged projector.
-
-    Raises:
-        ModelError: the trial failed.
-    """
-    end = run_child(f"{__name__}:trial", str(pair.model), str(pair.projector))
-    if end.code:
-        raise ModelError(
-            f"{pair.projector}: llama.cpp cannot look at a picture by it and {pair.model.name}"
-            f" (code {end.code}): {end.said}"
-        )

@@ -81,12 +81,7 @@ class RoomStates:
         return Found(state, "loaded")
 
     def keep(self, tokens: Sequence[int], state: State) -> None:
-        """Keep the state of a stable part as far as there is room; that there is none is no error.
-
-        Args:
-            tokens: of the stable part.
-            state: must not be changed afterwards.
-        """
+        """Keep a state, not to be changed afterwards; that there is no room is no error."""
         name = self._name(tokens)
         self._remember(name, state)
         if self._folder is not None:

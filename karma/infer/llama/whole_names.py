@@ -30,13 +30,7 @@ class NameBegun:
 
 
 class NameWatch:
-    """Sees that names are chosen as a whole while an answer is decoded.
-
-    Args:
-        model: with the prompt decoded.
-        automaton: the language of the answer.
-        log: of the answer's chances.
-    """
+    """Sees that names are chosen as a whole while an answer is decoded behind its prompt."""
 
     def __init__(self, model: GgufModel, automaton: ProgramAutomaton, log: CertaintyLog) -> None:
         self._model, self._automaton, self._log = model, automaton, log

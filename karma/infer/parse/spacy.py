@@ -15,10 +15,7 @@ _ENDINGS = ("s", "es", "ed", "d", "ing", "er", "ly", "'s")
 
 
 class SpacyParser:
-    """A parser of English; one thread.
-
-    Args:
-        name: in the manifest.
+    """A parser of English, named as in the manifest; one thread.
 
     Raises:
         ModelError: a file is missing or is not the one that the manifest names.

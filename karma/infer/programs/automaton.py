@@ -5,8 +5,8 @@ one line that refuses, where the spec has such. An answer may end right after a 
 its newline, and after one of `CLOSINGS` on the line below: instruction-tuned models end in all of
 these ways. Names stand in quotes and hold none, so every choice is settled by the bytes read so
 far: the automaton is deterministic and nothing is ever taken back. `forms` says the same language
-in short; the automaton, and the grammars that servers take (`gbnf`, `regex`, `schema`), are made of
-it. A `PlanSpec` admits one JSON text, see `plans`.
+in short; the automaton, and the grammars that servers take (`grammars`, `schema`), are made of it.
+A `PlanSpec` admits one JSON text, see `plans`.
 """
 
 from collections.abc import Callable, Mapping

@@ -36,8 +36,8 @@ def schema(spec: ProgramSpec) -> dict[str, Any]:
     program: dict[str, Any] = calls
     if spec.refusals:
         kinds_of = {"type": "string", "enum": list(dict.fromkeys(spec.refusals))}
-        program = {"anyOf": [calls, _object({REFUSE: kinds_of})]}
-    return {**_object({PROGRAM: program}), "$defs": definitions}
+        program = {"anyOf": [calls, object_schema({REFUSE: kinds_of})]}
+    return {**object_schema({PROGRAM: program}), "$defs": definitions}
 
 
 def program_text(answer: str) -> str | None:
@@ -76,7 +76,7 @@ def _calls(form: LineForm, place_of: dict[tuple[str, ...], str]) -> list[dict[st
             else:
                 fields[_place(objects)] = name
                 objects += 1
-        found.append(_object(fields))
+        found.append(object_schema(fields))
     return found
 
 
@@ -84,7 +84,8 @@ def _list(argument: Argument, name: dict[str, str]) -> dict[str, Any]:
     return {"type": "array", "items": name, "minItems": 1, "maxItems": argument.most}
 
 
-def _object(fields: dict[str, Any]) -> dict[str, Any]:
+def object_schema(fields: dict[str, Any]) -> dict[str, Any]:
+    """Return the schema of an object with just these fields, all of them needed."""
     return {
         "type": "object",
         "properties": fields,

@@ -17,6 +17,7 @@ from karma.errors import ModelError
 from karma.files import read_json
 from karma.infer.checks.folder import CheckedFolder
 from karma.infer.torch_load import (
+    TorchOptions,
     checked_folder,
     foreign,
     import_transformers,
@@ -25,7 +26,6 @@ from karma.infer.torch_load import (
     quiet,
     threads,
 )
-from karma.infer.torch_options import TorchOptions
 from karma.infer.vision.pictures import cut
 from karma.infer.vision.text import Profile, question, some_picture, states_told
 
@@ -122,7 +122,7 @@ class TransformersVision:
         self._batch = self.options.batch or (1 if self._model.device.type == "cpu" else _BATCH)
         if folder.parameters < LARGE:  # others take minutes for a picture
             with foreign(f"{folder.path}: it opens and cannot be asked"):
-                self._said([np.full((37, 53, 3), 100, np.uint8)], [_TRIAL], most=1)
+                self.answer_all([np.full((37, 53, 3), 100, np.uint8)], [_TRIAL], most=1)
 
     @property
     def computed_on(self) -> str:
@@ -205,18 +205,14 @@ class TransformersVision:
         return self.answer_all([image], [messages])[0]
 
     def answer_all(
-        self, images: Sequence[Frame], conversations: Sequence[Conversation]
+        self, images: Sequence[Frame], conversations: Sequence[Conversation], *, most: int = 0
     ) -> list[str]:
         """Return what the model says to several conversations, each about one picture of its own.
 
         They go through the network together, padded on the left, which moves logits in their last
-        bits; so what stands beside a question is part of what decides its answer.
+        bits; so what stands beside a question is part of what decides its answer. `most`: tokens
+        of an answer; 0: as the options say.
         """
-        return self._said(images, conversations, most=self.options.max_tokens)
-
-    def _said(
-        self, images: Sequence[Frame], conversations: Sequence[Conversation], *, most: int
-    ) -> list[str]:
         import torch
         from PIL import Image
 
@@ -234,7 +230,7 @@ class TransformersVision:
         with threads(self.options.threads), torch.inference_mode(), quiet():
             tokens = self._model.generate(
                 **batch,
-                max_new_tokens=most,
+                max_new_tokens=most or self.options.max_tokens,
                 do_sample=False,
                 pad_token_id=self._processor.tokenizer.pad_token_id,
             )

@@ -13,7 +13,7 @@ from pathlib import Path
 from karma import registry
 from karma.files import read_json, to_json, write_atomic
 from karma.language.hints import load_words, write_words
-from karma.loading.words import WORDS
+from karma.loading.planner_files import WORDS
 from karma.tasks.drawing import rooms
 from karma.tasks.drawing.alfred import (
     Sentence,
