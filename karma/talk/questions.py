@@ -51,6 +51,7 @@ class MemoryAnswer:
     lines: tuple[str, ...]
     known: bool = True
     look: str = ""  # the errand that would find it out
+    refuses: bool = False  # it was an errand, and is not carried out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +64,12 @@ class Remembering:
     past: Sequence[PastErrand]
     now_s: float
     people: int = 0  # who live here too
+    is_here: bool = True  # the agent can go and see
+
+    @property
+    def room(self) -> str:
+        """What the room is called by who asks."""
+        return "this room" if self.is_here else "that room"
 
     def of(self, thing: Mention) -> list[tuple[SeenObject, float]]:
         """Return the sights of what a mention may mean, the last seen first."""
@@ -139,6 +146,8 @@ def answered(
     """
     asked = _Question(request, knows, reader)
     found = next((found for kind in _KINDS if (found := kind(asked)) is not None), None)
+    if found is not None and not knows.is_here:
+        return replace(found, look="")
     if found is None or found.look or not asked.things:
         return found
     old = any(knows.is_old(when) for _, when in knows.of(asked.things[0])[:1])
@@ -213,6 +222,8 @@ class _Question:
 def _what_was_done(q: _Question) -> MemoryAnswer | None:
     all_of_it = q.asks == "what" or q.has("anything", "something")
     if not (all_of_it and q.has("do", "done", "did") and q.has("you", "i", "we")):
+        return None
+    if q.has("here") and q.has("see", "seen"):
         return None
     if q.things:
         return None
@@ -370,9 +381,29 @@ def _how_many(q: _Question) -> MemoryAnswer | None:
             lines=("None that I have seen.",), known=False, look=_looking(q.things[0])
         )
     places = ", ".join(
-        f"{_told(sight)} ({q.knows.seen(sight, when)})" for sight, when in found[:_MOST]
+        f"{_told(sight, q.knows.room)} ({q.knows.seen(sight, when)})"
+        for sight, when in found[:_MOST]
     )
     return MemoryAnswer(lines=(f"{len(found)} that I have seen: {places}.",))
+
+
+def _what_is_here(q: _Question) -> MemoryAnswer | None:
+    """Answer "what is here?", and "what is in the kitchen?" there: the last that was seen first."""
+    asks = q.asks in ("what", "which") or q.has("anything", "something")
+    if not asks or not q.has("here") or q.things or not all(one.anything for one in q.unknown):
+        return None
+    found = sorted(
+        ((one, when) for one, when in q.knows.sights.values() if one.pickupable),
+        key=lambda one: (-one[1], one[0].object_id),
+    )
+    if not found:
+        return MemoryAnswer(lines=("I have seen nothing yet that can be carried.",), known=False)
+    told = [
+        f"the {name_of(one.object_id)} {_told(one, q.knows.room)} ({q.knows.seen(one, when)})"
+        for one, when in found[:_MOST]
+    ]
+    more = f" and {len(found) - _MOST} more" if len(found) > _MOST else ""
+    return MemoryAnswer(lines=(f"I have seen {', '.join(told)}{more}.",))
 
 
 def _what_lies_there(q: _Question) -> MemoryAnswer | None:
@@ -441,12 +472,12 @@ def _whether(q: _Question) -> MemoryAnswer | None:
         return MemoryAnswer(lines=(said,)) if said else _not_seen(q)
     if q.state and not places:
         return _state_told(q, thing, found)
-    if "there" in q.words[:3] or places:
+    if "there" in q.words[:3] or places or q.has("here"):
         there = [one for one in found if is_at(one[0], places)]
         sight, when = (there or found)[0]
         yes = "Yes" if there else "No, not that I saw"
-        return MemoryAnswer(lines=(f"{yes}: the {name_of(sight.object_id)} is {_told(sight)}, "
-                             f"{q.knows.seen(sight, when)}.",))  # fmt: skip
+        name, where = name_of(sight.object_id), _told(sight, q.knows.room)
+        return MemoryAnswer(lines=(f"{yes}: the {name} is {where}, {q.knows.seen(sight, when)}.",))
     return None
 
 
@@ -469,7 +500,7 @@ def _state_told(
         return MemoryAnswer(
             lines=(f"Yes, {whole} {word}; {q.knows.seen(sight, when, STATE_TOLD)}.",)
         )
-    where = f" {_told(sight)}" if several and place_of(sight) else ""
+    where = f" {_told(sight, q.knows.room)}" if several and place_of(sight) else ""
     return MemoryAnswer(
         lines=(f"No, the {name}{where} is not {word}; {q.knows.seen(sight, when, STATE_TOLD)}.",)
     )
@@ -502,7 +533,9 @@ def _when(q: _Question) -> MemoryAnswer | None:
         return _not_seen(q)
     sight, when = found[0]
     told = q.knows.ago(when)
-    return MemoryAnswer(lines=(f"I saw the {name_of(sight.object_id)} {told}, {_told(sight)}.",))
+    return MemoryAnswer(
+        lines=(f"I saw the {name_of(sight.object_id)} {told}, {_told(sight, q.knows.room)}.",)
+    )
 
 
 def _where(q: _Question) -> MemoryAnswer | None:
@@ -532,13 +565,14 @@ def _where(q: _Question) -> MemoryAnswer | None:
             continue
         for sight, when in found[: _MOST if several else 2]:
             name = f"{'Your' if mine else 'The'} {name_of(sight.object_id)}"
-            lines.append(f"{name} is {_told(sight)}, {q.knows.seen(sight, when)}.")
+            lines.append(f"{name} is {_told(sight, q.knows.room)}, {q.knows.seen(sight, when)}.")
             moved = [m for m in moves(q.knows.past) if m.object_id == sight.object_id]
             if q.has("was", "were") and moved:
                 lines.append(f"Before that it was {told_place(moved[-1].before)}.")
         on_map = [kind for kind in thing.types if kind in q.knows.furniture]
         if not found and on_map:
-            lines.append(f"The {name_of(on_map[0])} is in this room; /map shows where.")
+            where = "; /map shows where" if q.knows.is_here else ""
+            lines.append(f"The {name_of(on_map[0])} is in {q.knows.room}{where}.")
     return MemoryAnswer(lines=tuple(lines)) if lines else _not_seen(q)
 
 
@@ -561,11 +595,11 @@ def _not_seen(q: _Question) -> MemoryAnswer | None:
     if not thing.types:
         return MemoryAnswer(lines=(f"I know nothing that is called {thing.text}.",), known=False)
     on_map = any(kind in q.knows.furniture for kind in thing.types)
-    said = f"I have not seen any {thing.text} here."
+    said = f"I have not seen any {thing.text} {'here' if q.knows.is_here else 'there'}."
     if on_map:
-        said = f"The {thing.text} is in this room; how it is I have not seen."
+        said = f"The {thing.text} is in {q.knows.room}; how it is I have not seen."
     return MemoryAnswer(
-        lines=(f"{said} {_OFFER}",),
+        lines=(f"{said} {_OFFER}" if q.knows.is_here else said,),
         known=False,
         look=_looking(thing),
     )
@@ -581,12 +615,12 @@ def is_at(sight: SeenObject, places: Sequence[Mention]) -> bool:
     return not kinds or any(without_basin(type_of(one)) in kinds for one in sight.parent_ids)
 
 
-def _told(sight: SeenObject) -> str:
+def _told(sight: SeenObject, room: str = "this room") -> str:
     place = place_of(sight)
     kind = object_types().get(sight.object_type)
     fixed = not sight.pickupable and (kind is None or not kind.can("pickupable"))
     if place != HAND and (fixed or place is None):
-        return "in this room"
+        return f"in {room}"
     return told_place(place)
 
 
@@ -598,6 +632,7 @@ _KINDS: tuple[Callable[[_Question], MemoryAnswer | None], ...] = (
     _what_is_held,
     _which_it_was,
     _how_many,
+    _what_is_here,
     _when,
     _whether_it_was_done,
     _where,
