@@ -200,7 +200,7 @@ class RunFolder:
 
     def reopen(self) -> None:
         """Take back what says that the run is finished, as more is to be done."""
-        for name in {RESULTS, NOT_RUN} | self._owned.names & {TABLE}:
+        for name in self._owned.names & {RESULTS, NOT_RUN, TABLE}:
             (self.path / name).unlink(missing_ok=True)
 
     def put_aside(self, one: NotRun) -> None:

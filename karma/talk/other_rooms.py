@@ -80,9 +80,9 @@ def of_room(
     there = list(_homes_of(room, scene, here))
     if asked.form != "question":
         told = asked.form in ("statement", "teaching")
-        what = "keep" if told else "do"
-        line = f"{only}: I {what} nothing of {room.name} here."
-        more = f" There I do: karma chat --home {there[0].folder.name}." if there else ""
+        what = f"keep nothing of {room.name} here" if told else f"can do nothing in {room.name}"
+        line = f"{only}: I {what}."
+        more = f" Tell me there: karma chat --home {there[0].folder.name}." if there else ""
         return MemoryAnswer(lines=(line + more,), known=False, refuses=not told)
     question, lines = replace(asked, text=room.text), list[str]()
     for home in there:

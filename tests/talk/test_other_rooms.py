@@ -59,10 +59,10 @@ def test_question_about_another_room_is_answered_from_the_home_there(agent, said
     ("said", "status", "told"),
     [
         ("where is the apple in the living room?", "answered", "I know nothing of the living room"),
-        ("take the apple to my bedroom", "refused", "There I do: karma chat --home bed"),
-        ("put the apple in the bathroom sink", "refused", "This home is only a kitchen: I do noth"),
-        ("in the bedroom there is an apple, wash it", "refused", "I do nothing of the bedroom"),
-        ("go to the garage", "refused", "I do nothing of the garage here."),
+        ("take the apple to my bedroom", "refused", "Tell me there: karma chat --home bed"),
+        ("put the apple in the bathroom sink", "refused", "This home is only a kitchen: I can do"),
+        ("in the bedroom there is an apple, wash it", "refused", "I can do nothing in the bedroom"),
+        ("go to the garage", "refused", "I can do nothing in the garage."),
         ("the apple is in the bedroom", "answered", "I keep nothing of the bedroom here."),
     ],
 )
