@@ -39,7 +39,7 @@ NEEDS: Mapping[str, str] = {
     "throw": "pickupable", "wash": "pickupable", "heat": "pickupable", "cool": "pickupable",
     "cook": "pickupable", "fill": "canFillWithLiquid", "empty": "canFillWithLiquid",
 }  # deed -> what one of its thing's types has to be  # fmt: skip
-_SWITCHES = ("on", "off")
+_ON_OFF = ("on", "off")
 
 
 @dataclass(slots=True)
@@ -537,7 +537,7 @@ class SentenceDeeds:
             ruled_out = self.asides.exclusions or self.asides.forbidden or self.asides.times
             return ("errand" if ruled_out else "incomplete"), []
         ends = [self.s.low(n) for n in (left[0], left[-1])]
-        switch = next((one for one in ends[::-1] if one in _SWITCHES), "")
+        switch = next((one for one in ends[::-1] if one in _ON_OFF), "")
         start = self.s.words[left[0]].start
         if switch:
             self.s.taken.update(body)
@@ -559,7 +559,7 @@ class SentenceDeeds:
         edges = pairwise((body.start - 1, *cuts, body.stop))
         parts = [range(one + 1, other) for one, other in edges if other > one + 1]
         deeds = [self._part(part) for part in parts]
-        switched = any(one.deed in _SWITCHES for found in deeds for one in found)
+        switched = any(one.deed in _ON_OFF for found in deeds for one in found)
         if len(parts) > 1 and all(deeds) and switched:
             s.taken.update(body)
             return [one for found in deeds for one in found]
@@ -570,12 +570,12 @@ class SentenceDeeds:
         """Read "lamp off" or "phone on the shelf"; nothing where it is neither."""
         start, words = self.s.words[part.start].start, [n for n in part if n in self.s.left()]
         deed = self.s.low(words[-1]) if words else ""
-        if deed in _SWITCHES:
+        if deed in _ON_OFF:
             pairs = [Pair(things=tuple(self.nouns.all_of(part)))]
             self.s.taken.add(words[-1])
         else:
             deed, pairs = "put", self.pairs.read(part, "put")
-        whole = all(one.things and (one.place or deed in _SWITCHES) for one in pairs)
+        whole = all(one.things and (one.place or deed in _ON_OFF) for one in pairs)
         return [_said(deed, deed, start, one) for one in pairs] if whole else []
 
     def _own_end(self, verb: int, end: int) -> int:
@@ -583,15 +583,10 @@ class SentenceDeeds:
         s = self.s
         words = [n for n in s.left() if verb < n < end]
         commas = [n for n in range(verb + 1, end) if s.low(n) in (",", ";")]
-        if (
-            not commas
-            or not words
-            or s.low(words[-1]) not in _SWITCHES
-            or words[-2:][0] < commas[-1]
-        ):
+        if not commas or not words or s.low(words[-1]) not in _ON_OFF or words[-2:][0] < commas[-1]:
             return end
-        switches = deed_verbs().get(f"{s.words[verb].lemma} {s.low(words[-1])}") in _SWITCHES
-        done = any(s.low(n) in _SWITCHES for n in range(verb, commas[-1]))
+        switches = deed_verbs().get(f"{s.words[verb].lemma} {s.low(words[-1])}") in _ON_OFF
+        done = any(s.low(n) in _ON_OFF for n in range(verb, commas[-1]))
         named = s.lexicon.named(" ".join(s.lows(commas[-1] + 1, words[-1])).removeprefix("the "))
         return commas[-1] if named and (done or not switches) else end
 
@@ -599,7 +594,7 @@ class SentenceDeeds:
         """Return whether a word is the thing of a part such as "lamp off", and no verb."""
         low, after = self.s.low(number), self.s.low(number + 2)
         ends = after in ("", ".", "!", ",", ";", "and", "then", "please")
-        switched = ends and self.s.low(number + 1) in _SWITCHES
+        switched = ends and self.s.low(number + 1) in _ON_OFF
         return switched and not base_of_deed(low) and bool(self.s.lexicon.named(low))
 
     def _is_unknown_verb(self, number: int) -> bool:
