@@ -6,6 +6,7 @@ too large is not taken into memory, and a name out of somebody's file never lead
 
 import errno
 import gzip
+import hashlib
 import io
 import json
 import os
@@ -14,6 +15,7 @@ import stat
 import tempfile
 import zlib
 from codecs import BOM_UTF8
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -30,6 +32,7 @@ TEMPORARY = ".karma-part"  # how files end that `write_atomic` has not put in pl
 LONGEST_NAME = 200  # bytes; file systems take 255
 _QUOTED = re.compile(rb"\"[^\"\n]*+\"|'[^'\n]*+'")
 _CHAIN = re.compile(rb"(?<![\w-])[\w-]++(?:[ \t]*+\.[ \t]*+[\w-]++){64}")
+_CHUNK = 1 << 22
 _MOST_TEXT = 300  # characters of a reason
 _SPACE = "free some space there, or choose another folder"
 _DESCRIPTORS = "let this process open more files: ulimit -n 1024"
@@ -135,6 +138,32 @@ def open_regular(path: str | Path, *, fix: str | None = None) -> io.BufferedRead
         what = "a folder, not a file" if stat.S_ISDIR(kind) else "a pipe or device, not a file"
         raise FileError(path, what, fix=fix)
     return os.fdopen(handle, "rb")
+
+
+def sha256_of(
+    path: Path, *, fix: str | None = None, progress: Callable[[int], None] | None = None
+) -> str:
+    """Return a file's SHA-256; `progress` is told of every piece read, in bytes.
+
+    Raises:
+        FileError: it cannot be read.
+    """
+    digest = hashlib.sha256()
+    with open_regular(path, fix=fix) as file:
+        try:
+            while piece := file.read(_CHUNK):
+                digest.update(piece)
+                if progress is not None:
+                    progress(len(piece))
+        except OSError as error:
+            raise FileError(path, error.strerror or str(error), fix=fix) from error
+    return digest.hexdigest()
+
+
+def check_sealed_file(path: Path, sha256: str, *, fix: str) -> None:
+    """See that a file is as it was when it was sealed; FileError where it is edited or damaged."""
+    if sha256_of(path, fix=fix) != sha256:
+        raise FileError(path, f"is not as it was left: its SHA-256 was {sha256}", fix=fix)
 
 
 def unpack(data: bytes, *, path: str | Path, fix: str | None = None, most: int = LARGEST) -> bytes:

@@ -25,7 +25,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from karma.contracts import ProgramSpec, Prompt, Skill
-from karma.files import to_json
+from karma.files import sha256_of, to_json
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import gguf_parts_mb
 from karma.infer.llama.model import LlamaModel
@@ -296,8 +296,6 @@ def quantise(whole: Path, path: Path, kind: str) -> None:
 
 def sha256_beside(path: Path) -> str:
     """Return a file's hash, kept beside it."""
-    from karma.infer.manifest.manifest import sha256_of
-
     kept = path.with_suffix(".sha256")
     if path.name == "planner.gguf" or not kept.exists():
         found = sha256_of(path)

@@ -22,6 +22,7 @@ from support.abuse.egress import PLANTED, egress
 from support.abuse.faults import FAULTS, faults
 from support.abuse.files import files
 from support.abuse.folders import folders
+from support.abuse.memories import memories
 from support.abuse.names import names
 from support.abuse.servers import servers
 
@@ -33,6 +34,7 @@ CLASSES: dict[str, tuple[Callable[[int, int], Iterator[Case]], int, str]] = {
     "names": (names, 1000, "names that become paths"),
     "files": (files, 1000, "files, by kind"),
     "folders": (folders, 200, "folders of brought models, by kind"),
+    "memories": (memories, 400, "memories of lived-in homes"),
     "servers": (servers, 200, "servers"),
     "egress": (egress, len(PLANTED), "planted plug-ins"),
     "faults": (faults, 2 * len(FAULTS), "faults, by kind"),

@@ -19,9 +19,11 @@ from karma.files import (
     LARGEST_LOG,
     TEMPORARY,
     append_line,
+    check_sealed_file,
     decode_json,
     read_bytes,
     read_json,
+    sha256_of,
     to_json,
     write_atomic,
 )
@@ -37,6 +39,11 @@ _CALLED: Mapping[Kind, str] = {
 _BESIDE = frozenset({"exchanges.jsonl", "recording.lock"})  # a cassette may lie in the folder
 _FIX = "--out another folder"
 _MOVE = "move it away, or --out another place"
+_AGAIN = "bring it back, or karma eval FILE --fresh"
+_BACK: Mapping[Kind, str] = {
+    "run": _AGAIN, "sweep": _AGAIN, "benchmark": _AGAIN, "figure": _AGAIN,
+    "talk": "bring it back; karma chat --out another folder begins a conversation",
+}  # fmt: skip
 
 
 class _Mark(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -135,16 +142,21 @@ class OwnedFolder:
                 if name in self.names or name == MARK:
                     left.unlink(missing_ok=True)
 
-    def settle(self, *, seal: str = "", by: str = "") -> None:
-        """Put the mark's lines in order: equal runs leave equal files.
+    def seal(self, sealed: Iterable[str], by: str, data: bytes) -> None:
+        """Write the last file, and be done: whoever reads sees that what is sealed stayed so.
+
+        The mark's lines are put in order, so equal runs leave equal files.
 
         Args:
-            seal: a file that does not change any more.
-            by: the file that is written next, and last; without it nothing is sealed.
+            sealed: names of files that do not change any more.
+            by: name of the last one, whose presence says that the seal holds.
+            data: its content.
         """
-        sealed = {seal: _hash(read_bytes(self.path / seal, most=LARGEST_LOG))} if seal else {}
-        self._begun = msgspec.structs.replace(self._begun, sealed=sealed, by=by)
+        last = self.own(by)
+        hashes = {name: sha256_of(self.path / name) for name in sealed} | {by: _hash(data)}
+        self._begun = msgspec.structs.replace(self._begun, sealed=hashes, by=by)
         replace_file(self.path / MARK, self._mark())
+        replace_file(last, data)
 
     def clear(self) -> None:
         """Remove what the run has written, and nothing else."""
@@ -242,15 +254,13 @@ def check_sealed(folder: Path) -> None:
     """See that what a finished run has sealed is as it was then.
 
     Raises:
-        FileError: a file is another: edited, cut or damaged.
+        FileError: a file is another: edited, cut, damaged or gone.
     """
     begun, _ = read_mark(folder)
     if begun is None or not begun.sealed or not (folder / begun.by).exists():
         return
     for name, sha256 in begun.sealed.items():
-        if _hash(read_bytes(folder / name, most=LARGEST_LOG)) != sha256:
-            reason = f"is not as the run left it: its SHA-256 was {sha256}"
-            raise FileError(folder / name, reason, fix="bring it back, or karma eval FILE --fresh")
+        check_sealed_file(folder / name, sha256, fix=_BACK[begun.kind])
 
 
 def _name_in(line: bytes) -> str:

@@ -13,11 +13,11 @@ import msgspec
 from karma import __version__
 from karma.agent.prompt import template_files
 from karma.contracts import SceneRef, Task
-from karma.errors import FileError, ModelError, UnknownNameError
-from karma.files import read_bytes, to_json
+from karma.errors import FileError, UnknownNameError
+from karma.files import read_bytes, sha256_of, to_json
 from karma.infer.checks.memory import MEMINFO
 from karma.infer.llama.devices import devices
-from karma.infer.manifest.manifest import find_model, resolve_planner, sha256_of
+from karma.infer.manifest.manifest import find_model, resolve_planner
 from karma.journal.header import FORMAT, Header, Machine
 from karma.journal.told import without_places
 from karma.loading.models import OPENAI, Models, Row
@@ -183,12 +183,7 @@ def _model_sha(model: str) -> str:
 
 
 def _file_sha(path: Path) -> str:
-    try:
-        return sha256_of(path)
-    except OSError as error:
-        raise ModelError(
-            f"{path}: {error.strerror or error}\n  To fix: `karma models list` shows what is there"
-        ) from error
+    return sha256_of(path, fix="`karma models list` shows what is there")
 
 
 # ----------------------------------------------------------------- the rest

@@ -200,7 +200,7 @@ class RunFolder:
 
     def reopen(self) -> None:
         """Take back what says that the run is finished, as more is to be done."""
-        for name in {RESULTS, NOT_RUN} | self._owned.names & {TABLE}:
+        for name in self._owned.names & {RESULTS, NOT_RUN, TABLE}:
             (self.path / name).unlink(missing_ok=True)
 
     def put_aside(self, one: NotRun) -> None:
@@ -227,17 +227,17 @@ class RunFolder:
         Raises:
             FileError: the disk is full, or somebody's file is in the way.
         """
+        self.reopen()
         for name, data in one.files.items():
             self._owned.write(name, data)
         self._write_steps(one)
         for name, data in (
             (TIMINGS, to_json(one.timing)),
             (EPISODES, to_json(one.record)),
-            (RESULTS, b"[]\n"),
             (HEADER, to_json(header, indent=2)),
         ):
             self._owned.write(name, data)
-        self._owned.settle()
+        self._owned.seal([EPISODES], RESULTS, b"[]\n")
 
     def finish(
         self, order: Sequence[Key], add_up: Callable[[Sequence[Any]], Mapping[str, bytes]]
@@ -254,9 +254,11 @@ class RunFolder:
         by_key = {key_of(record): record for record in records}
         order = sorted(by_key, key=rank.__getitem__)
         self._rewrite({k: by_key[k] for k in order}, {k: timings[k] for k in order})
-        self._owned.settle(seal=EPISODES, by=RESULTS)
-        for name, data in add_up([by_key[key] for key in order]).items():
+        made = dict(add_up([by_key[key] for key in order]))
+        results = made.pop(RESULTS)
+        for name, data in made.items():
             self._owned.write(name, data)
+        self._owned.seal([EPISODES], RESULTS, results)
 
     # ------------------------------------------------------------- parts
 

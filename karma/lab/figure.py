@@ -27,7 +27,7 @@ from karma.infer.hosted.session import Session
 from karma.journal.folder import changed
 from karma.journal.header import RESULTS
 from karma.journal.not_run import NotRun
-from karma.journal.owned_folder import HEADER, OwnedFolder
+from karma.journal.owned_folder import HEADER, OwnedFolder, check_sealed
 from karma.journal.records import Key, PlayedTiming
 from karma.journal.run_folder import Finished
 from karma.lab.exploration import Exploration, explore
@@ -240,6 +240,7 @@ class FigureFolder:
         )
         names = {HEADER, RESULTS, "claims.md", *cells, *drawn}
         self._owned.look()
+        check_sealed(self.path)
         if place.exists() and read_bytes(place) != data:
             reason = "this folder holds another figure, or one of other tasks"
             raise FileError(place, reason, fix=fix)
@@ -285,8 +286,7 @@ class FigureFolder:
         """Write what all cells come to, and draw it."""
         names = self._suite.cells()
         found = [read_json(self.path / _kept(name), FigureCell) for name in names]
-        for name, data in add_up(found).items():
-            write_atomic(self.path / name, data)
+        self._owned.seal(map(_kept, names), RESULTS, add_up(found)[RESULTS])
         draw_figure(self.path)
 
 
@@ -298,8 +298,9 @@ def read_figure(folder: Path) -> Results:
     """Return the results of a figure's folder.
 
     Raises:
-        FileError: they are missing or torn.
+        FileError: they are missing, torn or edited.
     """
+    check_sealed(folder)
     return read_json(folder / RESULTS, Results, fix="karma eval FILE runs the figure")
 
 

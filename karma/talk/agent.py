@@ -68,6 +68,7 @@ from karma.talk.history import (
 from karma.talk.home import KeptHome, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
 from karma.talk.offers import with_offer
+from karma.talk.other_rooms import of_room, room_said
 from karma.talk.questions import MemoryAnswer, Remembering, answered, of_another
 from karma.talk.replies import AgentReply, RequestReply, as_it_ends
 from karma.talk.telling import told_of
@@ -386,14 +387,20 @@ class Agent:
         yield reply
 
     def _answer(self, clause: str, asked: Request) -> MemoryAnswer | None:
-        """Answer a question, or learn what is told; None where it is neither."""
+        """Answer a question, or learn what is told; None where it is neither.
+
+        Of another room nothing is looked for, done or learnt here.
+        """
+        reader = self._method.reader
+        self._question = clause if asked.form == "question" else ""
+        room = None if reader is None else room_said(asked, self.scene.name)
+        if room is not None and reader is not None and not room.is_here:
+            return of_room(room, asked, self.scene.name, self.home.folder, reader)
         if asked.form == "question":
-            self._question = clause
-            return answered(asked, self._remembering(), self._method.reader)
-        self._question = ""
+            asked = asked if room is None else replace(asked, text=room.text)
+            return answered(asked, self._remembering(), reader)
         if asked.form not in ("statement", "teaching") and not is_taught(clause):
             return None
-        reader = self._method.reader
         told = told_of(asked, self._remembering(), self.scene.name, reader)
         if told is None:
             return None

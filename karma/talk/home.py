@@ -8,6 +8,7 @@ import os
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from time import time
 from typing import Any
@@ -16,7 +17,7 @@ from weakref import finalize
 import msgspec
 
 from karma.agent.perceive import digest_of
-from karma.contracts import Event, MemoryChange, World
+from karma.contracts import Event, MemoryChange, SceneRef, World
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.files import LARGEST_LOG, append_line, read_bytes, read_json, to_json, write_atomic
 from karma.journal.folder import locked
@@ -81,6 +82,36 @@ def left_s(folder: Path) -> float:
 def homes() -> list[Path]:
     """Return all homes that go by a name, in the order of their names."""
     return sorted(one.parent for one in HOMES.glob(f"*/{_CARD}"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeftHome:
+    """A home as its last line left it."""
+
+    folder: Path
+    scene: str  # its name
+    past: Sequence[PastErrand]
+    clock_s: float
+    away_s: float  # since it was left, by the clock
+    people: int
+
+
+def read_home(folder: Path) -> LeftHome:
+    """Return what a home's log says; nothing there is changed, and it may be in use.
+
+    Raises:
+        FileError: it is damaged.
+    """
+    card = read_json(folder / _CARD, HomeCard, fix=f"karma home forget {folder}")
+    story = list(_read(folder / _LOG))
+    return LeftHome(
+        folder=folder,
+        scene=SceneRef.of(card.scene).name,
+        past=[one for one in story if not one.waited_s],
+        clock_s=_clock(story),
+        away_s=left_s(folder),
+        people=card.people,
+    )
 
 
 def forget_home(folder: Path) -> None:
@@ -162,6 +193,7 @@ class KeptHome:
         held.enter_context(locked(folder, fix=fix))
         try:
             self.card = _card_of(folder, scene, people, self.card)
+            _drop_torn(folder / _LOG)
             self._story = list(_read(folder / _LOG))
         except BaseException:
             self.leave()
@@ -274,17 +306,14 @@ def _card_of(folder: Path, scene: str, people: int | None, new: HomeCard) -> Hom
 
 
 def _read(path: Path) -> Iterator[PastErrand]:
-    """Yield what happened and was not undone; a torn last line is dropped, as nobody heard of it.
+    """Yield what happened and was not undone; a torn last line is passed over: nobody heard of it.
 
     Raises:
         FileError: another line is damaged.
     """
     if not path.exists():
         return
-    data = read_bytes(path, most=LARGEST_LOG)
-    whole, newline, torn = data.rpartition(b"\n")
-    if torn:
-        write_atomic(path, whole + newline)
+    whole = read_bytes(path, most=LARGEST_LOG).rpartition(b"\n")[0]
     found: list[PastErrand] = []
     for number, line in enumerate(whole.splitlines(), start=1):
         try:
@@ -299,6 +328,14 @@ def _read(path: Path) -> Iterator[PastErrand]:
         else:
             found.append(one)
     yield from found
+
+
+def _drop_torn(path: Path) -> None:
+    """Take a torn last line away, or the next one would go on from it."""
+    data = read_bytes(path, most=LARGEST_LOG) if path.exists() else b""
+    whole, newline, torn = data.rpartition(b"\n")
+    if torn:
+        write_atomic(path, whole + newline)
 
 
 def _clock(past: Sequence[PastErrand]) -> float:

@@ -61,6 +61,7 @@ class MemoryAnswer:
     lines: tuple[str, ...]
     known: bool = True
     look: str = ""  # the errand that would find it out
+    refuses: bool = False  # it was an errand, and is not carried out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,6 +74,12 @@ class Remembering:
     past: Sequence[PastErrand]
     now_s: float
     people: int = 0  # who live here too
+    is_here: bool = True  # the agent can go and see
+
+    @property
+    def room(self) -> str:
+        """What the room is called by who asks."""
+        return "this room" if self.is_here else "that room"
 
     def of(self, thing: Mention) -> list[tuple[SeenObject, float]]:
         """Return the sights of what a mention may mean, the last seen first."""
@@ -159,6 +166,8 @@ def answered(
     """
     asked = _Question(request, knows, reader)
     found = next((found for kind in _KINDS if (found := kind(asked)) is not None), None)
+    if found is not None and not knows.is_here:
+        return replace(found, look="")
     if found is None or found.look or not asked.things:
         return found
     old = any(knows.is_old(when) for _, when in knows.of(asked.things[0])[:1])
@@ -218,6 +227,8 @@ def _what_was_done(q: _Question) -> MemoryAnswer | None:
     all_of_it = q.asks == "what" or q.has("anything", "something")
     did = q.has("did", "done") or q.says(r"\b(?:you|we|i)\b.* do\b")
     if not (all_of_it and did and q.has("you", "i", "we")):
+        return None
+    if q.has("here") and q.has("see", "seen"):
         return None
     if q.things:
         return None
@@ -398,9 +409,35 @@ def _how_many(q: _Question) -> MemoryAnswer | None:
             lines=("None that I have seen.",), known=False, look=_looking(q.things[0])
         )
     places = ", ".join(
-        f"{_told(sight)} ({q.knows.seen(sight, when)})" for sight, when in found[:_MOST]
+        f"{_told(sight, q.knows.room)} ({q.knows.seen(sight, when)})"
+        for sight, when in found[:_MOST]
     )
     return MemoryAnswer(lines=(f"{len(found)} that I have seen: {places}.",))
+
+
+def _what_is_here(q: _Question) -> MemoryAnswer | None:
+    """Answer "what is here?", and "what is in the kitchen?" there: the last that was seen first."""
+    asks = q.asks in ("what", "which") or q.has("anything", "something")
+    if (
+        not asks
+        or not q.has("here")
+        or q.things
+        or q.state
+        or not all(one.anything for one in q.unknown)
+    ):
+        return None
+    found = sorted(
+        ((one, when) for one, when in q.knows.sights.values() if one.pickupable),
+        key=lambda one: (-one[1], one[0].object_id),
+    )
+    if not found:
+        return MemoryAnswer(lines=("I have seen nothing yet that can be carried.",), known=False)
+    told = [
+        f"the {name_of(one.object_id)} {_told(one, q.knows.room)} ({q.knows.seen(one, when)})"
+        for one, when in found[:_MOST]
+    ]
+    more = f" and {len(found) - _MOST} more" if len(found) > _MOST else ""
+    return MemoryAnswer(lines=(f"I have seen {', '.join(told)}{more}.",))
 
 
 def _what_lies_there(q: _Question) -> MemoryAnswer | None:
@@ -478,7 +515,8 @@ def _what_is_beside(q: _Question) -> MemoryAnswer | None:
     sight, when = found[0]
     names = dict.fromkeys(f"the {name_of(one.object_id)}" for one, _ in _beside(q, [sight]))
     near = f", near {', '.join([*names][:_MOST])}" if names else ""
-    line = f"The {name_of(sight.object_id)} is {_told(sight)}{near}; {q.knows.seen(sight, when)}."
+    where, seen = _told(sight, q.knows.room), q.knows.seen(sight, when)
+    line = f"The {name_of(sight.object_id)} is {where}{near}; {seen}."
     return MemoryAnswer(lines=(line,))
 
 
@@ -505,7 +543,7 @@ def _which_are_so(q: _Question) -> MemoryAnswer | None:
         none = f"Yes, all that I have seen is {word}." if every else "Nothing that I have seen."
         return MemoryAnswer(lines=(none,), known=bool(known))
     names = ", ".join(
-        f"the {name_of(sight.object_id)} ({_told(sight)}, {q.knows.seen(sight, when, STATE_TOLD)})"
+        f"the {name_of(sight.object_id)} ({_lies(q, sight, when, STATE_TOLD)})"
         for sight, when in sorted(told, key=lambda one: (-one[1], one[0].object_id))[:_MOST]
     )
     more = f" and {len(told) - _MOST} more" if len(told) > _MOST else ""
@@ -575,7 +613,7 @@ def _whether(q: _Question) -> MemoryAnswer | None:
         return MemoryAnswer(lines=(said,)) if said else _not_seen(q)
     if q.state and not places:
         return _state_told(q, thing, found)
-    if "there" in q.words[:3] or places or had:
+    if "there" in q.words[:3] or places or had or q.has("here"):
         there = [one for one in found if _is_there(q, one[0], places)]
         if (thing.number or 0) > 1:
             return _whether_so_many(q, thing.number or 0, len(there))
@@ -584,7 +622,7 @@ def _whether(q: _Question) -> MemoryAnswer | None:
         name, seen = name_of(sight.object_id), q.knows.seen(sight, when)
         either = "or" in q.words and len(places) > 1 and bool(there)
         lead = f"The {name}" if either else f"{yes}: the {name}"
-        return MemoryAnswer(lines=(f"{lead} is {_told(sight)}, {seen}.",))
+        return MemoryAnswer(lines=(f"{lead} is {_told(sight, q.knows.room)}, {seen}.",))
     return None
 
 
@@ -622,7 +660,7 @@ def _state_told(
         return MemoryAnswer(
             lines=(f"Yes, {whole} {word}; {q.knows.seen(sight, when, STATE_TOLD)}.",)
         )
-    where = f" {_told(sight)}" if several and place_of(sight) else ""
+    where = f" {_told(sight, q.knows.room)}" if several and place_of(sight) else ""
     return MemoryAnswer(
         lines=(f"No, the {name}{where} is not {word}; {q.knows.seen(sight, when, STATE_TOLD)}.",)
     )
@@ -655,7 +693,9 @@ def _when(q: _Question) -> MemoryAnswer | None:
         return _not_seen(q)
     sight, when = found[0]
     told = q.knows.ago(when)
-    return MemoryAnswer(lines=(f"I saw the {name_of(sight.object_id)} {told}, {_told(sight)}.",))
+    return MemoryAnswer(
+        lines=(f"I saw the {name_of(sight.object_id)} {told}, {_told(sight, q.knows.room)}.",)
+    )
 
 
 def _which_place(q: _Question) -> MemoryAnswer | None:
@@ -666,7 +706,7 @@ def _which_place(q: _Question) -> MemoryAnswer | None:
     there = [one for one in known if is_at(one[0], q.at)]
     name, place = name_of(q.about[0].types[0]), name_of(q.at[0].types[0])
     lines = [
-        f"The {name_of(sight.object_id)} is {_told(sight)}, {q.knows.seen(sight, when)}."
+        f"The {name_of(sight.object_id)} is {_lies(q, sight, when)}."
         for sight, when in (there or known)[:2]
     ]
     none = () if there else (f"In no {place} that I have seen is a {name}.",)
@@ -701,13 +741,14 @@ def _where(q: _Question) -> MemoryAnswer | None:
             continue
         for sight, when in found[: _MOST if several else 2]:
             name = f"{'Your' if mine else 'The'} {name_of(sight.object_id)}"
-            lines.append(f"{name} is {_told(sight)}, {q.knows.seen(sight, when)}.")
+            lines.append(f"{name} is {_told(sight, q.knows.room)}, {q.knows.seen(sight, when)}.")
             moved = [m for m in moves(q.knows.past) if m.object_id == sight.object_id]
             if q.has("was", "were") and moved:
                 lines.append(f"Before that it was {told_place(moved[-1].before)}.")
         on_map = [kind for kind in thing.types if kind in q.knows.furniture]
         if not found and on_map:
-            lines.append(f"The {name_of(on_map[0])} is in this room; /map shows where.")
+            where = "; /map shows where" if q.knows.is_here else ""
+            lines.append(f"The {name_of(on_map[0])} is in {q.knows.room}{where}.")
     return MemoryAnswer(lines=tuple(lines)) if lines else _not_seen(q)
 
 
@@ -730,11 +771,11 @@ def _not_seen(q: _Question) -> MemoryAnswer | None:
     if not thing.types:
         return MemoryAnswer(lines=(f"I know nothing that is called {thing.text}.",), known=False)
     on_map = any(kind in q.knows.furniture for kind in thing.types)
-    said = f"I have not seen any {thing.text} here."
+    said = f"I have not seen any {thing.text} {'here' if q.knows.is_here else 'there'}."
     if on_map:
-        said = f"The {thing.text} is in this room; how it is I have not seen."
+        said = f"The {thing.text} is in {q.knows.room}; how it is I have not seen."
     return MemoryAnswer(
-        lines=(f"{said} {_OFFER}",),
+        lines=(f"{said} {_OFFER}" if q.knows.is_here else said,),
         known=False,
         look=_looking(thing),
     )
@@ -750,12 +791,16 @@ def is_at(sight: SeenObject, places: Sequence[Mention]) -> bool:
     return not kinds or any(without_basin(type_of(one)) in kinds for one in sight.parent_ids)
 
 
-def _told(sight: SeenObject) -> str:
+def _lies(q: _Question, sight: SeenObject, when: float, about: str = PLACE_TOLD) -> str:
+    return f"{_told(sight, q.knows.room)}, {q.knows.seen(sight, when, about)}"
+
+
+def _told(sight: SeenObject, room: str = "this room") -> str:
     place = place_of(sight)
     kind = object_types().get(sight.object_type)
     fixed = not sight.pickupable and (kind is None or not kind.can("pickupable"))
     if place != HAND and (fixed or place is None):
-        return "in this room"
+        return f"in {room}"
     return told_place(place)
 
 
@@ -770,6 +815,7 @@ _KINDS: tuple[Callable[[_Question], MemoryAnswer | None], ...] = (
     _what_is_held,
     _which_it_was,
     _how_many,
+    _what_is_here,
     _when,
     _which_are_so,
     _what_lies_there,

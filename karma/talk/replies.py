@@ -60,7 +60,7 @@ class RequestReply:
     def status(self) -> Status:
         """Whether it was done, done in part, tried in vain, refused, or asked back about."""
         if self.answer is not None:
-            return "answered"
+            return "refused" if self.answer.refuses else "answered"
         if self.refused:
             return "asked" if self.asks else "refused"
         said_no = any(check.found == "otherwise" for check in self.checks)

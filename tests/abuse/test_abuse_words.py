@@ -116,7 +116,7 @@ def test_run_that_was_edited_after_its_end_is_believed_by_nobody(tmp_path):
     for edited in edits:
         place.write_text(edited)
         for again in (lambda: read_run(run.folder), lambda: expert(tmp_path)):
-            with pytest.raises(FileError, match="is not as the run left it"):
+            with pytest.raises(FileError, match="is not as it was left"):
                 again()
         assert place.read_text() == edited
         assert (run.folder / RESULTS).read_bytes() == results

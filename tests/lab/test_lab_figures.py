@@ -10,6 +10,7 @@ from support.paths import ROOT
 from karma.bench.experiment_file import kind_of
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.files import read_toml
+from karma.journal.owned_folder import MARK
 from karma.lab.exploration import Exploration, explore
 from karma.lab.figure import TraceFigure, draw_figure, figure_run, read_figure
 from karma.lab.intervals import Bootstrapped
@@ -172,6 +173,24 @@ def test_figure_by_two_workers_has_the_same_bytes(small, tmp_path):
     list(figure_run(small, tmp_path / "one").episodes())
     list(figure_run(small, tmp_path / "two").episodes(2))
     assert files(tmp_path / "two") == files(tmp_path / "one")
+
+
+def test_figure_that_was_edited_is_drawn_by_nobody(small, tmp_path):
+    list(figure_run(small, tmp_path / "one").episodes())
+    mark = (tmp_path / "one" / MARK).read_bytes()
+    assert list(figure_run(small, tmp_path / "one").episodes()) == []
+    assert (tmp_path / "one" / MARK).read_bytes() == mark
+    for place in (*(tmp_path / "one" / "cells").iterdir(), tmp_path / "one" / "results.json"):
+        whole = place.read_bytes()
+        place.write_bytes(whole.replace(b"0", b"1", 1))
+        for again in (
+            lambda: draw_figure(tmp_path / "one"),
+            lambda: list(figure_run(small, tmp_path / "one").episodes()),
+        ):
+            with pytest.raises(FileError, match=f"{place.name}: is not as it was left"):
+                again()
+        place.write_bytes(whole)
+    assert draw_figure(tmp_path / "one")
 
 
 def test_figure_draws_and_states_its_claims(small, tmp_path):

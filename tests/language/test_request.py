@@ -48,6 +48,13 @@ def deeds(request):
 @pytest.mark.parametrize(
     ("text", "wanted"),
     [
+        ("lamp off", ["off DeskLamp/FloorLamp"]),
+        ("phone on the shelf, lamp off", ["put CellPhone > Shelf", "off DeskLamp/FloorLamp"]),
+        ("lights off, then the mug in the sink", ["off LightSwitch", "put Mug > Sink"]),
+        ("wash the mug, lamp off", ["wash Mug", "off DeskLamp/FloorLamp"]),
+        ("turn the lamp on, the tv off", ["on DeskLamp/FloorLamp", "off Television"]),
+        ("turn the lamp, the tv off", ["off DeskLamp/FloorLamp, Television"]),
+        ("lamp and tv off", ["off DeskLamp/FloorLamp, Television"]),
         ("the kettle ought to be on the stove", ["put Kettle > StoveBurner/StoveKnob"]),
         ("give that pan a good scrub, then dry land it on the counter", None),
         ("turn the telly off and the floor lamp on", None),

@@ -13,6 +13,8 @@ from support.tiny import export_tiny
 
 from karma import Agent
 from karma.errors import FileError, KarmaError
+from karma.journal.header import EPISODES, RESULTS
+from karma.journal.owned_folder import MARK
 from karma.journal.run_folder import read_run
 from karma.journal.steps import read_steps, steps_path
 from karma.loading.models import Models
@@ -133,6 +135,33 @@ def test_run_is_read_like_any_other(tmp_path):
     assert run.header.models["planner"] == "scripted"
     assert len(read_steps(steps_path(agent.folder, *record.key))) > 10
     assert (agent.folder / "maps" / "handmade.json").exists()
+
+
+def test_talk_that_was_edited_is_believed_by_nobody(tmp_path):
+    agent = agent_saying(tmp_path, [TAKE, AWAY])
+    for said in ("take the apple", "put it in the fridge"):
+        agent.do(said)
+        for name in (EPISODES, RESULTS):
+            place = agent.folder / name
+            whole = place.read_bytes()
+            for edited in (whole.replace(b"[", b"[ ", 1), whole[:1], b""):
+                place.write_bytes(edited)
+                with pytest.raises(FileError, match=f"{name}: is not as it was left"):
+                    read_run(agent.folder)
+            place.write_bytes(whole)
+        assert len(read_run(agent.folder).records) == 1
+
+
+def test_talk_that_was_killed_while_it_was_written_is_read(tmp_path):
+    agent = agent_saying(tmp_path, [TAKE, AWAY])
+    agent.do("take the apple")
+    mark = (agent.folder / MARK).read_bytes()
+    agent.do("put it in the fridge")
+    (agent.folder / RESULTS).unlink()  # which goes first and comes last
+    (agent.folder / MARK).write_bytes(mark)
+    (record,) = read_run(agent.folder).records
+    assert len(record.subtasks) == 2
+    assert not read_run(agent.folder).finished
 
 
 def test_same_talk_twice_leaves_the_same_bytes(tmp_path):

@@ -17,7 +17,7 @@ from pathlib import Path
 import msgspec
 
 from karma.errors import FileError, KarmaError, ModelError
-from karma.files import write_atomic
+from karma.files import sha256_of, write_atomic
 from karma.infer.manifest.added_entry import AddOptions, entry_of, entry_toml, files_of, matching
 from karma.infer.manifest.manifest import (
     Manifest,
@@ -25,7 +25,6 @@ from karma.infer.manifest.manifest import (
     local_path,
     read_local,
     read_shipped,
-    sha256_of,
 )
 
 Progress = Callable[[str, int, int], None]  # file, bytes done, bytes in all

@@ -4,10 +4,8 @@ Two files make the list: `manifest.toml`, which ships and is only read, and `loc
 which holds what `karma models add` brought (`added_models`) and which git ignores.
 """
 
-import hashlib
 import os
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.util import find_spec
@@ -17,7 +15,7 @@ from typing import Literal
 import msgspec
 
 from karma.errors import FileError, ModelError, UnknownNameError, did_you_mean
-from karma.files import open_regular, read_bytes, read_toml
+from karma.files import read_bytes, read_toml, sha256_of
 from karma.infer.checks.gguf import is_gguf
 from karma.places import repair, shipped
 
@@ -28,7 +26,6 @@ PLANNERS = ("karma-mini", "karma-nano")  # of these the first that is here plans
 PLANNER = "KARMA_PLANNER"  # names another
 
 _VERIFY = "karma models verify"
-_CHUNK = 1 << 22
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
@@ -312,22 +309,6 @@ def check_file(
         raise _wrong(path, error.strerror or str(error), sha256, restore) from error
     if digest != sha256:
         raise _wrong(path, f"its SHA-256 is {digest}", sha256, restore)
-
-
-def sha256_of(path: Path, *, progress: Callable[[int], None] | None = None) -> str:
-    """Return a file's SHA-256; `progress` is told of every piece read, in bytes.
-
-    Raises:
-        FileError: it cannot be opened.
-        OSError: it cannot be read.
-    """
-    digest = hashlib.sha256()
-    with open_regular(path) as file:
-        while piece := file.read(_CHUNK):
-            digest.update(piece)
-            if progress is not None:
-                progress(len(piece))
-    return digest.hexdigest()
 
 
 # ----------------------------------------------------------------- choosing

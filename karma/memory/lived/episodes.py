@@ -2,7 +2,8 @@
 
 An episode is one thing at one place in one state, from the first to the last sighting of it; an
 unchanged sighting extends it, only changes make rows. Rows are written as they come and committed
-when an instruction is finished: a killed process loses at most what came after the last commit. The
+when an instruction is finished: a killed process loses at most what came after the last commit. A
+log that was closed is sealed: its SHA-256 lies beside it until it is opened again. The
 index is made from the rows' distinct texts, when a text is first asked for, so it cannot differ
 from them.
 """
@@ -10,7 +11,9 @@ from them.
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from math import fsum
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,10 +22,12 @@ import numpy as np
 
 from karma.contracts import Deed, Embedder, Sighting
 from karma.errors import FileError
+from karma.files import check_sealed_file, read_bytes, sha256_of, write_atomic
 from karma.memory.lived.setting import KnownPlace, sighting_text
 
 APPLICATION = 0x4B524D41  # "KRMA", in the file's header
 VERSION = 2
+SEAL = ".sha256"  # what the name of the file beside it ends in; there while the log is closed
 MOST_EPISODES = 200_000  # closed ones kept; beyond it the oldest go
 SPARE = 0.02  # share of the most that goes at once, so that it is not done for every row
 NEAREST = 64  # texts that are looked up at once
@@ -85,7 +90,7 @@ class EpisodeLog:
         most_episodes: closed ones that are kept.
 
     Raises:
-        FileError: the file is torn, or no episodic log.
+        FileError: the file is torn, edited since it was closed, in use, or no episodic log.
     """
 
     def __init__(
@@ -178,16 +183,17 @@ class EpisodeLog:
         Raises:
             FileError: the disk is full or the file cannot be written; nothing is half written.
         """
-        try:
+        with _naming(self._path):
             self._base.commit()
-        except sqlite3.Error as error:
-            fix = "free space, then go on: what was committed before is kept"
-            raise FileError(self._path or ":memory:", str(error), fix=fix) from error
 
     def close(self) -> None:
-        """Commit, and let go of the file."""
+        """Commit, let go of the file and, where nobody else has it open, seal it."""
         self.commit()
         self._base.close()
+        path = self._path
+        if path is not None and not path.with_name(f"{path.name}-wal").exists():
+            line = f"{sha256_of(path)}  {path.name}\n"  # as `sha256sum -c` reads it
+            write_atomic(_seal_of(path), line.encode())
 
     def _make_room(self, number: int) -> None:
         """Let the oldest closed episodes go, with the texts that no episode has any more."""
@@ -292,10 +298,23 @@ _SELECT = (
 _TEXT = 12  # column of text_id
 
 
-def _opened(path: Path | None) -> sqlite3.Connection:
-    """Return the base, with its tables."""
-    try:
-        base = sqlite3.connect(":memory:" if path is None else path)
+class _Base(sqlite3.Connection):
+    """A connection whose errors name the file."""
+
+    path: Path | None = None
+
+    def execute(self, *given: Any) -> sqlite3.Cursor:
+        """Execute a statement; FileError where the file does not let it."""
+        with _naming(self.path):
+            return super().execute(*given)
+
+
+def _opened(path: Path | None) -> _Base:
+    """Return the base, with its tables; its pages are looked through unless its seal held."""
+    sealed = path is not None and _unsealed(path)
+    with _naming(path):
+        base = sqlite3.connect(":memory:" if path is None else path, factory=_Base)
+        base.path = path
         mark = base.execute("pragma application_id").fetchone()[0]
         empty = base.execute("select count(*) from sqlite_master").fetchone()[0] == 0
         version = base.execute("pragma user_version").fetchone()[0]
@@ -308,14 +327,59 @@ def _opened(path: Path | None) -> sqlite3.Connection:
         base.execute(f"pragma application_id = {APPLICATION}")
         base.execute(f"pragma user_version = {VERSION}")
         base.executescript(_TABLES)
-        if path is not None and base.execute("pragma quick_check").fetchone()[0] != "ok":
-            raise sqlite3.DatabaseError("its pages do not fit together")
-    except sqlite3.Error as error:
-        fix = f"move it away, or bring back a copy: {path}"
-        raise FileError(
-            path or ":memory:", f"torn, or no episodic log: {error}", fix=fix
-        ) from error
+        if path is not None and not sealed:
+            _look_through(base)
     return base
+
+
+def _look_through(base: sqlite3.Connection) -> None:
+    """Read all there is, as nothing else tells whether the disk has kept it."""
+    if (said := base.execute("pragma integrity_check").fetchone()[0]) != "ok":
+        raise sqlite3.DatabaseError(said)
+    for row in base.execute(_SELECT):
+        _episode(row)
+        fsum(row[6:11])  # position and times are numbers
+    for (value,) in base.execute("select value from kept"):
+        json.loads(value)
+
+
+def _unsealed(path: Path) -> bool:
+    """Take a log's seal away, and return whether there was one; FileError where it is broken."""
+    seal = _seal_of(path)
+    if not seal.exists():
+        return False
+    if sound := path.exists():
+        sha256 = read_bytes(seal).decode(errors="replace").partition(" ")[0]
+        check_sealed_file(path, sha256, fix=_fix(path))
+    seal.unlink()
+    return sound
+
+
+def _seal_of(path: Path) -> Path:
+    return path.with_name(path.name + SEAL)
+
+
+def _fix(path: Path | str) -> str:
+    return f"bring back a copy, or begin anew: rm {path} {path}{SEAL}"
+
+
+@contextmanager
+def _naming(path: Path | None) -> Iterator[None]:
+    """Turn what SQLite and damaged rows raise into a FileError of the file."""
+    try:
+        yield
+    except (sqlite3.Error, ValueError, TypeError) as error:
+        name, reason, fix = path or ":memory:", str(error), _fix(path or ":memory:")
+        match getattr(error, "sqlite_errorcode", 0) & 0xFF:
+            case sqlite3.SQLITE_BUSY | sqlite3.SQLITE_LOCKED:
+                fix = "another process is at work in it: end that one, then go on"
+            case sqlite3.SQLITE_FULL | sqlite3.SQLITE_IOERR:
+                fix = "free space, then go on: what was committed before is kept"
+            case sqlite3.SQLITE_READONLY | sqlite3.SQLITE_CANTOPEN:
+                fix = "name a file in a folder that may be written"
+            case _:
+                reason = f"torn, or no episodic log: {reason}"
+        raise FileError(name, reason, fix=fix) from error
 
 
 def _conditions(query: EpisodeQuery) -> tuple[str, tuple[Any, ...]]:
