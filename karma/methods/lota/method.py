@@ -44,13 +44,13 @@ from karma.methods.lota.forms import (
     code_prompt,
     lines_prompt,
     named_types,
-    request_for,
     smart_skills,
     steps_in_lines,
     steps_in_words,
     words_prompt,
 )
 from karma.methods.options import settings_of
+from karma.methods.requests import request_for
 from karma.methods.tour import floor_of, position_of
 
 # what is done for an instruction; returns whether it was finished, and the steps taken
@@ -241,10 +241,7 @@ class LotaGenerate:
 class LotaEpisode:
     """One sequence of instructions, of which only requests and answers are kept.
 
-    Args:
-        act: carries out one instruction, told the ones before it.
-        world: has been reset to `scene`.
-        scene: the first room.
+    `act` carries out one instruction, told the ones before it.
     """
 
     def __init__(
@@ -297,12 +294,7 @@ class _Floor:
 def chooser_of(
     model: LanguageModel, wanted_by: str = "lota.score", instead: str = "lota.generate"
 ) -> ScoringModel:
-    """Return what scores steps with a model.
-
-    Args:
-        model: any.
-        wanted_by: the row that steps are scored in.
-        instead: a row in which they are not.
+    """Return what scores steps with a model; a message names two rows, with scores and without.
 
     Raises:
         ModelError: the model tells no log-probabilities.
