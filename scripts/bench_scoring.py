@@ -37,11 +37,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.bench.experiment_file import beside
-from karma.benchmarks.lota_alfred.experiment import draw_tasks
-from karma.benchmarks.lota_alfred.planner import followed
-from karma.benchmarks.lota_alfred.prompt import LotaPromptOptions, score_prompt
-from karma.benchmarks.players import ExpertPlayer
-from karma.benchmarks.trial_rooms import read_rooms
+from karma.benchmarks.alfred.experiment import draw_tasks
+from karma.benchmarks.alfred.lota_planner import LotaPromptOptions, followed, score_prompt
+from karma.benchmarks.alfred.players import ExpertPlayer
+from karma.benchmarks.alfred.trial_rooms import read_rooms
 from karma.contracts import END, Choice
 from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
 from karma.infer.llama.gguf_model import GgufModel

@@ -8,6 +8,7 @@ its score measures.
 from collections.abc import Iterator, Sequence
 from typing import Protocol
 
+from karma.benchmarks.alfred.answered import BenchmarkAnswer
 from karma.household.ids import root_id, root_type
 from karma.household.uses import FAUCET
 from karma.seeds import stream
@@ -22,17 +23,21 @@ _Said = tuple[Verb, str]  # verb, and the id or type that it is about
 class BenchmarkPlayer(Protocol):
     """Plays one episode."""
 
-    def plan(self, environment: Environment) -> Sequence[int] | None:
-        """Return numbers of actions; () gives up, None says that the answer is of no use."""
+    @property
+    def answers(self) -> Sequence[BenchmarkAnswer]:
+        """What a language model said so far."""
+
+    def plan(self, environment: Environment) -> Sequence[int | str] | None:
+        """Return numbers of actions, or what is none; () gives up, None: the answer is unusable."""
 
 
 class ChancePlayer:
     """Draws one action after the other, all of them equally often: the floor.
 
-    Args:
-        seed: of the run.
-        use: names the benchmark and the episode.
+    `use` names the benchmark and the episode.
     """
+
+    answers = ()
 
     def __init__(self, seed: int, *use: str) -> None:
         self._draws = stream(seed, *use)
@@ -44,6 +49,8 @@ class ChancePlayer:
 
 class ExpertPlayer:
     """Says the demonstration's sub-goals in the benchmark's actions."""
+
+    answers = ()
 
     def __init__(self) -> None:
         self._said: Iterator[int] | None = None
