@@ -49,10 +49,9 @@ from karma.infer.llama.scoring import Scores, SkillScorer
 from karma.offline import go_offline
 from karma.seeds import stream
 from karma.tasks.files import load_tasks
-from karma.world.eb_alfred.actions import read_types
+from karma.world.eb_alfred.actions import read_types, skills_of
 from karma.world.eb_alfred.environment import Environment
 from karma.world.eb_alfred.protocol import LOTA_ALFRED
-from karma.world.eb_alfred.skills import skills_of
 
 NANO = Path("models/nano/planner.gguf")
 TASKS = "eval/alfred_l/tasks.jsonl"

@@ -12,8 +12,8 @@ from typing import Literal
 
 import msgspec
 
-from karma.benchmarks.alfred.answered import BenchmarkAnswer, kept
 from karma.benchmarks.alfred.eb_answers import NUMBER, PLAN, read_answer
+from karma.benchmarks.alfred.players import BenchmarkAnswer, kept
 from karma.contracts import Frame, LanguageModel, PlanSpec, Prompt
 from karma.files import read_toml
 from karma.world.eb_alfred.environment import Environment, Step

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import msgspec
 
-from karma.benchmarks.alfred.answered import BenchmarkAnswer, kept
+from karma.benchmarks.alfred.players import BenchmarkAnswer, kept
 from karma.contracts import LanguageModel, Prompt, Scoring, ScoringModel
 from karma.files import read_toml
+from karma.world.eb_alfred.actions import DONE
 from karma.world.eb_alfred.environment import Environment, Step
-from karma.world.eb_alfred.skills import DONE
 
 _HERE = Path(__file__).parent / "lota_alfred"
 LONGEST = 200_000  # characters that are looked at

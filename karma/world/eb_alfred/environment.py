@@ -9,11 +9,16 @@ from karma.world.alfred.facts import RoomFacts
 from karma.world.alfred.goal import Conditions, conditions
 from karma.world.alfred.replay import FOV_DEG, REACH_M, fitted
 from karma.world.alfred.trial import Trial
-from karma.world.eb_alfred.actions import ActionTypes, NumberedAction, actions_in, names_in
+from karma.world.eb_alfred.actions import (
+    ActionTypes,
+    NumberedAction,
+    actions_in,
+    names_in,
+    skills_of,
+)
 from karma.world.eb_alfred.body import Body
 from karma.world.eb_alfred.choosing import Thing
 from karma.world.eb_alfred.protocol import EB_ALFRED, RoomProtocol
-from karma.world.eb_alfred.skills import skills_of
 from karma.world.sim import EmbeddedWorld
 
 UNKNOWN = -1  # number of what is no action
