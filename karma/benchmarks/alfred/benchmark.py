@@ -19,7 +19,7 @@ from karma.world.eb_alfred.actions import read_types
 _HERE = Path(__file__).parent
 
 
-class _Alfred:
+class _AlfredSuite:
     """ALFRED's tasks over an experiment, see `Benchmark`."""
 
     experiment_kind: ClassVar[type[Any]]
@@ -62,7 +62,7 @@ class _Alfred:
         return chooser_of(model, wanted[0], 'with player = "generated"')
 
 
-class EbAlfred(_Alfred):
+class EbAlfred(_AlfredSuite):
     """EB-ALFRED."""
 
     experiment_kind: ClassVar[type[Any]] = EbExperiment
@@ -95,7 +95,7 @@ class EbAlfred(_Alfred):
         return results_of(records, EB_TABLES, published, tuple(one.remarks()))
 
 
-class LotaAlfred(_Alfred):
+class LotaAlfred(_AlfredSuite):
     """LoTa-Bench's ALFRED."""
 
     experiment_kind: ClassVar[type[Any]] = LotaExperiment
