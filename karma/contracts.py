@@ -522,6 +522,11 @@ class SkillCall:
     exact: bool = False  # of several of its type this receptacle is meant, and no other
     turn: int = 0  # other things of its name that the program has put away before
 
+    @classmethod
+    def of(cls, skill: str, *objects: str) -> Self:
+        """Return a call with names alone."""
+        return cls(skill=skill, objects=objects)
+
     def __str__(self) -> str:
         """Return the line as a planner writes it."""
         parts = ["robot", *(f"'{name}'" for name in self.objects)]

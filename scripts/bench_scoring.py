@@ -41,11 +41,10 @@ from numpy.typing import NDArray
 from support.llama_export import export_llama_gguf
 
 from karma.bench.experiment_file import beside
-from karma.benchmarks.lota_alfred.experiment import draw_tasks
-from karma.benchmarks.lota_alfred.planner import followed
-from karma.benchmarks.lota_alfred.prompt import LotaPromptOptions, score_prompt
-from karma.benchmarks.players import ExpertPlayer
-from karma.benchmarks.trial_rooms import read_rooms
+from karma.benchmarks.alfred.experiment import draw_tasks
+from karma.benchmarks.alfred.lota_planner import LotaPromptOptions, followed, score_prompt
+from karma.benchmarks.alfred.players import ExpertPlayer
+from karma.benchmarks.alfred.trial_rooms import read_rooms
 from karma.contracts import END, Choice
 from karma.infer.llama.gguf_files import new_tokenizer
 from karma.infer.llama.gguf_model import GgufModel
@@ -54,10 +53,9 @@ from karma.infer.llama.scoring import Scores, SkillScorer
 from karma.offline import go_offline
 from karma.seeds import stream
 from karma.tasks.files import load_tasks
-from karma.world.eb_alfred.actions import read_types
+from karma.world.eb_alfred.actions import read_types, skills_of
 from karma.world.eb_alfred.environment import Environment
 from karma.world.eb_alfred.protocol import LOTA_ALFRED
-from karma.world.eb_alfred.skills import skills_of
 
 NANO = Path("models/nano/planner.gguf")
 TASKS = "eval/alfred_l/tasks.jsonl"

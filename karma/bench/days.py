@@ -84,14 +84,7 @@ class Days:
 
 
 class DayWorld:
-    """A world whose task's scene begins as one seed has it; else the world that it is given.
-
-    Args:
-        world: any world.
-        task: what is going to be asked.
-        seed: of the episode.
-        days: finds the start.
-    """
+    """A world whose task's scene begins as one seed has it; else the world that it is given."""
 
     def __init__(self, world: World, task: Task, seed: int, days: Days) -> None:
         self._world, self._task, self._seed, self._days = world, task, seed, days

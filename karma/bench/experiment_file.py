@@ -7,7 +7,7 @@ such as those of the manifest, stay names; what could be either is a path if it 
 import os
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -183,19 +183,13 @@ def _meant(reason: str, kind: type[msgspec.Struct]) -> str | None:
     found = re.search(r"unknown field `(.+?)`(?: - at `\$\.?([^`]*)`)?", reason)
     if found is None:
         return None
-    parts = [part for part in re.sub(r"\[[^]]*\]", "", found[2] or "").split(".") if part]
-    there: Any = kind
-    for part in parts:
-        struct = _struct_in(there)
-        there = (
-            struct and {one.encode_name: one.type for one in msgspec.structs.fields(struct)}[part]
-        )
-    struct = _struct_in(there)
-    return None if struct is None else _nearest(found[1], struct)
+    known = _keys_of(kind)
+    for part in filter(None, re.sub(r"\[[^]]*\]", "", found[2] or "").split(".")):
+        known = known and _keys_of(known[part])
+    return None if known is None else _nearest(found[1], known)
 
 
-def _nearest(key: str, struct: type[msgspec.Struct]) -> str:
-    known = [one.encode_name for one in msgspec.structs.fields(struct)]
+def _nearest(key: str, known: Iterable[str]) -> str:
     near = get_close_matches(key, known, n=1)
     return f"write {near[0]!r}" if near else f"known here: {', '.join(known)}"
 
@@ -239,12 +233,11 @@ def _typed(kind: type[msgspec.Struct], parts: Sequence[str], setting: Setting) -
     """
     takes: Any = kind
     for part in _general(parts).split("."):
-        struct = _struct_in(takes)
-        if struct is None:  # a free table, such as a row's options, which its method reads
+        known = _keys_of(takes)
+        if known is None:  # a free table, such as a row's options, which its method reads
             return setting.value
-        known = {one.encode_name: one.type for one in msgspec.structs.fields(struct)}
         if part not in known:
-            fix = _nearest(part, struct)
+            fix = _nearest(part, known)
             raise KarmaError(f"{setting.key}: no key {part!r}\n  To fix: {fix}")
         takes = known[part]
     reasons: list[str] = []
@@ -260,11 +253,11 @@ def _typed(kind: type[msgspec.Struct], parts: Sequence[str], setting: Setting) -
     raise KarmaError(f"{setting.key} = {setting.value!r}: {reasons[0]}")
 
 
-def _struct_in(kind: Any) -> type[msgspec.Struct] | None:
-    """Return the struct that a type is, or is a tuple or an option of; None where there is none."""
+def _keys_of(kind: Any) -> dict[str, Any] | None:
+    """Return what a table, or one of a tuple or an option, may have: keys with types; None: any."""
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
-        return kind
-    return next(filter(None, map(_struct_in, get_args(kind))), None)
+        return {one.encode_name: one.type for one in msgspec.structs.fields(kind)}
+    return next(filter(None, map(_keys_of, get_args(kind))), None)
 
 
 def _put(tree: dict[str, Any], parts: Sequence[str], value: Any) -> None:

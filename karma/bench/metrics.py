@@ -8,12 +8,20 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from karma.bench.needs import Need, related_needs, types_of, wanted_types
+from karma.bench.needs import related_needs, types_of, wanted_types
 from karma.bench.statistics import Estimate, mean, rate
 from karma.contracts import Tour
 from karma.household.pieces import base_type
 from karma.journal.formats import COST_DIGITS
-from karma.journal.records import Call, EpisodeRecord, EpisodeTiming, Key, SubTaskRecord
+from karma.journal.records import (
+    Answer,
+    AnswerTiming,
+    Call,
+    EpisodeRecord,
+    EpisodeTiming,
+    Key,
+    SubTaskRecord,
+)
 
 Observations = Sequence[float]
 
@@ -57,107 +65,7 @@ class Metric:
     digits: int = 2
 
 
-# ----------------------------------------------------------------- which rows have what
-
-
-def remembers(record: EpisodeRecord) -> bool:
-    """Return whether short-term memory ever held or brought anything."""
-    return any(sub.hits or sub.recalled for sub in record.subtasks)
-
-
-def plans(record: EpisodeRecord) -> bool:
-    """Return whether a planner was asked."""
-    return any(sub.answers for sub in record.subtasks)
-
-
-def refuses(record: EpisodeRecord) -> bool:
-    """Return whether a request was refused."""
-    return any(sub.refused for sub in record.subtasks)
-
-
-def is_timed_out(record: EpisodeRecord) -> bool:
-    """Return whether the clock cut off an answer."""
-    return record.timed_out
-
-
-def is_done_before(record: EpisodeRecord) -> bool:
-    """Return whether all goals held when the task began."""
-    return not record.to_do
-
-
-def is_hosted(record: EpisodeRecord) -> bool:
-    """Return whether hosted models were asked."""
-    return bool(record.spent())
-
-
 # ----------------------------------------------------------------- what an episode shows
-
-
-def success(episode: TimedEpisode) -> Observations:
-    """Return whether the task was solved; an error is a failure."""
-    return [float(episode.record.success)]
-
-
-def success_to_do(episode: TimedEpisode) -> Observations:
-    """Return the same for a task of which something was still to be done when it began."""
-    return success(episode) if episode.record.to_do else []
-
-
-def subtasks_done(episode: TimedEpisode) -> Observations:
-    """Return for each sub-task whether all its goals held when it ended."""
-    return [float(sub.success) for sub in episode.record.subtasks if sub.goals]
-
-
-def goals_met(episode: TimedEpisode) -> Observations:
-    """Return for each goal whether it held when its sub-task ended."""
-    return [
-        float(number >= len(sub.unmet))
-        for sub in episode.record.subtasks
-        for number in range(len(sub.goals))
-    ]
-
-
-def refused(episode: TimedEpisode) -> Observations:
-    """Return for each instruction that a planner was asked to carry out whether it refused."""
-    asked = (sub for sub in episode.record.subtasks if sub.answers)
-    return [float(sub.refused is not None) for sub in asked]
-
-
-def timed_out(episode: TimedEpisode) -> Observations:
-    """Return for each answer of the planner whether the clock cut it off."""
-    return [float(a.finish == "time") for sub in episode.record.subtasks for a in sub.answers]
-
-
-def retrieved(episode: TimedEpisode) -> Observations:
-    """Return for each sub-task about earlier things whether all of them were recalled (MRA)."""
-    return [
-        float(all(need & types_of(sub.recalled) for need in related))
-        for sub, related in _asked(episode.record)
-        if related
-    ]
-
-
-def retrieved_of_held(episode: TimedEpisode) -> Observations:
-    """Return the same for sub-tasks for which memory held something: of those, all recalled."""
-    found = []
-    for sub, _ in _asked(episode.record):
-        if sub.hits:
-            kinds = types_of(sub.recalled)
-            there = sum(base_type(kind) in kinds for kind in wanted_types(sub.goals))
-            found.append(float(there >= sub.hits))
-    return found
-
-
-def hits(episode: TimedEpisode) -> Observations:
-    """Return for each needed thing whether short-term memory held it, cold start counted (MHR)."""
-    return [value for sub, _ in _asked(episode.record) for value in _hits(sub)]
-
-
-def hits_later(episode: TimedEpisode) -> Observations:
-    """Return the same for the later half of the sequence."""
-    parts = episode.record.subtasks
-    later = parts[(len(parts) + 1) // 2 :]
-    return [value for sub in later if sub.answers for value in _hits(sub)]
 
 
 def explorations(episode: TimedEpisode) -> Observations:
@@ -180,63 +88,9 @@ def actions_related(episode: TimedEpisode) -> Observations:
     return [float(sum(call.actions for call in _related_calls(episode.record)))]
 
 
-def tour_places(episode: TimedEpisode) -> Observations:
-    """Return how many places were looked around from to make the maps that the episode used."""
-    return _tours(episode, lambda tour: tour.places)
-
-
-def tour_actions(episode: TimedEpisode) -> Observations:
-    """Return how many actions that took."""
-    return _tours(episode, lambda tour: tour.actions)
-
-
-def planner_calls(episode: TimedEpisode) -> Observations:
-    """Return how often the planner was asked; 0 where an error came before the first prompt."""
-    return [float(sum(len(sub.answers) for sub in episode.record.subtasks))]
-
-
-def prompt_tokens(episode: TimedEpisode) -> Observations:
-    """Return what was put to the planner."""
-    return _sum(a.prompt_tokens for sub in episode.record.subtasks for a in sub.answers)
-
-
-def completion_tokens(episode: TimedEpisode) -> Observations:
-    """Return what the planner said."""
-    return _sum(a.completion_tokens for sub in episode.record.subtasks for a in sub.answers)
-
-
-def hosted_requests(episode: TimedEpisode) -> Observations:
-    """Return how often hosted models of all roles were asked."""
-    return [float(sum(one.requests for one in episode.record.spent()))]
-
-
-def hosted_tokens(episode: TimedEpisode) -> Observations:
-    """Return the tokens of hosted models of all roles, both ways."""
-    spent = episode.record.spent()
-    return _sum(n for one in spent for n in (one.prompt_tokens, one.completion_tokens))
-
-
-def cost(episode: TimedEpisode) -> Observations:
-    """Return what hosted models of all roles cost, in the currency of the price table."""
-    return _sum(one.cost for one in episode.record.spent())
-
-
 def seconds(episode: TimedEpisode) -> Observations:
     """Return how long the instructions took by the clock."""
     return [episode.timing.seconds] if episode.timing else []
-
-
-def first_token_s(episode: TimedEpisode) -> Observations:
-    """Return how long the planner thought before each answer, where that is known."""
-    parts = episode.timing.subtasks if episode.timing else ()
-    times = [answer.first_token_s for sub in parts for answer in sub.answers]
-    return [time for time in times if time is not None]
-
-
-def answer_s(episode: TimedEpisode) -> Observations:
-    """Return how long each answer of the planner took by the clock."""
-    parts = episode.timing.subtasks if episode.timing else ()
-    return [answer.total_s for sub in parts for answer in sub.answers]
 
 
 def _related_calls(record: EpisodeRecord) -> list[Call]:
@@ -244,14 +98,36 @@ def _related_calls(record: EpisodeRecord) -> list[Call]:
     return [call for sub, related in pairs if related for call in sub.calls]
 
 
-def _asked(record: EpisodeRecord) -> list[tuple[SubTaskRecord, tuple[Need, ...]]]:
-    """Return the sub-tasks in which a planner was asked, with their related needs."""
-    pairs = zip(record.subtasks, related_needs(record), strict=True)
-    return [(sub, related) for sub, related in pairs if sub.answers]
+def _goals_met(episode: TimedEpisode) -> Observations:
+    return [
+        float(number >= len(sub.unmet))
+        for sub in episode.record.subtasks
+        for number in range(len(sub.goals))
+    ]
 
 
-def _hits(sub: SubTaskRecord) -> list[float]:
-    return [float(number < sub.hits) for number in range(sub.queries)]
+def _retrieved(episode: TimedEpisode) -> Observations:
+    return [
+        float(all(need & types_of(sub.recalled) for need in related))
+        for sub, related in zip(episode.record.subtasks, related_needs(episode.record), strict=True)
+        if sub.answers and related
+    ]
+
+
+def _retrieved_of_held(episode: TimedEpisode) -> Observations:
+    found = []
+    for sub in episode.record.subtasks:
+        if sub.answers and sub.hits:
+            kinds = types_of(sub.recalled)
+            there = sum(base_type(kind) in kinds for kind in wanted_types(sub.goals))
+            found.append(float(there >= sub.hits))
+    return found
+
+
+def _hits(subtasks: Iterable[SubTaskRecord]) -> Observations:
+    """Return for each thing that a planner needed whether short-term memory held it."""
+    asked = (sub for sub in subtasks if sub.answers)
+    return [float(number < sub.hits) for sub in asked for number in range(sub.queries)]
 
 
 def _tours(episode: TimedEpisode, amount: Callable[[Tour], int]) -> Observations:
@@ -265,103 +141,147 @@ def _sum(amounts: Iterable[float | None]) -> Observations:
     return [] if None in found else [float(sum(one for one in found if one is not None))]
 
 
+def _answers(episode: TimedEpisode) -> list[Answer]:
+    return [answer for sub in episode.record.subtasks for answer in sub.answers]
+
+
+def _times(episode: TimedEpisode) -> list[AnswerTiming]:
+    """Return how long each answer of the planner took, where that is known."""
+    parts = episode.timing.subtasks if episode.timing else ()
+    return [answer for sub in parts for answer in sub.answers]
+
+
+# ----------------------------------------------------------------- which rows have what
+
+
+def _remembers(record: EpisodeRecord) -> bool:
+    """Return whether short-term memory ever held or brought anything."""
+    return any(sub.hits or sub.recalled for sub in record.subtasks)
+
+
+def _plans(record: EpisodeRecord) -> bool:
+    return any(sub.answers for sub in record.subtasks)
+
+
+def _is_hosted(record: EpisodeRecord) -> bool:
+    return bool(record.spent())
+
+
 # ----------------------------------------------------------------- the columns
 
-SUCCESS = Metric(
-    key="success", title="SR", of=success, is_rate=True,
-    says="tasks of which every goal of every instruction held when that instruction ended",
-)  # fmt: skip
-EXPLORATIONS = Metric(
-    key="explorations", title="places searched", of=explorations, digits=1,
-    says="area nodes visited and containers opened in search of things",
-)  # fmt: skip
-ACTIONS = Metric(
-    key="actions", title="steps", of=actions, digits=0, says="actions that the world was asked for"
-)
-SECONDS = Metric(key="seconds", title="s", of=seconds, says="seconds by the clock")
 METRICS = (
-    SUCCESS,
     Metric(
-        key="success_to_do", title="SR to do", of=success_to_do, only=is_done_before, is_rate=True,
+        key="success", title="SR", is_rate=True,
+        says="tasks of which every goal of every instruction held when that instruction ended",
+        of=lambda one: [float(one.record.success)],  # an error is a failure
+    ),
+    Metric(
+        key="success_to_do", title="SR to do", is_rate=True, only=lambda one: not one.to_do,
         says="the same of the tasks whose goals did not all hold when they began",
+        of=lambda one: [float(one.record.success)] if one.record.to_do else [],
     ),
     Metric(
-        key="subtasks_done", title="sub-tasks", of=subtasks_done, is_rate=True,
+        key="subtasks_done", title="sub-tasks", is_rate=True,
         says="instructions all of whose goals held at their end",
+        of=lambda one: [float(sub.success) for sub in one.record.subtasks if sub.goals],
     ),
     Metric(
-        key="goals_met", title="goals", of=goals_met, is_rate=True,
+        key="goals_met", title="goals", of=_goals_met, is_rate=True,
         says="goals that held at the end of their instruction",
     ),
     Metric(
-        key="refused", title="refused", of=refused, only=refuses, is_rate=True,
+        key="refused", title="refused", is_rate=True,
+        only=lambda one: any(sub.refused for sub in one.subtasks),
         says="instructions that the planner would not carry out",
+        of=lambda one: [float(s.refused is not None) for s in one.record.subtasks if s.answers],
     ),
     Metric(
-        key="timed_out", title="timed out", of=timed_out, only=is_timed_out, is_rate=True,
+        key="timed_out", title="timed out", only=lambda one: one.timed_out, is_rate=True,
         says="answers of the planner that the clock cut off",
+        of=lambda one: [float(answer.finish == "time") for answer in _answers(one)],
     ),
     Metric(
-        key="retrieved", title="MRA", of=retrieved, only=remembers, is_rate=True,
+        key="retrieved", title="MRA", of=_retrieved, only=_remembers, is_rate=True,
         says="of the instructions that come back to a thing, those with its unit in the prompt",
     ),
     Metric(
-        key="retrieved_of_held", title="MRA of held", of=retrieved_of_held, only=remembers,
+        key="retrieved_of_held", title="MRA of held", of=_retrieved_of_held, only=_remembers,
         is_rate=True, says="the same where memory held something that was needed",
     ),
     Metric(
-        key="hits", title="MHR cold", of=hits, only=remembers, is_rate=True,
+        key="hits", title="MHR cold", only=_remembers, is_rate=True,
         says="of the things that instructions need, those in short-term memory, cold start "
         "included",
+        of=lambda one: _hits(one.record.subtasks),
     ),
     Metric(
-        key="hits_later", title="MHR steady", of=hits_later, only=remembers, is_rate=True,
+        key="hits_later", title="MHR steady", only=_remembers, is_rate=True,
         says="the same over the later half of each sequence",
+        of=lambda one: _hits(one.record.subtasks[(len(one.record.subtasks) + 1) // 2 :]),
     ),
-    EXPLORATIONS,
-    ACTIONS,
     Metric(
-        key="tour_places", title="places of tour", of=tour_places, digits=1,
+        key="explorations", title="places searched", of=explorations, digits=1,
+        says="area nodes visited and containers opened in search of things",
+    ),
+    Metric(
+        key="actions", title="steps", of=actions, digits=0,
+        says="actions that the world was asked for",
+    ),
+    Metric(
+        key="tour_places", title="places of tour", digits=1,
         says="places looked around from on the first tour of the room, which made its map",
+        of=lambda one: _tours(one, lambda tour: tour.places),
     ),
     Metric(
-        key="tour_actions", title="steps of tour", of=tour_actions, digits=0,
+        key="tour_actions", title="steps of tour", digits=0,
         says="actions of that tour; in no other figure but those with the tour",
+        of=lambda one: _tours(one, lambda tour: tour.actions),
     ),
     Metric(
-        key="planner_calls", title="planner calls", of=planner_calls, only=plans, digits=1,
+        key="planner_calls", title="planner calls", only=_plans, digits=1,
         says="answers asked of the planner",
+        of=lambda one: [float(len(_answers(one)))],  # 0: an error came before the first prompt
     ),
     Metric(
-        key="prompt_tokens", title="prompt tokens", of=prompt_tokens, only=plans, digits=0,
+        key="prompt_tokens", title="prompt tokens", only=_plans, digits=0,
         says="tokens put to the planner",
+        of=lambda one: _sum(answer.prompt_tokens for answer in _answers(one)),
     ),
     Metric(
-        key="completion_tokens", title="answer tokens", of=completion_tokens, only=plans,
-        digits=0, says="tokens that it answered",
+        key="completion_tokens", title="answer tokens", only=_plans, digits=0,
+        says="tokens that it answered",
+        of=lambda one: _sum(answer.completion_tokens for answer in _answers(one)),
     ),
-    SECONDS,
+    Metric(key="seconds", title="s", of=seconds, says="seconds by the clock"),
     Metric(
-        key="first_token_s", title="s to first token", of=first_token_s, digits=3,
+        key="first_token_s", title="s to first token", digits=3,
         says="seconds before an answer of the planner begins",
+        of=lambda one: [t.first_token_s for t in _times(one) if t.first_token_s is not None],
     ),
     Metric(
-        key="answer_s", title="s per answer", of=answer_s, digits=3,
+        key="answer_s", title="s per answer", digits=3,
         says="seconds of an answer of the planner",
+        of=lambda one: [answer.total_s for answer in _times(one)],
     ),
     Metric(
-        key="hosted_requests", title="requests", of=hosted_requests, only=is_hosted, digits=1,
+        key="hosted_requests", title="requests", only=_is_hosted, digits=1,
         says="requests to hosted models of all roles",
+        of=lambda one: [float(sum(spent.requests for spent in one.record.spent()))],
     ),
     Metric(
-        key="hosted_tokens", title="hosted tokens", of=hosted_tokens, only=is_hosted, digits=0,
+        key="hosted_tokens", title="hosted tokens", only=_is_hosted, digits=0,
         says="tokens of hosted models of all roles, both ways",
+        of=lambda one: _sum(
+            n for role in one.record.spent() for n in (role.prompt_tokens, role.completion_tokens)
+        ),
     ),
     Metric(
-        key="cost", title="cost", of=cost, only=is_hosted, digits=COST_DIGITS,
+        key="cost", title="cost", only=_is_hosted, digits=COST_DIGITS,
         says="of hosted models of all roles, in the currency of the price table",
+        of=lambda one: _sum(spent.cost for spent in one.record.spent()),
     ),
 )  # fmt: skip
+SUCCESS = METRICS[0]
 
 
 # ----------------------------------------------------------------- over several episodes

@@ -85,13 +85,7 @@ def _reached(row: str, kind: str, groups: Sequence[Sequence[float]], half_width:
 
 
 def takes_another(records: Sequence[EpisodeRecord], wanted: Precision, seeds: int) -> bool:
-    """Return whether one seed more is wanted, allowed, and of use.
-
-    Args:
-        records: of complete seeds.
-        wanted: how sure to be.
-        seeds: that are done.
-    """
+    """Return whether one seed more than those that are done is wanted, allowed, and of use."""
     if seeds >= wanted.max_seeds:
         return False
     return any(not one.reached and not one.takes_tasks for one in reached(records, wanted))

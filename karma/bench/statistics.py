@@ -26,7 +26,6 @@ POWER = 0.8  # of the minimum detectable effect
 RESAMPLES = 10_000
 FEWEST_TASKS = 6  # below it no sign-flip test of tasks reaches 0.05, and resamples pretend
 _MOST_SEEDS = 1_000
-_FEWEST = round(2 / (1 - LEVEL))  # a two-sided p below 0.05 is a tail below one in so many
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -324,13 +323,12 @@ def detectable_rate(pairs: float, discordant: float) -> float | None:
         None when even a difference of 1 would escape: fewer than six pairs.
     """
     number = math.floor(pairs)
-    power = _Power(number)
-    if number < 1 or power.of(1.0, 1.0) < POWER:
+    if number < 1 or _power(number, 1.0, 1.0) < POWER:
         return None
     share = min(max(discordant, 0.0), 1.0)
-    if share > 0 and power.of(share, share) >= POWER:
-        return _smallest(lambda effect: power.of(share, effect), share)
-    return _smallest(lambda effect: power.of(effect, effect), 1.0)
+    if share > 0 and _power(number, share, share) >= POWER:
+        return _smallest(lambda effect: _power(number, share, effect), share)
+    return _smallest(lambda effect: _power(number, effect, effect), 1.0)
 
 
 def detectable_mean(deviation: float | None) -> float | None:
@@ -340,42 +338,34 @@ def detectable_mean(deviation: float | None) -> float | None:
     return (_z(LEVEL) + NormalDist().inv_cdf(POWER)) * deviation
 
 
-class _Power:
-    """The exact power of McNemar's test over a number of pairs."""
+def _power(number: int, discordant: float, effect: float) -> float:
+    """Return the chance that McNemar's exact test finds a difference of rates.
 
-    def __init__(self, number: int) -> None:
-        self.number = number
-        counts = np.arange(number + 1)
-        self._counts = counts
-        limits = [_limit(differing) for differing in range(number + 1)]
-        split = counts[None, :]
-        reach = np.array(limits)[:, None]
-        rejects = (split <= reach) | (split >= counts[:, None] - reach)
-        self._rejects = rejects & (reach >= 0) & (split <= counts[:, None])
+    Args:
+        number: of pairs.
+        discordant: share of them in which the arms differ.
+        effect: the difference.
+    """
+    from scipy.stats import binom
 
-    def of(self, discordant: float, effect: float) -> float:
-        """Return the chance to reject, of a share of discordant pairs and a difference of rates."""
-        first = (discordant + effect) / (2 * discordant) if discordant else 0.5
-        differing = self._binomial(np.array([self.number]), min(discordant, 1.0))[0]
-        splits = self._binomial(self._counts, min(first, 1.0))
-        return float((differing * (splits * self._rejects).sum(axis=1)).sum())
-
-    def _binomial(self, numbers: NDArray[np.int64], chance: float) -> Floats:
-        """Return P(k of n) for each n, shape (numbers, self.number + 1)."""
-        from scipy.stats import binom
-
-        return np.asarray(binom.pmf(self._counts[None, :], numbers[:, None], chance))
+    first = (discordant + effect) / (2 * discordant) if discordant else 0.5
+    counts = np.arange(number + 1)
+    differing = binom.pmf(counts, number, min(discordant, 1.0))
+    splits = binom.pmf(counts[None, :], counts[:, None], min(first, 1.0))
+    return float((differing * (splits * _rejected(number)).sum(axis=1)).sum())
 
 
-def _limit(number: int) -> int:
-    """Return up to how many of some discordant pairs on one side the test rejects; -1 = never."""
-    tail, limit = 0, -1
-    for count in range(number // 2 + 1):
-        tail += math.comb(number, count)
-        if tail * _FEWEST > 2**number:
-            break
-        limit = count
-    return limit
+@lru_cache(maxsize=8)
+def _rejected(number: int) -> NDArray[np.bool_]:
+    """Return whether the test rejects, by discordant pairs and how many of them the first solved.
+
+    Shape (number + 1, number + 1).
+    """
+    from scipy.stats import binom
+
+    pairs, first = np.arange(number + 1)[:, None], np.arange(number + 1)[None, :]
+    p = 2 * binom.cdf(np.minimum(first, pairs - first), pairs, 0.5)
+    return np.asarray((p <= 1 - LEVEL) & (first <= pairs))
 
 
 def _smallest(power: Callable[[float], float], most: float) -> float:

@@ -68,7 +68,7 @@ class Chain:
 class BenchmarkResults:
     """What records add up to."""
 
-    figures: Any  # a list of dataclasses, as results.json keeps it
+    figures: Any  # as results.json keeps them
     table: Sheet  # beside the published scores
     behind: tuple[Sheet, ...] = ()  # what lies behind ours
     remarks: tuple[str, ...] = ()  # what a reader of the table has to know about its rows

@@ -41,12 +41,7 @@ class TaskFinding:
 
 
 def quick_findings(tasks: Sequence[Task], make: Callable[[], World]) -> Iterator[TaskFinding]:
-    """Yield what the rooms at the start tell of some tasks, task by task.
-
-    Args:
-        tasks: whose rooms can be loaded.
-        make: returns a world.
-    """
+    """Yield what the rooms at the start, which can be loaded, tell of tasks, task by task."""
     world = make()
     try:
         for task in tasks:
@@ -58,10 +53,7 @@ def quick_findings(tasks: Sequence[Task], make: Callable[[], World]) -> Iterator
 def findings(task: Task, make: Callable[[], World], folder: Path) -> Iterator[TaskFinding]:
     """Yield all that is wrong with one task; the expert tries it where nothing serious was seen.
 
-    Args:
-        task: to check.
-        make: returns a world.
-        folder: takes what the expert leaves behind.
+    `folder` takes what the expert leaves behind.
     """
     seen = list(quick_findings([task], make))
     yield from seen

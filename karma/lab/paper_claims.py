@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 import msgspec
 
 from karma.errors import KarmaError
+from karma.journal.formats import UNKNOWN, percent_text, range_text
 from karma.lab.exploration import Exploration
 from karma.lab.intervals import Bootstrapped, Resampler
 from karma.lab.simulate import BELADY
@@ -285,7 +286,7 @@ def _resampler(sweep: Sweep) -> Resampler:
 
 
 def _percent(rate: Bootstrapped | None) -> str:
-    return "–" if rate is None else f"{100 * rate.value:.1f}"
+    return percent_text(rate.value if rate else None, 1)
 
 
 def _points(gain: Bootstrapped) -> str:
@@ -296,9 +297,4 @@ def _points(gain: Bootstrapped) -> str:
 
 
 def _ratio_text(ratio: Bootstrapped | None, digits: int = 2) -> str:
-    if ratio is None:
-        return "–"
-    text = f"{ratio.value:.{digits}f}"
-    if ratio.low is None or ratio.high is None:
-        return text
-    return f"{text} [{ratio.low:.{digits}f}, {ratio.high:.{digits}f}]"
+    return UNKNOWN if ratio is None else range_text(ratio.value, ratio.low, ratio.high, digits)

@@ -41,7 +41,7 @@ def explore_room(
         ]:
             return known, False
     lookouts = SceneGraph.over(cells, spacing_m=LOOKOUT_M).areas()
-    skills = Skills(world, _Blank(lookouts), eyes=eyes)
+    skills = Skills(world, KnownFloor(lookouts), eyes=eyes)
     skills.look_around()
     for area in tour(lookouts, position_of(world)):
         skills.run(SkillCall(skill="GoToObject", objects=(area.name,)))
@@ -85,7 +85,7 @@ def position_of(world: World) -> Vec3:
     return pose_of(world.last_event).position_m
 
 
-class _Blank:
+class KnownFloor:
     """The knowledge of somebody who knows the cells but nothing in the room."""
 
     def __init__(self, areas: Sequence[Area]) -> None:
@@ -96,5 +96,5 @@ class _Blank:
         return None
 
     def areas(self) -> Sequence[Area]:
-        """Return the nodes of the tour."""
+        """Return the nodes to search; the nearest is searched first."""
         return self._areas

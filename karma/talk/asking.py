@@ -28,7 +28,7 @@ _IT = frozenset(("it", "that", "this", "them", "there", "these", "those"))
 _ITSELF = re.compile(r"\b(?:in|inside|on|under) (?:it|them)\b")
 
 
-class Question:
+class AskedQuestion:
     """A question's words, and the things in it.
 
     Args:

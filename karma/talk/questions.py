@@ -25,7 +25,7 @@ from karma.journal.formats import plural
 from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed, request_words
 from karma.methods.guarded import is_so
-from karma.talk.asking import ASKING, Question
+from karma.talk.asking import ASKING, AskedQuestion
 from karma.talk.history import (
     Move,
     deeds_in,
@@ -199,7 +199,7 @@ def of_another(text: str, question: str, reader: RequestReader) -> str:
     return whole[: named[0].start] + instead + whole[named[0].end :]
 
 
-class _Question(Question):
+class _Question(AskedQuestion):
     """A question with what it is answered from."""
 
     def __init__(self, request: Request, knows: Remembering, reader: RequestReader | None) -> None:

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from karma.bench.experiment_file import DataFolders, with_places_here
 from karma.bench.run import Run
-from karma.benchmarks.eb_alfred.experiment import EbExperiment
+from karma.benchmarks.alfred.experiment import EbExperiment
 from karma.cli import app
 from karma.errors import KarmaError, WorkerLost
 from karma.journal.header import EPISODES

@@ -8,7 +8,7 @@ from support.eb_alfred import run_files
 from support.hosted_server import chat, plant_key, wire_server
 
 from karma.bench.run import Run
-from karma.benchmarks.eb_alfred.planner import KEPT
+from karma.benchmarks.alfred.players import KEPT
 
 ROWS = """
 [[rows]]

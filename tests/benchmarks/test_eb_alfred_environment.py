@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from support import alfred_kitchen as ours
 from support import eb_alfred as eb
 
-from karma.benchmarks.players import ChancePlayer, ExpertPlayer
+from karma.benchmarks.alfred.players import ChancePlayer, ExpertPlayer
 from karma.world.eb_alfred.actions import DROP, PUT
 from karma.world.eb_alfred.protocol import EB_ALFRED
 

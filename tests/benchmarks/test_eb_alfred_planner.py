@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from support import eb_alfred as eb
 from support.paths import SHARED
 
-from karma.benchmarks.eb_alfred.answers import LONGEST, read_answer
-from karma.benchmarks.eb_alfred.experiment import EbRow
-from karma.benchmarks.eb_alfred.play import EbStage, play
-from karma.benchmarks.eb_alfred.prompt import PromptOptions, examples, render_prompt
+from karma.benchmarks.alfred.eb_answers import LONGEST, read_answer
+from karma.benchmarks.alfred.eb_planner import PromptOptions, examples, render_prompt
+from karma.benchmarks.alfred.experiment import EbRow
+from karma.benchmarks.alfred.play import AlfredStage, play
 from karma.infer.scripted import ScriptedModel
 from karma.journal.not_run import NotRun
 from karma.tasks.alfred_lists import ListedTask
@@ -204,7 +204,7 @@ def test_examples_reach_the_goals_of_their_training_trials(tmp_path):
 
 def played(tmp_path, *answers, strict=False, options=OPTIONS, trial="ours_1", task=""):
     model = ScriptedModel(answers)
-    stage = EbStage(rooms=eb.rooms(tmp_path, task=task), types=eb.TYPES, model=model)
+    stage = AlfredStage(rooms=eb.rooms(tmp_path, task=task), types=eb.TYPES, model=model)
     row = EbRow(name="r", strict=strict, prompt=options)
     asked = ListedTask(
         list="base", position=0, folder="", trial=trial, repeat=0, instruction="Put fruit away."

@@ -8,7 +8,7 @@ from support.needs import need_models
 from typer.testing import CliRunner
 
 from karma.bench.run import Run
-from karma.benchmarks.eb_alfred.table import results_of
+from karma.benchmarks.alfred.table import EB_TABLES, figures_of
 from karma.cli import app
 from karma.errors import FileError
 from karma.journal.header import EPISODES, TABLE
@@ -32,9 +32,9 @@ def test_trial_that_is_missing_is_in_no_rate_is_told_and_is_asked_for_again(expe
     path = experiment(tasks={"spatial": said})
     run = Run(path, tmp_path / "a")
     records = list(run.episodes())
-    figures = {(one.row, one.subset): one for one in results_of(records)}
-    assert figures["expert", "spatial"].success == 1.0
-    assert figures["expert", "average"].errors == 0
+    figures = {(one["row"], one["subset"]): one for one in figures_of(records, EB_TABLES)}
+    assert figures["expert", "spatial"]["success"] == 1.0
+    assert figures["expert", "average"]["errors"] == 0
     assert {one.reason for one in run.not_run} == {"there is no trial lost"}
     words = ["eval", str(path), "--out", str(tmp_path / "a"), "--workers", "1"]
     shown = CliRunner().invoke(app, words)

@@ -4,9 +4,9 @@ import pytest
 from support.eb_alfred import played
 from support.paths import SHARED
 
-from karma.benchmarks.lota_alfred.experiment import draw_tasks
-from karma.benchmarks.players import ExpertPlayer
-from karma.benchmarks.trial_rooms import read_rooms
+from karma.benchmarks.alfred.experiment import draw_tasks
+from karma.benchmarks.alfred.players import ExpertPlayer
+from karma.benchmarks.alfred.trial_rooms import read_rooms
 from karma.world.eb_alfred.actions import read_types
 from karma.world.eb_alfred.environment import Environment
 from karma.world.eb_alfred.protocol import LOTA_ALFRED

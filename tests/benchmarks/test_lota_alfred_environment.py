@@ -8,10 +8,9 @@ from support import eb_alfred as eb
 from support.lota_alfred import environment
 from support.paths import SHARED
 
-from karma.world.eb_alfred.actions import read_types
+from karma.world.eb_alfred.actions import read_types, skills_of
 from karma.world.eb_alfred.environment import UNKNOWN
 from karma.world.eb_alfred.protocol import LOTA_ALFRED
-from karma.world.eb_alfred.skills import skills_of
 
 FETCH = ("find an apple", "pick up the apple")
 FAR_APPLE = ours.pose("Apple_2", (1.4, 0.81, 0.1))
@@ -97,17 +96,17 @@ def test_episode_goes_on_when_the_goal_is_met_and_may_undo_it(tmp_path):
 def test_episode_ends_after_25_skills_however_many_fail(tmp_path):
     env = environment(tmp_path)
     for _ in range(24):
-        env.refuse("wave")
+        env.step("wave")
     assert env.end == ""
     eb.say(env, "done")
     assert (env.end, env.invalid, len(env.steps)) == ("done", 24, LOTA_ALFRED.most_steps)
     with pytest.raises(ValueError, match="has ended"):
-        env.refuse("wave")
+        env.step("wave")
 
 
 def test_refused_text_is_a_step_without_a_number_and_is_kept_short(tmp_path):
     env = environment(tmp_path)
-    step = env.refuse("x" * 10_000_000)
+    step = env.step("x" * 10_000_000)
     assert (step.number, step.ok, len(step.name)) == (UNKNOWN, False, 200)
     assert "no such action" in step.feedback
 

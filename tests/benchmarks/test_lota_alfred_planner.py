@@ -13,17 +13,18 @@ from support.lota_alfred import FETCH, SAID, STOW, environment, listed, trial
 from support.paths import SHARED
 from support.tiny import export_tiny
 
-from karma.benchmarks.lota_alfred.experiment import LotaRow, draw_tasks
-from karma.benchmarks.lota_alfred.planner import followed, read_list
-from karma.benchmarks.lota_alfred.play import LotaStage, play
-from karma.benchmarks.lota_alfred.prompt import (
+from karma.benchmarks.alfred.experiment import LotaRow, draw_tasks
+from karma.benchmarks.alfred.lota_planner import (
     LotaPromptOptions,
     examples,
+    followed,
     list_prompt,
+    read_list,
     score_prompt,
 )
-from karma.benchmarks.lota_alfred.table import results_of, success_sheet
-from karma.benchmarks.trial_rooms import TrialRooms
+from karma.benchmarks.alfred.play import AlfredStage, play
+from karma.benchmarks.alfred.table import LOTA_TABLES, results_of
+from karma.benchmarks.alfred.trial_rooms import TrialRooms
 from karma.errors import FileError
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
@@ -32,10 +33,9 @@ from karma.infer.scripted import ScriptedModel
 from karma.journal.not_run import NotRun
 from karma.world.alfred.facts import gather, side_files
 from karma.world.alfred.trial import TYPES_OF_TASK, read_trials
-from karma.world.eb_alfred.actions import read_types
+from karma.world.eb_alfred.actions import read_types, skills_of
 from karma.world.eb_alfred.environment import Environment
 from karma.world.eb_alfred.protocol import LOTA_ALFRED
-from karma.world.eb_alfred.skills import skills_of
 
 NAMES = [str(skill) for skill in skills_of(eb.TYPES)]
 OPTIONS = LotaPromptOptions()
@@ -203,13 +203,13 @@ def test_draws_of_the_whole_list_are_the_sources(tmp_path):
 def stage(tmp_path, model):
     given = ours.read(tmp_path, trial())
     rooms = TrialRooms(trials={given.id: given}, facts=gather([given], ours.beside(tmp_path)))
-    return LotaStage(rooms=rooms, types=eb.TYPES, model=model, scorer=model)
+    return AlfredStage(rooms=rooms, types=eb.TYPES, model=model, scorer=model)
 
 
 def played(tmp_path, *answers, player="generated", task=None, **row):
     model = ScriptedModel(answers)
     row = LotaRow(name="r", player=player, **row)
-    return play(stage(tmp_path, model), row, task or listed(), 0), model
+    return play(stage(tmp_path, model), row, task or listed(), 0, {}), model
 
 
 def test_generated_list_is_carried_out_to_its_end_whatever_fails(tmp_path):
@@ -256,7 +256,7 @@ def test_scored_skills_follow_each_other_until_done(tmp_path):
 @pytest.mark.parametrize("scoring", ["sum", "average"])
 def test_scored_skill_is_the_best_of_all_scores(tmp_path, scoring):
     model = LlamaModel(export_tiny(tmp_path / "tiny.gguf"), options=LlamaOptions(threads=1))
-    record = play(stage(tmp_path, model), LotaRow(name="r", scoring=scoring), listed(), 0)
+    record = play(stage(tmp_path, model), LotaRow(name="r", scoring=scoring), listed(), 0, {})
     texts = [followed(name, strict=False) for name in NAMES]
     scorer = SkillScorer(model.gguf)
     for place, answer in enumerate(record.answers[:3]):
@@ -273,9 +273,10 @@ def test_planner_that_fails_is_an_error_of_its_episode_and_stays_in_the_rate(tmp
     assert (record.end, record.success) == ("error", False)
     assert "run out" in record.error
     good, _ = played(tmp_path, ", ".join((*FETCH, *STOW)))
-    whole = results_of([record, good])[0]
-    assert (whole.success, whole.crashed, whole.success_without_crashed) == (0.5, 1, 1.0)
-    assert success_sheet(results_of([record, good])).lines == (("**r**", "50.0", "50.0"),)
+    found = results_of([record, good], LOTA_TABLES)
+    told = {"kind": "all", "success": 0.5, "crashed": 1, "success_without_crashed": 1.0}
+    assert told.items() <= found.figures[0].items()
+    assert found.table.lines == (("**r**", "50.0", "50.0"),)
 
 
 @pytest.mark.parametrize(

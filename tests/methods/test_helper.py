@@ -63,9 +63,9 @@ def sight(kind, x=1.0, states=(), parents=(), z=0.0):
     )  # fmt: skip
 
 
-def remembering(*sights, held=None, gone=(), effects=None):
+def remembering(*sights, held=None, gone=()):
     memory = ObjectMemory(here=lambda: (0.0, 0.9, 0.0))
-    memory.observe(experience(*sights, held=held, missed=gone, effects=effects))
+    memory.observe(experience(*sights, held=held, missed=gone))
     return memory
 
 
@@ -137,12 +137,6 @@ def test_memory_lets_everything_be_used_again_by_the_next_instruction():
     memory.begin_instruction()
     assert memory.best("Fork") is not None
     assert memory.could_not_find == set()
-
-
-def test_memory_keeps_states_that_were_brought_about():
-    memory = remembering(sight("Mug"), effects={"Mug|1.0": ["cleaned"]})
-    memory.observe(experience(sight("Mug", states=("filled",))))
-    assert memory.objects["Mug|1.0"].states == ("filled", "cleaned")
 
 
 def test_memory_forgets_what_is_gone():

@@ -2,9 +2,9 @@
 
 import json
 
-from karma.benchmarks.eb_alfred.experiment import read_tasks
-from karma.benchmarks.players import ExpertPlayer
-from karma.benchmarks.trial_rooms import TrialRooms, read_rooms
+from karma.benchmarks.alfred.experiment import read_tasks
+from karma.benchmarks.alfred.players import ExpertPlayer
+from karma.benchmarks.alfred.trial_rooms import TrialRooms, read_rooms
 from karma.journal.header import EPISODES, RESULTS, TABLE
 from karma.world.alfred.facts import gather
 from karma.world.eb_alfred.actions import ActionTypes, read_types

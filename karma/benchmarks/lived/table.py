@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from karma.bench.sheet import Sheet
 from karma.bench.statistics import rate
 from karma.benchmarks.lived.experiment import LivedExperiment
 from karma.benchmarks.lived.records import LivedRecord, ServedRequest
-from karma.journal.formats import UNKNOWN, figure_text
+from karma.journal.formats import UNKNOWN, figure_text, range_text
 from karma.seeds import stream
 from karma.tasks.lived import LivedKind
 
@@ -91,12 +92,7 @@ def _stale_share(row: str, setting: str, records: Sequence[LivedRecord]) -> Stal
         for served in _by_home(records).values()
     ]
     stale, actions = np.array(homes, dtype=float).T
-    low = high = None
-    if len(homes) > 1 and actions.all():
-        rng = stream(0, "lived", "resampled", "stale")
-        draws = rng.integers(len(homes), size=(_RESAMPLES, len(homes)))
-        shares = stale[draws].sum(axis=1) / actions[draws].sum(axis=1)
-        low, high = map(float, np.quantile(shares, (0.025, 0.975)))
+    low, high = _resampled(stale, actions, "stale")
     share = float(stale.sum() / actions.sum()) if actions.any() else None
     return StaleShare(row=row, setting=setting, share=share, low=low, high=high)
 
@@ -201,7 +197,7 @@ def _kind(
         if home in ours
     ]
     differences = [a - b for a, b in pairs if a is not None and b is not None]
-    low, high = _resampled(differences, kind)
+    low, high = _resampled(differences, np.ones(len(differences)), kind)
     return KindFigures(
         kind=kind,
         requests=len(requests),
@@ -215,15 +211,16 @@ def _kind(
     )
 
 
-def _resampled(differences: Sequence[float], kind: str) -> tuple[float | None, float | None]:
-    """Return the ends of the 95 % interval of a mean over resampled homes."""
-    if len(differences) < 2:
+def _resampled(
+    over: ArrayLike, under: NDArray[np.float64], use: str
+) -> tuple[float | None, float | None]:
+    """Return the ends of the 95 % interval of a ratio of sums over resampled homes."""
+    number = len(under)
+    if number < 2 or not under.all():
         return None, None
-    values = np.array(differences)
-    draws = stream(0, "lived", "resampled", kind).integers(
-        len(values), size=(_RESAMPLES, len(values))
-    )
-    low, high = np.quantile(values[draws].mean(axis=1), (0.025, 0.975))
+    draws = stream(0, "lived", "resampled", use).integers(number, size=(_RESAMPLES, number))
+    drawn = np.asarray(over)[draws].sum(axis=1) / under[draws].sum(axis=1)
+    low, high = np.quantile(drawn, (0.025, 0.975))
     return float(low), float(high)
 
 
@@ -253,7 +250,8 @@ def kinds_sheet(figures: Sequence[LivedFigures]) -> Sheet:
         "it last; unseen: none in this home, right is to say so. Judged by the world's truth.",
         head=("row", "setting", *KINDS),
         lines=tuple(
-            (one.row, one.setting, *(_rate(kind) for kind in one.kinds)) for one in figures
+            (one.row, one.setting, *(range_text(k.right, k.low, k.high) for k in one.kinds))
+            for one in figures
         ),
     )
 
@@ -312,14 +310,6 @@ def _work(one: LivedFigures) -> tuple[str, ...]:
         figure_text(one.memory_bytes / 1024, 1), f"{one.moved:.2f}", f"{one.read:.2f}",
         str(one.homes),
     )  # fmt: skip
-
-
-def _rate(kind: KindFigures) -> str:
-    if kind.right is None:
-        return UNKNOWN
-    if kind.low is None or kind.high is None:
-        return f"{kind.right:.2f}"
-    return f"{kind.right:.2f} [{kind.low:.2f}, {kind.high:.2f}]"
 
 
 def _difference(kind: KindFigures) -> str:

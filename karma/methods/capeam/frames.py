@@ -26,6 +26,7 @@ from karma.household.uses import (
 )
 
 Action = Literal["Pickup", "Put", "Clean", "Cool", "Heat", "Slice", "ToggleOn", "ToggleOff"]
+_of = SkillCall.of
 _APPLIANCES: dict[str, tuple[Action, str]] = {
     SINK: ("Clean", FAUCET), MICROWAVE: ("Heat", MICROWAVE),
 }  # receptacle -> what it does, and what must be switched on for it  # fmt: skip
@@ -228,50 +229,32 @@ def expand(frame: SubGoal, *, shut_in: str = "") -> tuple[SkillCall, ...]:
         shut_in: type of the closed receptacle that the thing is in, "" if it lies open.
     """
     thing, place = frame.thing, frame.place
+    take = _of("PickupObject", thing)
     match frame.action:
         case "Pickup":
-            return _wrapped(shut_in, SkillCall(skill="PickupObject", objects=(thing,)))
+            return _wrapped(shut_in, take)
         case "Slice":
-            return _wrapped(shut_in, SkillCall(skill="SliceObject", objects=(thing,)))
+            return _wrapped(shut_in, _of("SliceObject", thing))
         case "Put":
             kind = object_types().get(place)
             box = place if kind is not None and kind.must_be_open else ""
-            return _wrapped(box, SkillCall(skill="PutObject", objects=(thing, place)))
+            return _wrapped(box, _of("PutObject", thing, place))
         case "Clean":
-            return (_put(thing, SINK), *_run(FAUCET), _take(thing))
+            run = _of("ToggleOn", FAUCET), _of("ToggleOff", FAUCET)
+            return (_of("PutObject", thing, SINK), *run, take)
         case "Cool":
-            put, take = _wrapped(FRIDGE, _put(thing, FRIDGE)), _wrapped(FRIDGE, _take(thing))
-            return (*put, *take)
+            put = _of("PutObject", thing, FRIDGE)
+            return (*_wrapped(FRIDGE, put), *_wrapped(FRIDGE, take))
         case "Heat":
-            oven = MICROWAVE
-            put, take = _wrapped(oven, _put(thing, oven)), _wrapped(oven, _take(thing))
-            return (*put, *_run(oven), *take)
+            put, oven = _of("PutObject", thing, MICROWAVE), MICROWAVE
+            run = _of("ToggleOn", oven), _of("ToggleOff", oven)
+            return (*_wrapped(oven, put), *run, *_wrapped(oven, take))
         case _:
-            return (SkillCall(skill=frame.action, objects=(thing,)),)
+            return (_of(frame.action, thing),)
 
 
 def _wrapped(box: str, step: SkillCall) -> tuple[SkillCall, ...]:
-    if not box:
-        return (step,)
-    return (
-        SkillCall(skill="OpenObject", objects=(box,)),
-        step,
-        SkillCall(skill="CloseObject", objects=(box,)),
-    )
-
-
-def _run(name: str) -> tuple[SkillCall, ...]:
-    return SkillCall(skill="ToggleOn", objects=(name,)), SkillCall(
-        skill="ToggleOff", objects=(name,)
-    )
-
-
-def _put(thing: str, place: str) -> SkillCall:
-    return SkillCall(skill="PutObject", objects=(thing, place))
-
-
-def _take(thing: str) -> SkillCall:
-    return SkillCall(skill="PickupObject", objects=(thing,))
+    return (_of("OpenObject", box), step, _of("CloseObject", box)) if box else (step,)
 
 
 def _kind(name: str) -> str:

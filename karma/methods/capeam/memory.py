@@ -42,12 +42,7 @@ class EnvironmentMemory:
             ids.append(object_id)
 
     def begin_subgoal(self, thing: str = "", place: str = "") -> None:
-        """Set the objects to ignore: only those that are already where this sub-goal leads.
-
-        Args:
-            thing: type of what is to be taken.
-            place: type of where it is to go.
-        """
+        """Set the objects to ignore: only things of a type that already are at a type of place."""
         self.masked = set(self.put.get((thing, place), ()))
 
     # ------------------------------------------------------------- reading

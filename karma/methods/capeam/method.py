@@ -29,6 +29,7 @@ from karma.methods.capeam.frames import read
 from karma.methods.capeam.memory import EnvironmentMemory
 from karma.methods.capeam.run import Runner
 from karma.methods.options import settings_of
+from karma.methods.requests import request_for
 from karma.methods.tour import floor_of, position_of
 from karma.seeds import stream
 
@@ -98,14 +99,7 @@ class CapeamMethod:
 
 
 class CapeamEpisode:
-    """One sequence of instructions: each room has a map of its own.
-
-    Args:
-        method: planner and settings.
-        world: has been reset to `scene`.
-        scene: the first room.
-        seed: of the draws of where to look.
-    """
+    """One sequence of instructions, in a world reset to its first room: each has its own map."""
 
     def __init__(self, method: CapeamMethod, world: World, scene: SceneRef, seed: int) -> None:
         self.settings, self._planner = method.settings, method.planner
@@ -132,9 +126,9 @@ class CapeamEpisode:
         rng = stream(self._seed, "capeam", self._scene.name, str(self._number))
         self._number += 1
         skills = Skills(self._world, self.memory)
-        budget = Budget(steps=self.settings.steps, failures=self.settings.failures)
+        budget = Budget(skills, self.settings.steps, self.settings.failures)
         areas = self._room.floor.areas(), self._room.finer
-        runner = Runner(skills, self.memory, areas=areas, rng=rng, budget=budget)
+        runner = Runner(budget, self.memory, areas, rng)
         skills.look()
         plan = None
         for plan in self._planner.plan(self._request(subtask, skills)):
@@ -156,11 +150,5 @@ class CapeamEpisode:
     def _request(self, subtask: SubTask, skills: Skills) -> PlanRequest:
         """Return what the planner is told: the instruction and the hand."""
         self._room.floor.observe(self.memory.seen.values())
-        told, held = self.settings.furniture, skills.experience.held
-        return PlanRequest(
-            instruction=subtask.instruction,
-            areas=self._room.floor.areas() if told else (),
-            graph_text=self._room.floor.to_text(edges=False) if told else "",
-            held_id=held.object_id if held else None,
-            held_type=held.object_type if held else None,
-        )
+        told = self._room.floor if self.settings.furniture else None
+        return request_for(subtask.instruction, skills.experience.held, told)

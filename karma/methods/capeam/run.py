@@ -4,11 +4,10 @@ from collections.abc import Generator, Sequence
 
 import numpy as np
 
-from karma.agent.skills import Skills
 from karma.contracts import Area, SeenObject, SkillCall, SkillResult
 from karma.household.pieces import base_type
-from karma.household.uses import FOUND_BY_SKILL, TAPS
-from karma.methods.budget import Budget
+from karma.household.uses import FOUND_BY_SKILL
+from karma.methods.budget import Budget, is_known_tap
 from karma.methods.capeam.frames import SubGoal, expand
 from karma.methods.capeam.memory import EnvironmentMemory
 
@@ -22,33 +21,24 @@ class Runner:
     """Carries out the frames of one instruction.
 
     Args:
-        skills: the body; its knowledge is `memory`.
+        budget: of the body, whose knowledge is `memory`.
         memory: the sequence's.
         areas: where to look from, and once that was in vain, where to look from then.
         rng: draws among them.
-        budget: when the instruction is given up.
     """
 
     def __init__(
         self,
-        skills: Skills,
+        budget: Budget,
         memory: EnvironmentMemory,
-        *,
         areas: tuple[Sequence[Area], Sequence[Area]],
         rng: np.random.Generator,
-        budget: Budget,
     ) -> None:
-        self.skills, self.memory, self.budget = skills, memory, budget
-        self.failures = 0
+        self.skills, self.memory, self.budget = budget.skills, memory, budget
         self._areas, self._finer = areas
         self._rng = rng
         self._searched: set[str] = set()  # places looked at for this sub-goal
         self._bound: dict[str, str] = {}  # type -> the object that this sub-goal means
-
-    @property
-    def spent(self) -> bool:
-        """Whether nothing more may be tried."""
-        return self.budget.is_spent(self.skills.actions, self.failures)
 
     def frame(self, frame: SubGoal, rest: Sequence[SubGoal]) -> Work:
         """Carry out one sub-goal; the pointer into its actions moves on success only.
@@ -59,7 +49,7 @@ class Runner:
         """
         self._begin(frame, rest)
         steps: tuple[SkillCall, ...] = ()
-        while not steps and not self.spent:
+        while not steps and not self.budget.is_spent:
             if frame.action in _OF_THE_THING and self._held(frame.thing) is None:
                 if not (yield from self._find(frame.thing, first=frame.place)):
                     continue
@@ -76,7 +66,7 @@ class Runner:
                 frame = SubGoal(action=frame.action, thing=frame.thing, place=place)
                 steps = expand(frame)
         pointer = 0
-        while pointer < len(steps) and not self.spent:
+        while pointer < len(steps) and not self.budget.is_spent:
             pointer += yield from self._step(steps[pointer])
         return bool(steps) and pointer == len(steps)
 
@@ -98,12 +88,12 @@ class Runner:
         if step.skill == "OpenObject" and sight is not None and "opened" in sight.states:
             return True
         held = self.skills.experience.held
-        call = SkillCall(skill=step.skill, objects=tuple(names))
-        result = self.skills.run(call, max_actions=self._left())
+        call = SkillCall.of(step.skill, *names)
+        result = self.skills.run(call, max_actions=self.budget.left)
         self._look()
         yield result
         if not result.ok:
-            self.failures += 1
+            self.budget.failures += 1
             self.memory.masked.add(names[-1])
             self._bound.pop(step.objects[-1], None)
         elif step.skill == "PutObject" and held is not None:
@@ -115,10 +105,8 @@ class Runner:
     def _bind(self, name: str) -> Work:
         """Choose the object that a type means in this sub-goal: what is held, or the nearest."""
         held = self._held(name)
-        tap = name in TAPS and bool(
-            self.skills.experience.handled_ids
-        )  # the skill knows the one over the basin
-        if held is None and not tap and not (yield from self._find(name)):
+        known = held is not None or is_known_tap(name, self.skills)
+        if not known and not (yield from self._find(name)):
             return False
         target = held or self.memory.nearest(name)
         self._bound[name] = target.object_id if target is not None else name
@@ -133,9 +121,6 @@ class Runner:
     def _look(self) -> None:
         self.memory.observe(self.skills.experience)
 
-    def _left(self) -> int:
-        return self.budget.left(self.skills.actions)
-
     # ------------------------------------------------------------- exploring
 
     def _find(self, kind: str, *, first: str = "") -> Work:
@@ -147,21 +132,21 @@ class Runner:
             kind: what is looked for.
             first: type of a closed receptacle that the program opens for it.
         """
-        while self.memory.nearest(kind) is None and not self.spent:
+        while self.memory.nearest(kind) is None and not self.budget.is_spent:
             place = self._draw(kind, first)
             if place is None:
-                self.failures += 1
+                self.budget.failures += 1
                 self._areas = (*self._areas, *self._finer)
                 self._finer = ()
                 return False
             # a look for a thing ends at the first one, which may be one that is passed over
             name = "" if self.memory.passes_over(kind) else kind
             if isinstance(place, Area):
-                result = self.skills.look_from(name, place, max_actions=self._left())
+                result = self.skills.look_from(name, place, max_actions=self.budget.left)
                 self.memory.explored.add(place.name)
                 self._searched.add(place.name)
             else:
-                result = self.skills.look_into(name, place, max_actions=self._left())
+                result = self.skills.look_into(name, place, max_actions=self.budget.left)
                 self._searched.add(place.object_id)
             if result.actions or result.explorations:  # else it was looked at before
                 yield result

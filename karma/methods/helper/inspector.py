@@ -21,50 +21,38 @@ def without_object(
     * Before something else is picked up, the held thing is put down.
     * Before a cut, a knife is fetched.
 
-    Args:
-        call: the sub-goal, with types for names.
-        held: what is in the hand.
-        memory: what is known.
+    The sub-goal has types for names.
     """
     name = call.objects[-1]
-    if call.skill == "PickupObject" and held is not None and not _means(name, held):
+    means_held = held is not None and goes_by(name, held.object_id, held.object_type)
+    if call.skill == "PickupObject" and held is not None and not means_held:
         return [_put_down(held, memory)]
     if call.skill == "SliceObject" and (held is None or held.object_type not in KNIVES):
         first = [_put_down(held, memory)] if held is not None else []
         knife = next((name for name in KNIVES if memory.best(name) is not None), KNIVES[0])
-        return [*first, SkillCall(skill="PickupObject", objects=(knife,))]
+        return [*first, SkillCall.of("PickupObject", knife)]
     return []
 
 
 def with_object(call: SkillCall, memory: ObjectMemory) -> list[SkillCall]:
-    """Return what to do once the sub-goal's object is known: open what is shut, or shut it.
-
-    Args:
-        call: the sub-goal, with ids for names.
-        memory: what is known.
-    """
+    """Return what to do once the ids of a sub-goal are known: open what is shut, or shut it."""
     name = call.objects[-1]
     if call.skill in ("PickupObject", "SliceObject", "BreakObject"):
         holder = memory.shut_in(name)
-        return [_open(holder.object_id)] if holder is not None else []
+        return [SkillCall.of("OpenObject", holder.object_id)] if holder is not None else []
     one = memory.objects.get(name)
     if one is None:
         return []
     states, kind = one.sight.states, object_types()[one.sight.object_type]
     if call.skill == "PutObject" and kind.must_be_open and "closed" in states:
-        return [_open(name)]
+        return [SkillCall.of("OpenObject", name)]
     if call.skill == "ToggleOn" and kind.name in _SHUT_TO_RUN and "opened" in states:
-        return [SkillCall(skill="CloseObject", objects=(name,))]
+        return [SkillCall.of("CloseObject", name)]
     return []
 
 
 def idle(call: SkillCall, memory: ObjectMemory) -> bool:
-    """Return whether to drop an open or close: the thing does not open, or is so already.
-
-    Args:
-        call: the sub-goal, with ids for names.
-        memory: what is known.
-    """
+    """Return whether to drop an open or close of an id: it does not open, or is so already."""
     one = memory.objects.get(call.objects[-1])
     if call.skill not in DOOR_AFTER or one is None:
         return False
@@ -78,7 +66,7 @@ def whole_first(call: SkillCall, memory: ObjectMemory) -> SkillCall | None:
     """Return the cut that must come first where a sub-goal names a piece not cut yet."""
     for name in call.objects:
         if is_piece(name) and memory.best(name) is None and call.skill != "SliceObject":
-            return SkillCall(skill="SliceObject", objects=(base_type(name),))
+            return SkillCall.of("SliceObject", base_type(name))
     return None
 
 
@@ -96,12 +84,4 @@ def ends_there(call: SkillCall, rest: Sequence[SkillCall]) -> bool:
 
 def _put_down(held: SeenObject, memory: ObjectMemory) -> SkillCall:
     surface = surface_for(held.object_type, lambda name: memory.best(name) is not None)
-    return SkillCall(skill="PutObject", objects=(held.object_id, surface))
-
-
-def _open(object_id: str) -> SkillCall:
-    return SkillCall(skill="OpenObject", objects=(object_id,))
-
-
-def _means(name: str, held: SeenObject) -> bool:
-    return goes_by(name, held.object_id, held.object_type)
+    return SkillCall.of("PutObject", held.object_id, surface)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from karma.agent.perceive import place_of
 from karma.agent.sightings import known
@@ -21,12 +22,6 @@ class Tracked:
     score: float = _SEEN  # the best is tried first
     holding: bool = False
     can_use: bool = True  # False once it is where this instruction wanted it
-    flags: tuple[str, ...] = ()  # lasting states that the agent brought about
-
-    @property
-    def states(self) -> tuple[str, ...]:
-        """State words: those seen last, then those that the agent brought about."""
-        return tuple(dict.fromkeys((*self.sight.states, *self.flags)))
 
 
 @dataclass(slots=True)
@@ -56,30 +51,28 @@ class ObjectMemory:
             if object_id in lost:
                 continue
             before = self.objects.get(object_id, Tracked(sight=sight))
-            flags = dict.fromkeys((*before.flags, *experience.effects.get(object_id, ())))
-            self.objects[object_id] = replace(
-                before, sight=sight, holding=object_id == held, flags=tuple(flags)
-            )
+            self.objects[object_id] = replace(before, sight=sight, holding=object_id == held)
         for object_id in lost:
             self.objects.pop(object_id, None)
 
     def placed(self, object_id: str) -> None:
         """Note that a thing was put down."""
-        if object_id in self.objects:
-            self.objects[object_id] = replace(self.objects[object_id], score=_PLACED)
+        self._change(object_id, score=_PLACED)
 
     def finish(self, object_id: str) -> None:
         """Mark a thing that is where this instruction wants it, so that it is not used again."""
-        if object_id in self.objects:
-            self.objects[object_id] = replace(self.objects[object_id], can_use=False)
+        self._change(object_id, can_use=False)
 
     def failed(self, object_id: str) -> None:
         """Lower the score of an object that an action failed on; others of its type come first."""
         if object_id in self.objects:
-            one = self.objects[object_id]
-            kind = one.sight.object_type
+            kind = self.objects[object_id].sight.object_type
             scores = [o.score for o in self.objects.values() if o.sight.object_type == kind]
-            self.objects[object_id] = replace(one, score=min(scores) - _LESS)
+            self._change(object_id, score=min(scores) - _LESS)
+
+    def _change(self, object_id: str, **said: Any) -> None:
+        if object_id in self.objects:
+            self.objects[object_id] = replace(self.objects[object_id], **said)
 
     # ------------------------------------------------------------- reading
 

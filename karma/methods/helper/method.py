@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-import msgspec
-
 from karma.agent.planner import Planner
 from karma.agent.program import parse_program
 from karma.agent.prompt import GOALS
@@ -18,7 +16,6 @@ from karma.contracts import (
     Embedder,
     Outcome,
     Plan,
-    PlanRequest,
     Resources,
     SceneRef,
     SkillCall,
@@ -36,6 +33,7 @@ from karma.methods.example_memory import ExampleMemory
 from karma.methods.helper.memory import ObjectMemory
 from karma.methods.helper.run import Executor
 from karma.methods.options import settings_of
+from karma.methods.requests import request_for
 from karma.methods.tour import floor_of, position_of
 from karma.seeds import stream
 
@@ -118,13 +116,9 @@ class HelperMethod:
 
 
 class HelperEpisode:
-    """One sequence of instructions: objects are remembered by room, examples for all rooms.
+    """One sequence of instructions, in a world reset to its first room.
 
-    Args:
-        method: planner, examples to begin with, and settings.
-        world: has been reset to `scene`.
-        scene: the first room.
-        seed: of the draws of where to look.
+    Objects are remembered by room, examples for all rooms.
     """
 
     def __init__(self, method: HelperMethod, world: World, scene: SceneRef, seed: int) -> None:
@@ -165,10 +159,10 @@ class HelperEpisode:
         yield Outcome(finished=finished, resident=(), handled_ids=handled)
 
     def _executor(self) -> Executor:
-        budget = Budget(steps=self.settings.steps, failures=self.settings.failures)
-        rng = stream(self._seed, "helper", self._scene.name, str(self._number))
         skills = Skills(self._world, self.memory)
-        return Executor(skills, self.memory, points=self._room.cells, rng=rng, budget=budget)
+        budget = Budget(skills, self.settings.steps, self.settings.failures)
+        rng = stream(self._seed, "helper", self._scene.name, str(self._number))
+        return Executor(budget, self.memory, self._room.cells, rng)
 
     def _explore(self, body: Executor) -> Iterator[SkillResult]:
         """Walk from area to area, the nearest next, and look around, until the budget is spent."""
@@ -189,16 +183,10 @@ class HelperEpisode:
     ) -> Generator[Plan, None, Plan | None]:
         """Ask for a program; the prompt holds no map and no memory, as in the source."""
         body.skills.look()
-        held = body.skills.experience.held
         self._room.floor.observe(one.sight for one in self.memory.objects.values())
-        request = PlanRequest(
-            instruction=subtask.instruction,
-            areas=self._room.floor.areas() if self.settings.furniture else (),
-            graph_text=self._room.floor.to_text(edges=False) if self.settings.furniture else "",
-            held_id=held.object_id if held else None,
-            held_type=held.object_type if held else None,
-            error=error,
-            examples=examples,
+        told = self._room.floor if self.settings.furniture else None
+        request = request_for(
+            subtask.instruction, body.skills.experience.held, told, error=error, examples=examples
         )
         answer = None
         for answer in self._planner.plan(request):
@@ -214,9 +202,11 @@ class HelperEpisode:
         """
         queue, corrected, finished = list(plan.calls), False, True
         tries = 0
-        while queue and not body.spent:
+        while queue and not body.budget.is_spent:
             ending = yield from body.subgoal(queue[0], queue[1:])
-            if ending == "failed" and not corrected and self._may_ask(body):
+            fails = body.budget.failures
+            may_ask = fails < self.settings.corrections * self.settings.failures
+            if ending == "failed" and not corrected and may_ask:
                 corrected = True
                 errors = self._errors.nearest(body.last_error, self.settings.examples)
                 better = yield from self._ask(body, subtask, errors, body.last_error)
@@ -233,19 +223,6 @@ class HelperEpisode:
             tries = 0
         return finished and not queue
 
-    def _may_ask(self, body: Executor) -> bool:
-        return body.failures < self.settings.corrections * self.settings.failures
-
-
-class _ExampleRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    instruction: str
-    program: str
-
-
-class _ExampleTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    examples: tuple[_ExampleRow, ...]
-    errors: tuple[_ExampleRow, ...]
-
 
 def seed_examples() -> tuple[tuple[WorkedExample, ...], tuple[WorkedExample, ...]]:
     """Return the examples to begin with, and the error examples.
@@ -253,16 +230,14 @@ def seed_examples() -> tuple[tuple[WorkedExample, ...], tuple[WorkedExample, ...
     Raises:
         FileError: the table is damaged, or a program in it does not parse.
     """
-    table = read_toml(TABLE, _ExampleTable)
-    return _examples(table.examples), _examples(table.errors)
+    table = read_toml(TABLE, dict[str, tuple[WorkedExample, ...]])
+    return _examples(table["examples"]), _examples(table["errors"])
 
 
-def _examples(rows: Sequence[_ExampleRow]) -> tuple[WorkedExample, ...]:
+def _examples(rows: Sequence[WorkedExample]) -> tuple[WorkedExample, ...]:
     for row in rows:
         try:
             parse_program(row.program)
         except ProgramError as error:
             raise FileError(TABLE, f"example {row.instruction!r}: {error}") from error
-    return tuple(
-        WorkedExample(instruction=row.instruction, program=row.program.strip()) for row in rows
-    )
+    return tuple(replace(row, program=row.program.strip()) for row in rows)

@@ -6,10 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from karma.agent.skills import Skills
 from karma.contracts import Area, SeenObject, SkillCall, SkillResult, Vec3
-from karma.household.uses import FOUND_BY_SKILL, TAPS
-from karma.methods.budget import Budget
+from karma.household.uses import FOUND_BY_SKILL
+from karma.methods.budget import Budget, is_known_tap
 from karma.methods.capeam.prior import likely_places
 from karma.methods.helper.inspector import (
     ends_there,
@@ -34,33 +33,24 @@ class Executor:
     """Carries out sub-goals of one instruction.
 
     Args:
-        skills: the body; its knowledge is `memory`.
+        budget: of the body, whose knowledge is `memory`.
         memory: the sequence's object memory.
         points: cells to stand on, for looking anywhere.
         rng: draws among them.
-        budget: when the instruction is given up.
     """
 
     def __init__(
         self,
-        skills: Skills,
+        budget: Budget,
         memory: ObjectMemory,
-        *,
         points: Sequence[Vec3],
         rng: np.random.Generator,
-        budget: Budget,
     ) -> None:
-        self.skills, self.memory, self.budget = skills, memory, budget
-        self.failures = 0
+        self.skills, self.memory, self.budget = budget.skills, memory, budget
         self.last_error = ""
         self._points, self._rng = points, rng
         self._landmark = ""  # what was opened last and not closed since
         self._put = ""  # what was put down last
-
-    @property
-    def spent(self) -> bool:
-        """Whether nothing more may be tried."""
-        return self.budget.is_spent(self.skills.actions, self.failures)
 
     def look(self) -> None:
         """Write what the skills saw and did into memory."""
@@ -109,7 +99,7 @@ class Executor:
     def _do(self, call: SkillCall) -> Deed:
         """Run one skill and write down what came of it."""
         held = self.skills.experience.held
-        result = self.skills.run(call, max_actions=self._left())
+        result = self.skills.run(call, max_actions=self.budget.left)
         self.look()
         yield result
         if not result.ok:
@@ -123,11 +113,8 @@ class Executor:
         return result.ok
 
     def _fail(self, call: SkillCall, reason: str) -> None:
-        self.failures += 1
+        self.budget.failures += 1
         self.last_error = f"Failed sub-goal: {call}. Error: {reason}"
-
-    def _left(self) -> int:
-        return self.budget.left(self.skills.actions)
 
     # ------------------------------------------------------------- the locator
 
@@ -135,14 +122,11 @@ class Executor:
         """Look for what is not in memory: near the landmark, where it is likely, anywhere."""
         near = [place for place in call.positions if isinstance(place, str)]
         for name in call.objects:
-            tap = name in TAPS and bool(
-                self.skills.experience.handled_ids
-            )  # the skill knows the one over it
-            if tap or self.memory.best(name) is not None:
+            if is_known_tap(name, self.skills) or self.memory.best(name) is not None:
                 continue
             for place in self._places(name, near):
                 yield self._search(name, place)
-                if self.memory.best(name) is not None or self.spent:
+                if self.memory.best(name) is not None or self.budget.is_spent:
                     break
             if self.memory.best(name) is None:
                 self.memory.could_not_find.add(name)
@@ -164,7 +148,7 @@ class Executor:
             yield Area(name=f"point_{number}", position_m=self._points[number])
 
     def _search(self, name: str, place: SeenObject | Area) -> SkillResult:
-        most = self._left()
+        most = self.budget.left
         if isinstance(place, Area):
             result = self.skills.look_from(name, place, max_actions=min(POINT_STEPS, most))
         elif "closed" in place.states:

@@ -16,9 +16,10 @@ from typing import Literal
 from karma.agent.inspector import objection
 from karma.agent.program import SKILLS
 from karma.agent.prompt import compact, template
-from karma.contracts import END, PlanRequest, Prompt, SeenObject, Skill, SkillCall
+from karma.contracts import END, Prompt, SeenObject, Skill, SkillCall
 from karma.household.types import in_words, object_types
 from karma.household.uses import has_a_switch
+from karma.methods.requests import request_for
 
 Form = Literal["words", "compact"]
 
@@ -59,35 +60,31 @@ def steps_in_words() -> Mapping[str, SkillCall | None]:
     found: dict[str, SkillCall | None] = {DONE: None}
     for name in named_types():
         article = "an" if name[0] in "AEIOU" else "a"
-        found[f" find {article} {in_words(name)},"] = _call("Explore", name)
+        found[f" find {article} {in_words(name)},"] = SkillCall.of("Explore", name)
     for words, skill in _VERBS:
         for name in named_types():
             probe = "PickupObject" if skill in ("PutObject", "ThrowObject") else skill
-            if _possible(_call(probe, name)):
-                found[f" {words} {in_words(name)},"] = _call(skill, name)
+            if _possible(SkillCall.of(probe, name)):
+                found[f" {words} {in_words(name)},"] = SkillCall.of(skill, name)
     return MappingProxyType(found)
 
 
 @cache
 def steps_in_lines() -> Mapping[str, SkillCall | None]:
     """Return the same list as lines of programs, in which `PutObject` names the place too."""
-    calls = [_call("GoToObject", name) for name in named_types()]
-    carried = [name for name in named_types() if _possible(_call("PickupObject", name))]
+    calls = [SkillCall.of("GoToObject", name) for name in named_types()]
+    carried = [name for name in named_types() if _possible(SkillCall.of("PickupObject", name))]
     for skill in ("PickupObject", "OpenObject", "CloseObject", "SliceObject", "BreakObject",
                   "ToggleOn", "ToggleOff", "SwitchOn", "SwitchOff"):  # fmt: skip
-        calls += [c for name in named_types() if _possible(c := _call(skill, name))]
-    calls += [_call("ThrowObject", name) for name in carried]
+        calls += [c for name in named_types() if _possible(c := SkillCall.of(skill, name))]
+    calls += [SkillCall.of("ThrowObject", name) for name in carried]
     calls += [
         put
         for name in carried
         for place in named_types()
-        if not objection([put := _call("PutObject", name, place)], held=name)
+        if not objection([put := SkillCall.of("PutObject", name, place)], held=name)
     ]
     return MappingProxyType({END: None, **{f"{call}\n": call for call in calls}})
-
-
-def _call(skill: str, *objects: str) -> SkillCall:
-    return SkillCall(skill=skill, objects=objects)
 
 
 def _possible(call: SkillCall) -> bool:
@@ -129,15 +126,6 @@ def lines_prompt(
     """
     prompt = compact(request_for(instruction, held)).prompt
     return (prompt.stable, prompt.changing, *steps)
-
-
-def request_for(instruction: str, held: SeenObject | None) -> PlanRequest:
-    """Return what a planner without memory is told."""
-    return PlanRequest(
-        instruction=instruction,
-        held_id=held.object_id if held else None,
-        held_type=held.object_type if held else None,
-    )
 
 
 def smart_skills() -> tuple[Skill, ...]:

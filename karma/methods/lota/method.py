@@ -15,10 +15,8 @@ from karma.agent.planner import Planner, grounded
 from karma.agent.recovery import program_of
 from karma.agent.skills import Skills
 from karma.contracts import (
-    Area,
     Choice,
     Completion,
-    Known,
     LanguageModel,
     Outcome,
     Plan,
@@ -44,14 +42,14 @@ from karma.methods.lota.forms import (
     code_prompt,
     lines_prompt,
     named_types,
-    request_for,
     smart_skills,
     steps_in_lines,
     steps_in_words,
     words_prompt,
 )
 from karma.methods.options import settings_of
-from karma.methods.tour import floor_of, position_of
+from karma.methods.requests import request_for
+from karma.methods.tour import KnownFloor, floor_of, position_of
 
 # what is done for an instruction; returns whether it was finished, and the steps taken
 Acting = Generator[Plan | SkillResult, None, tuple[bool, tuple[str, ...]]]
@@ -241,10 +239,7 @@ class LotaGenerate:
 class LotaEpisode:
     """One sequence of instructions, of which only requests and answers are kept.
 
-    Args:
-        act: carries out one instruction, told the ones before it.
-        world: has been reset to `scene`.
-        scene: the first room.
+    `act` carries out one instruction, told the ones before it.
     """
 
     def __init__(
@@ -255,13 +250,13 @@ class LotaEpisode:
     ) -> None:
         self._act, self._world = act, world
         self._history: list[Past] = []
-        self._floor = _Floor(world)
+        self._floor = _floor(world)
         self._floors = {scene: self._floor}
 
     def enter(self, scene: SceneRef) -> None:
         """Go on in a room, of which only the floor is known."""
         if scene not in self._floors:
-            self._floors[scene] = _Floor(self._world)
+            self._floors[scene] = _floor(self._world)
         self._floor = self._floors[scene]
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
@@ -278,31 +273,16 @@ class LotaEpisode:
         yield Outcome(finished=finished, resident=(), handled_ids=skills.experience.handled_ids)
 
 
-class _Floor:
-    """Knows area nodes over the cells that can be stood on, and no object."""
-
-    def __init__(self, world: World) -> None:
-        graph = SceneGraph.over(sorted(floor_of(world)), height_m=position_of(world)[1])
-        self._areas = tuple(graph.areas())
-
-    def where(self, name: str) -> Known | None:
-        """Return None: nothing is remembered."""
-        return None
-
-    def areas(self) -> tuple[Area, ...]:
-        """Return the nodes to search; the nearest is searched first."""
-        return self._areas
+def _floor(world: World) -> KnownFloor:
+    """Return area nodes over the cells that can be stood on."""
+    graph = SceneGraph.over(sorted(floor_of(world)), height_m=position_of(world)[1])
+    return KnownFloor(tuple(graph.areas()))
 
 
 def chooser_of(
     model: LanguageModel, wanted_by: str = "lota.score", instead: str = "lota.generate"
 ) -> ScoringModel:
-    """Return what scores steps with a model.
-
-    Args:
-        model: any.
-        wanted_by: the row that steps are scored in.
-        instead: a row in which they are not.
+    """Return what scores steps with a model; a message names two rows, with scores and without.
 
     Raises:
         ModelError: the model tells no log-probabilities.

@@ -1,8 +1,8 @@
-"""Write the list of actions that a planner chooses from, by their numbers.
+"""Write the lists of actions that planners choose from: EB-ALFRED's by numbers, LoTa-Bench's words.
 
-First come the same actions in every room, from the benchmark's lists of types. Then, where a room
-has several of a type, its second, third ... get actions of their own: `find a Cabinet_2`. The bare
-name is the first one's for find, open and close; other verbs name a type.
+Of EB-ALFRED, first come the same actions in every room, from the benchmark's lists of types. Then,
+where a room has several of a type, its second, third ... get actions of their own: `find a
+Cabinet_2`. The bare name is the first one's for find, open and close; other verbs name a type.
 
 The order of a room's objects is Unity's in the source and our world's here, so which cabinet is
 `Cabinet_2` is not the same cabinet.
@@ -17,12 +17,15 @@ import msgspec
 
 from karma.files import read_json
 from karma.household.ids import type_of
+from karma.household.types import in_words
 
 Verb = Literal[
     "find", "pick up", "put", "drop", "open", "close", "turn on", "turn off", "slice", "done",
 ]  # fmt: skip
 Thing = Mapping[str, Any]  # one object of the metadata
 PUT, DROP = "put down the object in hand", "drop the object in hand"
+DONE = "done"
+_AS_IT_STANDS = ("CD",)  # in LoTa-Bench
 
 
 class ActionTypes(msgspec.Struct, frozen=True, kw_only=True, rename=lambda name: f"alfred_{name}"):
@@ -133,3 +136,37 @@ def _suffixed(groups: Mapping[str, list[str]]) -> list[tuple[str, str]]:
         for kind, ids in groups.items()
         for number, one in enumerate(ids[1:], start=2)
     )
+
+
+# ----------------------------------------------------------------- LoTa-Bench's skills
+
+
+def skills_of(types: ActionTypes) -> tuple[NumberedAction, ...]:
+    """Return LoTa-Bench's 214 skills in natural words, the same in every room.
+
+    The source lists what can be found in the order of a Python set, another in every process; here
+    it is that of EB-ALFRED's numbers. `put down` names a thing, but it is what is held that goes.
+    """
+    return (NumberedAction(verb="done", written=DONE), *_skills(types))
+
+
+def _skills(types: ActionTypes) -> Iterator[NumberedAction]:
+    yield from _of("find", types.objs)
+    for kind in types.pick_obj:
+        yield from (_skill("pick up", kind), _skill("put", kind))
+    for kind in types.open_obj:
+        yield from (_skill("open", kind), _skill("close", kind))
+    yield from _of("slice", types.slice_obj)
+    for kind in types.toggle_obj:
+        yield from (_skill("turn on", kind), _skill("turn off", kind))
+
+
+def _of(verb: Verb, kinds: Sequence[str]) -> Iterator[NumberedAction]:
+    yield from (_skill(verb, kind) for kind in kinds)
+
+
+def _skill(verb: Verb, kind: str) -> NumberedAction:
+    words = kind if kind in _AS_IT_STANDS else in_words(kind)
+    article = "the" if verb != "find" else "an" if words[0] in "aeiou" else "a"
+    said = "put down" if verb == "put" else verb
+    return NumberedAction(verb=verb, noun=kind, written=f"{said} {article} {words}")

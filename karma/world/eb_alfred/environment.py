@@ -9,11 +9,16 @@ from karma.world.alfred.facts import RoomFacts
 from karma.world.alfred.goal import Conditions, conditions
 from karma.world.alfred.replay import FOV_DEG, REACH_M, fitted
 from karma.world.alfred.trial import Trial
-from karma.world.eb_alfred.actions import ActionTypes, NumberedAction, actions_in, names_in
+from karma.world.eb_alfred.actions import (
+    ActionTypes,
+    NumberedAction,
+    actions_in,
+    names_in,
+    skills_of,
+)
 from karma.world.eb_alfred.body import Body
 from karma.world.eb_alfred.choosing import Thing
 from karma.world.eb_alfred.protocol import EB_ALFRED, RoomProtocol
-from karma.world.eb_alfred.skills import skills_of
 from karma.world.sim import EmbeddedWorld
 
 UNKNOWN = -1  # number of what is no action
@@ -105,44 +110,36 @@ class Environment:
         """Return what the robot saw after its last actions, now last; drawn when asked for."""
         return tuple(event.frame for event in self._seen[-number:] if number > 0)
 
-    def step(self, number: int) -> Step:
-        """Do one action by its number.
+    def step(self, said: int | str) -> Step:
+        """Do one action by its number; what is no action counts as one that failed.
 
         Raises:
-            IndexError: there is no such action.
+            IndexError: there is no action of the number.
             ValueError: the episode has ended.
         """
         if self.end:
             raise ValueError(f"the episode has ended: {self.end}")
-        if not 0 <= number < len(self.actions):
-            raise IndexError(f"there is no action {number}")
-        action = self.actions[number]
+        if isinstance(said, str):
+            return self._taken(UNKNOWN, said[:_LONGEST_NAME], "there is no such action")
+        if not 0 <= said < len(self.actions):
+            raise IndexError(f"there is no action {said}")
+        action = self.actions[said]
         message = "" if action.verb == "done" else self.body.act(action)
-        step = self._taken(number, str(action), message)
+        step = self._taken(said, str(action), message)
         if action.verb == "done":
             self.end = "done"
         elif self.protocol.stops_at_goal and self.goal_met:
             self.end = "goal met"
         return step
 
-    def refuse(self, said: str) -> Step:
-        """Count what is no action as one that failed.
-
-        Raises:
-            ValueError: the episode has ended.
-        """
-        if self.end:
-            raise ValueError(f"the episode has ended: {self.end}")
-        return self._taken(UNKNOWN, said[:_LONGEST_NAME], "there is no such action")
-
     def count_unusable(self) -> None:
         """Count an answer without a usable plan: an invalid action, but no step."""
         self.invalid += 1
         self._see_invalid()
 
-    def give_up(self, end: End = "empty plan") -> None:
+    def give_up(self) -> None:
         """End the episode: there is nothing more to do."""
-        self.end = end
+        self.end = "plan over" if self.steps and self.protocol.goes_on else "empty plan"
 
     def _taken(self, number: int, name: str, message: str) -> Step:
         feedback = f"Invalid: {message}." if message else "Done."

@@ -13,6 +13,7 @@ class RoomProtocol:
     most_steps: int
     most_invalid: int | None  # None = any number
     stops_at_goal: bool  # else the goal is looked at when the planner is done
+    goes_on: bool  # with a plan of which an action failed
     numbered: bool  # second and further things of a type have actions of their own
     stays_within_m: float  # what is in view and nearer than this is found without a step
     basin_first: bool  # a put tries a basin first, else what is nearer of it and its sink
@@ -24,6 +25,7 @@ EB_ALFRED = RoomProtocol(
     most_steps=30,
     most_invalid=10,
     stops_at_goal=True,
+    goes_on=False,
     numbered=True,
     stays_within_m=0.0,
     basin_first=True,
@@ -34,6 +36,7 @@ LOTA_ALFRED = RoomProtocol(
     most_steps=25,
     most_invalid=None,
     stops_at_goal=False,
+    goes_on=True,
     numbered=False,
     stays_within_m=1.0,
     basin_first=False,

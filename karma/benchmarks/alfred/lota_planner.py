@@ -1,15 +1,24 @@
-"""LoTa-Bench's planners: one scores every skill step after step, one writes a whole list."""
+"""LoTa-Bench's planners: one scores every skill step after step, one writes a whole list.
+
+They are told a lead, examples, the instruction, the steps so far: parts and order are the source's,
+the words are ours (`lota_alfred/prompt.toml`, `lota_alfred/examples.toml`).
+"""
 
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
-from karma.benchmarks.lota_alfred.prompt import LotaPromptOptions, list_prompt, score_prompt
-from karma.contracts import LanguageModel, Scoring, ScoringModel
-from karma.world.eb_alfred.environment import Environment
-from karma.world.eb_alfred.skills import DONE
+import msgspec
 
-_KEPT = 20_000  # characters of an answer that a record keeps
+from karma.benchmarks.alfred.players import BenchmarkAnswer, kept
+from karma.contracts import LanguageModel, Prompt, Scoring, ScoringModel
+from karma.files import read_toml
+from karma.world.eb_alfred.actions import DONE
+from karma.world.eb_alfred.environment import Environment, Step
+
+_HERE = Path(__file__).parent / "lota_alfred"
 LONGEST = 200_000  # characters that are looked at
 _MOST = 1_000  # items that are kept
 _PUT = "put down "
@@ -21,20 +30,110 @@ _ARTICLE = re.compile(r"\b(?:a|an|the)\s+")
 Item = int | str  # a skill's number, or what is no skill
 
 
+class _ListParts(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What stands around the parts where a whole list is asked for."""
+
+    examples: str
+    skills: str
+    answer: str
+    asked: str
+
+
+class _PromptParts(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    lead: tuple[str, ...]
+    again: str
+    role: str
+    whole: _ListParts
+
+
+class StepExample(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """An instruction and the steps that carry it out, in a trial that no task is of."""
+
+    trial: str
+    instruction: str
+    steps: tuple[str, ...]
+    failures: dict[str, str] = {}  # place of a step that fails, from 1 -> what is told of it
+
+
+class LotaPromptOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How a planner is asked."""
+
+    examples: int = 6  # at most, one of each type of task
+    failures: bool = False  # whether steps that failed are told: `use_predefined_prompt`
+    max_tokens: int = 500  # of a whole list
+    temperature: float = 0.0  # likewise
+
+
+@cache
+def _texts() -> _PromptParts:
+    return read_toml(_HERE / "prompt.toml", _PromptParts)
+
+
+@cache
+def examples() -> tuple[StepExample, ...]:
+    """Return the worked examples, those with failures last."""
+    return read_toml(_HERE / "examples.toml", dict[str, tuple[StepExample, ...]])["example"]
+
+
+def score_prompt(
+    instruction: str, steps: Sequence[Step], options: LotaPromptOptions
+) -> tuple[str, ...]:
+    """Return the prompt that a skill follows, in segments: a step each that was taken."""
+    asked = f"Human: {instruction.strip()}\nRobot: 1."
+    taken = [
+        f" {step.name}{_told(step.feedback) if options.failures and not step.ok else ''}, {place}."
+        for place, step in enumerate(steps, 2)
+    ]
+    return (_shown("\n".join(_texts().lead) + "\n", options), asked, *taken)
+
+
+def list_prompt(instruction: str, skills: Sequence[str], options: LotaPromptOptions) -> Prompt:
+    """Return the prompt for a whole list."""
+    texts = _texts()
+    parts = [
+        texts.role,
+        f"{texts.whole.examples}\n{_shown('', options)}".rstrip(),
+        texts.whole.skills % ", ".join(skills),
+        texts.whole.answer,
+    ]
+    asked = texts.whole.asked % instruction.strip()
+    return Prompt(stable="\n\n".join(parts) + "\n\n", changing=f"{asked}\n")
+
+
+def _shown(lead: str, options: LotaPromptOptions) -> str:
+    """Return the lead and the examples that are wanted."""
+    plain = [one for one in examples() if not one.failures][: options.examples]
+    failing = [one for one in examples() if one.failures] if options.failures else []
+    lines = [*map(_example, plain), *([_texts().again] if failing else [])]
+    return lead + "".join(f"{line}\n" for line in [*lines, *map(_example, failing)])
+
+
+def _example(one: StepExample) -> str:
+    said = [
+        f"{place}. {step}{_told(one.failures.get(str(place), ''))}"
+        for place, step in enumerate(one.steps, 1)
+    ]
+    taken = ", ".join([*said, f"{len(said) + 1}. {DONE}."])
+    return f"Human: {one.instruction}\nRobot: {taken}"
+
+
+def _told(failure: str) -> str:
+    """Return how a failure is told behind its step."""
+    reason = failure.removeprefix("Invalid: ").rstrip(".").lower()
+    return f" (this action failed: {reason})" if reason else ""
+
+
+# ----------------------------------------------------------------- asking
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LotaAnswer:
+class LotaAnswer(BenchmarkAnswer):
     """One planner call; of a score, `text` is the skill that was chosen."""
 
-    text: str  # the first 20,000 characters
-    characters: int  # of the whole
-    prompt_tokens: int | None
-    completion_tokens: int | None
     score: float | None = None
     run_tokens: int | None = None  # of all skills, that had to be decoded to be sure
-    finish: str = ""  # of a list
     named: int = 1  # skills in it, whether or not there are such
     unknown: int = 0  # those that there are not
-    cost: float | None = None
 
 
 class ScoredPlayer:
@@ -43,12 +142,6 @@ class ScoredPlayer:
     The source scores ` find a pen` as it stands, so that a skill which begins another one is never
     less likely under "sum". By default each is scored with the comma that would follow it, and the
     last one with its full stop.
-
-    Args:
-        model: tells log-probabilities.
-        options: how it is asked.
-        instruction: of the task.
-        scoring: of a skill's tokens.
     """
 
     def __init__(
@@ -81,11 +174,7 @@ class ScoredPlayer:
 class GeneratedPlayer:
     """Writes a whole list in one answer, as chat models do in the source.
 
-    Args:
-        model: any.
-        options: how it is asked.
-        instruction: of the task.
-        seed: of its sampling.
+    `seed` is of its sampling.
     """
 
     def __init__(
@@ -113,14 +202,9 @@ class GeneratedPlayer:
         plan = read_list(said.text, names, mend=not environment.strict)
         self.answers.append(
             LotaAnswer(
-                text=said.text[:_KEPT],
-                characters=len(said.text),
-                prompt_tokens=said.prompt_tokens,
-                completion_tokens=said.completion_tokens,
-                finish=said.finish,
                 named=len(plan),
                 unknown=sum(isinstance(one, str) for one in plan),
-                cost=said.cost,
+                **kept(said),
             )
         )
         return plan

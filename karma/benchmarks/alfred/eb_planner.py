@@ -1,21 +1,25 @@
-"""Write what a planner is told: role, rules, actions, examples, guidelines, task, history.
+"""EB-ALFRED's planner: a language model asked for a plan, and anew when an action has failed.
 
-The parts and their order are the source's; the words are ours (`prompt.toml`, `examples.toml`).
+It is told a role, rules, actions, examples, guidelines, the task, the history: parts and order are
+the source's, the words are ours (`eb_alfred/prompt.toml`, `eb_alfred/examples.toml`).
 """
 
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 
-from karma.benchmarks.eb_alfred.answers import NUMBER, PLAN
-from karma.contracts import Frame, PlanSpec, Prompt
+from karma.benchmarks.alfred.eb_answers import NUMBER, PLAN, read_answer
+from karma.benchmarks.alfred.players import BenchmarkAnswer, kept
+from karma.contracts import Frame, LanguageModel, PlanSpec, Prompt
 from karma.files import read_toml
 from karma.world.eb_alfred.environment import Environment, Step
 
-_HERE = Path(__file__).parent
+_HERE = Path(__file__).parent / "eb_alfred"
+_AGAIN_TEMPERATURE = 0.6  # once an answer was of no use, the same again will not help
 Kind = Literal["short", "long"]  # of examples: `long` for long_horizon
 
 
@@ -36,10 +40,6 @@ class PlanExample(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     scene: str  # what a picture of it would show
     reasoning: str
     plan: tuple[str, ...]  # names of actions
-
-
-class _Examples(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    example: tuple[PlanExample, ...]
 
 
 class PromptOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -71,9 +71,8 @@ def _texts() -> _Texts:
 @cache
 def examples(kind: Kind) -> tuple[PlanExample, ...]:
     """Return the worked examples of a kind."""
-    return tuple(
-        one for one in read_toml(_HERE / "examples.toml", _Examples).example if one.kind == kind
-    )
+    found = read_toml(_HERE / "examples.toml", dict[str, tuple[PlanExample, ...]])
+    return tuple(one for one in found["example"] if one.kind == kind)
 
 
 def kind_of(subset: str) -> Kind:
@@ -167,3 +166,67 @@ def _history(steps: Sequence[Step], feedback: bool) -> str:
         f"{place}. action {step.number}, {step.name}" + (f": {step.feedback}" if feedback else "")
         for place, step in enumerate(steps)
     )
+
+
+# ----------------------------------------------------------------- asking
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannerAnswer(BenchmarkAnswer):
+    """One planner call."""
+
+    plan: tuple[int, ...]
+    error: str = ""
+    mended: bool = False
+    no_json: bool = False
+    constrained: bool | None = None  # a grammar held; None where it is not known
+
+
+class PlannerPlayer:
+    """Asks a language model for plans; `seed` is of its sampling."""
+
+    def __init__(
+        self,
+        model: LanguageModel,
+        options: PromptOptions,
+        *,
+        instruction: str,
+        subset: str,
+        seed: int = 0,
+    ) -> None:
+        self._model, self._options, self._seed = model, options, seed
+        self._instruction, self._subset = instruction, subset
+        self.answers: list[PlannerAnswer] = []
+
+    def plan(self, environment: Environment) -> Sequence[int] | None:
+        """Return a plan; () gives up, None says that the answer is of no use.
+
+        In the source a useless answer is followed by the same question again. By default the
+        question then says what was wrong, and the answer is drawn.
+
+        Raises:
+            ModelError: the model cannot answer.
+        """
+        strict = environment.strict
+        complaint = self.answers[-1].error if self.answers and not strict else ""
+        prompt = render_prompt(
+            environment,
+            self._instruction,
+            self._subset,
+            self._options,
+            answers=[one.text for one in self.answers],
+            pictures=environment.pictures(self._options.pictures),
+            complaint=complaint,
+        )
+        said = self._model.complete(
+            prompt,
+            spec=plan_spec(environment, self._options),
+            max_tokens=self._options.max_tokens,
+            temperature=_AGAIN_TEMPERATURE if complaint else self._options.temperature,
+            seed=self._seed + len(self.answers),
+        )
+        found = read_answer(said.text, len(environment.actions), mend=not strict)
+        self.answers.append(
+            PlannerAnswer(constrained=said.constrained, **asdict(found), **kept(said))
+        )
+        return None if found.error else found.plan

@@ -1,4 +1,4 @@
-"""Players that no model is behind: the demonstrator's plan, and chance.
+"""What a player is; and those that no model is behind: the demonstrator's plan, and chance.
 
 A player is asked for a plan again and again, as a planner is. The expert looks at the truth and at
 the demonstration, and says one action at a time; how the benchmark's actions carry them out is what
@@ -6,8 +6,10 @@ its score measures.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Any, Protocol
 
+from karma.contracts import Completion
 from karma.household.ids import root_id, root_type
 from karma.household.uses import FAUCET
 from karma.seeds import stream
@@ -16,23 +18,52 @@ from karma.world.eb_alfred.actions import Verb
 from karma.world.eb_alfred.choosing import Thing, by_id, hides
 from karma.world.eb_alfred.environment import Environment
 
+KEPT = 20_000  # characters of an answer that a record keeps
 _Said = tuple[Verb, str]  # verb, and the id or type that it is about
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchmarkAnswer:
+    """One planner call."""
+
+    text: str  # the first 20,000 characters
+    characters: int  # of the whole
+    prompt_tokens: int | None
+    completion_tokens: int | None
+    finish: str = ""
+    cost: float | None = None
+
+
+def kept(said: Completion) -> dict[str, Any]:
+    """Return what is kept of an answer."""
+    return {
+        "text": said.text[:KEPT],
+        "characters": len(said.text),
+        "prompt_tokens": said.prompt_tokens,
+        "completion_tokens": said.completion_tokens,
+        "finish": said.finish,
+        "cost": said.cost,
+    }
 
 
 class BenchmarkPlayer(Protocol):
     """Plays one episode."""
 
-    def plan(self, environment: Environment) -> Sequence[int] | None:
-        """Return numbers of actions; () gives up, None says that the answer is of no use."""
+    @property
+    def answers(self) -> Sequence[BenchmarkAnswer]:
+        """What a language model said so far."""
+
+    def plan(self, environment: Environment) -> Sequence[int | str] | None:
+        """Return numbers of actions, or what is none; () gives up, None: the answer is unusable."""
 
 
 class ChancePlayer:
     """Draws one action after the other, all of them equally often: the floor.
 
-    Args:
-        seed: of the run.
-        use: names the benchmark and the episode.
+    `use` names the benchmark and the episode.
     """
+
+    answers = ()
 
     def __init__(self, seed: int, *use: str) -> None:
         self._draws = stream(seed, *use)
@@ -44,6 +75,8 @@ class ChancePlayer:
 
 class ExpertPlayer:
     """Says the demonstration's sub-goals in the benchmark's actions."""
+
+    answers = ()
 
     def __init__(self) -> None:
         self._said: Iterator[int] | None = None

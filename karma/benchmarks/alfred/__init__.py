@@ -1,0 +1,1 @@
+"""ALFRED as EB-ALFRED (EmbodiedBench) and LoTa-Bench play it: one loop, two planners."""

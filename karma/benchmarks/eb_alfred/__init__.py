@@ -1,1 +1,0 @@
-"""EB-ALFRED of EmbodiedBench: its tasks, its planner's prompt, its players, its table."""
