@@ -13,7 +13,8 @@ from karma.world.alfred.furniture import furnished
 from karma.world.alfred.ids import type_now
 from karma.world.alfred.steps import STEP_M
 from karma.world.alfred.trial import SpawnPose, Trial
-from karma.world.core.boxes import AGENT_RADIUS_M, Box
+from karma.world.core.boxes import Box
+from karma.world.core.ground import AGENT_RADIUS_M
 from karma.world.core.posing import posed
 from karma.world.core.scene import AgentPose, Scene, SceneObject, check
 from karma.world.core.thing import turned
@@ -159,6 +160,4 @@ def _bounds(
     boxes = [Box.around(thing.center, thing.size) for thing in things if thing.type != FLOOR]
     r = AGENT_RADIUS_M
     boxes += [Box(x - r, floor_y, z - r, x + r, floor_y + 2.0, z + r) for x, z in cells]
-    low = [min(box[axis] for box in boxes) for axis in range(3)]
-    high = [max(box[axis] for box in boxes) for axis in range(3, 6)]
-    return Box(low[0], floor_y, low[2], *high)
+    return Box.hull(boxes)._replace(y0=floor_y)

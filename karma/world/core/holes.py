@@ -11,7 +11,8 @@ import numpy as np
 from karma.household.places import FLOOR
 from karma.household.uses import BASIN_OF, BASINS, SINK
 from karma.world.core.arrays import Flags, Floats
-from karma.world.core.boxes import AGENT_RADIUS_M, Box, Cell
+from karma.world.core.boxes import Box
+from karma.world.core.ground import AGENT_RADIUS_M, Cell
 from karma.world.core.objects import Objects, derived
 from karma.world.core.scene import SceneObject
 

@@ -1,7 +1,6 @@
 """Furnish a room: along walls, on walls and in the middle, no box inside another."""
 
 from collections.abc import Sequence
-from math import inf
 from typing import NamedTuple
 
 import msgspec
@@ -264,9 +263,6 @@ class RoomInMaking:
 
 def _front(boxes: Sequence[Box], yaw: int, depth: float) -> Box:
     """Return the space before a piece, from just above the floor to head height."""
-    hull = Box(
-        min(box.x0 for box in boxes), 0.05, min(box.z0 for box in boxes),
-        max(box.x1 for box in boxes), 1.6, max((box.z1 for box in boxes), default=-inf),
-    )  # fmt: skip
+    hull = Box.hull(boxes)
     width, deep = extent(hull, yaw)
     return LocalFrame.of(hull, yaw).box((0.0, width), (0.05, 1.6), (deep, deep + depth))

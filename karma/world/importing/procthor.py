@@ -15,10 +15,10 @@ import numpy as np
 from karma.errors import FileError
 from karma.files import read_json
 from karma.household.types import RoomType
-from karma.world.core.boxes import Cell, nearest_to_centre
+from karma.world.core.ground import GRID_M, Cell, Key, inside, nearest_to_centre, parts
 from karma.world.core.scene import AgentPose, Scene, SceneRoom, check
 from karma.world.importing.dump import Xyz, rows
-from karma.world.importing.house_floor import GRID_M, HouseShell, Key, connected, inside
+from karma.world.importing.house_floor import HouseShell
 from karma.world.importing.house_record import FIX, HouseRecord, read_record
 from karma.world.importing.house_things import HouseAsset, HouseThings, obstacles
 
@@ -155,8 +155,8 @@ def _standing(
 
     Those of the start that the house tells, else those that lead through most rooms.
     """
-    parts = connected(free)
-    if not parts:
+    together = parts(free)
+    if not together:
         raise FileError(name, "rooms: nowhere to stand, every cell is blocked", fix=FIX)
     floors = list(_scene_rooms(record))
 
@@ -165,9 +165,9 @@ def _standing(
         return [bool(inside(room.corners, points[:, 0], points[:, 1]).any()) for room in floors]
 
     told = record.metadata.agent
-    best = max(parts, key=lambda part: (sum(met(part)), len(part)))
+    best = max(together, key=lambda part: (sum(met(part)), len(part)))
     if told is not None:
-        best = min(parts, key=lambda part: min(_gap2(free[key], told.position) for key in part))
+        best = min(together, key=lambda part: min(_gap2(free[key], told.position) for key in part))
     missed = [room.name for room, hit in zip(floors, met(best), strict=True) if not hit]
     return {key: free[key] for key in best}, missed
 

@@ -12,12 +12,8 @@ from karma.contracts import Vec3
 from karma.errors import FileError
 from karma.household.places import FLOOR
 from karma.household.types import Capability, RoomType, object_types
-from karma.world.core.boxes import (
-    AGENT_RADIUS_M,
-    Box,
-    Cell,
-    nearest_to_centre,
-)
+from karma.world.core.boxes import Box
+from karma.world.core.ground import AGENT_RADIUS_M, Cell, nearest_to_centre
 from karma.world.core.scene import AgentPose, Scene, SceneObject, check
 from karma.world.importing.dump import Seen, named, read_layouts, rows, seen_object, stance
 from karma.world.importing.floor import Floor, start_of
@@ -201,11 +197,8 @@ def _room_box(seen: Sequence[Seen], floor_y: float, cells: Sequence[Cell]) -> Bo
     boxes = [one.box for one in seen if one.object_type != FLOOR] or [seen[0].box]
     r = AGENT_RADIUS_M
     boxes += [Box(x - r, floor_y, z - r, x + r, floor_y, z + r) for x, z in cells]
-    return Box(
-        min(box.x0 for box in boxes), floor_y, min(box.z0 for box in boxes),
-        max(box.x1 for box in boxes), max(floor_y + 2.0, *(box.y1 for box in boxes)),
-        max(box.z1 for box in boxes),
-    )  # fmt: skip
+    hull = Box.hull(boxes)
+    return hull._replace(y0=floor_y, y1=max(floor_y + 2.0, hull.y1))
 
 
 def _standing(
