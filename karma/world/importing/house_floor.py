@@ -84,6 +84,8 @@ class HouseShell:
     def __init__(self, record: HouseRecord) -> None:
         self.floors = [room.corners for room in record.rooms]
         self.floor_y = record.floor_y
+        points = [point for corners in self.floors for point in corners]
+        self.low, self.high = (tuple(map(side, zip(*points, strict=True))) for side in (min, max))
         heights = [point.y for wall in record.walls for point in wall.polygon]
         self.ceiling_y = max(heights, default=self.floor_y + USUAL_HEIGHT_M)
         walls = {wall.id: wall for wall in record.walls}
@@ -127,9 +129,8 @@ class HouseShell:
         Args:
             obstacles: furniture; what hangs high or is stepped over is in nobody's way.
         """
-        points = [point for corners in self.floors for point in corners]
-        low = [floor(min(p[axis] for p in points) / GRID_M) for axis in (0, 1)]
-        high = [ceil(max(p[axis] for p in points) / GRID_M) for axis in (0, 1)]
+        low = [floor(side / GRID_M) for side in self.low]
+        high = [ceil(side / GRID_M) for side in self.high]
         columns: Floats = np.arange(low[0], high[0] + 1, dtype=np.float64) * GRID_M
         rows: Floats = np.arange(low[1], high[1] + 1, dtype=np.float64) * GRID_M
         free = np.zeros((len(columns), len(rows)), dtype=bool)
