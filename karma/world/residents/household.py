@@ -240,22 +240,22 @@ class Household:
         """Take a thing, do to it what belongs to the activity, and put it down; all or nothing."""
         activity, start = habits().activities[move.activity], self.world.state
         here, shut_in = self._place_of(thing.id), self._shut_holder(start, thing)
-        trial = _Trial(replace(start, held=None, pose=self._before(thing, start.pose)))
-        trial.do("OpenObject", shut_in, shut_in)
-        trial.do("PickupObject", thing.id, here)
-        trial.do("CloseObject", shut_in, shut_in)
+        attempt = _Attempt(replace(start, held=None, pose=self._before(thing, start.pose)))
+        attempt.do("OpenObject", shut_in, shut_in)
+        attempt.do("PickupObject", thing.id, here)
+        attempt.do("CloseObject", shut_in, shut_in)
         change = self._change(thing, activity.washes, activity.dirties, move.draws[6])
-        if not trial.do(change, thing.id, here):
+        if not attempt.do(change, thing.id, here):
             return False
-        trial.state = replace(trial.state, pose=self._before(goal, start.pose))
+        attempt.state = replace(attempt.state, pose=self._before(goal, start.pose))
         door = goal.id if self._is_shut(goal) else None
-        trial.do("OpenObject", door, door)
-        trial.do("PutObject", thing.id, goal.id)
-        if not trial.do("CloseObject", door, door):
+        attempt.do("OpenObject", door, door)
+        attempt.do("PutObject", thing.id, goal.id)
+        if not attempt.do("CloseObject", door, door):
             return False
-        self._settle(trial.state, start)
+        self._settle(attempt.state, start)
         logged = len(self.log)
-        self._note(who, trial.done, move, habits().people.walk_s)
+        self._note(who, attempt.done, move, habits().people.walk_s)
         self._show(logged)
         return True
 
@@ -362,7 +362,7 @@ def states_of(thing: SceneObject) -> tuple[str, ...]:
     return tuple(sorted(word for word, holds in words.items() if holds))
 
 
-class _Trial:
+class _Attempt:
     """Deeds on a moment of its own, `state`; all or nothing: none is done after a refusal."""
 
     def __init__(self, state: WorldState) -> None:
