@@ -4,14 +4,15 @@ Only what the embedded world's events need of it: the attributes of a picture wi
 segmentation. The mappings are computed when asked for, as AI2-THOR's are.
 """
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Collection, Iterator, Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from karma.household.ids import is_id, root_type
 
+T = TypeVar("T")
 Mask = NDArray[np.bool_]
 Box = tuple[int, int, int, int]  # first and last column and row: x0, y0, x1, y1
 
@@ -29,7 +30,30 @@ class MetadataWrapper(dict[str, Any]):
         return super().__getitem__(key)
 
 
-class InstanceMasks(Mapping[str, Mask]):
+class Lazy(Mapping[str, T]):
+    """Values that are worked out each time they are asked for.
+
+    Args:
+        keys: in order.
+        make: returns the value of a key.
+    """
+
+    def __init__(self, keys: Collection[str], make: Callable[[str], T]) -> None:
+        self._keys, self._make = keys, make
+
+    def __getitem__(self, name: str) -> T:
+        if name not in self._keys:
+            raise KeyError(name)
+        return self._make(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._keys)
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+
+class InstanceMasks(Lazy[Mask]):
     """Object id -> where it is in the picture, shape (height, width)."""
 
     def __init__(self, codes: NDArray[Any], colors: Mapping[str, tuple[int, int, int]]) -> None:
@@ -37,25 +61,16 @@ class InstanceMasks(Mapping[str, Mask]):
         shown = set(np.unique(codes).tolist())
         self.names = {name: code(color) for name, color in colors.items() if code(color) in shown}
         self.all_codes = frozenset(code(color) for color in colors.values())
-
-    def __getitem__(self, name: str) -> Mask:
-        if not is_id(name):
-            raise KeyError(name)
-        found: Mask = self.codes == self.names[name]
-        return found
-
-    def __iter__(self) -> Iterator[str]:
-        return (name for name in self.names if is_id(name))
-
-    def __len__(self) -> int:
-        return sum(1 for _ in self)
+        super().__init__(
+            [name for name in self.names if is_id(name)], lambda name: codes == self.names[name]
+        )
 
     def mask(self, name: str, default: Mask | None = None) -> Mask | None:
         """Return one mask, or the default when it is not in the picture."""
         return self.get(name, default)
 
 
-class ClassMasks(Mapping[str, Mask]):
+class ClassMasks(Lazy[Mask]):
     """Type -> where any of them is; "background" is what has no name."""
 
     def __init__(self, instances: InstanceMasks) -> None:
@@ -63,53 +78,14 @@ class ClassMasks(Mapping[str, Mask]):
         self.codes: dict[str, list[int]] = {}
         for name, value in instances.names.items():
             self.codes.setdefault(root_type(name), []).append(value)
+        super().__init__(self.codes, lambda name: np.isin(instances.codes, self.codes[name]))
 
     def __getitem__(self, name: str) -> Mask:
-        codes = self.instances.codes
         if name == "background":
-            found: Mask = ~np.isin(codes, sorted(self.instances.all_codes))
+            found: Mask = ~np.isin(self.instances.codes, sorted(self.instances.all_codes))
             if found.any():
                 return found
-        return np.isin(codes, self.codes[name])
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.codes)
-
-    def __len__(self) -> int:
-        return len(self.codes)
-
-
-class InstanceBoxes(Mapping[str, Box]):
-    """Object id -> its box in the picture."""
-
-    def __init__(self, masks: InstanceMasks) -> None:
-        self.masks = masks
-
-    def __getitem__(self, name: str) -> Box:
-        return box_of(self.masks[name])
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.masks)
-
-    def __len__(self) -> int:
-        return len(self.masks)
-
-
-class ClassBoxes(Mapping[str, tuple[Box, ...]]):
-    """Type -> the boxes of all of them."""
-
-    def __init__(self, masks: InstanceMasks) -> None:
-        self.masks = masks
-        self.codes = ClassMasks(masks).codes
-
-    def __getitem__(self, name: str) -> tuple[Box, ...]:
-        return tuple(box_of(self.masks.codes == value) for value in self.codes[name])
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.codes)
-
-    def __len__(self) -> int:
-        return len(self.codes)
+        return super().__getitem__(name)
 
 
 def code(color: tuple[int, int, int]) -> int:
@@ -132,7 +108,10 @@ class SegmentedEvent:
         height = self.screen_height  # type: ignore[attr-defined]
         codes = np.frombuffer(image_ids_data, dtype="<u4").reshape(height, -1)[::-1] & 0xFFFFFF
         colors = {r["name"]: tuple(r["color"]) for r in self.metadata["colors"]}  # type: ignore[attr-defined]
-        self.instance_masks = InstanceMasks(codes, colors)
-        self.class_masks = ClassMasks(self.instance_masks)
-        self.instance_detections2D = InstanceBoxes(self.instance_masks)
-        self.class_detections2D = ClassBoxes(self.instance_masks)
+        masks = InstanceMasks(codes, colors)
+        types = ClassMasks(masks)
+        self.instance_masks, self.class_masks = masks, types
+        self.instance_detections2D = Lazy(masks, lambda name: box_of(masks[name]))
+        self.class_detections2D = Lazy(
+            types.codes, lambda name: tuple(box_of(codes == value) for value in types.codes[name])
+        )

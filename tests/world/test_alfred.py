@@ -21,7 +21,14 @@ from karma.world.alfred.facts import Files, gather
 from karma.world.alfred.ids import object_id
 from karma.world.alfred.replay import replay, replay_all, without_one
 from karma.world.alfred.steps import UntranslatableError, translated, visited
-from karma.world.alfred.trial import ApiAction, read_ids, read_layouts, read_spots, read_trials
+from karma.world.alfred.trial import (
+    ApiAction,
+    RoomLayout,
+    Spots,
+    read_ids,
+    read_table,
+    read_trials,
+)
 
 APPLE, FRIDGE, TABLE = ours.APPLE, ours.FRIDGE, ours.TABLE
 
@@ -157,12 +164,12 @@ def test_read_ids_of_another_form_is_refused(tmp_path, given):
         read_ids(path)
 
 
-@pytest.mark.parametrize("reader", [read_layouts, read_spots])
-def test_side_file_of_another_form_is_named(tmp_path, reader):
+@pytest.mark.parametrize("kind", [dict[str, RoomLayout], Spots])
+def test_side_file_of_another_form_is_named(tmp_path, kind):
     path = tmp_path / "side.json"
     path.write_text('{"FloorPlan7": {"reachable": [[1]]}}')
     with pytest.raises(FileError) as caught:
-        reader(path)
+        read_table(path, kind)
     assert caught.value.path == path
 
 

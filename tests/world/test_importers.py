@@ -9,9 +9,9 @@ from support.paths import SHARED
 
 from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
+from karma.world.core.ground import parts
 from karma.world.core.scene import AgentPose, Scene, check, load
 from karma.world.generation.generate import object_id
-from karma.world.importing.floor import parts
 from karma.world.importing.scenes import floor_scores, import_dump, scene_from_dump
 
 DUMPS = SHARED / "data/thor5/scenes.jsonl.gz"

@@ -15,7 +15,8 @@ from support.paths import ROOT
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.files import to_json
 from karma.household.types import object_type
-from karma.world.core.boxes import Box, distances, nearest_to_centre, reachable_cells
+from karma.world.core.boxes import Box
+from karma.world.core.ground import distances, nearest_to_centre, reachable_cells
 from karma.world.core.scene import SCENES, load
 from karma.world.generation import generate
 from karma.world.generation.furnish import LocalFrame, NoRoomError

@@ -9,7 +9,7 @@ import numpy as np
 from karma.contracts import Pose
 from karma.household.places import FLOOR
 from karma.world.core.arguments import Place
-from karma.world.core.footing import Ground, finer, snapped
+from karma.world.core.footing import BODY_TOP_M, Ground, finer, snapped
 from karma.world.core.hiding import inert_rows
 from karma.world.core.objects import Objects
 from karma.world.core.state import BODY_M, SILL_M, Performed, Refusal, Result, WorldState, refuse
@@ -18,7 +18,6 @@ from karma.world.core.thing import difference, heading, moved, turned
 _LOOK_UP_LIMIT, _LOOK_DOWN_LIMIT = -30.0, 60.0
 _ON_GRID_M = 0.01
 _FLOOR_SLACK_M = 0.05  # a teleport may miss the floor's height by this much
-_BODY_TOP_M = 1.8
 
 
 def with_pose(state: WorldState, pose: Pose) -> WorldState:
@@ -96,7 +95,7 @@ def _in_the_way(state: WorldState, place: tuple[float, float]) -> str:
     boxes = objects.boxes
     gap = np.abs(boxes.center[:, [0, 2]] - place) - boxes.half[:, [0, 2]]
     near = (gap.max(axis=1) <= BODY_M) & ~inert_rows(objects)
-    near &= (boxes.high[:, 1] >= floor + SILL_M) & (boxes.low[:, 1] <= floor + _BODY_TOP_M)
+    near &= (boxes.high[:, 1] >= floor + SILL_M) & (boxes.low[:, 1] <= floor + BODY_TOP_M)
     far = np.abs(boxes.center[:, [0, 2]] - place).sum(axis=1)
     things = list(objects.values())
     found = [

@@ -17,7 +17,7 @@ from karma.world.core.arrays import Floats, crossing
 from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import BODY_M, Performed, Refusal, Result, WorldState
-from karma.world.core.thing import heading, moved
+from karma.world.core.thing import heading, is_loose, moved
 
 _PUSH_S = 0.02  # for which the force acts
 _BRAKE_MS2 = 2 * 0.5 * 9.81  # twice the braking by friction
@@ -47,7 +47,7 @@ def directional_push(
 def _push(state: WorldState, thing: SceneObject, newtons: float, angle: float) -> Result:
     if thing.id in state.in_hand:
         return Refusal("Please use Throw for an item in the Agent's Hand")
-    if not {"pickupable", "moveable"} & set(thing.capabilities):
+    if not is_loose(thing):
         return Refusal(f"{thing.name} is neither pickupable nor moveable and cannot be pushed.")
     if newtons < 0:
         return Refusal("moveMagnitude must not be negative")

@@ -6,6 +6,7 @@ from karma.contracts import Pose
 from karma.world.actions.moving import between_cells, coordinates, unknown, yaw_of
 from karma.world.core import navigate, scene
 from karma.world.core.arguments import Place
+from karma.world.core.ground import walk
 from karma.world.core.state import Cell, Performed, Refusal, Result, WorldState, refuse
 from karma.world.core.thing import heading
 
@@ -27,7 +28,7 @@ def reachable_positions(
         return refuse("ArgumentOutOfRangeException", f"gridSize must be in [{_FINEST_M}, 5]")
     if abs(grid - state.room.grid_m) < 1e-6 and not directionsRelativeAgent:
         start = navigate.agent_cell(state)
-        cells = [] if start is None else list(navigate.walk(state.cells, start))
+        cells = [] if start is None else list(walk(state.cells, start))
         places = [state.room.cells[cell] for cell in cells]
     else:
         places = _walk_between(state, grid, state.pose.yaw_deg if directionsRelativeAgent else 0.0)

@@ -7,20 +7,13 @@ from typing import Any
 import msgspec
 
 from karma.contracts import Vec3
-from karma.world.actions.moving import unknown
+from karma.world.actions.moving import coordinates, unknown
 from karma.world.core.arguments import ObjectPose, Place
 from karma.world.core.objects import Objects
 from karma.world.core.posing import collision, emptied, let_lie, posed, same_pose, vector
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Performed, Refusal, Result, WorldState, refuse
-from karma.world.core.thing import bottom, difference, is_inert
-
-_LOOSE = frozenset({"pickupable", "moveable"})
-
-
-def is_loose(thing: SceneObject) -> bool:
-    """Return whether a thing can be carried or pushed."""
-    return not _LOOSE.isdisjoint(thing.capabilities)
+from karma.world.core.thing import bottom, difference, is_inert, is_loose
 
 
 def place_at_point(
@@ -73,7 +66,7 @@ def teleport_object(
     refusal = _cannot_go(state, thing, forceAction, allowTeleportOutOfHand)
     if refusal is not None:
         return refusal
-    axes = {k: v for k, v in (("x", x), ("y", y), ("z", z)) if v is not None}
+    axes = coordinates(None, x, y, z)
     wanted = positions or ([position] if position is not None else [])
     wanted = wanted or ([Place(**axes)] if axes else [])  # type: ignore[typeddict-item]
     if not wanted:

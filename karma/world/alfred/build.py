@@ -13,11 +13,11 @@ from karma.world.alfred.furniture import furnished
 from karma.world.alfred.ids import type_now
 from karma.world.alfred.steps import STEP_M
 from karma.world.alfred.trial import SpawnPose, Trial
-from karma.world.core.boxes import AGENT_RADIUS_M, Box
+from karma.world.core.boxes import Box
 from karma.world.core.posing import posed
 from karma.world.core.scene import AgentPose, Scene, SceneObject, check
 from karma.world.core.thing import turned
-from karma.world.importing.scenes import ORIGIN_M, room_by_name, room_by_things
+from karma.world.importing.scenes import ORIGIN_M, room_box, room_by_name, room_by_things
 
 
 def build(trial: Trial, facts: RoomFacts, *, widened: Mapping[str, float] | None = None) -> Scene:
@@ -43,7 +43,8 @@ def build(trial: Trial, facts: RoomFacts, *, widened: Mapping[str, float] | None
     loose = [_in(thing, parents) for thing in movables]
     things = _named_apart([_at_start(thing, trial) for thing in (*fixed, *loose)])
     cells = facts.cells
-    box = _bounds(things, cells, floor_y)
+    boxes = (Box.around(thing.center, thing.size) for thing in things if thing.type != FLOOR)
+    box = room_box(boxes, floor_y, cells)
     scene = Scene(
         name=facts.name,
         room=room_by_name(facts.name)
@@ -150,15 +151,3 @@ def _named_apart(things: Sequence[SceneObject]) -> list[SceneObject]:
         taken.add(name)
         found.append(thing if name == thing.name else msgspec.structs.replace(thing, name=name))
     return found
-
-
-def _bounds(
-    things: Sequence[SceneObject], cells: Sequence[tuple[float, float]], floor_y: float
-) -> Box:
-    """Return what holds all boxes but the floor's, and all cells."""
-    boxes = [Box.around(thing.center, thing.size) for thing in things if thing.type != FLOOR]
-    r = AGENT_RADIUS_M
-    boxes += [Box(x - r, floor_y, z - r, x + r, floor_y + 2.0, z + r) for x, z in cells]
-    low = [min(box[axis] for box in boxes) for axis in range(3)]
-    high = [max(box[axis] for box in boxes) for axis in range(3, 6)]
-    return Box(low[0], floor_y, low[2], *high)

@@ -22,11 +22,9 @@ from karma.world.alfred.trial import (
     Receptacle,
     RoomLayout,
     Spot,
+    Spots,
     Trial,
-    read_fixed,
-    read_layouts,
-    read_receptacles,
-    read_spots,
+    read_table,
 )
 from karma.world.core.scene import Scene, SceneObject
 from karma.world.importing.scenes import import_dump
@@ -95,10 +93,11 @@ def gather(trials: Iterable[Trial], files: Files) -> dict[str, RoomFacts]:
     rooms: dict[str, list[Trial]] = {}
     for trial in trials:
         rooms.setdefault(trial.scene.floor_plan, []).append(trial)
-    layouts = read_layouts(files.layouts) if files.layouts else {}
-    fixed = read_fixed(files.fixed) if files.fixed else {}
-    receptacles = read_receptacles(files.receptacles) if files.receptacles else {}
-    spots = read_spots(files.spots) if files.spots else {}
+    layouts = read_table(files.layouts, dict[str, RoomLayout]) if files.layouts else {}
+    fixed = read_table(files.fixed, dict[str, FixedObjects]) if files.fixed else {}
+    told = dict[str, tuple[Receptacle, ...]]
+    receptacles = read_table(files.receptacles, told) if files.receptacles else {}
+    spots = read_table(files.spots, Spots).spots if files.spots else {}
     dumps = {scene.name: scene for scene in import_dump(files.dumps)} if files.dumps else {}
     models = _models(dumps.values())
     found = {}

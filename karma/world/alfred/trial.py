@@ -240,7 +240,9 @@ class LabelledSpot(NamedTuple):
     thing: str
 
 
-class _Spots(msgspec.Struct, frozen=True, kw_only=True):
+class Spots(msgspec.Struct, frozen=True, kw_only=True):
+    """The labelled positions by FloorPlan."""
+
     spots: dict[str, tuple[LabelledSpot, ...]]
 
 
@@ -385,33 +387,13 @@ def _sane(position: Vec3) -> bool:
     return all(isfinite(value) and abs(value) <= _FARTHEST_M for value in position)
 
 
-def read_layouts(path: str | Path) -> dict[str, RoomLayout]:
-    """Read rooms' cells and receptacles by FloorPlan; errors as in `read_trials`."""
-    return _table(path, dict[str, RoomLayout])
-
-
-def read_fixed(path: str | Path) -> dict[str, FixedObjects]:
-    """Read rooms' fixed objects by FloorPlan; errors as in `read_trials`."""
-    return _table(path, dict[str, FixedObjects])
-
-
-def read_receptacles(path: str | Path) -> dict[str, tuple[Receptacle, ...]]:
-    """Read rooms' receptacles by FloorPlan; errors as in `read_trials`."""
-    return _table(path, dict[str, tuple[Receptacle, ...]])
-
-
-def read_spots(path: str | Path) -> dict[str, tuple[LabelledSpot, ...]]:
-    """Read labelled positions by FloorPlan; errors as in `read_trials`."""
-    return _table(path, _Spots).spots
-
-
 def read_ids(path: str | Path) -> tuple[str, ...]:
     """Read trial ids: a list, or an object that holds exactly one list of ids.
 
     Raises:
         FileError: torn, or neither.
     """
-    given: Any = _table(path, object)
+    given: Any = read_table(path, object)
     if isinstance(given, dict):
         lists = [value for value in given.values() if isinstance(value, list)]
         given = lists[0] if len(lists) == 1 else None
@@ -421,7 +403,12 @@ def read_ids(path: str | Path) -> tuple[str, ...]:
     return tuple(given)
 
 
-def _table(path: str | Path, kind: type[T]) -> T:
+def read_table(path: str | Path, kind: type[T]) -> T:
+    """Read a side file of a form, as a rule one row for each FloorPlan.
+
+    Raises:
+        FileError: missing, torn, or of another form; names the field.
+    """
     try:
         return msgspec.json.decode(read_unzipped(path), type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:

@@ -8,7 +8,7 @@ from karma.household.places import FLOOR
 from karma.world.core.state import BODY_M, SILL_M, WorldState
 from karma.world.core.thing import is_inert
 
-_BODY_TOP_M = 1.8  # above the floor
+BODY_TOP_M = 1.8  # above the floor
 _ON_LINE = 0.04  # of a cell: so near to a line of cells that it counts as on it
 
 
@@ -40,7 +40,7 @@ class Ground:
             and not is_inert(thing)
         ]  # fmt: skip
         high = objects.boxes.high[rows, 1] >= floor_y + SILL_M
-        low = objects.boxes.low[rows, 1] <= floor_y + _BODY_TOP_M
+        low = objects.boxes.low[rows, 1] <= floor_y + BODY_TOP_M
         self._low = objects.boxes.low[rows][high & low][:, [0, 2]]
         self._high = objects.boxes.high[rows][high & low][:, [0, 2]]
         self._origin = room.cells.get((0, 0), (0.0, 0.0))

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from karma.world.core.arrays import Flags, Floats
 from karma.world.core.objects import Objects, derived
 from karma.world.core.rules import rules
-from karma.world.core.thing import is_inert
+from karma.world.core.thing import is_inert, is_loose
 
 _WHOLE = (0.0, 1.0)
-_LOOSE = frozenset({"pickupable", "moveable"})
 
 
 @derived("place")
@@ -118,4 +117,4 @@ def _built_round(objects: Objects, row: int) -> Flags:
 
 @derived()
 def _fixed(objects: Objects) -> Flags:
-    return np.array([_LOOSE.isdisjoint(thing.capabilities) for thing in objects.values()])
+    return np.array([not is_loose(thing) for thing in objects.values()])

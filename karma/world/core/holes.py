@@ -11,9 +11,11 @@ import numpy as np
 from karma.household.places import FLOOR
 from karma.household.uses import BASIN_OF, BASINS, SINK
 from karma.world.core.arrays import Flags, Floats
-from karma.world.core.boxes import AGENT_RADIUS_M, Box, Cell
+from karma.world.core.boxes import Box
+from karma.world.core.ground import AGENT_RADIUS_M, Cell
 from karma.world.core.objects import Objects, derived
 from karma.world.core.scene import SceneObject
+from karma.world.core.thing import is_loose
 
 WORKTOP = "CounterTop"
 _LET_INTO: Mapping[str, tuple[str, ...]] = {
@@ -23,7 +25,6 @@ _LET_INTO: Mapping[str, tuple[str, ...]] = {
 _BELOW_M = 0.3  # how far under a worktop's box a basin may end
 AHEAD_M = 0.55  # from a cell to the front of what is built in: a body, a step, a hand
 EDGE_M = 0.05  # by which a worktop stands out over such a front
-_LOOSE = frozenset({"pickupable", "moveable"})
 
 
 @derived("place")
@@ -83,7 +84,7 @@ def built_in(worktop: Box, things: Iterable[SceneObject]) -> list[Box]:
     boxes = [
         Box.around(one.center, one.size)
         for one in things
-        if one.type not in (FLOOR, WORKTOP) and _LOOSE.isdisjoint(one.capabilities)
+        if one.type not in (FLOOR, WORKTOP) and not is_loose(one)
     ]
     return [b for b in boxes if b.y0 < worktop.y0 and worktop.overlaps(b._replace(y1=worktop.y1))]
 

@@ -7,6 +7,7 @@ from karma.contracts import Vec3
 from karma.world.core.objects import Change, Derived, Objects, derived
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
+from karma.world.core.thing import is_loose
 
 _SIGNS = (1, -1)
 
@@ -56,7 +57,7 @@ def fields(thing: SceneObject) -> dict[str, Any]:
         "controlledObjects": list(thing.controls) if "toggleable" in can else None,
         "isMoving": False,
         "axisAlignedBoundingBox": box(*_outline(thing)),
-        "objectOrientedBoundingBox": {"cornerPoints": _corners(thing)} if _loose(thing) else None,
+        "objectOrientedBoundingBox": {"cornerPoints": _corners(thing)} if is_loose(thing) else None,
     }
 
 
@@ -105,10 +106,6 @@ def box(center: Vec3, size: Vec3) -> dict[str, Any]:
         [cx + i * sx, cy + j * sy, cz + k * sz] for i in _SIGNS for j in _SIGNS for k in _SIGNS
     ]
     return {"cornerPoints": corners, "center": xyz(center), "size": xyz(size)}
-
-
-def _loose(thing: SceneObject) -> bool:
-    return "pickupable" in thing.capabilities or "moveable" in thing.capabilities
 
 
 def _corners(thing: SceneObject) -> list[list[float]]:

@@ -1,6 +1,5 @@
 """Find paths across the floor, and places to stand and look from. All orders are fixed."""
 
-from collections import deque
 from collections.abc import Container, Iterator, Sequence
 from itertools import product
 from typing import NamedTuple
@@ -9,12 +8,12 @@ import numpy as np
 
 from karma.contracts import Pose
 from karma.world.core.arrays import Flags, Floats
+from karma.world.core.ground import walk
 from karma.world.core.hiding import blocking, hidden_rows
 from karma.world.core.rays import stopped
 from karma.world.core.state import Cell, WorldState
 from karma.world.core.view import camera, camera_axes, in_picture, occluders, sample_points
 
-_NEIGHBOURS = ((0, 1), (1, 0), (0, -1), (-1, 0))
 _YAWS = (0.0, 90.0, 180.0, 270.0)
 _HORIZONS = (-30.0, 0.0, 30.0, 60.0)
 _CHUNK = 8  # cells looked from at once
@@ -32,23 +31,6 @@ def nearest_cell(state: WorldState, x: float, z: float) -> Cell | None:
         return key
     far = (((c[0] - x) ** 2 + (c[1] - z) ** 2, key) for key, c in state.cells.items())
     return min(far, default=(0.0, None))[1]
-
-
-def walk(cells: Container[Cell], start: Cell) -> dict[Cell, Cell]:
-    """Return each cell that can be reached, the nearest first, with the cell before it.
-
-    The start comes first and stands for itself.
-    """
-    before = {start: start}
-    queue = deque([start])
-    while queue:
-        column, row = cell = queue.popleft()
-        for across, along in _NEIGHBOURS:
-            other = (column + across, row + along)
-            if other in cells and other not in before:
-                before[other] = cell
-                queue.append(other)
-    return before
 
 
 def path(cells: Container[Cell], start: Cell, goal: Cell) -> list[Cell] | None:

@@ -18,7 +18,7 @@ from karma.world.core.objects import Objects
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Room, WorldState
-from karma.world.core.thing import bottom, is_inert, is_shut, top
+from karma.world.core.thing import bottom, is_inert, is_loose, is_shut, top
 from karma.world.core.view import camera, camera_axes, in_picture
 
 _LIFT_M = 0.002  # above what it rests on
@@ -203,9 +203,7 @@ def _obstacles(
     Real rooms list a worktop among a sink's contents: only what can be moved takes up room.
     """
     objects, in_hand = state.objects, state.in_hand
-    loose = {"pickupable", "moveable"}
-    inside = objects.containment.inside(receptacle.id)
-    ids = {o for o in inside if loose & set(objects[o].capabilities)}
+    ids = {o for o in objects.containment.inside(receptacle.id) if is_loose(objects[o])}
     low, high = solid_boxes(objects) if strangers else (objects.boxes.low, objects.boxes.high)
     if strangers:
         around = {receptacle.id, *objects.containment.around(receptacle.id)}
@@ -298,12 +296,11 @@ def parents_in(objects: Objects, thing: SceneObject, holder: str) -> tuple[str, 
     """
     place = objects[holder]
     found = [holder]
-    loose = "pickupable" in place.capabilities or "moveable" in place.capabilities
     for other in place.parents:
         if objects[other].type == FLOOR:
             if bottom(thing) <= floor_reach(objects, other):
                 found.append(other)
-        elif loose and bottom(thing) - bottom(place) <= rules().put.surface_reach_m:
+        elif is_loose(place) and bottom(thing) - bottom(place) <= rules().put.surface_reach_m:
             found.append(other)
     return tuple(found)
 

@@ -18,6 +18,11 @@ def ground(thing: SceneObject) -> tuple[float, float, float, float]:
     return (x - long / 2, z - wide / 2, x + long / 2, z + wide / 2)
 
 
+def is_loose(thing: SceneObject) -> bool:
+    """Return whether a thing can be carried or pushed."""
+    return "pickupable" in thing.capabilities or "moveable" in thing.capabilities
+
+
 def is_inert(thing: SceneObject) -> bool:
     """Return whether an object is only kept for its id: sliced, or broken to pieces."""
     return thing.is_sliced or (thing.is_broken and shatters(thing))

@@ -1,7 +1,6 @@
 """Furnish a room: along walls, on walls and in the middle, no box inside another."""
 
 from collections.abc import Sequence
-from math import inf
 from typing import NamedTuple
 
 import msgspec
@@ -116,8 +115,8 @@ class RoomInMaking:
             "wall": self._at_wall,
             "hung": self._hung,
             "middle": self._in_middle,
-            "around": self._around,
-            "front": self._in_front,
+            "around": self._facing,
+            "front": self._facing,
         }[entry.at]
         return any(way(piece, entry) for _ in range(TRIES))
 
@@ -148,26 +147,19 @@ class RoomInMaking:
         boxes = self._boxes(piece, LocalFrame(*corner, yaw), width)
         return self._stand(piece, boxes, yaw, gap=WALK_M, front=0.0)
 
-    def _around(self, piece: Piece, entry: Furnishing) -> bool:
-        table = self.find(entry.of)
-        if table is None:
-            return False
-        width, yaw = self.draw(piece.width), self._yaw()  # the chair's
-        side = LocalFrame.of(table.box, (yaw + 180) % 360)
-        across, deep = extent(table.box, yaw)
-        u = self.draw((0.02, max(0.02, across - width - 0.02)))
-        corner = side.point(u + width, deep + entry.gap + piece.depth)
-        boxes = self._boxes(piece, LocalFrame(*corner, yaw), width)
-        return self._stand(piece, boxes, yaw, gap=0.05, front=0.0, zones=False)
-
-    def _in_front(self, piece: Piece, entry: Furnishing) -> bool:
-        of = self.find(entry.of)
+    def _facing(self, piece: Piece, entry: Furnishing) -> bool:
+        """Stand at some side of another piece, or at its front, turned to it."""
+        of, around = self.find(entry.of), entry.at == "around"
         if of is None:
             return False
-        width, yaw = self.draw(piece.width), (of.yaw + 180) % 360
-        across, deep = extent(of.box, of.yaw)
-        u = self.draw(((across - width) * 0.2, max((across - width) * 0.6, 0.0)))
-        corner = LocalFrame.of(of.box, of.yaw).point(u + width, deep + entry.gap + piece.depth)
+        width, yaw = self.draw(piece.width), self._yaw() if around else (of.yaw + 180) % 360
+        across, deep = extent(of.box, yaw)
+        slack = across - width
+        u = self.draw(
+            (0.02, max(0.02, slack - 0.02)) if around else (slack * 0.2, max(slack * 0.6, 0.0))
+        )
+        side = LocalFrame.of(of.box, (yaw + 180) % 360)
+        corner = side.point(u + width, deep + entry.gap + piece.depth)
         boxes = self._boxes(piece, LocalFrame(*corner, yaw), width)
         return self._stand(piece, boxes, yaw, gap=0.05, front=0.0, zones=False)
 
@@ -264,9 +256,6 @@ class RoomInMaking:
 
 def _front(boxes: Sequence[Box], yaw: int, depth: float) -> Box:
     """Return the space before a piece, from just above the floor to head height."""
-    hull = Box(
-        min(box.x0 for box in boxes), 0.05, min(box.z0 for box in boxes),
-        max(box.x1 for box in boxes), 1.6, max((box.z1 for box in boxes), default=-inf),
-    )  # fmt: skip
+    hull = Box.hull(boxes)
     width, deep = extent(hull, yaw)
     return LocalFrame.of(hull, yaw).box((0.0, width), (0.05, 1.6), (deep, deep + depth))

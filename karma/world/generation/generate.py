@@ -15,7 +15,8 @@ from karma.household.places import FLOOR
 from karma.household.types import object_type
 from karma.household.uses import BURNER, KNOB
 from karma.seeds import stream
-from karma.world.core.boxes import Box, Cell, distances, nearest_to_centre, reachable_cells
+from karma.world.core.boxes import Box, rounded
+from karma.world.core.ground import Cell, distances, nearest_to_centre, reachable_cells
 from karma.world.core.scene import AgentPose, Scene, SceneObject
 from karma.world.generation.furnish import LocalFrame, NoRoomError, Placed, RoomInMaking, extent
 from karma.world.generation.rooms import Furnishing, Rest, RoomTable, Wares, rooms
@@ -260,8 +261,8 @@ def _objects(
             name=f"{one.type}_{digest}",
             position=_position(one),
             rotation=(0.0, float(one.yaw), 0.0),
-            center=_rounded(one.box.center),
-            size=_rounded(one.box.size),
+            center=rounded(one.box.center),
+            size=rounded(one.box.size),
             capabilities=tuple(c for c in kind.capabilities if c not in without),
             mass_kg=kind.mass_kg if movable else 0.0,
             materials=kind.materials if movable else None,
@@ -286,12 +287,7 @@ def _position(one: Placed) -> Vec3:
     if one.type == FLOOR:
         return (0.0, 0.0, 0.0)
     x, y, z = one.box.center
-    return _rounded((x, 0.0 if one.box.y0 == 0.0 else y, z))
-
-
-def _rounded(values: Vec3) -> Vec3:
-    x, y, z = (round(value, 4) + 0.0 for value in values)
-    return (x, y, z)
+    return rounded((x, 0.0 if one.box.y0 == 0.0 else y, z))
 
 
 def _knobs(placed: Sequence[Placed]) -> dict[int, int]:

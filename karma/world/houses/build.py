@@ -5,11 +5,11 @@ from collections.abc import Iterator, Sequence
 import msgspec
 import numpy as np
 
-from karma.contracts import Vec3
 from karma.errors import KarmaError
 from karma.household.ids import root_id
 from karma.seeds import stream
-from karma.world.core.boxes import nearest_to_centre
+from karma.world.core.boxes import Box, rounded
+from karma.world.core.ground import nearest_to_centre
 from karma.world.core.scene import AgentPose, Scene, SceneObject, SceneRoom
 from karma.world.core.thing import moved
 from karma.world.generation.generate import EYE_M, build_scene, object_id
@@ -68,9 +68,7 @@ def _joined(laid: Sequence[LaidRoom], doorways: Sequence[Doorway], name: str, se
              for x, z in room.scene.reachable}  # fmt: skip
     cells |= {cell for door in doorways for cell in door.cells}
     reachable = tuple(sorted((x + 0.0, z + 0.0) for x, z in cells))
-    boxes = [room.inside for room in laid]
-    low = [min(getattr(box, side) for box in boxes) for side in ("x0", "y0", "z0")]
-    high = [max(getattr(box, side) for box in boxes) for side in ("x1", "y1", "z1")]
+    bounds = Box.hull(room.inside for room in laid)
     x, z = nearest_to_centre(reachable)
     return Scene(
         name=name,
@@ -78,8 +76,8 @@ def _joined(laid: Sequence[LaidRoom], doorways: Sequence[Doorway], name: str, se
         source=f"karma.world.houses seed {seed}",
         agent=AgentPose(position=(x, EYE_M, z), yaw=0.0),
         reachable=reachable,
-        bounds_center=_rounded([(a + b) / 2 for a, b in zip(low, high, strict=True)]),
-        bounds_size=_rounded([b - a for a, b in zip(low, high, strict=True)]),
+        bounds_center=rounded(bounds.center),
+        bounds_size=rounded(bounds.size),
         objects=tuple(thing for room in laid for thing in _moved(room)),
         rooms=tuple(_scene_room(room) for room in laid),
         walls=tuple(wall for room in laid for wall in walls_of(room)),
@@ -97,7 +95,7 @@ def _moved(room: LaidRoom) -> Iterator[SceneObject]:
     by = (room.x, 0.0, room.z)
     things = [moved(thing, by) for thing in room.scene.objects]
     whole = {
-        root_id(thing.id): object_id(thing.type, _rounded(there.position))
+        root_id(thing.id): object_id(thing.type, rounded(there.position))
         for thing, there in zip(room.scene.objects, things, strict=True)
         if root_id(thing.id) == thing.id
     }
@@ -110,13 +108,8 @@ def _moved(room: LaidRoom) -> Iterator[SceneObject]:
             there,
             id=renamed(thing.id),
             name=f"{thing.name}_{room.name}",
-            position=_rounded(there.position),
-            center=_rounded(there.center),
+            position=rounded(there.position),
+            center=rounded(there.center),
             parents=tuple(map(renamed, thing.parents)),
             controls=tuple(map(renamed, thing.controls)),
         )
-
-
-def _rounded(values: Sequence[float]) -> Vec3:
-    x, y, z = (round(value, 4) + 0.0 for value in values)
-    return (x, y, z)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from karma.world.core.boxes import Box
+from karma.world.core.boxes import Box, rounded
 from karma.world.core.scene import Scene, Wall
 
 GRID_M = 0.25
@@ -144,8 +144,7 @@ def _too_near(box: Box, other: Box) -> bool:
 
 def _extent(boxes: Sequence[Box]) -> float:
     """Return the longer side of the ground that boxes take up, and a little of the shorter."""
-    x = max(box.x1 for box in boxes) - min(box.x0 for box in boxes)
-    z = max(box.z1 for box in boxes) - min(box.z0 for box in boxes)
+    x, _, z = Box.hull(boxes).size
     return max(x, z) + 0.3 * min(x, z)
 
 
@@ -192,11 +191,6 @@ def walls_of(room: LaidRoom) -> Iterator[Wall]:
             if end - start > 1e-6:
                 xs, zs = (out, (start, end)) if side[0] == "x" else ((start, end), out)
                 yield Wall(
-                    low=_rounded((xs[0], box.y0, zs[0])), high=_rounded((xs[1], box.y1, zs[1]))
+                    low=rounded((xs[0], box.y0, zs[0])), high=rounded((xs[1], box.y1, zs[1]))
                 )
             start = end if middle is None else middle + DOOR_M / 2
-
-
-def _rounded(point: tuple[float, float, float]) -> tuple[float, float, float]:
-    x, y, z = (round(value, 4) + 0.0 for value in point)
-    return (x, y, z)

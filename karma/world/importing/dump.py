@@ -12,7 +12,8 @@ from karma.contracts import Vec3
 from karma.errors import FileError
 from karma.files import read_bytes, unpack
 from karma.household.types import object_types
-from karma.world.core.boxes import Box, Cell
+from karma.world.core.boxes import Box
+from karma.world.core.ground import Cell
 from karma.world.core.scene import AgentPose, Temperature
 
 COPY = "copy the file again"

@@ -19,7 +19,8 @@ from karma.household.places import (
 )
 from karma.household.uses import BASINS
 from karma.world.core.arrays import Flags, Floats
-from karma.world.core.boxes import AGENT_HEIGHT_M, AGENT_RADIUS_M, Box, Cell, distances
+from karma.world.core.boxes import Box
+from karma.world.core.ground import AGENT_HEIGHT_M, AGENT_RADIUS_M, Cell, Key, distances, parts
 from karma.world.core.thing import heading
 from karma.world.importing.dump import Seen
 
@@ -34,8 +35,6 @@ _SQUEEZE_M = 0.1  # from boxes, to join parts: they are wider than what is in th
 _GAP_CELLS = 6  # at most are added at a time
 _SPAN_M = 0.01  # residual of an agent's place, when distances tell one
 _SWITCHES = ("LightSwitch",)
-
-Key = tuple[int, int]  # column and row of the grid
 
 
 def start_of(seen: Sequence[Seen]) -> Vec3 | None:
@@ -293,22 +292,6 @@ def _is_bent(one: Seen) -> bool:
 
 
 # ----------------------------------------------------------------- parts
-
-
-def parts(free: Collection[Key]) -> list[list[Key]]:
-    """Return the connected sets of cells, each sorted, in the order of their first cells."""
-    left, found = set(free), []
-    for start in sorted(free):
-        if start in left:
-            left.discard(start)
-            part = [start]
-            for i, j in part:
-                for step in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)):
-                    if step in left:
-                        left.discard(step)
-                        part.append(step)
-            found.append(sorted(part))
-    return found
 
 
 def joined(free: Collection[Key], passable: Collection[Key]) -> set[Key]:

@@ -1,43 +1,37 @@
 """Work out where a house has walls and where an agent can stand, from rooms, walls and doors."""
 
-from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import ceil, floor, hypot
 
 import numpy as np
 
-from karma.world.core.arrays import Flags, Floats
-from karma.world.core.boxes import AGENT_HEIGHT_M, AGENT_RADIUS_M, Box, Cell
+from karma.world.core.arrays import Floats
+from karma.world.core.boxes import Box
+from karma.world.core.ground import (
+    AGENT_HEIGHT_M,
+    GRID_M,
+    NEAR_M,
+    Cell,
+    Key,
+    edges,
+    inside,
+)
 from karma.world.core.scene import Wall
 from karma.world.importing.house_record import HouseDoor, HouseRecord, HouseWall, Point
 
-GRID_M = 0.25
 USUAL_HEIGHT_M = 2.5  # of walls, where a house has none
 _THICK_M = 0.01  # of a wall, on either side: what hangs on it must not be inside
 _PIECE_M = 0.1  # slanting walls are cut into boxes of this length
 _STEP_M = 0.1  # what is lower is stepped over
 _EDGE_M = 1e-6
 
-Key = tuple[int, int]  # column and row of the grid
-
-
-def inside(corners: Sequence[Point], x: Floats, z: Floats) -> Flags:
-    """Return which points are in a polygon, by counting the edges to their right."""
-    found = np.zeros(np.broadcast(x, z).shape, dtype=bool)
-    for (x0, z0), (x1, z1) in zip(corners, (*corners[1:], corners[0]), strict=True):
-        if z0 != z1:
-            across = (z0 > z) != (z1 > z)
-            found ^= across & (x < x0 + (z - z0) / (z1 - z0) * (x1 - x0))
-    return found
-
 
 def off(corners: Sequence[Point], x: float, z: float) -> float:
     """Return how far a point is from a polygon, metres; 0 inside."""
-    if inside(corners, np.array(x), np.array(z)):
+    if inside(corners, x, z):
         return 0.0
-    edges = zip(corners, (*corners[1:], corners[0]), strict=True)
-    return min(float(_apart(a, b, np.array(x), np.array(z))) for a, b in edges)
+    return min(float(_apart(a, b, np.array(x), np.array(z))) for a, b in edges(corners))
 
 
 def _apart(a: Point, b: Point, x: Floats, z: Floats) -> Floats:
@@ -90,6 +84,8 @@ class HouseShell:
     def __init__(self, record: HouseRecord) -> None:
         self.floors = [room.corners for room in record.rooms]
         self.floor_y = record.floor_y
+        points = [point for corners in self.floors for point in corners]
+        self.low, self.high = (tuple(map(side, zip(*points, strict=True))) for side in (min, max))
         heights = [point.y for wall in record.walls for point in wall.polygon]
         self.ceiling_y = max(heights, default=self.floor_y + USUAL_HEIGHT_M)
         walls = {wall.id: wall for wall in record.walls}
@@ -133,9 +129,8 @@ class HouseShell:
         Args:
             obstacles: furniture; what hangs high or is stepped over is in nobody's way.
         """
-        points = [point for corners in self.floors for point in corners]
-        low = [floor(min(p[axis] for p in points) / GRID_M) for axis in (0, 1)]
-        high = [ceil(max(p[axis] for p in points) / GRID_M) for axis in (0, 1)]
+        low = [floor(side / GRID_M) for side in self.low]
+        high = [ceil(side / GRID_M) for side in self.high]
         columns: Floats = np.arange(low[0], high[0] + 1, dtype=np.float64) * GRID_M
         rows: Floats = np.arange(low[1], high[1] + 1, dtype=np.float64) * GRID_M
         free = np.zeros((len(columns), len(rows)), dtype=bool)
@@ -145,18 +140,17 @@ class HouseShell:
             across = (columns >= box.x0 - _EDGE_M) & (columns <= box.x1 + _EDGE_M)
             along = (rows >= box.z0 - _EDGE_M) & (rows <= box.z1 + _EDGE_M)
             free |= across[:, None] & along[None]
-        near = AGENT_RADIUS_M - 1e-6
         for a, b in self.spans:
-            part = _window(columns, rows, _hull(a, b).grown(near, 0.0, near))
+            part = _window(columns, rows, _hull(a, b).grown(NEAR_M, 0.0, NEAR_M))
             gap = _apart(a, b, columns[part[0], None], rows[None, part[1]])
-            free[part] &= gap >= near
+            free[part] &= gap >= NEAR_M
         for box in obstacles:
             if self.floor_y + AGENT_HEIGHT_M >= box.y0 and box.y1 > self.floor_y + _STEP_M:
-                part = _window(columns, rows, box.grown(near, 0.0, near))
+                part = _window(columns, rows, box.grown(NEAR_M, 0.0, NEAR_M))
                 x, z = columns[part[0], None], rows[None, part[1]]
                 aside = np.maximum(np.maximum(box.x0 - x, x - box.x1), 0.0)
                 ahead = np.maximum(np.maximum(box.z0 - z, z - box.z1), 0.0)
-                free[part] &= np.hypot(aside, ahead) >= near
+                free[part] &= np.hypot(aside, ahead) >= NEAR_M
         return {
             (int(i) + low[0], int(j) + low[1]): (float(columns[i]) + 0.0, float(rows[j]) + 0.0)
             for i, j in np.argwhere(free)
@@ -212,22 +206,3 @@ def _window(columns: Floats, rows: Floats, box: Box) -> tuple[slice, slice]:
     across = np.searchsorted(columns, (box.x0, box.x1))
     along = np.searchsorted(rows, (box.z0, box.z1))
     return slice(int(across[0]), int(across[1]) + 1), slice(int(along[0]), int(along[1]) + 1)
-
-
-def connected(cells: Iterable[Key]) -> list[list[Key]]:
-    """Return the sets of cells that steps lead through, each sorted, in the order of the first."""
-    left = dict.fromkeys(sorted(cells))
-    parts = []
-    while left:
-        start = next(iter(left))
-        del left[start]
-        part, queue = [start], deque([start])
-        while queue:
-            i, j = queue.popleft()
-            for step in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)):
-                if step in left:
-                    del left[step]
-                    part.append(step)
-                    queue.append(step)
-        parts.append(sorted(part))
-    return parts

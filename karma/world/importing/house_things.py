@@ -15,7 +15,8 @@ from karma.household.ids import root_type, type_of
 from karma.household.places import FLOOR
 from karma.household.types import Capability, ObjectType, object_types
 from karma.household.uses import BASIN_OF, BURNER, FRIDGE, KNOB
-from karma.world.core.boxes import Box
+from karma.world.core.boxes import Box, rounded
+from karma.world.core.posing import rotation_matrix
 from karma.world.core.scene import LARGEST_M, SceneObject
 from karma.world.importing.dump import Xyz
 from karma.world.importing.house_floor import HouseShell, off
@@ -131,8 +132,8 @@ class HouseThings:
         for index, corners in enumerate(self.shell.floors):
             xs, zs = [x for x, _ in corners], [z for _, z in corners]
             x, z = (min(xs) + max(xs)) / 2, (min(zs) + max(zs)) / 2
-            middle = _rounded((x, self.shell.floor_y - _FLOOR_M / 2, z))
-            place = _rounded((x, self.shell.floor_y, z))
+            middle = rounded((x, self.shell.floor_y - _FLOOR_M / 2, z))
+            place = rounded((x, self.shell.floor_y, z))
             identity = _free(_identity(FLOOR, place), taken)
             taken.add(identity)
             yield SceneObject(
@@ -141,7 +142,7 @@ class HouseThings:
                 name=self.record.rooms[index].id,
                 position=place,
                 center=middle,
-                size=_rounded((max(xs) - min(xs), _FLOOR_M, max(zs) - min(zs))),
+                size=rounded((max(xs) - min(xs), _FLOOR_M, max(zs) - min(zs))),
                 capabilities=kind.capabilities,
             )
 
@@ -149,7 +150,7 @@ class HouseThings:
         self, one: _Placed, found: Sequence[SceneObject], first: int, taken: set[str]
     ) -> SceneObject:
         told, kind = one.told, one.kind
-        center, place = told.position.tuple, _rounded(told.position.tuple)
+        center, place = told.position.tuple, rounded(told.position.tuple)
         size, corners = _turned(self._size(one), told.rotation.tuple, center)
         can = self._capabilities(told, kind)
         movable = "pickupable" in can or "moveable" in can
@@ -168,9 +169,9 @@ class HouseThings:
             name=told.id,
             asset=told.asset_id,
             position=place,
-            rotation=_rounded(told.rotation.tuple),
+            rotation=rounded(told.rotation.tuple),
             center=place,
-            size=_rounded(size),
+            size=rounded(size),
             corners=corners,
             capabilities=can,
             mass_kg=kind.mass_kg if movable else 0.0,
@@ -272,19 +273,10 @@ def _turned(size: Vec3, rotation: Vec3, center: Vec3) -> tuple[Vec3, tuple[Vec3,
             return (size[2], size[1], size[0]), None
     ground = ((-1, -1), (1, -1), (1, 1), (-1, 1))
     signs = np.array([(x, y, z) for y in (-1, 1) for x, z in ground])
-    corners = (signs * np.array(size) / 2) @ _matrix(rotation).T
+    corners = (signs * np.array(size) / 2) @ rotation_matrix(rotation).T
     sides = corners.max(axis=0) - corners.min(axis=0)
-    there = tuple(_rounded(tuple(corner)) for corner in corners + np.array(center))
+    there = tuple(rounded(tuple(corner)) for corner in corners + np.array(center))
     return (float(sides[0]), float(sides[1]), float(sides[2])), there
-
-
-def _matrix(rotation: Vec3) -> np.ndarray:
-    """Return Unity's rotation: about z, then x, then y, of left-handed axes."""
-    (a, b, c), (d, e, f) = (np.cos(np.radians(rotation)), np.sin(np.radians(rotation)))
-    about_x = np.array(((1, 0, 0), (0, a, -d), (0, d, a)))
-    about_y = np.array(((b, 0, e), (0, 1, 0), (-e, 0, b)))
-    about_z = np.array(((c, -f, 0), (f, c, 0), (0, 0, 1)))
-    return np.asarray(about_y @ about_x @ about_z)
 
 
 def _identity(type_name: str, place: Vec3) -> str:
@@ -298,8 +290,3 @@ def _free(identity: str, taken: set[str]) -> str:
         number += 1
         found = f"{identity}_{number}"
     return found
-
-
-def _rounded(values: Sequence[float]) -> Vec3:
-    x, y, z = (round(float(value), 4) + 0.0 for value in values)
-    return (x, y, z)

@@ -15,10 +15,11 @@ import numpy as np
 from karma.errors import FileError
 from karma.files import read_json
 from karma.household.types import RoomType
-from karma.world.core.boxes import Cell, nearest_to_centre
+from karma.world.core.boxes import Box, rounded
+from karma.world.core.ground import GRID_M, Cell, Key, inside, nearest_to_centre, parts
 from karma.world.core.scene import AgentPose, Scene, SceneRoom, check
 from karma.world.importing.dump import Xyz, rows
-from karma.world.importing.house_floor import GRID_M, HouseShell, Key, connected, inside
+from karma.world.importing.house_floor import HouseShell
 from karma.world.importing.house_record import FIX, HouseRecord, read_record
 from karma.world.importing.house_things import HouseAsset, HouseThings, obstacles
 
@@ -118,10 +119,8 @@ def house_scene(
     things = HouseThings(record=record, shell=shell, assets=assets or {}, name=name)
     objects = things.objects()
     cells, apart = _standing(record, shell.cells(obstacles(objects)), name)
-    low = [min(p[axis] for floor in shell.floors for p in floor) for axis in (0, 1)]
-    high = [max(p[axis] for floor in shell.floors for p in floor) for axis in (0, 1)]
-    bounds = ((low[0], shell.floor_y, low[1]), (high[0], shell.ceiling_y, high[1]))
-    middle = tuple(round((a + b) / 2, 4) + 0.0 for a, b in zip(*bounds, strict=True))
+    (x0, z0), (x1, z1) = shell.low, shell.high
+    bounds = Box(x0, shell.floor_y, z0, x1, shell.ceiling_y, z1)
     scene = Scene(
         name=name,
         room=record.rooms[0].room_type,
@@ -130,8 +129,8 @@ def house_scene(
         grid_m=GRID_M,
         agent=_agent(record, cells),
         reachable=tuple(sorted(cells.values())),
-        bounds_center=(middle[0], middle[1], middle[2]),
-        bounds_size=tuple(round(b - a, 4) for a, b in zip(*bounds, strict=True)),  # type: ignore[arg-type]
+        bounds_center=rounded(bounds.center),
+        bounds_size=rounded(bounds.size),
         objects=objects,
         rooms=tuple(_scene_rooms(record)),
         walls=shell.walls(),
@@ -155,8 +154,8 @@ def _standing(
 
     Those of the start that the house tells, else those that lead through most rooms.
     """
-    parts = connected(free)
-    if not parts:
+    together = parts(free)
+    if not together:
         raise FileError(name, "rooms: nowhere to stand, every cell is blocked", fix=FIX)
     floors = list(_scene_rooms(record))
 
@@ -165,9 +164,9 @@ def _standing(
         return [bool(inside(room.corners, points[:, 0], points[:, 1]).any()) for room in floors]
 
     told = record.metadata.agent
-    best = max(parts, key=lambda part: (sum(met(part)), len(part)))
+    best = max(together, key=lambda part: (sum(met(part)), len(part)))
     if told is not None:
-        best = min(parts, key=lambda part: min(_gap2(free[key], told.position) for key in part))
+        best = min(together, key=lambda part: min(_gap2(free[key], told.position) for key in part))
     missed = [room.name for room, hit in zip(floors, met(best), strict=True) if not hit]
     return {key: free[key] for key in best}, missed
 

@@ -12,12 +12,8 @@ from karma.contracts import Vec3
 from karma.errors import FileError
 from karma.household.places import FLOOR
 from karma.household.types import Capability, RoomType, object_types
-from karma.world.core.boxes import (
-    AGENT_RADIUS_M,
-    Box,
-    Cell,
-    nearest_to_centre,
-)
+from karma.world.core.boxes import Box
+from karma.world.core.ground import AGENT_RADIUS_M, Cell, nearest_to_centre
 from karma.world.core.scene import AgentPose, Scene, SceneObject, check
 from karma.world.importing.dump import Seen, named, read_layouts, rows, seen_object, stance
 from karma.world.importing.floor import Floor, start_of
@@ -141,7 +137,8 @@ def scene_from_dump(
         raise FileError(scene_name, "objects: there are none")
     floor_y = _floor_y(seen)
     cells = tuple(sorted((float(x), float(z)) for x, z in reachable or ()))
-    box = _room_box(seen, floor_y, cells)
+    boxes = [one.box for one in seen if one.object_type != FLOOR] or [seen[0].box]
+    box = room_box(boxes, floor_y, cells)
     cells, agent, note = _standing(seen, box, cells, agent, stood, grid_m)
     if not cells:
         raise FileError(scene_name, "nowhere to stand: every cell is blocked")
@@ -196,16 +193,15 @@ def _floor_y(seen: Sequence[Seen]) -> float:
     return round(min(low), 4) + 0.0
 
 
-def _room_box(seen: Sequence[Seen], floor_y: float, cells: Sequence[Cell]) -> Box:
-    """Return what holds all boxes and cells; the Floor's own box reaches beyond the walls."""
-    boxes = [one.box for one in seen if one.object_type != FLOOR] or [seen[0].box]
+def room_box(boxes: Iterable[Box], floor_y: float, cells: Sequence[Cell]) -> Box:
+    """Return what holds all boxes and an agent on all cells, two metres high at least.
+
+    The floor's own box is not to be among them: it reaches beyond the walls.
+    """
     r = AGENT_RADIUS_M
-    boxes += [Box(x - r, floor_y, z - r, x + r, floor_y, z + r) for x, z in cells]
-    return Box(
-        min(box.x0 for box in boxes), floor_y, min(box.z0 for box in boxes),
-        max(box.x1 for box in boxes), max(floor_y + 2.0, *(box.y1 for box in boxes)),
-        max(box.z1 for box in boxes),
-    )  # fmt: skip
+    stands = [Box(x - r, floor_y, z - r, x + r, floor_y, z + r) for x, z in cells]
+    hull = Box.hull([*boxes, *stands])
+    return hull._replace(y0=floor_y, y1=max(floor_y + 2.0, hull.y1))
 
 
 def _standing(

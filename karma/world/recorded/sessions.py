@@ -22,7 +22,7 @@ import msgspec
 from karma.errors import FileError
 from karma.household.ids import made_at
 from karma.household.uses import BASINS
-from karma.world.core.boxes import Cell
+from karma.world.core.ground import Cell
 from karma.world.core.scene import AgentPose, Scene, SceneObject
 from karma.world.core.thing import bottom, gaps
 from karma.world.importing.dump import EXPORT, Xyz, read_layouts, rows

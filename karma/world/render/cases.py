@@ -2,7 +2,9 @@
 
 import itertools
 
-from karma.world.render.form import CRACK, Builder, Form, shade
+import numpy as np
+
+from karma.world.render.form import CRACK, SIDES, Builder, Form, shade
 from karma.world.render.mesh import (
     Colour,
     Mesh,
@@ -20,69 +22,50 @@ from karma.world.render.mesh import (
 WALL_M = 0.018
 SWING_DEG = 100.0
 SLIDE = 0.7  # of a drawer's depth, fully open
+_PANEL = 0.24  # of a microwave's width, at the right of its door
 
 
 def case(f: Form) -> list[Mesh]:
     """Return a cabinet, fridge, microwave or safe: five walls and a door hinged on the left."""
     x, _y, z = f.half
-    wall = min(WALL_M * (2.5 if f.style in ("fridge", "safe", "microwave") else 1.0), x * 0.2)
-    parts = _hollow(f, wall)
-    parts += _inside(f, wall)
-    front = {"fridge": _fridge_door, "microwave": _oven_door, "safe": _safe_door}.get(
-        f.style, _cabinet_door
-    )
-    door = joined(front(f))
+    fronts = {"fridge": _fridge_door, "microwave": _oven_door, "safe": _safe_door}
+    wall = min(WALL_M * (2.5 if f.style in fronts else 1.0), x * 0.2)
+    door = joined(fronts.get(f.style, _cabinet_door)(f))
     if f.openness > 0:
         door = turned(door, -SWING_DEG * f.openness, about=(-x, 0, z))
-    return [*parts, door, *_beside(f)]
+    return [*_hollow(f, wall), *_inside(f, wall), door, *_beside(f)]
 
 
 def _hollow(f: Form, wall: float) -> list[Mesh]:
     x, y, z = f.half
-    x1 = x - f.width * 0.24 if f.style == "microwave" else x
-    out, inner = f.main, f.third
+    x1 = x - f.width * _PANEL if f.style == "microwave" else x
+    front, out, colour = z - wall, f.main, f.third
+    a, b = wall + 0.001, wall + 0.003  # the inner faces, a millimetre before the walls
     return [
-        box((-x, 0, -z), (-x + wall, y, z - wall), out),
-        box((x1 - wall, 0, -z), (x, y, z - wall), out),
-        box((-x, 0, -z), (x, wall, z - wall), out),
-        box((-x, y - wall, -z), (x, y, z - wall), out),
+        box((-x, 0, -z), (-x + wall, y, front), out),
+        box((x1 - wall, 0, -z), (x, y, front), out),
+        box((-x, 0, -z), (x, wall, front), out),
+        box((-x, y - wall, -z), (x, y, front), out),
         box((-x, 0, -z), (x, y, -z + wall), out),
-        _lining(f, wall, x1, inner),
+        box((-x + a, a, -z + a), (x1 - a, y - a, -z + b), shade(colour, 0.9)),
+        box((-x + a, a, -z + a), (-x + b, y - a, front), colour),
+        box((x1 - b, a, -z + a), (x1 - a, y - a, front), colour),
+        box((-x + a, a, -z + a), (x1 - a, b, front), shade(colour, 0.95)),
+        box((-x + a, y - b, -z + a), (x1 - a, y - a, front), colour),
     ]
-
-
-def _lining(f: Form, wall: float, x1: float, colour: Colour) -> Mesh:
-    """Return the inner faces, a millimetre before the walls."""
-    x, y, z = f.half
-    a, b = wall + 0.001, wall + 0.003
-    return joined(
-        [
-            box((-x + a, a, -z + a), (x1 - a, y - a, -z + b), shade(colour, 0.9)),
-            box((-x + a, a, -z + a), (-x + b, y - a, z - wall), colour),
-            box((x1 - b, a, -z + a), (x1 - a, y - a, z - wall), colour),
-            box((-x + a, a, -z + a), (x1 - a, b, z - wall), shade(colour, 0.95)),
-            box((-x + a, y - b, -z + a), (x1 - a, y - a, z - wall), colour),
-        ]
-    )
 
 
 def _inside(f: Form, wall: float) -> list[Mesh]:
     x, y, z = f.half
     if f.style == "fridge":
-        return [
-            box(
-                (-x + wall, y * level, -z + wall),
-                (x - wall, y * level + 0.008, -z + f.depth * 0.3),
-                (170.0, 200.0, 215.0),
-            )
-            for level in (0.25, 0.5, 0.75)
-        ]
+        left, right, back, front = -x + wall, x - wall, -z + wall, -z + f.depth * 0.3
+        levels = (y * 0.25, y * 0.5, y * 0.75)
+        blue = (170.0, 200.0, 215.0)
+        return [box((left, low, back), (right, low + 0.008, front), blue) for low in levels]
     if f.style == "microwave":
         turntable = drum(min(x * 0.6, z * 0.75), wall + 0.003, wall + 0.009, (190.0, 205.0, 210.0))
-        lamp = box(
-            (-x * 0.5, y - wall - 0.012, -z * 0.3), (x * 0.1, y - wall - 0.004, z * 0.3),
-            (255.0, 225.0, 120.0), glow=True,
-        )  # fmt: skip
+        low, high = (-x * 0.5, y - wall - 0.012, -z * 0.3), (x * 0.1, y - wall - 0.004, z * 0.3)
+        lamp = box(low, high, (255.0, 225.0, 120.0), glow=True)
         return [turntable, lamp] if f.on else [turntable]
     return []
 
@@ -90,68 +73,66 @@ def _inside(f: Form, wall: float) -> list[Mesh]:
 def _cabinet_door(f: Form) -> list[Mesh]:
     x, y, z = f.half
     edge = min(0.05, x * 0.3, y * 0.2)
-    gap = min(0.006, x * 0.05)
     return [
-        box((-x + gap, gap, z - WALL_M), (x - gap, y - gap, z - 0.004), f.main),
-        box((-x + edge, edge, z - 0.004), (x - edge, y - edge, z - 0.002), shade(f.main, 0.86)),
-        box(
-            (-x + edge * 1.4, edge * 1.4, z - 0.002),
-            (x - edge * 1.4, y - edge * 1.4, z),
-            shade(f.main, 1.06),
-        ),
+        f.pane(min(0.006, x * 0.05), z - WALL_M, z - 0.004, f.main),
+        f.pane(edge, z - 0.004, z - 0.002, shade(f.main, 0.86)),
+        f.pane(edge * 1.4, z - 0.002, z, shade(f.main, 1.06)),
         box((x - edge * 0.8, y * 0.42, z), (x - edge * 0.5, y * 0.58, z + 0.02), f.second),
     ]
 
 
 def _fridge_door(f: Form) -> list[Mesh]:
     x, y, z = f.half
-    split = y * 0.64
+    split, bar = y * 0.64, x - 0.07
     parts = []
     for low, high in ((0.02, split), (split + 0.012, y)):
-        parts.append(box((-x, low, z - 0.05), (x, high, z), f.main))
-        middle = (low + high) / 2
-        reach = (high - low) * 0.28
-        parts.append(rod((x - 0.07, middle - reach, z + 0.03), (x - 0.07, middle + reach, z + 0.03),
-                         0.014, f.second))  # fmt: skip
-    parts.append(box((-x, split, z - 0.05), (x, split + 0.012, z - 0.01), f.second))
-    parts.append(
-        box((-x + 0.03, 0.08, z - 0.062), (x - 0.03, y * 0.96, z - 0.05), shade(f.third, 0.95))
-    )
-    return parts
+        middle, reach = (low + high) / 2, (high - low) * 0.28
+        start, end = (bar, middle - reach, z + 0.03), (bar, middle + reach, z + 0.03)
+        parts += [box((-x, low, z - 0.05), (x, high, z), f.main), rod(start, end, 0.014, f.second)]
+    inner = shade(f.third, 0.95)
+    return [
+        *parts,
+        box((-x, split, z - 0.05), (x, split + 0.012, z - 0.01), f.second),
+        box((-x + 0.03, 0.08, z - 0.062), (x - 0.03, y * 0.96, z - 0.05), inner),
+    ]
 
 
 def _oven_door(f: Form) -> list[Mesh]:
     x, y, z = f.half
-    right = x - f.width * 0.24
+    right = x - f.width * _PANEL
     pane = (255.0, 200.0, 90.0) if f.on else f.second
+    left, inner, bar = -x + 0.03, right - 0.05, right - 0.025
+    bands = [
+        box((left, y * level, z), (inner, y * level + 0.006, z + 0.003), f.second)
+        for level in (0.3, 0.45, 0.6, 0.75)
+    ]
     return [
         box((-x, 0, z - 0.04), (right, y, z), f.main),
-        box((-x + 0.03, y * 0.16, z - 0.001), (right - 0.05, y * 0.84, z + 0.002), pane, glow=f.on),
-        *[
-            box((-x + 0.03, y * level, z), (right - 0.05, y * level + 0.006, z + 0.003), f.second)
-            for level in (0.3, 0.45, 0.6, 0.75)
-        ],
-        rod(
-            (right - 0.025, y * 0.15, z + 0.02), (right - 0.025, y * 0.85, z + 0.02), 0.009, f.third
-        ),
+        box((left, y * 0.16, z - 0.001), (inner, y * 0.84, z + 0.002), pane, glow=f.on),
+        *bands,
+        rod((bar, y * 0.15, z + 0.02), (bar, y * 0.85, z + 0.02), 0.009, f.third),
     ]
 
 
 def _safe_door(f: Form) -> list[Mesh]:
     x, y, z = f.half
     wheel = turned(ring((0, 0, 0), y * 0.13, 0.02, f.second), 90, axis=0)
-    middle = wheel._replace(vertices=wheel.vertices + _at(x * 0.1, y * 0.5, z + 0.02))
-    dial = box((-x * 0.6, y * 0.62, z), (-x * 0.3, y * 0.78, z + 0.01), (150.0, 220.0, 170.0))
-    bars = [
-        box((x * 0.1 - a, y * 0.5 - b, z), (x * 0.1 + a, y * 0.5 + b, z + 0.025), f.second)
-        for a, b in ((y * 0.13, 0.01), (0.01, y * 0.13))
+    middle_x, middle_y = x * 0.1, y * 0.5
+    return [
+        box((-x, 0, z - 0.04), (x, y, z), f.main),
+        f.in_front((-0.86, 0.1), (0.86, 0.9), shade(f.main, 1.2), 0.006),
+        _moved(wheel, middle_x, middle_y, z + 0.02),
+        f.in_front((-0.6, 0.62), (-0.3, 0.78), (150.0, 220.0, 170.0), 0.01),
+        *[
+            box((middle_x - a, middle_y - b, z), (middle_x + a, middle_y + b, z + 0.025), f.second)
+            for a, b in ((y * 0.13, 0.01), (0.01, y * 0.13))
+        ],
     ]
-    edge = [box((-x * 0.86, y * 0.1, z), (x * 0.86, y * 0.9, z + 0.006), shade(f.main, 1.2))]
-    return [box((-x, 0, z - 0.04), (x, y, z), f.main), *edge, middle, dial, *bars]
 
 
-def _at(x: float, y: float, z: float) -> tuple[float, float, float]:
-    return (x, y, z)
+def _moved(part: Mesh, x: float, y: float, z: float) -> Mesh:
+    """Return the part moved, in double precision: its pixels show the difference to `shifted`."""
+    return part._replace(vertices=np.add(part.vertices, (x, y, z)))
 
 
 def _beside(f: Form) -> list[Mesh]:
@@ -161,58 +142,41 @@ def _beside(f: Form) -> list[Mesh]:
     x, y, z = f.half
     left = x - f.width * 0.22
     clock = (80.0, 255.0, 120.0) if f.on else (20.0, 60.0, 30.0)
-    parts = [
+    wide, tall = f.width * 0.07, y * 0.11
+    columns = [left + 0.015 + column * f.width * 0.095 for column in range(2)]
+    rows = [y * (0.14 + 0.18 * row) for row in range(3)]
+    return [
         box((left, 0, z - 0.05), (x, y, z), shade(f.main, 0.8)),
         box((left + 0.015, y * 0.72, z), (x - 0.015, y * 0.88, z + 0.003), clock, glow=f.on),
+        *[box((a, b, z), (a + wide, b + tall, z + 0.004), f.second) for b in rows for a in columns],
     ]
-    for row in range(3):
-        for column in range(2):
-            x0 = left + 0.015 + column * f.width * 0.095
-            y0 = y * (0.14 + 0.18 * row)
-            parts.append(
-                box((x0, y0, z), (x0 + f.width * 0.07, y0 + y * 0.11, z + 0.004), f.second)
-            )
-    return parts
 
 
 def drawer(f: Form) -> list[Mesh]:
     """Return a drawer: closed a front, open a tray that has slid out."""
     x, y, z = f.half
+    edge, wide, back = min(0.02, y * 0.15), min(0.07, x * 0.5), z - WALL_M
     front = [
-        box((-x, 0, z - WALL_M), (x, y, z - 0.004), f.main),
-        box(
-            (-x + 0.02, min(0.02, y * 0.15), z - 0.004),
-            (x - 0.02, y - min(0.02, y * 0.15), z),
-            shade(f.main, 1.08),
-        ),
-        box(
-            (-min(0.07, x * 0.5), y * 0.56, z),
-            (min(0.07, x * 0.5), y * 0.56 + 0.014, z + 0.022),
-            f.second,
-        ),
+        box((-x, 0, back), (x, y, z - 0.004), f.main),
+        box((-x + 0.02, edge, z - 0.004), (x - 0.02, y - edge, z), shade(f.main, 1.08)),
+        box((-wide, y * 0.56, z), (wide, y * 0.56 + 0.014, z + 0.022), f.second),
     ]
     if f.openness <= 0:
-        return [
-            *front,
-            slab_between(f._replace(depth=f.depth - 2 * WALL_M), 0, y, shade(f.main, 0.8)),
-        ]
-    wall = min(0.012, x * 0.1)
-    low = y * 0.8
+        body = f._replace(depth=f.depth - 2 * WALL_M)
+        return [*front, body.box((-1, 0, -1), (1, 1, 1), shade(f.main, 0.8))]
+    wall, low = min(0.012, x * 0.1), y * 0.8
     tray = [
-        box((-x + wall, 0.0, -z), (x - wall, 0.01, z - WALL_M), f.third),
-        box((-x + 0.005, 0, -z), (-x + 0.005 + wall, low, z - WALL_M), shade(f.third, 0.9)),
-        box((x - wall - 0.005, 0, -z), (x - 0.005, low, z - WALL_M), shade(f.third, 0.9)),
+        box((-x + wall, 0.0, -z), (x - wall, 0.01, back), f.third),
+        box((-x + 0.005, 0, -z), (-x + 0.005 + wall, low, back), shade(f.third, 0.9)),
+        box((x - wall - 0.005, 0, -z), (x - 0.005, low, back), shade(f.third, 0.9)),
         box((-x + wall, 0, -z), (x - wall, low, -z + wall), shade(f.third, 0.85)),
     ]
-    slide = f.openness * SLIDE * f.depth
-    moved = joined([*front, *tray])
-    moved = moved._replace(vertices=moved.vertices + _at(0, 0, slide))
-    hole = box((-x, 0.0, -z), (x, y, -z + 0.01), shade(f.third, 0.4))
-    sides = [
-        box((-x, 0, -z), (-x + 0.004, y, z - WALL_M), shade(f.third, 0.5)),
-        box((x - 0.004, 0, -z), (x, y, z - WALL_M), shade(f.third, 0.5)),
+    return [
+        _moved(joined([*front, *tray]), 0, 0, f.openness * SLIDE * f.depth),
+        box((-x, 0.0, -z), (x, y, -z + 0.01), shade(f.third, 0.4)),
+        box((-x, 0, -z), (-x + 0.004, y, back), shade(f.third, 0.5)),
+        box((x - 0.004, 0, -z), (x, y, back), shade(f.third, 0.5)),
     ]
-    return [moved, hole, *sides]
 
 
 def carton(f: Form) -> list[Mesh]:
@@ -220,10 +184,11 @@ def carton(f: Form) -> list[Mesh]:
     x, y, z = f.half
     thick = 0.006
     if f.openness <= 0:
+        tape = shade(f.second, 1.25)
         return [
-            slab_between(f, 0, y, f.main),
-            box((-x * 0.12, y, -z), (x * 0.12, y + 0.002, z), shade(f.second, 1.25)),
-            box((-x * 0.12, y * 0.7, z), (x * 0.12, y, z + 0.002), shade(f.second, 1.25)),
+            f.box((-1, 0, -1), (1, 1, 1), f.main),
+            f.on_top((-0.12, -1), (0.12, 1), tape),
+            f.in_front((-0.12, 0.7), (0.12, 1), tape),
         ]
     a, b, top = x * 0.8, z * 0.8, y * 0.86
     parts = [
@@ -235,40 +200,24 @@ def carton(f: Form) -> list[Mesh]:
         box((-a + thick, thick, -b + thick), (a - thick, thick * 1.5, b - thick), f.third),
     ]
     lift = y - top
-    for side in (-1, 1):
-        parts.append(_flap((side * a, top, -b), (side * (x - a), lift, 0), (0, 0, 2 * b), f.second))
-        parts.append(_flap((-a, top, side * b), (0, lift, side * (z - b)), (2 * a, 0, 0), f.second))
+    for side in SIDES:
+        across, along = (side * (x - a), lift, 0), (0, lift, side * (z - b))
+        parts.append(sheet((side * a, top, -b), (0, 0, 2 * b), across, f.second))
+        parts.append(sheet((-a, top, side * b), (2 * a, 0, 0), along, f.second))
     return parts
-
-
-def slab_between(f: Form, y0: float, y1: float, colour: Colour) -> Mesh:
-    """Return a box over the whole ground between two heights."""
-    x, _, z = f.half
-    return box((-x, y0, -z), (x, y1, z), colour)
-
-
-def _flap(
-    start: tuple[float, float, float], out: tuple[float, float, float],
-    along: tuple[float, float, float], colour: Colour,
-) -> Mesh:  # fmt: skip
-    return sheet(start, along, out, colour)
 
 
 def hamper(f: Form) -> list[Mesh]:
     """Return a basket with a lid that stands up when open."""
     x, y, z = f.half
-    r = x * 0.9
+    r, top = x * 0.9, y * 0.92
     weave = [f.main if band % 2 else f.second for band in range(6)]
-    profile = [(r * (0.85 + 0.15 * band / 6), y * 0.92 * band / 6) for band in range(7)]
-    body = lathe(profile, weave, depth=z / x)
-    inner = lathe(
-        [(r * 0.95, y * 0.92), (r * 0.8, y * 0.05), (0.0, y * 0.05)], f.third, depth=z / x
-    )
-    lid = drum(x, 0.0, y * 0.08, f.second, depth=z / x)
-    raised = lid._replace(vertices=lid.vertices + _at(0, y * 0.92, 0))
+    profile = [(r * (0.85 + 0.15 * band / 6), top * band / 6) for band in range(7)]
+    inner = [(r * 0.95, top), (r * 0.8, y * 0.05), (0.0, y * 0.05)]
+    lid = _moved(f.drum(1, 0, 0.08, f.second), 0, top, 0)
     if f.openness > 0:
-        raised = turned(raised, -95 * f.openness, axis=0, about=(0, y * 0.92, -z))
-    return [body, inner, raised]
+        lid = turned(lid, -95 * f.openness, axis=0, about=(0, top, -z))
+    return [lathe(profile, weave, depth=z / x), lathe(inner, f.third, depth=z / x), lid]
 
 
 def toilet(f: Form) -> list[Mesh]:
@@ -277,7 +226,6 @@ def toilet(f: Form) -> list[Mesh]:
     tank = f.depth * 0.28
     level = y * 0.5
     middle = tank / 2
-    reach = f.depth / 2 - middle
     bowl_x = x * 0.85
     long = (z - (-z + tank)) / 2 / bowl_x
     profile = [
@@ -285,19 +233,20 @@ def toilet(f: Form) -> list[Mesh]:
         (bowl_x * 0.72, level), (bowl_x * 0.4, level * 0.5), (0.0, level * 0.45),
     ]  # fmt: skip
     colours = [f.main, f.main, f.main, f.main, shade(f.main, 0.85), f.third]
-    bowl = lathe(profile, colours, depth=long, sides=16)
     lid = drum(bowl_x, level, level + 0.03, shade(f.main, 0.96), depth=long, sides=16)
-    bowl, lid = (part._replace(vertices=part.vertices + _at(0, 0, middle)) for part in (bowl, lid))
-    hinge = (0.0, level, middle - reach)
+    lid = _moved(lid, 0, 0, middle)
     if f.openness > 0:
+        hinge = (0.0, level, middle - (f.depth / 2 - middle))
         lid = turned(lid, -95 * f.openness, axis=0, about=hinge)
+    back = -z + tank
     return [
-        bowl, lid,
-        box((-x, level * 0.8, -z), (x, y, -z + tank), f.main),
-        box((-x * 1.0, y * 0.96, -z), (x, y, -z + tank * 1.1), shade(f.main, 0.95)),
-        box((-x * 0.85, y * 0.84, -z + tank), (-x * 0.5, y * 0.89, -z + tank + 0.02), f.second),
+        _moved(lathe(profile, colours, depth=long, sides=16), 0, 0, middle),
+        lid,
+        box((-x, level * 0.8, -z), (x, y, back), f.main),
+        box((-x, y * 0.96, -z), (x, y, -z + tank * 1.1), shade(f.main, 0.95)),
+        box((-x * 0.85, y * 0.84, back), (-x * 0.5, y * 0.89, back + 0.02), f.second),
         box((-x * 0.5, 0, -z), (x * 0.5, level * 0.8, -z + tank * 1.3), f.main),
-    ]  # fmt: skip
+    ]
 
 
 def laptop(f: Form) -> list[Mesh]:
@@ -308,55 +257,35 @@ def laptop(f: Form) -> list[Mesh]:
     deep = f.depth * (0.72 if y > f.depth * 0.4 else 1.0)
     front = z if opened else deep / 2
     back = front - deep
-    base = [
-        box((-x, 0, back), (x, thick, front), f.main),
-        box(
-            (-x * 0.88, thick, back + deep * 0.12),
-            (x * 0.88, thick + 0.002, front - deep * 0.38),
-            f.second,
-        ),
-        box(
-            (-x * 0.25, thick, front - deep * 0.32),
-            (x * 0.25, thick + 0.002, front - deep * 0.06),
-            shade(f.main, 0.8),
-        ),
-    ]
+    base = box((-x, 0, back), (x, thick, front), f.main)
     if not opened:
-        lid = [box((-x, thick, back), (x, thick * 2, front), shade(f.main, 0.92))]
-        mark = ball(
-            (0, thick * 2, (back + front) / 2), (x * 0.1, 0.002, x * 0.1), (240.0, 240.0, 240.0)
-        )
-        return [base[0], *lid, mark]
+        white, middle = (240.0, 240.0, 240.0), (back + front) / 2
+        lid = box((-x, thick, back), (x, thick * 2, front), shade(f.main, 0.92))
+        return [base, lid, ball((0, thick * 2, middle), (x * 0.1, 0.002, x * 0.1), white)]
+    keys = (-x * 0.88, thick, back + deep * 0.12), (x * 0.88, thick + 0.002, front - deep * 0.38)
+    pad = (-x * 0.25, thick, front - deep * 0.32), (x * 0.25, thick + 0.002, front - deep * 0.06)
     tall = min(deep, y) * 0.97
-    lit = f.on and not f.broken
     screen = [
         box((-x, 0, -thick), (x, tall, 0), f.main),
-        *glass(x * 0.92, tall * 0.07, tall * 0.94, 0.002, f, lit=lit),
+        *glass(x * 0.92, tall * 0.07, tall * 0.94, 0.002, f, lit=f.on and not f.broken),
     ]
     lean = turned(joined(screen), 82 * (1 - f.openness) - 8, axis=0)
-    standing = lean._replace(vertices=lean.vertices + _at(0, thick, back + thick))
-    return [*base, standing]
+    standing = _moved(lean, 0, thick, back + thick)
+    return [base, box(*keys, f.second), box(*pad, shade(f.main, 0.8)), standing]
 
 
 def glass(x: float, y0: float, y1: float, z: float, f: Form, *, lit: bool) -> list[Mesh]:
     """Return a screen at z: dark, lit with a picture, or cracked."""
     dark = (10.0, 11.0, 14.0) if not f.broken else (34.0, 36.0, 40.0)
     parts = [box((-x, y0, z - 0.002), (x, y1, z), f.third if lit else dark, glow=lit)]
-    tall = y1 - y0
-    if lit:
-        for number, colour in enumerate(
-            ((255.0, 255.0, 255.0), (255.0, 214.0, 90.0), (120.0, 220.0, 120.0))
-        ):
-            top = y1 - tall * (0.15 + 0.22 * number)
-            wide = x * (1.2, 0.9, 1.5)[number]
-            parts.append(
-                box(
-                    (-x * 0.85, top - tall * 0.1, z),
-                    (-x * 0.85 + wide, top, z + 0.002),
-                    colour,
-                    glow=True,
-                )
-            )
+    tall, left = y1 - y0, -x * 0.85
+    lines = (
+        (1.2, (255.0, 255.0, 255.0)), (0.9, (255.0, 214.0, 90.0)), (1.5, (120.0, 220.0, 120.0)),
+    )  # fmt: skip
+    for number, (wide, colour) in enumerate(lines if lit else ()):
+        top = y1 - tall * (0.15 + 0.22 * number)
+        line = (left, top - tall * 0.1, z), (left + x * wide, top, z + 0.002)
+        parts.append(box(*line, colour, glow=True))
     if f.broken:
         parts += cracks(x, y0, y1, z + 0.003, (215.0, 220.0, 225.0))
     return parts

@@ -1,10 +1,12 @@
 """Build vessels, bottles, plates and cutlery."""
 
+from collections.abc import Sequence
 from math import cos, sin
 
-from karma.world.render.form import Builder, Form, mix, shade
+from karma.world.render.form import SIDES, Builder, Form, Pair, mix, shade
 from karma.world.render.mesh import (
     GLASS,
+    Colour,
     Mesh,
     bent,
     box,
@@ -17,106 +19,9 @@ from karma.world.render.mesh import (
 )
 
 
-def vessel(f: Form) -> list[Mesh]:
-    """Return an open vessel: mug, cup, bowl, pot, pan, garbage can."""
-    if f.broken:
-        return shards(f)
-    return {
-        "mug": _mug, "cup": _cup, "bowl": _bowl, "pot": _pot, "pan": _pan, "can": _can
-    }[f.style](f)  # fmt: skip
-
-
-def _open(f: Form, radius: float, foot: float, wall: float, depth: float) -> list[Mesh]:
-    """Return a cup with an inside, and what is in it."""
-    y = f.height
-    inner = shade(f.main, 0.72)
-    profile = [
-        (0.0, 0.0), (foot, 0.0), ((foot + radius) / 2 * 1.02, y * 0.5), (radius, y),
-        (radius - wall, y), ((foot + radius) / 2 - wall, y * 0.5), (foot - wall, y * 0.07),
-        (0.0, y * 0.07),
-    ]  # fmt: skip
-    colours = [f.main, f.main, f.main, shade(f.main, 1.12), inner, inner, shade(inner, 0.9)]
-    parts = [lathe(profile, colours, depth=depth, sides=16)]
-    if f.filled:
-        level = max(radius * 0.95 - wall, 0.004)
-        parts.append(drum(level, y * 0.6, y * 0.92, f.liquid, depth=depth, sides=16))
-    return parts
-
-
-def _mug(f: Form) -> list[Mesh]:
-    room = min(f.width, f.depth * 1.25)
-    radius = min(room * 0.4, f.depth / 2)
-    cup = _open(f, radius, radius * 0.9, radius * 0.12, min(1.0, f.depth / 2 / radius))
-    x0, x1 = radius * 0.9, max(f.width - radius, radius * 1.3)
-    side = shade(f.main, 0.85)
-    grip = bent(
-        [(x0, f.height * 0.78, 0), (x1, f.height * 0.7, 0), (x1, f.height * 0.32, 0),
-         (x0, f.height * 0.22, 0)],
-        f.height * 0.065, side,
-    )  # fmt: skip
-    shift = f.width / 2 - x1
-    return [shifted(part, shift, 0, 0) for part in [*cup, *grip]]
-
-
-def _cup(f: Form) -> list[Mesh]:
-    x, _, z = f.half
-    return _open(f, x, x * 0.68, x * 0.09, z / x)
-
-
-def _bowl(f: Form) -> list[Mesh]:
-    x, y, z = f.half
-    inner = shade(f.main, 0.75)
-    profile = [
-        (0.0, 0.0), (x * 0.4, 0.0), (x * 0.78, y * 0.4), (x, y), (x * 0.93, y),
-        (x * 0.7, y * 0.45), (x * 0.35, y * 0.1), (0.0, y * 0.1),
-    ]  # fmt: skip
-    colours = [f.main, f.main, f.main, shade(f.main, 1.12), inner, inner, shade(inner, 0.9)]
-    parts = [lathe(profile, colours, depth=z / x, sides=18)]
-    if f.filled:
-        parts.append(drum(x * 0.86, y * 0.5, y * 0.8, f.liquid, depth=z / x, sides=18))
-    return parts
-
-
-def _pot(f: Form) -> list[Mesh]:
-    x, y, z = f.half
-    across_x = f.width >= f.depth
-    radius = min(x, z) if abs(f.width - f.depth) > 0.02 else x * 0.84
-    parts = _open(f._replace(height=y * 0.96), radius, radius * 0.97, radius * 0.06, 1.0)
-    reach = max(x, z)
-    for side in (-1, 1):
-        low, high = radius * 0.95, reach
-        grip = box((low, y * 0.68, -radius * 0.25), (high, y * 0.78, radius * 0.25), f.second)
-        grip = turned(grip, 0 if side > 0 else 180)
-        parts.append(grip if across_x else turned(grip, 90))
-    return parts
-
-
-def _pan(f: Form) -> list[Mesh]:
-    long_x = f.width > f.depth
-    length, across = max(f.width, f.depth), min(f.width, f.depth)
-    radius = across / 2
-    if length < across * 1.15:
-        radius = across * 0.36
-    low = f._replace(height=f.height * 0.9)
-    parts = _open(low, radius, radius * 0.86, radius * 0.06, 1.0)
-    parts = [shifted(part, 0, 0, length / 2 - radius) for part in parts]
-    tail = length / 2 - 2 * radius
-    handle = box(
-        (-across * 0.06, f.height * 0.62, -length / 2),
-        (across * 0.06, f.height * 0.95, tail + 0.02),
-        f.second,
-    )
-    return [turned(part, 90) if long_x else part for part in [*parts, handle]]
-
-
-def _can(f: Form) -> list[Mesh]:
-    x, y, z = f.half
-    parts = _open(f, x, x * 0.78, x * 0.06, z / x)
-    rim = lathe(
-        [(x * 0.9, y * 0.95), (x, y * 0.95), (x, y), (x * 0.9, y)], f.second, depth=z / x, sides=16
-    )
-    band = lathe([(x * 0.9, y * 0.6), (x * 0.93, y * 0.66)], f.second, depth=z / x, sides=16)
-    return [*parts, rim, band]
+def fragile(build: Builder) -> Builder:
+    """Return a builder that draws shards of what is broken."""
+    return lambda f: shards(f) if f.broken else build(f)
 
 
 def shards(f: Form) -> list[Mesh]:
@@ -135,150 +40,202 @@ def shards(f: Form) -> list[Mesh]:
     return found
 
 
+# ------------------------------------------------------------------ vessels
+
+
+def _open(f: Form, radius: float, foot: float, wall: float, depth: float) -> list[Mesh]:
+    """Return a cup with an inside, and what is in it."""
+    y = f.height
+    profile = [
+        (0.0, 0.0), (foot, 0.0), ((foot + radius) / 2 * 1.02, y * 0.5), (radius, y),
+        (radius - wall, y), ((foot + radius) / 2 - wall, y * 0.5), (foot - wall, y * 0.07),
+        (0.0, y * 0.07),
+    ]  # fmt: skip
+    parts = [lathe(profile, _inside_out(f, 0.72), depth=depth, sides=16)]
+    if f.filled:
+        level = max(radius * 0.95 - wall, 0.004)
+        parts.append(drum(level, y * 0.6, y * 0.92, f.liquid, depth=depth, sides=16))
+    return parts
+
+
+def _inside_out(f: Form, dark: float) -> list[Colour]:
+    """Return the colours of a vessel's bands: outside, rim, inside, floor."""
+    inner = shade(f.main, dark)
+    return [f.main, f.main, f.main, shade(f.main, 1.12), inner, inner, shade(inner, 0.9)]
+
+
+def mug(f: Form) -> list[Mesh]:
+    """Return a cup with a handle at its right."""
+    room = min(f.width, f.depth * 1.25)
+    radius = min(room * 0.4, f.depth / 2)
+    y = f.height
+    cup = _open(f, radius, radius * 0.9, radius * 0.12, min(1.0, f.depth / 2 / radius))
+    x0, x1 = radius * 0.9, max(f.width - radius, radius * 1.3)
+    arch = [(x0, y * 0.78, 0), (x1, y * 0.7, 0), (x1, y * 0.32, 0), (x0, y * 0.22, 0)]
+    grip = bent(arch, y * 0.065, shade(f.main, 0.85))
+    return [shifted(part, f.width / 2 - x1, 0, 0) for part in [*cup, *grip]]
+
+
+def cup(f: Form) -> list[Mesh]:
+    """Return a cup without a handle."""
+    x, _, z = f.half
+    return _open(f, x, x * 0.68, x * 0.09, z / x)
+
+
+def bowl(f: Form) -> list[Mesh]:
+    """Return a round bowl."""
+    profile = [
+        (0, 0), (0.4, 0), (0.78, 0.4), (1, 1), (0.93, 1), (0.7, 0.45), (0.35, 0.1), (0, 0.1)
+    ]  # fmt: skip
+    whole = f.lathe(profile, _inside_out(f, 0.75), sides=18)
+    return [whole, f.drum(0.86, 0.5, 0.8, f.liquid, sides=18)] if f.filled else [whole]
+
+
+def pot(f: Form) -> list[Mesh]:
+    """Return a pot with two grips along its longer side."""
+    x, y, z = f.half
+    radius = min(x, z) if abs(f.width - f.depth) > 0.02 else x * 0.84
+    parts = _open(f._replace(height=y * 0.96), radius, radius * 0.97, radius * 0.06, 1.0)
+    low, high = (radius * 0.95, y * 0.68, -radius * 0.25), (max(x, z), y * 0.78, radius * 0.25)
+    grip = box(low, high, f.second)
+    for one in (turned(grip, 180), turned(grip, 0)):
+        parts.append(one if f.along_x else turned(one, 90))
+    return parts
+
+
+def pan(f: Form) -> list[Mesh]:
+    """Return a pan with a long handle."""
+    length, across = max(f.width, f.depth), min(f.width, f.depth)
+    radius = across / 2 if length >= across * 1.15 else across * 0.36
+    low = f._replace(height=f.height * 0.9)
+    parts = _open(low, radius, radius * 0.86, radius * 0.06, 1.0)
+    parts = [shifted(part, 0, 0, length / 2 - radius) for part in parts]
+    start = (-across * 0.06, f.height * 0.62, -length / 2)
+    end = (across * 0.06, f.height * 0.95, length / 2 - 2 * radius + 0.02)
+    parts.append(box(start, end, f.second))
+    return [turned(part, 90) if f.width > f.depth else part for part in parts]
+
+
+def can(f: Form) -> list[Mesh]:
+    """Return a garbage can with a rim and a band."""
+    x, _, z = f.half
+    rim = f.lathe([(0.9, 0.95), (1, 0.95), (1, 1), (0.9, 1)], f.second, sides=16)
+    band = f.lathe([(0.9, 0.6), (0.93, 0.66)], f.second, sides=16)
+    return [*_open(f, x, x * 0.78, x * 0.06, z / x), rim, band]
+
+
 def plate(f: Form) -> list[Mesh]:
     """Return a disc with a raised, coloured rim."""
     if f.broken:
         return shards(f._replace(height=0.05))
-    x, y, z = f.half
-    y = max(y, 0.012)
-    profile = [
-        (0.0, 0.0), (x * 0.6, 0.0), (x, y), (x * 0.93, y), (x * 0.62, y * 0.5), (x * 0.3, y * 0.45),
-        (0.0, y * 0.45),
-    ]  # fmt: skip
+    profile = [(0, 0), (0.6, 0), (1, 1), (0.93, 1), (0.62, 0.5), (0.3, 0.45), (0, 0.45)]
     colours = [f.main, f.main, f.second, shade(f.main, 0.95), f.main, shade(f.main, 1.02)]
-    return [lathe(profile, colours, depth=z / x, sides=20)]
+    return [f.at_least(0.012).lathe(profile, colours, sides=20)]
 
 
 def kettle(f: Form) -> list[Mesh]:
     """Return a kettle or a watering can: body, spout, handle, lid."""
     x, y, z = f.half
-    along_x = f.width >= f.depth
-    length, across = (x, z) if along_x else (z, x)
+    length, across = (x, z) if f.along_x else (z, x)
     watering = f.style == "watering"
     radius = min(across, length * (0.62 if watering else 0.8))
     back = -length + radius
     top = y * (0.62 if watering else 0.7)
-    body = lathe(
-        [(0.0, 0.0), (radius, 0.0), (radius * (1.0 if watering else 0.72), top), (0.0, top)], f.main
-    )
-    parts = [shifted(body, back, 0, 0)]
+    upper = radius * (1.0 if watering else 0.72)
+    parts = [shifted(lathe([(0, 0), (radius, 0), (upper, top), (0, top)], f.main), back)]
     tip = (length, y * (0.92 if watering else 0.62), 0.0)
     root = (back + radius * 0.75, y * (0.15 if watering else 0.3), 0.0)
     parts.append(rod(root, tip, radius * 0.16, f.main, thin=radius * (0.3 if watering else 0.12)))
     arch = [
-        (back - radius * 0.75, top * 0.9, 0), (back - radius * 0.6, y * 0.97, 0),
-        (back + radius * 0.6, y * 0.97, 0), (back + radius * 0.6, top * 0.9, 0),
+        (back - radius * 0.75, top * 0.9, 0.0), (back - radius * 0.6, y * 0.97, 0.0),
+        (back + radius * 0.6, y * 0.97, 0.0), (back + radius * 0.6, top * 0.9, 0.0),
     ]  # fmt: skip
-    parts += bent([(float(a), float(b), float(c)) for a, b, c in arch], y * 0.035, f.second)
+    parts += bent(arch, y * 0.035, f.second)
     if f.openness <= 0 and not watering:
-        parts += [shifted(drum(radius * 0.5, top, top + y * 0.06, f.second), back, 0, 0)]
+        parts.append(shifted(drum(radius * 0.5, top, top + y * 0.06, f.second), back))
     elif not watering:
         lid = turned(drum(radius * 0.5, 0, y * 0.05, f.second), 75, axis=2)
-        parts += [shifted(lid, back - radius * 0.6, top + y * 0.14, 0)]
-        parts += [shifted(drum(radius * 0.5, top, top + 0.002, (15.0, 15.0, 18.0)), back, 0, 0)]
+        parts.append(shifted(lid, back - radius * 0.6, top + y * 0.14, 0))
+        parts.append(shifted(drum(radius * 0.5, top, top + 0.002, (15.0, 15.0, 18.0)), back))
     if f.filled:
-        parts += [shifted(drum(radius * 0.62, top, top + 0.006, f.liquid), back, 0, 0)]
-    return parts if along_x else [turned(part, 90) for part in parts]
+        parts.append(shifted(drum(radius * 0.62, top, top + 0.006, f.liquid), back))
+    return parts if f.along_x else [turned(part, 90) for part in parts]
 
 
-def bottle(f: Form) -> list[Mesh]:
-    """Return a bottle, a shaker or a vase."""
-    if f.broken:
-        return shards(f)
-    return {"vase": _vase, "shaker": _shaker, "pump": _pump, "spray": _spray}.get(
-        f.style, _flask
-    )(f)  # fmt: skip
+# ------------------------------------------------------------------ bottles
 
 
-def _flask(f: Form) -> list[Mesh]:
-    x, y, z = f.half
+def flask(f: Form) -> list[Mesh]:
+    """Return a bottle with a neck and a label."""
     wine = f.style == "wine"
-    shoulder = 0.6 if wine else 0.66
-    neck = x * 0.32
-    profile = [
-        (0.0, 0.0), (x, 0.0), (x, y * shoulder), (neck, y * (shoulder + 0.16)), (neck, y * 0.94),
-        (neck, y), (0.0, y),
-    ]  # fmt: skip
+    low = 0.6 if wine else 0.66
+    profile = [(0, 0), (1, 0), (1, low), (0.32, low + 0.16), (0.32, 0.94), (0.32, 1), (0, 1)]
     glass = mix(f.main, f.liquid, 0.55) if f.filled and not wine else f.main
-    cap = f.second
-    parts = [lathe(profile, [glass, glass, glass, glass, cap, cap], depth=z / x)]
     label = f.third if not f.filled or wine else f.liquid
-    parts.append(
-        lathe([(x * 1.01, y * 0.18), (x * 1.01, y * 0.46)], label, depth=z / x)
-    )  # fmt: skip
-    if f.filled:
-        parts.append(
-            lathe([(x * 1.015, y * 0.49), (x * 1.015, y * 0.58)], f.liquid, depth=z / x)
-        )  # fmt: skip
-    return parts
-
-
-def _vase(f: Form) -> list[Mesh]:
-    x, y, z = f.half
-    dark = shade(f.main, 0.4)
-    profile = [
-        (0.0, 0.0), (x * 0.55, 0.0), (x, y * 0.4), (x * 0.8, y * 0.66), (x * 0.4, y * 0.86),
-        (x * 0.62, y), (x * 0.5, y), (x * 0.3, y * 0.84), (0.0, y * 0.8),
-    ]  # fmt: skip
-    light = shade(f.main, 1.25)
-    colours = [f.main, f.main, light, f.main, light, f.main, dark, dark]
-    return [lathe(profile, colours, depth=z / x)]
-
-
-def _shaker(f: Form) -> list[Mesh]:
-    x, y, z = f.half
-    body = lathe(
-        [(0.0, 0.0), (x, 0.0), (x * 0.72, y * 0.72), (x * 0.78, y * 0.74), (x * 0.6, y), (0.0, y)],
-        [f.main, f.main, f.main, f.second, f.second], depth=z / x, sides=12,
-    )  # fmt: skip
-    dots = [(0.0, 0.0), (0.3, 0.0), (-0.3, 0.0), (0.0, 0.3), (0.0, -0.3)]
-    return [body] + [
-        shifted(drum(x * 0.08, y, y * 1.01, (20.0, 20.0, 20.0), sides=5), a * x, 0, b * z)
-        for a, b in dots
+    parts = [
+        f.lathe(profile, [glass, glass, glass, glass, f.second, f.second]),
+        f.lathe([(1.01, 0.18), (1.01, 0.46)], label),
     ]
+    return parts + ([f.lathe([(1.015, 0.49), (1.015, 0.58)], f.liquid)] if f.filled else [])
 
 
-def _pump(f: Form) -> list[Mesh]:
+def vase(f: Form) -> list[Mesh]:
+    """Return a banded vase, dark inside."""
+    profile = [
+        (0, 0), (0.55, 0), (1, 0.4), (0.8, 0.66), (0.4, 0.86), (0.62, 1), (0.5, 1), (0.3, 0.84),
+        (0, 0.8),
+    ]  # fmt: skip
+    dark, light = shade(f.main, 0.4), shade(f.main, 1.25)
+    return [f.lathe(profile, [f.main, f.main, light, f.main, light, f.main, dark, dark])]
+
+
+def shaker(f: Form) -> list[Mesh]:
+    """Return a shaker with holes in its cap."""
+    x, y, z = f.half
+    profile: list[Pair] = [(0, 0), (1, 0), (0.72, 0.72), (0.78, 0.74), (0.6, 1), (0, 1)]
+    body = f.lathe(profile, [f.main, f.main, f.main, f.second, f.second], sides=12)
+    dot = drum(x * 0.08, y, y * 1.01, (20.0, 20.0, 20.0), sides=5)
+    places = [(0.0, 0.0), (0.3, 0.0), (-0.3, 0.0), (0.0, 0.3), (0.0, -0.3)]
+    return [body, *[shifted(dot, a * x, 0, b * z) for a, b in places]]
+
+
+def pump(f: Form) -> list[Mesh]:
+    """Return a soap bottle with a pump; used up, one sees into it."""
     x, y, z = f.half
     if f.used_up:
         body = drum(x, 0.0, y * 0.68, f.main, depth=z / x, clear=GLASS)
-        inside = [drum(x * 0.9, 0.0, y * 0.03, f.main, depth=z / x)]
+        inside = f.drum(0.9, 0, 0.03, f.main)
     else:
-        body = drum(x, 0.0, y * 0.68, f.main, depth=z / x)
-        band = lathe([(x * 1.01, y * 0.18), (x * 1.01, y * 0.5)], f.third, depth=z / x)
-        inside = [band]
+        body = f.drum(1, 0, 0.68, f.main)
+        inside = f.lathe([(1.01, 0.18), (1.01, 0.5)], f.third)
     return [
-        body, *inside, drum(x * 0.5, y * 0.68, y * 0.78, f.second, sides=8),
-        rod((0, y * 0.78, 0), (0, y * 0.96, 0), x * 0.14, f.second, sides=6),
-        box((-x * 0.2, y * 0.92, -z * 0.2), (x * 0.2, y, z), f.second),
-    ]  # fmt: skip
+        body,
+        inside,
+        drum(x * 0.5, y * 0.68, y * 0.78, f.second, sides=8),
+        f.rod((0, 0.78, 0), (0, 0.96, 0), x * 0.14, f.second, sides=6),
+        f.box((-0.2, 0.92, -0.2), (0.2, 1, 1), f.second),
+    ]
 
 
-def _spray(f: Form) -> list[Mesh]:
+def spray(f: Form) -> list[Mesh]:
+    """Return a spray bottle, its nozzle to the front."""
     x, y, z = f.half
     r = min(x, z)
     return [
-        lathe([(0.0, 0.0), (r, 0.0), (r, y * 0.5), (r * 0.35, y * 0.68), (0.0, y * 0.68)], f.main,
-              depth=1.0),
-        lathe([(r * 1.01, y * 0.12), (r * 1.01, y * 0.42)], f.third),
-        rod((0, y * 0.68, 0), (0, y * 0.8, 0), r * 0.3, f.second),
+        f.lathe([(0, 0), (1, 0), (1, 0.5), (0.35, 0.68), (0, 0.68)], f.main, radius=r),
+        f.lathe([(1.01, 0.12), (1.01, 0.42)], f.third, radius=r),
+        f.rod((0, 0.68, 0), (0, 0.8, 0), r * 0.3, f.second),
         box((-r * 0.3, y * 0.8, -z * 0.6), (r * 0.3, y, z * 0.85), f.second),
         box((-r * 0.12, y * 0.62, z * 0.35), (r * 0.12, y * 0.82, z * 0.6), f.third),
-    ]  # fmt: skip
+    ]
 
 
-# ------------------------------------------------------------------ cutlery
+# ------------------------------------------------------------------ cutlery, its head in front
 
 
-def cutlery(f: Form) -> list[Mesh]:
-    """Return a knife, fork, spoon, ladle or spatula along z, its head in front."""
-    y = max(f.height, 0.006)
-    wide = max(f.width, 0.014)
-    f = f._replace(height=y, width=wide)
-    return {
-        "knife": _knife, "butter": _knife, "fork": _fork, "spoon": _spoon, "ladle": _ladle,
-        "spatula": _spatula,
-    }[f.style](f)  # fmt: skip
+def _cutlery(build: Builder) -> Builder:
+    """Return a builder of what would be too thin to be seen."""
+    return lambda f: build(f.at_least(0.006)._replace(width=max(f.width, 0.014)))
 
 
 def _handle(f: Form, share: float, wide: float) -> Mesh:
@@ -286,90 +243,98 @@ def _handle(f: Form, share: float, wide: float) -> Mesh:
     return box((-wide / 2, 0, -z), (wide / 2, f.height, -z + f.depth * share), f.second)
 
 
-def _knife(f: Form) -> list[Mesh]:
+def knife(f: Form) -> list[Mesh]:
+    """Return a knife, or the narrower one for butter."""
     x, y, z = f.half
-    share = 0.38 if f.style == "knife" else 0.45
+    share, narrow = (0.38, 1.0) if f.style == "knife" else (0.45, 0.8)
     root = -z + f.depth * share
     blade = rod((0, y * 0.5, root), (0, y * 0.5, z), 1.0, f.main, sides=4, thin=0.25)
     points = blade.vertices.copy()
-    points[:, 0] *= x if f.style == "knife" else x * 0.8
+    points[:, 0] *= x * narrow
     points[:, 1] = y * 0.5 + (points[:, 1] - y * 0.5) * 0.25 * y
-    return [
-        _handle(f, share, x * (1.0 if f.style == "knife" else 0.8)),
-        blade._replace(vertices=points),
-    ]
+    return [_handle(f, share, x * narrow), blade._replace(vertices=points)]
 
 
-def _fork(f: Form) -> list[Mesh]:
+def fork(f: Form) -> list[Mesh]:
+    """Return a fork with four tines."""
     x, y, z = f.half
     neck = z - f.depth * 0.32
-    parts = [_handle(f, 0.7, x * 0.7), box((-x, 0, neck), (x, y, neck + f.depth * 0.1), f.main)]
-    for tine in range(4):
-        at = -x + (tine + 0.5) * x / 2
-        parts.append(box((at - x * 0.14, 0, neck), (at + x * 0.14, y, z), f.main))
-    return parts
+    tines = [-x + (tine + 0.5) * x / 2 for tine in range(4)]
+    return [
+        _handle(f, 0.7, x * 0.7),
+        box((-x, 0, neck), (x, y, neck + f.depth * 0.1), f.main),
+        *[box((at - x * 0.14, 0, neck), (at + x * 0.14, y, z), f.main) for at in tines],
+    ]
 
 
-def _spoon(f: Form) -> list[Mesh]:
+def spoon(f: Form) -> list[Mesh]:
+    """Return a spoon."""
     x, y, z = f.half
     long = f.depth * 0.16
-    bowl = lathe(
-        [(0.0, 0.0), (x * 0.7, 0.0), (x, y), (x * 0.8, y), (0.0, y * 0.3)],
-        [f.main, f.main, f.main, shade(f.main, 0.7)], depth=long / x,
-    )  # fmt: skip
-    return [_handle(f, 0.72, x * 0.6), shifted(bowl, 0, 0, z - long)]
+    profile = [(0.0, 0.0), (x * 0.7, 0.0), (x, y), (x * 0.8, y), (0.0, y * 0.3)]
+    hollow = lathe(profile, [f.main, f.main, f.main, shade(f.main, 0.7)], depth=long / x)
+    return [_handle(f, 0.72, x * 0.6), shifted(hollow, 0, 0, z - long)]
 
 
-def _ladle(f: Form) -> list[Mesh]:
+def ladle(f: Form) -> list[Mesh]:
+    """Return a ladle with a deep bowl."""
     x, y, z = f.half
-    bowl = lathe(
-        [(0.0, 0.0), (x * 0.6, 0.0), (x, y), (x * 0.85, y), (x * 0.5, y * 0.3), (0.0, y * 0.3)],
-        [f.main, f.main, f.main, shade(f.main, 0.5), shade(f.main, 0.5)],
-    )  # fmt: skip
+    dark = shade(f.main, 0.5)
+    profile = [(0, 0), (0.6, 0), (1, 1), (0.85, 1), (0.5, 0.3), (0, 0.3)]
+    hollow = f.lathe(profile, [f.main, f.main, f.main, dark, dark], radius=x)
     stick = rod((0, y * 0.92, -z), (0, y * 0.85, z - x * 1.2), max(x * 0.14, 0.005), f.second)
-    return [shifted(bowl, 0, 0, z - x), stick]
+    return [shifted(hollow, 0, 0, z - x), stick]
 
 
-def _spatula(f: Form) -> list[Mesh]:
+def spatula(f: Form) -> list[Mesh]:
+    """Return a spatula with slots."""
     x, y, z = f.half
     low = min(y, 0.02)
-    head = z - f.depth * 0.3
-    parts = [
-        box((-x * 0.25, y * 0.4, -z), (x * 0.25, y, -z + f.depth * 0.4), f.second),
-        rod((0, y * 0.7, -z + f.depth * 0.4), (0, low * 0.5, head), x * 0.13, f.main, sides=6),
+    head, neck = z - f.depth * 0.3, -z + f.depth * 0.4
+    bars = [bar * x for bar in (-0.8, -0.27, 0.27, 0.8)]
+    return [
+        box((-x * 0.25, y * 0.4, -z), (x * 0.25, y, neck), f.second),
+        rod((0, y * 0.7, neck), (0, low * 0.5, head), x * 0.13, f.main, sides=6),
+        *[box((at - x * 0.2, 0, head), (at + x * 0.2, low * 0.6, z), f.main) for at in bars],
+        box((-x, 0, z - f.depth * 0.03), (x, low * 0.6, z), f.main),
     ]
-    for bar in (-0.8, -0.27, 0.27, 0.8):
-        parts.append(box((bar * x - x * 0.2, 0, head), (bar * x + x * 0.2, low * 0.6, z), f.main))
-    parts.append(box((-x, 0, z - f.depth * 0.03), (x, low * 0.6, z), f.main))
-    return parts
 
 
 # ------------------------------------------------------------------ rolls
 
 
-def roll(f: Form) -> list[Mesh]:
-    """Return a roll of paper or foil; used up, only its core is left."""
+def lying_roll(f: Form) -> list[Mesh]:
+    """Return a roll of foil along z."""
     x, y, z = f.half
-    if f.style == "lying":
-        return [rod((0, y / 2, -z), (0, y / 2, z), min(x, y / 2), f.main, sides=12)] + [
-            rod((0, y / 2, side * z), (0, y / 2, side * z * 1.01), min(x, y / 2) * 0.4, f.second)
-            for side in (-1, 1)
-        ]
+    r, level = min(x, y / 2), y / 2
+    ends = [
+        rod((0, level, side * z), (0, level, side * z * 1.01), r * 0.4, f.second) for side in SIDES
+    ]
+    return [rod((0, level, -z), (0, level, z), r, f.main, sides=12), *ends]
+
+
+def roll(f: Form) -> list[Mesh]:
+    """Return a roll of paper; used up, only its core is left."""
+    x, y, z = f.half
     core = min(x, z) * 0.36
     hole = lathe([(core, 0), (core, y), (core * 0.8, y), (core * 0.8, 0)],
                  [f.second, f.second, shade(f.second, 0.5)])  # fmt: skip
     if f.used_up:
         return [hole]
-    paper = lathe(
-        [(core, 0.0), (x, 0.0), (x, y), (core, y)], [f.main, f.main, shade(f.main, 0.93)],
-        depth=z / x, sides=16,
-    )  # fmt: skip
-    tail = box((x * 0.9, y * 0.05, z * 0.0), (x * 1.0, y, z * 0.9), shade(f.main, 0.97))
+    colours: Sequence[Colour] = [f.main, f.main, shade(f.main, 0.93)]
+    paper = lathe([(core, 0), (x, 0), (x, y), (core, y)], colours, depth=z / x, sides=16)
+    tail = f.box((0.9, 0.05, 0), (1, 1, 0.9), shade(f.main, 0.97))
     line = ring((0, y * 1.002, 0), x * 0.7, x * 0.05, shade(f.main, 0.8))
     return [paper, hole, line, *([tail] if f.style == "standing" else [])]
 
 
 BUILDERS: dict[str, Builder] = {
-    "vessel": vessel, "plate": plate, "kettle": kettle, "bottle": bottle, "cutlery": cutlery,
-    "roll": roll,
+    **{name: fragile(build) for name, build in {
+        "mug": mug, "cup": cup, "bowl": bowl, "pot": pot, "pan": pan, "can": can,
+        "flask": flask, "vase": vase, "shaker": shaker, "pump": pump, "spray": spray,
+    }.items()},
+    **{name: _cutlery(build) for name, build in {
+        "knife": knife, "fork": fork, "spoon": spoon, "ladle": ladle, "spatula": spatula,
+    }.items()},
+    "plate": plate, "kettle": kettle, "roll": roll, "lying_roll": lying_roll,
 }  # fmt: skip

@@ -209,12 +209,8 @@ def _burners(objects: Objects) -> list[list[Box]]:
 
 
 def _stove(burners: list[Box], floor_y: float) -> Box:
-    margin = 0.05
-    return Box(
-        min(box.x0 for box in burners) - margin, floor_y, min(box.z0 for box in burners) - margin,
-        max(box.x1 for box in burners) + margin, min(box.y0 for box in burners),
-        max(box.z1 for box in burners) + margin,
-    )  # fmt: skip
+    hull = Box.hull(burners)
+    return hull.grown(0.05, 0.0, 0.05)._replace(y0=floor_y, y1=hull.y0)
 
 
 def _under(stove: Box, other: Box) -> bool:

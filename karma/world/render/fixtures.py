@@ -3,10 +3,11 @@
 from math import cos, sin
 
 from karma.world.render.cases import cracks
-from karma.world.render.form import CRACK, WATER, Builder, Form, shade
+from karma.world.render.form import CRACK, WATER, Builder, Form, dial, shade
 from karma.world.render.mesh import (
     GHOST,
     GLASS,
+    Colour,
     Mesh,
     ball,
     bent,
@@ -29,41 +30,32 @@ def basin(f: Form) -> list[Mesh]:
         return [box((x0, low, z0), (x1, y, z1), f.main) for x0, z0, x1, z1 in f.filled_parts]
     wall = min(0.08 if f.style == "tub" else 0.02, x * 0.2, z * 0.2)
     floor = y * (0.22 if f.style == "tub" else 0.06)
-    parts = [
-        box((-x, 0, -z), (-x + wall, y, z), f.main), box((x - wall, 0, -z), (x, y, z), f.main),
-        box((-x, 0, -z), (x, y, -z + wall), f.main), box((-x, 0, z - wall), (x, y, z), f.main),
+    return [
+        box((-x, 0, -z), (-x + wall, y, z), f.main),
+        box((x - wall, 0, -z), (x, y, z), f.main),
+        box((-x, 0, -z), (x, y, -z + wall), f.main),
+        box((-x, 0, z - wall), (x, y, z), f.main),
         box((-x + wall, 0, -z + wall), (x - wall, floor, z - wall), shade(f.main, 0.9)),
-    ]  # fmt: skip
-    drain = drum(min(x, z) * 0.12, floor, floor + 0.004, f.second)
-    return [*parts, drain]
+        drum(min(x, z) * 0.12, floor, floor + 0.004, f.second),
+    ]
 
 
 def faucet(f: Form) -> list[Mesh]:
     """Return a tap; on, water runs from it."""
     x, y, z = f.half
     thick = max(min(x, z) * 0.16, 0.008)
-    reach = z * 0.85
+    left, right, end = f.at(-0.8, 0.25, -0.5), f.at(0.8, 0.25, -0.5), f.at(0, 0.7, 0.85)
+    way = [f.at(0, 0, -0.5), f.at(0, 0.9, -0.5), f.at(0, 0.93, 0.85), end]
+    knob = (thick * 1.5,) * 3
     parts = [
-        *bent(
-            [(0, 0, -z * 0.5), (0, y * 0.9, -z * 0.5), (0, y * 0.93, reach), (0, y * 0.7, reach)],
-            thick,
-            f.main,
-        ),
+        *bent(way, thick, f.main),
         drum(thick * 2, 0.0, y * 0.08, f.main),
-        rod((-x * 0.8, y * 0.25, -z * 0.5), (x * 0.8, y * 0.25, -z * 0.5), thick * 0.8, f.main),
-        ball(
-            (-x * 0.8, y * 0.25, -z * 0.5),
-            (thick * 1.5,) * 3,
-            (200.0, 60.0, 50.0),
-            sides=6,
-            rings=4,
-        ),
-        ball(
-            (x * 0.8, y * 0.25, -z * 0.5), (thick * 1.5,) * 3, (60.0, 90.0, 200.0), sides=6, rings=4
-        ),
+        rod(left, right, thick * 0.8, f.main),
+        ball(left, knob, (200.0, 60.0, 50.0), sides=6, rings=4),
+        ball(right, knob, (60.0, 90.0, 200.0), sides=6, rings=4),
     ]
     if f.on:
-        parts.append(rod((0, y * 0.7, reach), (0, -0.12, reach), thick * 0.75, f.second, sides=6))
+        parts.append(rod(end, (0, -0.12, end[2]), thick * 0.75, f.second, sides=6))
     return parts
 
 
@@ -73,25 +65,25 @@ def shower_head(f: Form) -> list[Mesh]:
     pole = y > 0.6
     top = y * 0.97
     head_y = y * (0.88 if pole else 0.45)
+    low = head_y - 0.02
     wide = min(x, z) * 0.75
     front = z - wide if z > wide else 0.0
-    parts = [
-        *bent([(0, 0.0 if pole else y * 0.8, -z), (0, top, -z * 0.9), (0, top, front),
-               (0, head_y + 0.03, front)], max(0.012, wide * 0.08), f.main),
-        shifted(lathe([(wide * 0.3, head_y + 0.05), (wide, head_y)], f.main), 0, 0, front),
-        shifted(drum(wide, head_y - 0.02, head_y, shade(f.main, 0.8)), 0, 0, front),
+    arm = [
+        (0.0, 0.0 if pole else y * 0.8, -z), (0.0, top, -z * 0.9), (0.0, top, front),
+        (0.0, head_y + 0.03, front),
     ]  # fmt: skip
-    if f.on:
-        for drop in range(10):
-            angle = drop * 2.4
-            far = wide * 0.9 * (drop / 10) ** 0.5
-            a, b = sin(angle) * far, front + cos(angle) * far
-            parts.append(
-                rod(
-                    (a, head_y - 0.02, b), (a, head_y - 0.65, b), 0.006, WATER, sides=4, clear=GHOST
-                )
-            )
-            parts.append(rod((a, head_y - 0.02, b), (a, head_y - 0.1, b), 0.008, WATER, sides=4))
+    parts = [
+        *bent(arm, max(0.012, wide * 0.08), f.main),
+        shifted(lathe([(wide * 0.3, head_y + 0.05), (wide, head_y)], f.main), 0, 0, front),
+        shifted(drum(wide, low, head_y, shade(f.main, 0.8)), 0, 0, front),
+    ]
+    for drop in range(10 if f.on else 0):
+        angle, far = drop * 2.4, wide * 0.9 * (drop / 10) ** 0.5
+        a, b = sin(angle) * far, front + cos(angle) * far
+        parts += [
+            rod((a, low, b), (a, head_y - 0.65, b), 0.006, WATER, sides=4, clear=GHOST),
+            rod((a, low, b), (a, head_y - 0.1, b), 0.008, WATER, sides=4),
+        ]
     return parts
 
 
@@ -101,84 +93,64 @@ def window(f: Form) -> list[Mesh]:
     edge = min(0.06, x * 0.15)
     back = -z + 0.005
     horizon = y * 0.38
+    cloud = (x * 0.2, y * 0.05, 0.004)
     parts = [
         box((-x + edge, horizon, back - 0.004), (x - edge, y - edge, back), f.second, glow=True),
         box((-x + edge, edge, back - 0.004), (x - edge, horizon, back), f.third, glow=True),
-        *_edges(f, edge),
+        *f.frame(edge),
         box((-edge * 0.3, 0, back), (edge * 0.3, y, back + 0.03), f.main),
         box((-x, y * 0.5 - edge * 0.3, back), (x, y * 0.5 + edge * 0.3, back + 0.03), f.main),
-        ball(
-            (x * 0.5, y * 0.76, back), (x * 0.2, y * 0.05, 0.004), (250.0, 252.0, 255.0), glow=True
-        ),
+        ball((x * 0.5, y * 0.76, back), cloud, (250.0, 252.0, 255.0), glow=True),
     ]
     return parts + (cracks(x - edge, edge, y - edge, back + 0.035) if f.broken else [])
 
 
-def _edges(f: Form, edge: float) -> list[Mesh]:
-    x, y, z = f.half
-    return [
-        box((-x, 0, -z), (-x + edge, y, z), f.main), box((x - edge, 0, -z), (x, y, z), f.main),
-        box((-x, 0, -z), (x, edge, z), f.main), box((-x, y - edge, -z), (x, y, z), f.main),
-    ]  # fmt: skip
-
-
-def picture(f: Form) -> list[Mesh]:
-    """Return a mirror, a painting or a poster."""
-    return {"mirror": _mirror, "painting": _painting, "poster": _poster}[f.style](f)
-
-
-def _mirror(f: Form) -> list[Mesh]:
+def mirror(f: Form) -> list[Mesh]:
+    """Return a mirror, which shines but shows nothing."""
     x, y, z = f.half
     edge = min(0.035, x * 0.12)
     front = z * 0.4
-    pane = sheet(
-        (-x + edge, edge, front),
-        (2 * (x - edge), 0, 0),
-        (0, y - 2 * edge, 0),
-        f.second,
-        cells=(8, 10),
-    )
+    wide, tall = (2 * (x - edge), 0, 0), (0, y - 2 * edge, 0)
     shine = [
         sheet((a * x, y * 0.2, front + 0.002), (x * 0.12, 0, 0), (x * 0.3, y * 0.6, 0), f.third)
         for a in (-0.55, -0.3)
     ]
-    back = box((-x, 0, -z), (x, y, front - 0.002), shade(f.main, 0.8))
-    parts = [pane, back, *shine, *_edges(f, edge)]
+    parts = [
+        sheet((-x + edge, edge, front), wide, tall, f.second, cells=(8, 10)),
+        box((-x, 0, -z), (x, y, front - 0.002), shade(f.main, 0.8)),
+        *shine,
+        *f.frame(edge),
+    ]
     return parts + (cracks(x - edge, edge, y - edge, front + 0.004) if f.broken else [])
 
 
-def _painting(f: Form) -> list[Mesh]:
+def painting(f: Form) -> list[Mesh]:
+    """Return a framed landscape."""
     x, y, z = f.half
     edge = min(0.05, x * 0.14, y * 0.14)
     a, front = x - edge, z * 0.6
-    hills = [
+    peak = (-a * 0.3, edge, front + 0.002), (a * 0.9, 0, 0), (0, y * 0.3, 0)
+    return [
+        box((-x, 0, -z), (x, y, front), f.second),
         sheet((-a, edge, front + 0.003), (2 * a, 0, 0), (0, (y - 2 * edge) * 0.36, 0), f.third),
-        turned(
-            sheet(
-                (-a * 0.3, edge, front + 0.002),
-                (a * 0.9, 0, 0),
-                (0, y * 0.3, 0),
-                shade(f.third, 0.7),
-            ),
-            30,
-            axis=2,
-            about=(0, y * 0.35, 0),
-        ),
+        turned(sheet(*peak, shade(f.third, 0.7)), 30, axis=2, about=(0, y * 0.35, 0)),
         ball((a * 0.5, y * 0.74, front), (min(a, y) * 0.14,) * 2 + (0.004,), (250.0, 220.0, 120.0)),
+        *f.frame(edge),
     ]
-    return [box((-x, 0, -z), (x, y, front), f.second), *hills, *_edges(f, edge)]
 
 
-def _poster(f: Form) -> list[Mesh]:
+def poster(f: Form) -> list[Mesh]:
+    """Return a poster with a disc and two lines."""
     x, y, z = f.half
-    parts = [box((-x, 0, -z), (x, y, z), f.main)]
-    parts.append(box((-x * 0.8, y * 0.35, z), (x * 0.8, y * 0.9, z + 0.002), f.second))
-    disc = ball((0, y * 0.64, z), (x * 0.4, x * 0.4, 0.004), f.third)
     lines = [
-        box((-x * 0.7, y * level, z), (x * 0.7, y * (level + 0.05), z + 0.002), (60.0, 60.0, 64.0))
-        for level in (0.1, 0.2)
+        f.in_front((-0.7, level), (0.7, level + 0.05), (60.0, 60.0, 64.0)) for level in (0.1, 0.2)
     ]
-    return [*parts, disc, *lines]
+    return [
+        f.box((-1, 0, -1), (1, 1, 1), f.main),
+        f.in_front((-0.8, 0.35), (0.8, 0.9), f.second),
+        ball((0, y * 0.64, z), (x * 0.4, x * 0.4, 0.004), f.third),
+        *lines,
+    ]
 
 
 def glass_door(f: Form) -> list[Mesh]:
@@ -186,17 +158,11 @@ def glass_door(f: Form) -> list[Mesh]:
     x, y, z = f.half
     z = max(z, 0.008)
     edge = 0.025
-    pane = box((-x + edge, edge, -0.003), (x - edge, y - edge, 0.003), f.second, clear=GLASS)
-    parts = [pane, *_edges(f._replace(depth=2 * z), edge)]
+    pane = f.pane(edge, -0.003, 0.003, f.second, clear=GLASS)
+    parts = [pane, *f._replace(depth=2 * z).frame(edge)]
     if f.style == "door":
-        parts.append(
-            rod(
-                (x * 0.8, y * 0.4, z + 0.03),
-                (x * 0.8, y * 0.6, z + 0.03),
-                0.014,
-                (90.0, 95.0, 100.0),
-            )
-        )
+        a, front = x * 0.8, z + 0.03
+        parts.append(rod((a, y * 0.4, front), (a, y * 0.6, front), 0.014, (90.0, 95.0, 100.0)))
     if f.broken:
         parts += cracks(x - edge, edge, y - edge, 0.006, (245.0, 250.0, 252.0))
         parts += cracks(x - edge, edge, y * 0.6, 0.008, CRACK)
@@ -208,110 +174,105 @@ def glass_door(f: Form) -> list[Mesh]:
 def curtain(f: Form) -> list[Mesh]:
     """Return folds of cloth on a rod; an open shower curtain is pushed aside."""
     x, y, z = f.half
-    parts = [rod((-x, y * 0.985, 0), (x, y * 0.985, 0), min(0.02, z), f.second, sides=6)]
+    parts = [f.rod((-1, 0.985, 0), (1, 0.985, 0), min(0.02, z), f.second, sides=6)]
+    spans = [(-x, -x * 0.45), (x * 0.45, x)]
     if f.style == "shower":
         spans = [(-x, x - f.openness * 1.4 * x)]
-    else:
-        spans = [(-x, -x * 0.45), (x * 0.45, x)]
     for low, high in spans:
         folds = max(3, round((high - low) / 0.09))
         step = (high - low) / folds
         for fold in range(folds):
-            a = low + step * (fold + 0.5)
             colour = f.main if fold % 2 else shade(f.main, 0.82)
-            wave = shifted(
-                drum(step * 0.62, 0.0, y * 0.97, colour, sides=6, depth=0.0 + z / step), a
-            )
-            parts.append(wave)
+            wave = drum(step * 0.62, 0.0, y * 0.97, colour, sides=6, depth=z / step)
+            parts.append(shifted(wave, low + step * (fold + 0.5)))
     return parts
 
 
 def blinds(f: Form) -> list[Mesh]:
     """Return slats: drawn up to a bundle when open, all the way down the box when closed."""
     x, y, z = f.half
-    top = min(0.05, y * 0.25)
-    parts = [box((-x, y - top, -z), (x, y, z), shade(f.second, 0.9))]
-    low = (y - top) * min(f.openness, 1.0) * 0.75
-    count = max(3, min(24, round((y - top) / 0.045)))
+    top = y - min(0.05, y * 0.25)
+    parts = [box((-x, top, -z), (x, y, z), shade(f.second, 0.9))]
+    low = top * min(f.openness, 1.0) * 0.75
+    count = max(3, min(24, round(top / 0.045)))
     for slat in range(count):
-        level = low + (y - top - low) * (slat + 0.5) / count
+        level = low + (top - low) * (slat + 0.5) / count
         colour = f.main if slat % 2 else f.second
-        high = (y - top - low) / count * 0.42
+        high = (top - low) / count * 0.42
         parts.append(box((-x, level - high, -z * 0.6), (x, level + high, z * 0.7), colour))
     if f.openness > 0:
         parts.append(rod((x * 0.8, 0, 0), (x * 0.8, low, 0), 0.006, (90.0, 90.0, 90.0), sides=4))
     return parts
 
 
-def fabric(f: Form) -> list[Mesh]:
-    """Return a hanging towel with stripes, or a cloth in a heap."""
+def towel(f: Form) -> list[Mesh]:
+    """Return a hanging towel with stripes."""
     x, y, z = f.half
-    if f.style == "hanging":
-        body = sheet(
-            (-x, 0, z * 0.7), (2 * x, 0, 0), (0, y, 0), f.main, cells=(8, 10), bump=z * 0.25
-        )
-        back = box((-x, y * 0.1, -z), (x, y, z * 0.3), shade(f.main, 0.85))
-        bands = [
-            box((-x * 1.01, y * level, z * 0.3), (x * 1.01, y * (level + 0.05), z * 1.02), f.second)
-            for level in (0.1, 0.22)
-        ]
-        return [body, back, *bands]
-    y = max(y, 0.015)
-    under = sheet(
-        (-x, y * 0.15, z), (2 * x, 0, 0), (0, 0, -2 * z), f.main, cells=(8, 8), bump=y * 0.15
-    )
-    fold = sheet(
-        (-x * 0.7, y * 0.75, z * 0.8),
-        (1.3 * x, 0, -0.3 * z),
-        (0.2 * x, 0, -1.4 * z),
-        shade(f.main, 1.1),
-        cells=(8, 8),
-        bump=y * 0.3,
-    )
-    hem = box((-x, 0, z * 0.8), (x, y * 0.3, z * 0.9), f.second)
-    return [under, fold, hem]
+    face = (-x, 0, z * 0.7), (2 * x, 0, 0), (0, y, 0)
+    bands = [
+        f.box((-1.01, level, 0.3), (1.01, level + 0.05, 1.02), f.second) for level in (0.1, 0.22)
+    ]
+    return [
+        sheet(*face, f.main, cells=(8, 10), bump=z * 0.25),
+        f.box((-1, 0.1, -1), (1, 1, 0.3), shade(f.main, 0.85)),
+        *bands,
+    ]
 
 
-def holder(f: Form) -> list[Mesh]:
-    """Return a bar or a ring on the wall."""
+def cloth(f: Form) -> list[Mesh]:
+    """Return a cloth in a heap."""
+    f = f.at_least(0.015)
     x, y, z = f.half
-    if f.style == "ring":
-        radius = min(x, y / 2) * 0.85
-        around = ring((0, radius, z * 0.3), radius, 0.012, f.main, axis=2)
-        return [around, box((-0.02, y - 0.04, -z), (0.02, y, z * 0.4), f.main)]
-    level = y * 0.5
+    under = (-x, y * 0.15, z), (2 * x, 0, 0), (0, 0, -2 * z)
+    fold = (-x * 0.7, y * 0.75, z * 0.8), (1.3 * x, 0, -0.3 * z), (0.2 * x, 0, -1.4 * z)
+    return [
+        sheet(*under, f.main, cells=(8, 8), bump=y * 0.15),
+        sheet(*fold, shade(f.main, 1.1), cells=(8, 8), bump=y * 0.3),
+        f.box((-1, 0, 0.8), (1, 0.3, 0.9), f.second),
+    ]
+
+
+def wall_ring(f: Form) -> list[Mesh]:
+    """Return a ring on the wall for a towel."""
+    x, y, z = f.half
+    radius = min(x, y / 2) * 0.85
+    around = ring((0, radius, z * 0.3), radius, 0.012, f.main, axis=2)
+    return [around, box((-0.02, y - 0.04, -z), (0.02, y, z * 0.4), f.main)]
+
+
+def wall_bar(f: Form) -> list[Mesh]:
+    """Return a bar on the wall between two posts."""
+    x, y, z = f.half
     posts = [box((s * x - 0.012, 0, -z), (s * x + 0.012, y, z), f.main) for s in (-0.95, 0.95)]
-    return [*posts, rod((-x, level, z * 0.6), (x, level, z * 0.6), min(0.012, y / 2), f.main)]
+    return [*posts, f.rod((-1, 0.5, 0.6), (1, 0.5, 0.6), min(0.012, y / 2), f.main)]
 
 
 def light_switch(f: Form) -> list[Mesh]:
     """Return a plate with a rocker, up and bright when on."""
     x, y, z = f.half
-    middle = y * (0.6 if f.on else 0.4)
-    rocker = f.third if f.on else (90.0, 88.0, 82.0)
+    middle, reach = y * (0.6 if f.on else 0.4), y * 0.16
+    low, high = (-x * 0.35, middle - reach, z * 0.3), (x * 0.35, middle + reach, z)
     return [
-        box((-x, 0, -z), (x, y, z * 0.3), f.main),
-        box((-x * 0.45, y * 0.22, z * 0.3), (x * 0.45, y * 0.78, z * 0.4), f.second),
-        box(
-            (-x * 0.35, middle - y * 0.16, z * 0.3),
-            (x * 0.35, middle + y * 0.16, z),
-            rocker,
-            glow=f.on,
-        ),
+        f.box((-1, 0, -1), (1, 1, 0.3), f.main),
+        f.box((-0.45, 0.22, 0.3), (0.45, 0.78, 0.4), f.second),
+        box(low, high, f.third if f.on else (90.0, 88.0, 82.0), glow=f.on),
     ]
 
 
 def burner(f: Form) -> list[Mesh]:
     """Return a plate with rings, red and glowing when on."""
-    x, y, z = f.half
-    y = max(y, 0.012)
+    f = f.at_least(0.012)
+    x, y, _ = f.half
     hot = f.third if f.on else f.second
-    rings = [
-        ring((0, y * 0.9, 0), x * share, x * 0.1, hot, sides=16, glow=f.on)
-        for share in (0.3, 0.55, 0.8)
+    rings = [(0.3, 0.1, hot), (0.55, 0.1, hot), (0.8, 0.1, hot)]
+    flame: list[tuple[float, float, Colour]] = [(0.95, 0.06, (255.0, 170.0, 40.0))]
+    return [
+        f.drum(1, 0, 0.8, f.main, sides=18),
+        *[
+            ring((0, y * 0.9, 0), x * share, x * thick, colour, sides=16, glow=f.on)
+            for share, thick, colour in (rings + flame if f.on else rings)
+        ],
     ]
-    flame = [ring((0, y * 0.9, 0), x * 0.95, x * 0.06, (255.0, 170.0, 40.0), sides=16, glow=True)]
-    return [drum(x, 0, y * 0.8, f.main, depth=z / x, sides=18), *rings, *(flame if f.on else [])]
 
 
 def knob(f: Form) -> list[Mesh]:
@@ -321,28 +282,28 @@ def knob(f: Form) -> list[Mesh]:
     radius = min(x, z) if lying else min(x, y / 2)
     mark = f.third if f.on else f.second
     long, short = radius * 0.95, radius * 0.24
+    a, b = (long, short) if f.on else (short, long)
     if lying:
-        a, b = (long, short) if f.on else (short, long)
         return [
-            drum(radius, 0, y * 0.8, f.main, sides=14),
+            drum(radius, 0, y * 0.8, f.main),
             box((-a, y * 0.8, -b), (a, y, b), mark, glow=f.on),
         ]
-    disc = shifted(turned(drum(radius, -z, z * 0.7, f.main, sides=14), 90, axis=0), 0, y / 2, 0)
-    a, b = (long, short) if f.on else (short, long)
-    return [disc, box((-a, y / 2 - b, z * 0.7), (a, y / 2 + b, z), mark, glow=f.on)]
+    return [
+        dial(radius, -z, z * 0.7, y / 2, f.main),
+        box((-a, y / 2 - b, z * 0.7), (a, y / 2 + b, z), mark, glow=f.on),
+    ]
 
 
 def target(f: Form) -> list[Mesh]:
     """Return rings of a target on the floor."""
-    x, y, z = f.half
     colours = [f.main if step % 2 == 0 else f.second for step in range(4)]
-    profile = [(x * (1 - step / 4), y * (0.5 + step * 0.1)) for step in range(5)]
-    return [lathe(profile, colours, depth=z / x, sides=18)]
+    return [f.lathe([(1 - i / 4, 0.5 + i * 0.1) for i in range(5)], colours, sides=18)]
 
 
 BUILDERS: dict[str, Builder] = {
     "basin": basin, "faucet": faucet, "shower_head": shower_head, "window": window,
-    "picture": picture, "glass_door": glass_door, "curtain": curtain, "blinds": blinds,
-    "fabric": fabric, "holder": holder, "light_switch": light_switch, "burner": burner,
-    "knob": knob, "target": target,
+    "mirror": mirror, "painting": painting, "poster": poster, "glass_door": glass_door,
+    "curtain": curtain, "blinds": blinds, "towel": towel, "cloth": cloth, "wall_ring": wall_ring,
+    "wall_bar": wall_bar, "light_switch": light_switch, "burner": burner, "knob": knob,
+    "target": target,
 }  # fmt: skip

@@ -1,17 +1,25 @@
-"""Describe one object to its builder: its measures, colours and state, and nothing else."""
+"""Describe one object to its builder: its measures, colours and state; and draw parts of it.
 
-from collections.abc import Callable
+A part is placed by shares of the object: (1, 1, 1) is its upper, right, front corner, (0, 0, 0) the
+middle of its lower side. Solids by metres are in `mesh`.
+"""
+
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from karma.world.render.mesh import Colour, Mesh
+from karma.world.render import mesh
+from karma.world.render.mesh import SOLID, Colour, Mesh, Point
 
 Rectangle = tuple[float, float, float, float]  # x0, z0, x1, z1
+Pair = tuple[float, float]
 
 WATER: Colour = (70.0, 140.0, 230.0)
 COFFEE: Colour = (52.0, 28.0, 12.0)
 WINE: Colour = (120.0, 10.0, 40.0)
 LIQUIDS = {"water": WATER, "coffee": COFFEE, "wine": WINE}
 CRACK: Colour = (12.0, 12.0, 14.0)
+SIDES = (-1, 1)
+CORNERS = ((-1, -1), (-1, 1), (1, -1), (1, 1))
 
 
 class Form(NamedTuple):
@@ -35,12 +43,130 @@ class Form(NamedTuple):
     filled_parts: tuple[Rectangle, ...] = ()  # of the ground; () = all of it
 
     @property
-    def half(self) -> tuple[float, float, float]:
+    def half(self) -> Point:
         """Half the width and depth with the height between them."""
         return self.width / 2, self.height, self.depth / 2
 
+    @property
+    def along_x(self) -> bool:
+        """Whether it is at least as wide as deep."""
+        return self.width >= self.depth
+
+    def at_least(self, height: float) -> "Form":
+        """Return the form with some height; things of none would not be seen."""
+        return self._replace(height=max(self.height, height))
+
+    def at(self, x: float, y: float, z: float) -> Point:
+        """Return a point given in shares, metres."""
+        a, b, c = self.half
+        return a * x, b * y, c * z
+
+    def box(
+        self, low: Point, high: Point, colour: Colour, *, glow: bool = False, clear: int = SOLID
+    ) -> Mesh:
+        """Return a box between two corners given in shares."""
+        return mesh.box(self.at(*low), self.at(*high), colour, glow=glow, clear=clear)
+
+    def on_top(
+        self, low: Pair, high: Pair, colour: Colour, thick: float = 0.002, *, glow: bool = False
+    ) -> Mesh:
+        """Return a plate on the upper side, between two corners (x, z) in shares."""
+        (x0, _, z0), (x1, y, z1) = self.at(low[0], 1, low[1]), self.at(high[0], 1, high[1])
+        return mesh.box((x0, y, z0), (x1, y + thick, z1), colour, glow=glow)
+
+    def in_front(
+        self, low: Pair, high: Pair, colour: Colour, thick: float = 0.002, *, glow: bool = False
+    ) -> Mesh:
+        """Return a plate on the front, between two corners (x, y) in shares."""
+        (x0, y0, z), (x1, y1, _) = self.at(*low, 1), self.at(*high, 1)
+        return mesh.box((x0, y0, z), (x1, y1, z + thick), colour, glow=glow)
+
+    def buttons(
+        self, columns: Sequence[float], rows: Sequence[float], half: Pair, colour: Colour,
+        thick: float, *, glow: bool = False,
+    ) -> list[Mesh]:  # fmt: skip
+        """Return plates on the upper side, `half` (x, z) metres round places in shares."""
+        x, y, z = self.half
+        a, b = half
+        return [
+            mesh.box(
+                (p * x - a, y, q * z - b), (p * x + a, y + thick, q * z + b), colour, glow=glow
+            )
+            for p in columns
+            for q in rows
+        ]
+
+    def legs(self, x: float, z: float, half: float, top: float) -> list[Mesh]:
+        """Return four posts of the second colour round (x, z) and its mirror images, metres."""
+        return [
+            mesh.box(
+                (a * x - half, 0, b * z - half), (a * x + half, top, b * z + half), self.second
+            )
+            for a, b in CORNERS
+        ]
+
+    def frame(self, edge: float) -> list[Mesh]:
+        """Return a border all round the front, as deep as the object; `edge` in metres."""
+        x, y, z = self.half
+        return [
+            mesh.box((-x, 0, -z), (-x + edge, y, z), self.main),
+            mesh.box((x - edge, 0, -z), (x, y, z), self.main),
+            mesh.box((-x, 0, -z), (x, edge, z), self.main),
+            mesh.box((-x, y - edge, -z), (x, y, z), self.main),
+        ]
+
+    def pane(
+        self, edge: float, z0: float, z1: float, colour: Colour, *, clear: int = SOLID
+    ) -> Mesh:
+        """Return an upright plate that leaves `edge` free all round, between two depths, metres."""
+        x, y, _ = self.half
+        return mesh.box((-x + edge, edge, z0), (x - edge, y - edge, z1), colour, clear=clear)
+
+    def ball(
+        self, middle: Point, half: Point, colour: Colour, *, sides: int = 12, rings: int = 7,
+        glow: bool = False,
+    ) -> Mesh:  # fmt: skip
+        """Return an ellipsoid by its middle and half its sides in shares."""
+        place, radii = self.at(*middle), self.at(*half)
+        return mesh.ball(place, radii, colour, sides=sides, rings=rings, glow=glow)
+
+    def rod(
+        self, start: Point, end: Point, radius: float, colour: Colour, *, sides: int = 8,
+        thin: float | None = None,
+    ) -> Mesh:  # fmt: skip
+        """Return a cylinder between two points in shares; its radii are in metres."""
+        a, b = self.at(*start), self.at(*end)
+        return mesh.rod(a, b, radius, colour, sides=sides, thin=thin)
+
+    def lathe(
+        self, profile: Sequence[Pair], colour: Colour | Sequence[Colour], *, sides: int = 14,
+        radius: float | None = None,
+    ) -> Mesh:  # fmt: skip
+        """Return a turned profile in shares of the half width and the height, as deep as the form.
+
+        With a `radius`, in metres, it is round, and the shares are of that.
+        """
+        x, y, z = self.half
+        wide, depth = (x, z / x) if radius is None else (radius, 1.0)
+        points = [(wide * a, y * b) for a, b in profile]
+        return mesh.lathe(points, colour, sides=sides, depth=depth)
+
+    def drum(
+        self, radius: float, y0: float, y1: float, colour: Colour, *, sides: int = 14
+    ) -> Mesh:  # fmt: skip
+        """Return a closed upright cylinder in shares, as deep as the form."""
+        return self.lathe([(0, y0), (radius, y0), (radius, y1), (0, y1)], colour, sides=sides)
+
 
 Builder = Callable[[Form], list[Mesh]]
+
+
+def dial(
+    radius: float, z0: float, z1: float, y: float, colour: Colour, *, sides: int = 14
+) -> Mesh:  # fmt: skip
+    """Return a round plate that faces the front, between two depths, its middle at a height."""
+    lying = mesh.drum(radius, z0, z1, colour, sides=sides)
+    return mesh.shifted(mesh.turned(lying, 90, axis=0), 0, y, 0)
 
 
 def shade(colour: Colour, by: float) -> Colour:

@@ -184,14 +184,8 @@ class Household:
                 name = names[int(rng.integers(len(names)))]
                 hour = float(rng.uniform(*table.activities[name].hours))
                 draws = tuple(rng.random(8).tolist())
-                moves.append(
-                    _Move(
-                        time_s=day * DAY_S + hour * HOUR_S,
-                        object_id=object_id,
-                        activity=name,
-                        draws=draws,
-                    )
-                )
+                time_s = day * DAY_S + hour * HOUR_S
+                moves.append(_Move(time_s=time_s, object_id=object_id, activity=name, draws=draws))
         self._waiting += moves
         self._waiting.sort(key=lambda move: (-move.time_s, move.object_id))
 
@@ -244,46 +238,26 @@ class Household:
 
     def _carry(self, who: str, thing: SceneObject, goal: SceneObject, move: _Move) -> bool:
         """Take a thing, do to it what belongs to the activity, and put it down; all or nothing."""
-        people, activity = habits().people, habits().activities[move.activity]
-        start = self.world.state
-        here = self._place_of(thing.id)
-        done: list[tuple[str, str, str | None]] = []  # action, object, place
-        state: WorldState | None = self._as(start, thing)
-        shut_in = self._shut_holder(state, thing)
-        if shut_in is not None:
-            state = _done(state, "OpenObject", objectId=shut_in, forceAction=True)
-            done.append(("OpenObject", shut_in, shut_in))
-        state = _done(state, "PickupObject", objectId=thing.id, forceAction=True)
-        done.append(("PickupObject", thing.id, here))
-        if shut_in is not None:
-            state = _done(state, "CloseObject", objectId=shut_in, forceAction=True)
-            done.append(("CloseObject", shut_in, shut_in))
+        activity, start = habits().activities[move.activity], self.world.state
+        here, shut_in = self._place_of(thing.id), self._shut_holder(start, thing)
+        attempt = _Attempt(replace(start, held=None, pose=self._before(thing, start.pose)))
+        attempt.do("OpenObject", shut_in, shut_in)
+        attempt.do("PickupObject", thing.id, here)
+        attempt.do("CloseObject", shut_in, shut_in)
         change = self._change(thing, activity.washes, activity.dirties, move.draws[6])
-        if change is not None:
-            state = _done(state, change, objectId=thing.id, forceAction=True)
-            done.append((change, thing.id, here))
-        if state is None:
+        if not attempt.do(change, thing.id, here):
             return False
-        state = replace(state, pose=self._before(goal, start.pose))
-        if self._is_shut(goal):
-            state = _done(state, "OpenObject", objectId=goal.id, forceAction=True)
-            done.append(("OpenObject", goal.id, goal.id))
-        state = _done(state, "PutObject", objectId=goal.id, forceAction=True)
-        done.append(("PutObject", thing.id, goal.id))
-        if self._is_shut(goal):
-            state = _done(state, "CloseObject", objectId=goal.id, forceAction=True)
-            done.append(("CloseObject", goal.id, goal.id))
-        if state is None:
+        attempt.state = replace(attempt.state, pose=self._before(goal, start.pose))
+        door = goal.id if self._is_shut(goal) else None
+        attempt.do("OpenObject", door, door)
+        attempt.do("PutObject", thing.id, goal.id)
+        if not attempt.do("CloseObject", door, door):
             return False
-        self._settle(state, start)
+        self._settle(attempt.state, start)
         logged = len(self.log)
-        self._note(who, done, move, people.walk_s)
+        self._note(who, attempt.done, move, habits().people.walk_s)
         self._show(logged)
         return True
-
-    def _as(self, state: WorldState, thing: SceneObject) -> WorldState:
-        """Return the moment with a resident before a thing, hands free, in the robot's stead."""
-        return replace(state, held=None, pose=self._before(thing, state.pose))
 
     def _before(self, thing: SceneObject, pose: Pose) -> Pose:
         """Return a pose beside a thing: where a person stands is where things are put first."""
@@ -361,14 +335,9 @@ class Household:
         room = room_at(self._scene, thing.center[0], thing.center[2])
         return room.name if room is not None else self._scene.name
 
-    def _shut_holder(self, state: WorldState | None, thing: SceneObject) -> str | None:
+    def _shut_holder(self, state: WorldState, thing: SceneObject) -> str | None:
         """Return the id of a closed receptacle that a thing is in."""
-        if state is None:
-            return None
-        for parent in thing.parents:
-            if self._is_shut(state.objects[parent]):
-                return parent
-        return None
+        return next((one for one in thing.parents if self._is_shut(state.objects[one])), None)
 
     @staticmethod
     def _is_shut(thing: SceneObject) -> bool:
@@ -393,12 +362,26 @@ def states_of(thing: SceneObject) -> tuple[str, ...]:
     return tuple(sorted(word for word, holds in words.items() if holds))
 
 
-def _done(state: WorldState | None, action: str, **arguments: Any) -> WorldState | None:
-    """Return the moment after one of the world's own actions; None once one was refused."""
-    if state is None:
-        return None
-    result = ACTIONS[action].handler(state, **arguments)
-    return result.state if isinstance(result, Performed) else None
+class _Attempt:
+    """Deeds on a moment of its own, `state`; all or nothing: none is done after a refusal."""
+
+    def __init__(self, state: WorldState) -> None:
+        self.state, self.fine = state, True
+        self.done: list[tuple[str, str, str | None]] = []  # action, object, place
+
+    def do(self, action: str | None, object_id: str | None, place_id: str | None) -> bool:
+        """Do one of the world's own actions, if one and its object are named.
+
+        Returns:
+            Whether nothing has been refused so far.
+        """
+        if self.fine and action is not None and object_id is not None:
+            self.done.append((action, object_id, place_id))
+            target = place_id if action == "PutObject" else object_id
+            result = ACTIONS[action].handler(self.state, objectId=target, forceAction=True)
+            self.fine = isinstance(result, Performed)
+            self.state = result.state if isinstance(result, Performed) else self.state
+        return self.fine
 
 
 def _is_movable(thing: SceneObject) -> bool:

@@ -1,0 +1,114 @@
+"""Measure the floor: the cells that an agent can stand on, which hang together, and polygons."""
+
+from collections import deque
+from collections.abc import Collection, Container, Iterable, Iterator, Sequence
+from math import ceil, floor
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from karma.world.core.boxes import Box
+
+Cell = tuple[float, float]  # (x, z), metres
+Key = tuple[int, int]  # column and row of a grid
+AGENT_RADIUS_M = 0.2
+AGENT_HEIGHT_M = 1.6  # what hangs higher does not block a cell
+GRID_M = 0.25
+NEAR_M = AGENT_RADIUS_M - 1e-6  # what is nearer to a cell blocks it
+_NEIGHBOURS = ((0, 1), (1, 0), (0, -1), (-1, 0))
+
+
+def walk(cells: Container[Key], start: Key) -> dict[Key, Key]:
+    """Return each cell that can be reached, the nearest first, with the cell before it.
+
+    The start comes first and stands for itself.
+    """
+    before = {start: start}
+    queue = deque([start])
+    while queue:
+        column, row = cell = queue.popleft()
+        for across, along in _NEIGHBOURS:
+            other = (column + across, row + along)
+            if other in cells and other not in before:
+                before[other] = cell
+                queue.append(other)
+    return before
+
+
+def parts(cells: Collection[Key]) -> list[list[Key]]:
+    """Return the sets of cells that steps lead through, each sorted, by their first cells."""
+    left, found = set(cells), []
+    for start in sorted(left):
+        if start in left:
+            found.append(sorted(walk(left, start)))
+            left.difference_update(found[-1])
+    return found
+
+
+def reachable_cells(room: Box, obstacles: Iterable[Box]) -> tuple[Cell, ...]:
+    """Return the largest part of the free floor, sorted; () when there is none.
+
+    Args:
+        room: the inside of the walls; its y0 is the floor.
+        obstacles: boxes of which those that begin below the agent's head block cells.
+    """
+    free = set(_grid(room.grown(-AGENT_RADIUS_M, 0.0, -AGENT_RADIUS_M)))
+    for box in obstacles:
+        if box.y0 - room.y0 <= AGENT_HEIGHT_M:
+            near = _grid(box.grown(NEAR_M, 0.0, NEAR_M))
+            free.difference_update(
+                (i, j) for i, j in near if box.distance(i * GRID_M, box.y0, j * GRID_M) < NEAR_M
+            )
+    return tuple((i * GRID_M, j * GRID_M) for i, j in max(parts(free), key=len, default=()))
+
+
+def _grid(box: Box) -> Iterator[Key]:
+    for i in range(ceil(box.x0 / GRID_M), floor(box.x1 / GRID_M) + 1):
+        for j in range(ceil(box.z0 / GRID_M), floor(box.z1 / GRID_M) + 1):
+            yield i, j
+
+
+def nearest_to_centre(cells: Sequence[Cell]) -> Cell:
+    """Return the cell nearest to the mean of all; the first of equals."""
+    points = np.asarray(cells, dtype=float)
+    return cells[int(np.argmin(((points - points.mean(axis=0)) ** 2).sum(axis=1).round(9)))]
+
+
+def outside(low: Any, high: Any, points: Any) -> NDArray[np.float64]:
+    """Return how far points are from boxes across the floor, whatever the arrays' leading sides.
+
+    Args:
+        low: lower corners (x, z).
+        high: upper ones.
+        points: (x, z).
+    """
+    gap = np.maximum(np.maximum(low - points, points - high), 0.0)
+    return np.asarray(np.hypot(gap[..., 0], gap[..., 1]))
+
+
+def distances(cells: Sequence[Cell], boxes: Sequence[Box]) -> NDArray[np.float64]:
+    """Return for each box the horizontal distance to the nearest cell, shape (boxes,)."""
+    low = np.array([(box.x0, box.z0) for box in boxes])
+    high = np.array([(box.x1, box.z1) for box in boxes])
+    return np.asarray(outside(low, high, np.asarray(cells, dtype=float)[:, None, :]).min(axis=0))
+
+
+def edges(corners: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:
+    """Yield the edges of a polygon, the closing one last."""
+    return zip(corners, (*corners[1:], corners[0]), strict=True)
+
+
+def inside(corners: Sequence[Cell], x: Any, z: Any) -> Any:
+    """Return whether points are in a polygon, by counting the edges to their right.
+
+    Args:
+        corners: (x, z) in order.
+        x: of one point, or of many as an array.
+        z: likewise; the two may broadcast.
+    """
+    found: Any = False
+    for (x0, z0), (x1, z1) in edges(corners):
+        if z0 != z1:
+            found ^= ((z0 > z) != (z1 > z)) & (x < x0 + (z - z0) / (z1 - z0) * (x1 - x0))
+    return found
