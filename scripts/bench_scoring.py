@@ -13,27 +13,23 @@ Speed: one prompt of 2,000 tokens and 200 candidates, one thread, seconds of the
 other jobs on the machine matter less. Naive scoring is timed on three candidates and multiplied,
 since all 200 take the same. Each of ours is the median of several.
 
-Figures of 2026-11-22 (more in docs/methods.md), the shipped planner and the random Llama, this
-one with `--parity-candidates 50`: scores within 1.1e-6 and 5.3e-7 of naive ones, the argmax equal
-on all 200 prompts; all scores on a warm prompt 461 and 226 times faster, the argmax 18,124 and
-6,898 times. It takes 10 and 17 minutes.
-
 `--lota-alfred` chooses among the 214 skills of LoTa-Bench's ALFRED instead, with the shipped
 planner, at every step of the expert's plans. It needs the reference data and a minute or two.
 """
 
-import argparse
 import random
-import statistics
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections import Counter
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
-from string import ascii_lowercase
+from statistics import mean, median
+from typing import Annotated
 
 import numpy as np
+import typer
+from measuring import in_turns, table, taken
 from numpy.typing import NDArray
 
 from karma.bench.experiment_file import beside
@@ -43,13 +39,13 @@ from karma.benchmarks.lota_alfred.prompt import LotaPromptOptions, score_prompt
 from karma.benchmarks.players import ExpertPlayer
 from karma.benchmarks.trial_rooms import read_rooms
 from karma.contracts import END, Choice
-from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.options import LlamaOptions
-from karma.infer.llama.scoring import Scores, SkillScorer
+from karma.infer.llama.scoring import SkillScorer
 from karma.offline import go_offline
 from karma.seeds import stream
 from karma.tasks.files import load_tasks
+from karma.testing import make_llama
 from karma.world.eb_alfred.actions import read_types
 from karma.world.eb_alfred.environment import Environment
 from karma.world.eb_alfred.protocol import LOTA_ALFRED
@@ -64,6 +60,8 @@ TIMED_PROMPTS = 40  # of LoTa-Bench's ALFRED, naive
 LOTA_FILES = (
     "lota_alfred/splits_even.json", "eb_alfred/action_types.json", "alfred/valid_seen.jsonl.gz",
 )  # fmt: skip
+SHAPE = {"layers": 8, "width": 512, "heads": 8, "kv_heads": 8, "feed_forward": 1408,
+         "vocabulary": 16_384}  # of the random one  # fmt: skip
 THINGS = (
     "Apple", "Bread", "Egg", "Lettuce", "Potato", "Tomato", "Mug", "Cup", "Bowl", "Plate", "Pot",
     "Pan", "Knife", "Fork", "Spoon", "Spatula", "DishSponge", "SoapBottle", "SaltShaker", "Book",
@@ -106,28 +104,6 @@ def prompts(count: int) -> list[tuple[str, ...]]:
         done = f"GoToObject(robot, '{THINGS[number % len(THINGS)]}')\n"
         found.append(("#areas\nunknown\n", changing, *([done] if number % 2 else [])))
     return found
-
-
-def make_model(path: Path) -> None:
-    """Write a Llama of 34 M random parameters, whose tokens are of other texts."""
-    import torch
-    from transformers import LlamaConfig, LlamaForCausalLM
-
-    torch.manual_seed(0)
-    letters = random.Random(0)
-    words = [
-        "".join(letters.choices(ascii_lowercase, k=letters.randint(2, 7))) for _ in range(40000)
-    ]
-    corpus = [" ".join(words[i : i + 50]) for i in range(0, len(words), 50)]
-    tokenizer = new_tokenizer(corpus, 16384, ["<|eos|>"])
-    config = LlamaConfig(
-        vocab_size=16384, hidden_size=512, intermediate_size=1408, num_hidden_layers=8,
-        num_attention_heads=8, num_key_value_heads=8, max_position_embeddings=4096,
-        tie_word_embeddings=True,
-    )  # fmt: skip
-    model = LlamaForCausalLM(config)
-    print(f"random model: {sum(p.numel() for p in model.parameters()) / 1e6:.1f} M parameters")
-    export_llama_gguf(model, tokenizer, path, name="random", eos_token="<|eos|>", dtype="F16")
 
 
 class Naive:
@@ -187,71 +163,59 @@ def parity(model: GgufModel, count: int, texts: Sequence[str]) -> None:
     """Compare on many prompts."""
     naive, scorer = Naive(model), SkillScorer(model)
     gaps: dict[str, list[float]] = {"path after path": [], "best-first": []}
-    equal = dict.fromkeys(gaps, 0)
-    leads = []
+    equal, leads = Counter[str](), []
     for prompt in prompts(count):
         expected = np.array([naive.score(prompt, text) for text in texts])
         top = int(expected.argmax())
-        values = scorer.scores(prompt, texts).values
+        values, best = scorer.scores(prompt, texts).values, scorer.choose(prompt, texts)
         gaps["path after path"].append(float(np.abs(values - expected).max()))
-        equal["path after path"] += int(values.argmax() == top)
-        best = scorer.choose(prompt, texts)
         gaps["best-first"].append(abs(best.score - float(expected[best.number])))
-        equal["best-first"] += int(best.number == top)
-        two = np.sort(expected)[-2:]
-        leads.append(float(two[1] - two[0]))
-    print(f"  parity: {count} prompts x {len(texts)} candidates, smallest lead {min(leads):.1e}")
-    for name, off in gaps.items():
-        print(
-            f"    {name}: argmax equal in {equal[name]}"
-            f"; largest difference of a score {max(off):.1e}"
-            f" (median of prompts {statistics.median(off):.1e},"
-            f" within 1e-3 in {sum(gap <= 1e-3 for gap in off)})",
-            flush=True,
-        )
-
-
-def seconds(work: Callable[[], object], repeat: int) -> float:
-    """Return the median processor time of some work."""
-    found = []
-    for _ in range(repeat):
-        begun = time.process_time()
-        work()
-        found.append(time.process_time() - begun)
-    return statistics.median(found)
+        equal.update({"path after path": values.argmax() == top, "best-first": best.number == top})
+        leads.append(float(np.diff(np.sort(expected)[-2:])[0]))
+    print(f"\n{count} prompts x {len(texts)} candidates, smallest lead {min(leads):.1e}\n")
+    table(
+        "scored | argmax equal | largest difference | median of prompts | within 1e-3",
+        (
+            (
+                name,
+                equal[name],
+                f"{max(off):.1e}",
+                f"{median(off):.1e}",
+                sum(x <= 1e-3 for x in off),
+            )
+            for name, off in gaps.items()
+        ),
+    )
 
 
 def speed(model: GgufModel, texts: Sequence[str]) -> None:
     """Time one long prompt."""
-    prompt = long_prompt(model)
-    naive, scorer = Naive(model), SkillScorer(model)
+    prompt, naive, scorer = long_prompt(model), Naive(model), SkillScorer(model)
     lengths = [len(tokens_of(model, text)) for text in texts]
-    timed = iter(stream(0, "timed").choice(len(texts), TIMED, replace=False).tolist())
-    whole = len(texts) * seconds(lambda: naive.score(prompt, texts[next(timed)]), TIMED)
-
-    def all_scores() -> Scores:
-        return scorer.scores(prompt, texts)
-
+    timed = stream(0, "timed").choice(len(texts), TIMED, replace=False).tolist()
+    whole = len(texts) * median(taken(lambda n=n: naive.score(prompt, texts[n])) for n in timed)
+    ways = {
+        "all, warm prompt": lambda: scorer.scores(prompt, texts),
+        "argmax, warm prompt": lambda: scorer.choose(prompt, texts),
+    }
     cold = []
     for _ in range(TIMED):
         scorer.choose(("#", "other"), texts)  # the long prompt is gone
-        cold.append(seconds(all_scores, 1))
-    found, best = all_scores(), scorer.choose(prompt, texts)
+        cold.append(taken(ways["all, warm prompt"]))
+    found, best = scorer.scores(prompt, texts), scorer.choose(prompt, texts)
     assert best.number == int(found.values.argmax())
-    run, asked = found.run_tokens, found.prompt_tokens + found.run_tokens
+    seconds = {name: median(times) for name, times in in_turns(ways, REPEAT).items()}
     rows = [
-        ("naive, 3 timed x 200", sum(found.prompt_tokens + n - 1 for n in lengths), whole),
-        ("all, prompt included", asked, statistics.median(cold)),
-        ("all, warm prompt", run, seconds(all_scores, REPEAT)),
-        ("argmax, warm prompt", best.run_tokens, seconds(lambda: scorer.choose(prompt, texts), 9)),
+        ("naive", sum(found.prompt_tokens + n - 1 for n in lengths), whole),
+        ("all, prompt included", found.prompt_tokens + found.run_tokens, median(cold)),
+        ("all, warm prompt", found.run_tokens, seconds["all, warm prompt"]),
+        ("argmax, warm prompt", best.run_tokens, seconds["argmax, warm prompt"]),
     ]
     print(
-        f"  speed: prompt {found.prompt_tokens} tokens, {len(texts)} candidates of"
-        f" {min(lengths)} to {max(lengths)} tokens (mean {statistics.mean(lengths):.1f})\n"
-        "  | | tokens run | seconds | times faster |\n  |---|---|---|---|"
+        f"\nprompt {found.prompt_tokens} tokens, {len(texts)} candidates of {min(lengths)} to"
+        f" {max(lengths)} tokens; naive from {TIMED} of them\n"
     )
-    for name, run, taken in rows:
-        print(f"  | {name} | {run} | {taken:.3f} | {whole / taken:.0f} |", flush=True)
+    table("way | tokens run | seconds | naive is so many times", ((*r, whole / r[2]) for r in rows))
 
 
 def lota_alfred(model: GgufModel, count: int) -> None:
@@ -261,35 +225,30 @@ def lota_alfred(model: GgufModel, count: int) -> None:
     texts = [followed(str(skill), strict=False) for skill in skills_of(kinds)]
     asked: list[tuple[str, ...]] = []
     found: list[Choice] = []
-    playing, choosing = 0.0, 0.0
+    choosing, begun = 0.0, time.process_time()
     for task in draw_tasks(lists, ("valid_seen_5_percent_seed_1",))[:count]:
-        begun = time.process_time()
         trial, player = rooms.trials[task.trial], ExpertPlayer()
         facts = rooms.facts[trial.scene.floor_plan]
         env = Environment(trial, facts, kinds, protocol=LOTA_ALFRED)
-        playing += time.process_time() - begun
         while not env.end:
             said = trial.annotations[task.repeat].task_desc
             asked.append(score_prompt(said, env.steps, LotaPromptOptions()))
-            begun = time.process_time()
-            found.append(scorer.choose(asked[-1], texts))
-            middle = time.process_time()
+            choosing += taken(lambda: found.append(scorer.choose(asked[-1], texts)))
             env.step(*player.plan(env))
-            choosing, playing = choosing + middle - begun, playing + time.process_time() - middle
+    playing = time.process_time() - begun - choosing
     naive, timed = Naive(model), asked[:: max(1, len(asked) // TIMED_PROMPTS)]
-    one = statistics.mean(
-        seconds(partial(naive.score, prompt, texts[7 * number % len(texts)]), 1)
-        for number, prompt in enumerate(timed)
+    one = mean(
+        taken(lambda n=n, p=p: naive.score(p, texts[7 * n % len(texts)]))
+        for n, p in enumerate(timed)
     )
     tokens = [choice.prompt_tokens for choice in found]
     print(
-        f"  LoTa-Bench's ALFRED: {count} tasks, {len(asked)} steps, {len(texts)} skills\n"
-        f"    prompts of {min(tokens)} to {max(tokens)} tokens; per step"
-        f" {statistics.mean(choice.run_tokens for choice in found):.1f} tokens of skills run\n"
-        f"    per task: world {playing / count:.2f} s, choosing {choosing / count:.2f} s;"
+        f"LoTa-Bench's ALFRED: {count} tasks, {len(asked)} steps, {len(texts)} skills\n"
+        f"prompts of {min(tokens)} to {max(tokens)} tokens; per step"
+        f" {mean(choice.run_tokens for choice in found):.1f} tokens of skills run\n"
+        f"per task: world {playing / count:.2f} s, choosing {choosing / count:.2f} s;"
         f" naively {len(texts) * one * len(asked) / count:.0f} s ({len(timed)} prompts timed with"
-        " one skill each)",
-        flush=True,
+        " one skill each)"
     )
 
 
@@ -306,38 +265,35 @@ def long_prompt(model: GgufModel) -> tuple[str, ...]:
     return stable, task
 
 
-def main() -> None:
-    """Run all of it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--prompts", type=int, default=200)
-    parser.add_argument("--candidates", type=int, default=200)
-    parser.add_argument("--parity-candidates", type=int, default=200, help="spread over the list")
-    parser.add_argument("--skip-parity", action="store_true")
-    parser.add_argument("--skip-speed", action="store_true")
-    parser.add_argument("--skip-random", action="store_true")
-    parser.add_argument("--skip-nano", action="store_true")
-    parser.add_argument("--lota-alfred", type=int, default=0, metavar="TASKS")
-    options = parser.parse_args()
-    if options.lota_alfred:
-        lota_alfred(GgufModel(NANO, LlamaOptions(threads=1)), options.lota_alfred)
+def main(
+    prompt_count: Annotated[int, typer.Option("--prompts")] = 200,
+    candidates: int = 200,
+    parity_candidates: Annotated[int, typer.Option(help="Spread over the list.")] = 200,
+    skip_parity: bool = False,
+    skip_speed: bool = False,
+    skip_random: bool = False,
+    skip_nano: bool = False,
+    lota: Annotated[int, typer.Option("--lota-alfred", help="So many tasks.")] = 0,
+) -> None:
+    """Run all of it, or what --lota-alfred says."""
+    go_offline()
+    if lota:
+        lota_alfred(GgufModel(NANO, LlamaOptions(threads=1)), lota)
         return
     with tempfile.TemporaryDirectory() as folder:
-        models = {} if options.skip_nano else {"karma-nano": NANO}
-        if not options.skip_random:
-            models["random"] = Path(folder) / "random.gguf"
-            make_model(models["random"])
+        models = {} if skip_nano else {"karma-nano": NANO}
+        if not skip_random:
+            models["random"] = make_llama(Path(folder) / "random.gguf", **SHAPE)
         for name, path in models.items():
             model = GgufModel(path, LlamaOptions(threads=1))
-            print(f"{name}: F16 weights, 1 thread")
-            texts = (steps if name == "random" else lines)(options.candidates)
-            spread = texts[:: max(1, len(texts) // options.parity_candidates)]
-            if not options.skip_parity:
-                parity(model, options.prompts, spread)
-            if not options.skip_speed:
+            print(f"\n## {name}: F16 weights, 1 thread")
+            texts = (steps if name == "random" else lines)(candidates)
+            if not skip_parity:
+                parity(model, prompt_count, texts[:: max(1, len(texts) // parity_candidates)])
+            if not skip_speed:
                 speed(model, texts)
             model.close()
 
 
 if __name__ == "__main__":
-    go_offline()
-    main()
+    typer.run(main)

@@ -24,13 +24,13 @@ from karma.talk.agent import Agent
 from karma.world.houses import build_home
 from karma.world.residents import Household
 
-KILLS = SAMPLE or 3
+KILLS = SAMPLE or 2
 ERRANDS = (
     "put the apple in the fridge", "wash the mug", "where is the apple?",
     "the potato always goes in the fridge", "put it on the dining table", "open the microwave",
     "put the potato away", "close the microwave", "put the apple back where it was",
 )  # fmt: skip
-DAYS, EVERY_H, LOOKS = 7, 2.0, 6  # an instruction every two hours, a look at six places each
+DAYS, EVERY_H, LOOKS = 7 if SAMPLE else 1, 2.0, 6  # an instruction every two hours, a look at six places each
 
 
 def killed(work, folder, whole_s):
