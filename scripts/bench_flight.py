@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from measuring import table, taken
+from measuring import CHILDREN, table, taken
 from support.hosted_server import NANO, free_port, real_server, wire_server
 
 from karma.bench.run import Run
@@ -124,7 +124,7 @@ def stand_in(tape: Path, service_s: float) -> Iterator[str]:
     """Start the stand-in in a process of its own; yields its base URL."""
     port = free_port()
     command = [sys.executable, __file__, "--stand-in", f"{port} {service_s} {tape}"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=CHILDREN)
     try:
         assert process.stdout is not None
         yield process.stdout.readline().strip()

@@ -25,7 +25,7 @@ from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import typer
-from measuring import Clock, resident_mb, table, taken
+from measuring import CHILDREN, Clock, resident_mb, table, taken
 
 from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.infer.checks.gguf import check_gguf
@@ -341,13 +341,15 @@ def main(
                 )  # fmt: skip
                 told = json.dumps(asdict(wanted))
                 command = [sys.executable, __file__, "--one", told, "--folder", str(folder)]
-                done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+                done = subprocess.run(
+                    command, stdout=subprocess.PIPE, text=True, check=True, env=CHILDREN
+                )
                 yield json.loads(done.stdout.splitlines()[-1])
 
     table(
         "model | file, MB | prompt | prefill, tokens/s: ours | llama.cpp | llama-bench |"
         " decode, tokens/s: constrained | unconstrained | llama.cpp | llama-bench | slower by |"
-        " first token: cold, s | kept, s | loaded, s | state, MB | memory, MB | predicted | off by |"
+        " first token: cold, s | kept, s | loaded, s | state, MB | memory, MB | predicted | off |"
         " bits equal",
         rows(),
     )

@@ -170,7 +170,8 @@ def parity(model: GgufModel, count: int, texts: Sequence[str]) -> None:
         values, best = scorer.scores(prompt, texts).values, scorer.choose(prompt, texts)
         gaps["path after path"].append(float(np.abs(values - expected).max()))
         gaps["best-first"].append(abs(best.score - float(expected[best.number])))
-        equal.update({"path after path": values.argmax() == top, "best-first": best.number == top})
+        equal["path after path"] += int(values.argmax() == top)
+        equal["best-first"] += int(best.number == top)
         leads.append(float(np.diff(np.sort(expected)[-2:])[0]))
     print(f"\n{count} prompts x {len(texts)} candidates, smallest lead {min(leads):.1e}\n")
     table(

@@ -1,5 +1,6 @@
 """What measurements share: a speed is a ratio against a named reference of the same run."""
 
+import os
 import re
 import sys
 import time
@@ -8,6 +9,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # what tests start, we start
 
+CHILDREN = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}  # their environment
 Clock = Callable[[], float]
 
 

@@ -30,7 +30,11 @@ ERRANDS = (
     "the potato always goes in the fridge", "put it on the dining table", "open the microwave",
     "put the potato away", "close the microwave", "put the apple back where it was",
 )  # fmt: skip
-DAYS, EVERY_H, LOOKS = 7 if SAMPLE else 1, 2.0, 6  # an instruction every two hours, a look at six places each
+DAYS, EVERY_H, LOOKS = (
+    7 if SAMPLE else 1,
+    2.0,
+    6,
+)  # an instruction every two hours, a look at six places each
 
 
 def killed(work, folder, whole_s):
