@@ -13,7 +13,6 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 
 from karma import registry
 from karma.agent.doubt import FEATURES
@@ -39,24 +38,13 @@ from karma.training.planner.calibration import (
 
 ROOMS_SEED = 977  # of rooms that training has not
 CONTROLS = {
-    "without the planner's refusing": (
-        "mean_logprob", "least_logprob", "weakest_hint", "far_words",
-    ),
+    "without the planner's refusing": tuple(one for one in FEATURES if one != "refusing"),
     "share of unknown words alone": ("far_words",),
     "nearness of hints alone": ("weakest_hint",),
     "the planner's refusing alone": ("refusing",),
-}  # fmt: skip
-
-app = typer.Typer(add_completion=False)
-console = Console()
+}
 
 
-def say(line: str) -> None:
-    """Print a line as it is."""
-    console.print(line, markup=False, highlight=False, soft_wrap=True)
-
-
-@app.command()
 def main(
     planner: Annotated[str, typer.Argument(help="A model of the manifest, or a GGUF.")],
     out: Annotated[Path | None, typer.Option(help="Takes the coefficients.")] = None,
@@ -72,8 +60,8 @@ def main(
     found = _asked(planner, count, seed)
     doubt = fitted(found, refused=refused)
     told = cross_validated(found, tuple(FEATURES), refused=refused)
-    say(f"coefficients {doubt.coefficients}, intercept {doubt.intercept}")
-    say(f"threshold {doubt.threshold}; {doubt.fitted_on}")
+    print(f"coefficients {doubt.coefficients}, intercept {doubt.intercept}")
+    print(f"threshold {doubt.threshold}; {doubt.fitted_on}")
     _tell("doubt, cross-validated", told, whole=True)
     by_itself = [_scored(one, float(one.says_refuse)) for one in found]
     _tell("the planner by itself", by_itself)
@@ -103,20 +91,17 @@ def _asked(planner: str, count: int, seed: int) -> list[Judged]:
 
 def _scored(one: Judged, chance: float) -> Scored:
     return Scored(
-        kind=one.example.kind,
-        to_refuse=one.to_refuse,
-        in_known_words=one.in_known_words,
-        chance=chance,
-        refused=chance >= 0.5,
-    )
+        kind=one.example.kind, to_refuse=one.to_refuse, in_known_words=one.in_known_words,
+        chance=chance, refused=chance >= 0.5,
+    )  # fmt: skip
 
 
 def _tell(title: str, told: Sequence[Scored], *, whole: bool = False) -> None:
-    say(f"{title}: Brier score {brier(told):.3f}")
+    print(f"{title}: Brier score {brier(told):.3f}")
     for name, (times, number, interval) in shares(told).items():
         if (whole or name.startswith("to ")) and interval is not None:
             share = f"{times / number:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
-            say(f"  refused of {name:19} {share} ({times} of {number})")
+            print(f"  refused of {name:19} {share} ({times} of {number})")
 
 
 def _plotted(told: Sequence[Scored], threshold: float) -> bytes:
@@ -149,4 +134,4 @@ def _plotted(told: Sequence[Scored], threshold: float) -> bytes:
 
 
 if __name__ == "__main__":
-    app()
+    typer.run(main)

@@ -9,12 +9,17 @@ tokenizer is any GGUF with a vocabulary. AI2-THOR's 120 floor plans come from th
 without them, generated rooms of all kinds take their place, and the table says so.
 """
 
-import argparse
 import os
 import re
-import statistics
 from collections.abc import Callable, Sequence
+from functools import cache
+from itertools import product
 from pathlib import Path
+from statistics import median
+from typing import Annotated
+
+import typer
+from measuring import table
 
 from karma.agent.prompt import PROFILES, render
 from karma.contracts import FailedProgram, MemoryUnit, PlanRequest, SeenObject
@@ -31,26 +36,25 @@ EXAMPLES = ("# Instruction: rinse", "# Instruction: slice", "# Instruction: warm
 STATES = ("cleaned", "sliced", "dirty", "filled", "heated")
 
 
-def main() -> None:
+def main(
+    tokenizer: Annotated[list[Path] | None, typer.Option(help="A GGUF; may be repeated.")] = None,
+    form: Annotated[str, typer.Option("--map", help='"named" or "paper".')] = "named",
+    rooms: Annotated[int, typer.Option(help="Generated, if there is no plan.")] = 40,
+) -> None:
     """Print a table for each tokenizer, profile and moment."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--tokenizer", type=Path, action="append", help="a GGUF; may be repeated")
-    parser.add_argument("--map", choices=("named", "paper"), default="named")
-    parser.add_argument("--rooms", type=int, default=40, help="generated, if there is no plan")
-    given = parser.parse_args()
     go_offline()
-    where, scenes = plans(given.rooms)
-    for path in given.tokenizer or [PLANNER]:
+    where, scenes = plans(rooms)
+    for path, again, profile in product(tokenizer or [PLANNER], (False, True), PROFILES):
         count = counter(path)
-        for again in (False, True):
-            for profile in PROFILES:
-                when = "after two failures" if again else "first request"
-                print(f"\n{profile}, {when}, {where}, tokens of {path.name}\n")
-                print("| part | median | least | most |\n|---|---|---|---|")
-                found = [parts(request(s, again, given.map), profile, count) for s in scenes]
-                for name in dict.fromkeys(name for one in found for name in one):
-                    told = [one.get(name, 0) for one in found]
-                    print(f"| {name} | {statistics.median(told):.0f} | {min(told)} | {max(told)} |")
+        when = "after two failures" if again else "first request"
+        print(f"\n{profile}, {when}, {where}, tokens of {path.name}\n")
+        found = [parts(request(scene, again, form), profile, count) for scene in scenes]
+        names = dict.fromkeys(name for one in found for name in one)
+        told = {name: [one.get(name, 0) for one in found] for name in names}
+        table(
+            "part | median | least | most",
+            ((n, f"{median(some):.0f}", min(some), max(some)) for n, some in told.items()),
+        )
 
 
 def plans(count: int) -> tuple[str, list[Scene]]:
@@ -65,6 +69,7 @@ def plans(count: int) -> tuple[str, list[Scene]]:
     return f"{count} generated rooms", rooms
 
 
+@cache
 def counter(path: Path) -> Callable[[str], int]:
     """Return how to count the tokens of a text."""
     from llama_cpp import Llama
@@ -97,24 +102,20 @@ def request(scene: Scene, again: bool, form: str) -> PlanRequest:
     chosen = sorted(rng.permutation(len(movable))[:UNITS].tolist())
     units = tuple(
         MemoryUnit(
-            object_id=one.object_id,
-            object_type=one.object_type,
-            position_m=one.position_m,
+            object_id=one.object_id, object_type=one.object_type, position_m=one.position_m,
             states=tuple(STATES[: int(rng.integers(3))]),
-            place_id=next(iter(one.parent_ids), None),
-            handled=bool(rng.integers(2)),
+            place_id=next(iter(one.parent_ids), None), handled=bool(rng.integers(2)),
         )
         for one in (movable[number] for number in chosen)
-    )
+    )  # fmt: skip
     words = "No valid positions to place object found"
     program = failed_program(units[-1].object_id, seen)
     full = "it is full: there is Apple, Bread and Bowl in or on it. Put the thing elsewhere"
-    failures = [
-        FailedProgram(
-            lines=program[:2], failed=1, reason="it is not where it was last seen", ran=True
-        ),
+    stale = "it is not where it was last seen"
+    failures = (
+        FailedProgram(lines=program[:2], failed=1, reason=stale, ran=True),
         FailedProgram(lines=program, failed=4, reason=full, ran=True),
-    ]
+    )
     return PlanRequest(
         instruction="put the clean mug on the table right of the fridge",
         whole="Rinse the dirty mug, and then put the clean mug on the table right of the fridge.",
@@ -146,26 +147,16 @@ def failed_program(thing: str, seen: Sequence[SeenObject]) -> tuple[str, ...]:
 
 
 def sight(thing: SceneObject) -> SeenObject:
-    """Return a thing as an agent sees it."""
-    return SeenObject(
-        object_id=thing.id,
-        object_type=thing.type,
-        position_m=thing.position,
-        box_center_m=thing.center,
-        box_size_m=thing.size,
-        pickupable="pickupable" in thing.capabilities,
-        parent_ids=thing.parents,
-        states=states(thing),
-        controls=thing.controls,
-    )
-
-
-def states(thing: SceneObject) -> tuple[str, ...]:
-    """Return what is seen of its door and its switch."""
+    """Return a thing as an agent sees it, with the states of its door and its switch."""
     door = ("opened" if thing.openness else "closed",) if "openable" in thing.capabilities else ()
     switch = ("on" if thing.is_toggled else "off",) if "toggleable" in thing.capabilities else ()
-    return door + switch
+    return SeenObject(
+        object_id=thing.id, object_type=thing.type, position_m=thing.position,
+        box_center_m=thing.center, box_size_m=thing.size, parent_ids=thing.parents,
+        pickupable="pickupable" in thing.capabilities, states=door + switch,
+        controls=thing.controls,
+    )  # fmt: skip
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)

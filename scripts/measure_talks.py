@@ -19,19 +19,20 @@ What follows an errand that went wrong and leans on it ("yes", "says", "in") is 
 beside it: an agent that does nothing and says "done" or "no", and one that says it does not know.
 """
 
-import argparse
 import re
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
+import typer
+from measuring import counted
 from rich.progress import track
+from support.judging import MAPS, asking_resources, tracking, watched
 
-from karma.bench.statistics import interval_text, rate
-from karma.contracts import Resources, SubTask
+from karma.contracts import Resources
 from karma.errors import KarmaError
 from karma.household.ids import type_of
 from karma.household.pieces import base_type
@@ -39,14 +40,12 @@ from karma.household.places import HAND
 from karma.household.saying import name_of
 from karma.household.types import object_types
 from karma.household.uses import without_basin
-from karma.loading.models import Models, load_resources
+from karma.loading.models import Models
 from karma.offline import go_offline
-from karma.talk.agent import Agent, asking
+from karma.talk.agent import Agent
 from karma.talk.replies import AgentReply
-from karma.tasks.asked import states_of
 from karma.tasks.goals import GoalTracker, parse_goal
 
-MAPS = Path("runs/maps-asked")
 Verdict = Literal[
     "right", "does not know", "refused", "wrong, said so", "wrong, said done", "wrong answer", "–"
 ]
@@ -114,25 +113,20 @@ def read_talks(path: Path) -> list[Talk]:
     return found
 
 
-def main() -> None:
+def main(
+    file: Path,
+    planner: Annotated[str, typer.Option(help="In the manifest, or a GGUF.")] = Models().planner,
+    lines: Annotated[bool, typer.Option(help="Print each turn that went wrong.")] = False,
+    only: Annotated[list[int] | None, typer.Option(help="Numbers of conversations.")] = None,
+) -> None:
     """Hold every conversation, and print what came of its turns."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument("file", type=Path)
-    parser.add_argument("--planner", default=Models().planner, help="in the manifest, or a GGUF")
-    parser.add_argument("--lines", action="store_true", help="print each turn that went wrong")
-    parser.add_argument("--only", type=int, nargs="*", help="numbers of conversations")
-    given = parser.parse_args()
     go_offline()
-    talks = [t for t in read_talks(given.file) if given.only is None or t.number in given.only]
-    models = asking(Models(planner=given.planner))
-    resources = load_resources(models, maps=MAPS, seed=0, learn=False)
-    judged: list[Judged] = []
-    for talk in track(talks, description=given.file.stem):
+    talks = [talk for talk in read_talks(file) if not only or talk.number in only]
+    resources, judged = asking_resources(planner), list[Judged]()
+    for talk in track(talks, description=file.stem):
         for one in held(talk, resources):
             judged.append(one)
-            if given.lines and one.verdict not in ("right", "–"):
+            if lines and one.verdict not in ("right", "–"):
                 print(f"{talk.number} {one.turn.text} => {' or '.join(one.turn.wanted)}\n"
                       f"    {one.verdict}: {one.said}", flush=True)  # fmt: skip
     print("\n".join(table(judged)))
@@ -156,7 +150,6 @@ class _Judge:
 
     def __init__(self, agent: Agent) -> None:
         self.agent, self.world = agent, agent._world
-        self.inner = self.world.step
         self.began = {one["objectId"]: one["parentReceptacles"] for one in self.objects}
 
     @property
@@ -165,33 +158,21 @@ class _Judge:
 
     def turn(self, turn: Turn) -> tuple[Verdict, str]:
         """Say a turn; returns its verdict, and what was said to it."""
-        before = states_of(self.objects)
-        trackers = [self._tracker(turn, wanted) for wanted in turn.wanted]
-
-        def step(action: str, **arguments: object) -> object:
-            event = self.inner(action, **arguments)
-            for tracker, _ in trackers:
-                tracker.update(event)
-            return event
-
-        self.world.step = step  # type: ignore[method-assign,assignment]
-        try:
-            reply = self.agent.do(turn.text)
-        except KarmaError as error:
-            return "refused", str(error)
-        changed = states_of(self.objects) != before
+        goals = [
+            tuple(parse_goal(goal) for goal in wanted.split(";")) if "(" in wanted else ()
+            for wanted in turn.wanted
+        ]
+        trackers = [tracking(self.world, turn.text, some) for some in goals]
+        with watched(self.world, *trackers) as changed:
+            try:
+                reply = self.agent.do(turn.text)
+            except KarmaError as error:
+                return "refused", str(error)
         found = [
-            self._verdict(wanted, reply, changed, tracker, goals)
-            for wanted, (tracker, goals) in zip(turn.wanted, trackers, strict=True)
+            self._verdict(wanted, reply, changed(), tracker, some)
+            for wanted, tracker, some in zip(turn.wanted, trackers, goals, strict=True)
         ]
         return min(found, key=VERDICTS.index), repr(reply)
-
-    def _tracker(self, turn: Turn, wanted: str) -> tuple[GoalTracker, tuple[Any, ...]]:
-        goals = tuple(parse_goal(g) for g in wanted.split(";")) if "(" in wanted else ()
-        tracker = GoalTracker()
-        tracker.start(self.world.last_event)
-        tracker.begin_subtask(SubTask(instruction=turn.text, goals=goals), self.world.last_event)
-        return tracker, goals
 
     def _verdict(
         self, wanted: str, reply: AgentReply, changed: bool, tracker: GoalTracker, goals: Any
@@ -275,26 +256,20 @@ def table(judged: Sequence[Judged]) -> Iterator[str]:
         mine = [one for one in judged if kind in ("all", one.turn.kind)]
         count = Counter(one.verdict for one in mine)
         yield f"{kind:10} {len(mine):4}  " + "  ".join(f"{count[name]:16}" for name in VERDICTS)
-    counted = [one for one in judged if one.verdict != "–"]
-    false = [one.verdict in ("wrong, said done", "wrong answer") for one in counted]
-    for name, each in (("right", [one.verdict == "right" for one in counted]), ("false", false)):
-        found = rate([[float(x)] for x in each])
-        yield f"{name}: {sum(each)} of {len(each)} {interval_text(found)}"
+    counted_turns = [one for one in judged if one.verdict != "–"]
+    yield counted("right", [one.verdict == "right" for one in counted_turns])
+    false = ("wrong, said done", "wrong answer")
+    yield counted("false", [one.verdict in false for one in counted_turns])
     whole: dict[int, bool] = {}
     for one in judged:
         whole[one.talk.number] = whole.get(one.talk.number, True) and one.verdict == "right"
     yield f"conversations right in every turn: {sum(whole.values())} of {len(whole)}"
-    yield from controls(one.turn for one in judged)
-
-
-def controls(turns: Iterable[Turn]) -> Iterator[str]:
-    """Yield what two that never act and remember nothing would come to."""
-    words = [[one.split()[0] for one in turn.wanted] for turn in turns]
-    silent = sum("nothing" in w for w in words)
-    no = sum("no" in w or "nothing" in w or "told" in w for w in words)
+    words = [[wanted.split()[0] for wanted in one.turn.wanted] for one in judged]
+    silent = sum("nothing" in some for some in words)
+    no = sum(bool({"no", "nothing", "told"} & set(some)) for some in words)
     yield f"control, says it does not know and does nothing: right {silent} of {len(words)}"
     yield f"control, says done, learnt, or no: right {no} of {len(words)}, all others false"
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)

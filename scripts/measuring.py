@@ -45,6 +45,13 @@ def cell(value: object) -> str:
     return f"{value:,.0f}" if abs(value) >= 100 else re.sub(r"\.0+$", "", f"{value:.3g}")
 
 
+def counted(name: str, each: Sequence[bool]) -> str:
+    """Return how many are so, with the share and its 95 % interval."""
+    from karma.bench.statistics import interval_text, rate
+
+    return f"{name}: {sum(each)} of {len(each)} {interval_text(rate([[float(x)] for x in each]))}"
+
+
 def resident_mb() -> float:
     """Return what this process holds of memory, mapped files counted."""
     status = Path("/proc/self/status").read_text(encoding="utf-8")

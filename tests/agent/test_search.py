@@ -1,6 +1,5 @@
 """Looking for things in our own rooms: what was searched in vain is not searched again."""
 
-
 import msgspec
 import pytest
 from support.household import kitchen, on

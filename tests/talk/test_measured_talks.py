@@ -1,13 +1,11 @@
 """The conversations that are measured: locked by hash, readable, and judged by truth."""
 
-import sys
 from collections import Counter
 from hashlib import sha256
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
+import measure_talks
 import pytest
-from support.paths import ROOT
 from support.talking import STORE, TAKE, WASH, agent_saying
 
 from karma.tasks.goals import parse_goal
@@ -19,11 +17,7 @@ LOCKED = "0157e7e5a1c0ae9cfd1384e190026ef7b0118edc3c46969552ba7e4551240943"
 
 @pytest.fixture(scope="module")
 def measure():
-    spec = spec_from_file_location("measure_talks", ROOT / "scripts/measure_talks.py")
-    module = module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    return measure_talks
 
 
 def test_locked_conversations_are_as_they_were_written():
