@@ -1,15 +1,14 @@
 """What planners of real sizes cost here: speed against llama.cpp itself, first tokens, memory.
 
     python scripts/bench_models.py [nano 0.5b 1.5b 3b 8b] [--type f16 --type q8_0] [--threads 1]
-        [--llama-bench PATH] [--folder runs/bench_models] [--repeat 3]
+        [--folder runs/bench_models] [--repeat 3]
 
 Weights are random, so speed and memory only; files are made once and stay in the folder. Each file
 is measured in a process of its own. "llama.cpp" is llama_decode over the same weights, options and
-numbers of tokens in the same process, interleaved with ours; llama-bench, where its program is
-given, runs right after. On one thread speeds are by processor time, which on a free core is the
-time on the wall; llama-bench's and first tokens are by the wall. All are the best of the repeats:
-others who use the machine only slow. A state is loaded after the system was told to drop the file
-from its cache. Memory is without the states that are kept of other rooms.
+numbers of tokens in the same process, interleaved with ours. On one thread speeds are by processor
+time, which on a free core is the time on the wall; first tokens are by the wall. All are the best
+of the repeats: others who use the machine only slow. A state is loaded after the system was told to
+drop the file from its cache. Memory is without the states that are kept of other rooms.
 """
 
 import json
@@ -73,7 +72,6 @@ class Wanted:
     threads: int
     repeat: int
     prefills: int  # cold ones of each; they are what takes time, and ours is one more
-    llama_bench: str
 
     @property
     def clock(self) -> Clock:
@@ -100,11 +98,10 @@ class Found:
             prefill["llama.cpp"] / prefill["ours"],
             decode["llama.cpp"] / min(decode["constrained"], decode["unconstrained"]),
         )
-        other = bench(wanted, self.prompt) if wanted.llama_bench else {}
         return [
             wanted.name, Path(wanted.path).stat().st_size / 1e6, self.prompt,
-            prefill["ours"], prefill["llama.cpp"], other.get("prefill"), decode["constrained"],
-            decode["unconstrained"], decode["llama.cpp"], other.get("decode"), f"x{slower:.2f}",
+            prefill["ours"], prefill["llama.cpp"], decode["constrained"],
+            decode["unconstrained"], decode["llama.cpp"], f"x{slower:.2f}",
             *(f"{min(self.first_s[what]):.3f}" for what in ("cold", "kept", "loaded")),
             self.state_mb, memory_mb, predicted_mb,
             f"{100 * (predicted_mb / memory_mb - 1):+.0f} %", "yes" if self.same else "NO",
@@ -297,20 +294,6 @@ def sha256_beside(path: Path) -> str:
     return kept.read_text()
 
 
-def bench(wanted: Wanted, prompt: int) -> dict[str, float]:
-    """Return tokens per second as llama-bench measures them, the best of its repeats."""
-    same = ["-m", wanted.path, "-t", wanted.threads, "-b", 512, "-ub", 512, "-fa", "off", "-ngl", 0]
-    found = {}
-    for what, numbers, repeat in (
-        ("prefill", ["-p", prompt, "-n", 0], wanted.prefills),
-        ("decode", ["-p", 0, "-n", wanted.answer, "-d", prompt], wanted.repeat),
-    ):
-        words = [wanted.llama_bench, *same, *numbers, "-r", repeat, "--no-warmup", "-o", "json"]
-        said = subprocess.run(list(map(str, words)), capture_output=True, text=True, check=True)
-        found[what] = max(json.loads(said.stdout)[0]["samples_ts"])
-    return found
-
-
 def main(
     classes: Annotated[list[str] | None, typer.Argument()] = None,
     kinds: Annotated[list[str] | None, typer.Option("--type")] = None,
@@ -319,7 +302,6 @@ def main(
     answer: int = 48,
     repeat: int = 3,
     prefills: int = 2,
-    llama_bench: str = "",
     folder: Path = Path("runs/bench_models"),
     one: Annotated[str, typer.Option(hidden=True)] = "",
 ) -> None:
@@ -337,7 +319,7 @@ def main(
                 wanted = Wanted(
                     name=f"{name}, {kind}", path=str(made(name, kind, folder)), stable=stable,
                     changing=100, answer=answer, threads=threads, repeat=repeat,
-                    prefills=prefills, llama_bench=llama_bench,
+                    prefills=prefills,
                 )  # fmt: skip
                 told = json.dumps(asdict(wanted))
                 command = [sys.executable, __file__, "--one", told, "--folder", str(folder)]
@@ -347,8 +329,8 @@ def main(
                 yield json.loads(done.stdout.splitlines()[-1])
 
     table(
-        "model | file, MB | prompt | prefill, tokens/s: ours | llama.cpp | llama-bench |"
-        " decode, tokens/s: constrained | unconstrained | llama.cpp | llama-bench | slower by |"
+        "model | file, MB | prompt | prefill, tokens/s: ours | llama.cpp |"
+        " decode, tokens/s: constrained | unconstrained | llama.cpp | slower by |"
         " first token: cold, s | kept, s | loaded, s | state, MB | memory, MB | predicted | off |"
         " bits equal",
         rows(),
