@@ -29,9 +29,11 @@ from measuring import CHILDREN, Clock, resident_mb, table, taken
 from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import gguf_parts_mb
+from karma.infer.llama.certainty import CertaintyLog
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.room_states import StateOptions
+from karma.infer.llama.under_way import UnderWay
 from karma.infer.manifest.manifest import resolve_planner, sha256_of
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.offline import go_offline
@@ -170,10 +172,12 @@ def speeds(model: LlamaModel, raw: "Raw", prompt: Prompt, wanted: Wanted, found:
             found.prefill_s["ours"].append(again)
     texts = set()
     for _ in range(wanted.repeat):
-        for name, automaton in (("constrained", ProgramAutomaton(SPEC)), ("unconstrained", None)):
+        for name, spec in (("constrained", SPEC), ("unconstrained", None)):
+            automaton = ProgramAutomaton(spec) if spec else None
+            log, answer = CertaintyLog(model.gguf.table, spec), UnderWay(None, None)
             model.gguf.evaluate(*model._cut(prompt))
             begun = wanted.clock()
-            said = model._decode(automaton, wanted.answer, 0.0, None, 0.0)
+            said = model._decode(automaton, wanted.answer, 0.0, None, answer, log)
             found.token_s[name].append((wanted.clock() - begun) / max(1, said.tokens - 1))
             texts.add(said.text)
         found.token_s["llama.cpp"].append(raw.answer())

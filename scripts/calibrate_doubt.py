@@ -1,7 +1,6 @@
-"""Fit when a planner should refuse: coefficients and threshold beside its weights, and a plot.
+"""Fit when a planner should refuse: coefficients and threshold beside its weights.
 
     python scripts/calibrate_doubt.py models/nano/planner.gguf --out models/nano/doubt.json
-    python scripts/calibrate_doubt.py karma-nano --plot docs/images/doubt.png
 
 Requests are drawn with words, forms, topics and languages that training has not; those of
 eval/requests are not looked at. Figures are cross-validated over five folds.
@@ -11,7 +10,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from karma import registry
@@ -27,7 +25,6 @@ from karma.tasks.drawing.rooms import generated_rooms
 from karma.training.planner.calibration import (
     Judged,
     Scored,
-    bins,
     brier,
     cross_validated,
     drawn,
@@ -48,7 +45,6 @@ CONTROLS = {
 def main(
     planner: Annotated[str, typer.Argument(help="A model of the manifest, or a GGUF.")],
     out: Annotated[Path | None, typer.Option(help="Takes the coefficients.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Takes the reliability plot, a PNG.")] = None,
     count: Annotated[int, typer.Option(min=20, help="Requests to draw.")] = 1200,
     seed: int = 0,
     refused: Annotated[
@@ -73,8 +69,6 @@ def main(
     _tell("refused by lot, as often", by_lot)
     if out is not None:
         write_atomic(out, to_json(doubt, indent=2))
-    if plot is not None:
-        write_atomic(plot, _plotted(told, doubt.threshold))
 
 
 def _asked(planner: str, count: int, seed: int) -> list[Judged]:
@@ -102,35 +96,6 @@ def _tell(title: str, told: Sequence[Scored], *, whole: bool = False) -> None:
         if (whole or name.startswith("to ")) and interval is not None:
             share = f"{times / number:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
             print(f"  refused of {name:19} {share} ({times} of {number})")
-
-
-def _plotted(told: Sequence[Scored], threshold: float) -> bytes:
-    """Return the reliability plot: what was said against what was so, and how often it was said."""
-    import io
-
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5, 5.5), layout="constrained")
-    FigureCanvasAgg(figure)
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    points = bins(told)
-    upper.plot([0, 1], [0, 1], color="0.7", linewidth=1)
-    upper.plot([one[0] for one in points], [one[1] for one in points], marker="o")
-    upper.axvline(threshold, color="0.4", linestyle=":", label=f"threshold {threshold:.2f}")
-    upper.set_ylabel("share that is to be refused")
-    upper.legend(frameon=False)
-    edges = np.linspace(0, 1, 21)
-    for wanted, label in ((True, "to refuse"), (False, "to do")):
-        chances = [one.chance for one in told if one.to_refuse == wanted]
-        lower.hist(chances, edges, histtype="step", label=label)
-    lower.set_yscale("log")
-    lower.set_xlabel("doubt")
-    lower.set_ylabel("requests")
-    lower.legend(frameon=False)
-    out = io.BytesIO()
-    figure.savefig(out, format="png", dpi=110, metadata={"Software": None})
-    return out.getvalue()
 
 
 if __name__ == "__main__":
