@@ -59,7 +59,7 @@ def main(
     print(f"coefficients {doubt.coefficients}, intercept {doubt.intercept}")
     print(f"threshold {doubt.threshold}; {doubt.fitted_on}")
     _tell("doubt, cross-validated", told, whole=True)
-    by_itself = [_scored(one, float(one.says_refuse)) for one in found]
+    by_itself = [_scored(one, float(one.completion.text.startswith("refuse("))) for one in found]
     _tell("the planner by itself", by_itself)
     for name, names in CONTROLS.items():
         _tell(name, cross_validated(found, names, refused=refused))
