@@ -1,36 +1,40 @@
 """What planners of real sizes cost here: speed against llama.cpp itself, first tokens, memory.
 
-    python scripts/bench_models.py [nano 0.5b 1.5b 3b 8b] [--types f16 q8_0 q4_k_m] [--threads 1]
-        [--llama-bench PATH] [--folder runs/bench_models] [--repeat 3] [--json FILE]
+    python scripts/bench_models.py [nano 0.5b 1.5b 3b 8b] [--type f16 --type q8_0] [--threads 1]
+        [--folder runs/bench_models] [--repeat 3]
 
 Weights are random, so speed and memory only; files are made once and stay in the folder. Each file
 is measured in a process of its own. "llama.cpp" is llama_decode over the same weights, options and
-numbers of tokens in the same process, interleaved with ours; llama-bench, where its program is
-given, runs right after. On one thread speeds are by processor time, which on a free core is the
-time on the wall; llama-bench's and first tokens are by the wall. All are the best of the repeats:
-others who use the machine only slow. A state is loaded after the system was told to drop the file
-from its cache. Memory is without the states that are kept of other rooms.
+numbers of tokens in the same process, interleaved with ours. On one thread speeds are by processor
+time, which on a free core is the time on the wall; first tokens are by the wall. All are the best
+of the repeats: others who use the machine only slow. A state is loaded after the system was told to
+drop the file from its cache. Memory is without the states that are kept of other rooms.
 """
 
-import argparse
 import json
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Annotated, Any
+
+import typer
+from measuring import CHILDREN, Clock, resident_mb, table, taken
 
 from karma.contracts import ProgramSpec, Prompt, Skill
-from karma.files import sha256_of, to_json
+from karma.files import sha256_of
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import gguf_parts_mb
+from karma.infer.llama.certainty import CertaintyLog
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.room_states import StateOptions
+from karma.infer.llama.under_way import UnderWay
 from karma.infer.manifest.manifest import resolve_planner
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.offline import go_offline
@@ -63,6 +67,8 @@ OTHER = Prompt(stable="Another room.\n", changing="Go.\n")
 class Wanted:
     """What to measure one file with."""
 
+    name: str
+    path: str
     stable: int  # tokens
     changing: int
     answer: int
@@ -70,57 +76,71 @@ class Wanted:
     repeat: int
     prefills: int  # cold ones of each; they are what takes time, and ours is one more
 
+    @property
+    def clock(self) -> Clock:
+        """What tells the time: on one thread its own, which others on the machine do not eat."""
+        return time.process_time if self.threads == 1 else time.perf_counter
 
-@dataclass(slots=True, kw_only=True)
-class Measured:
-    """One file; every list holds one figure per repeat."""
 
-    file_mb: float
-    prompt_tokens: int
-    prefill_s: dict[str, list[float]] = field(default_factory=dict)
-    token_s: dict[str, list[float]] = field(default_factory=dict)  # per token, medians of answers
-    first_token_s: dict[str, list[float]] = field(default_factory=dict)
-    states: dict[str, str] = field(default_factory=dict)  # what the answers said of themselves
+@dataclass(slots=True)
+class Found:
+    """Figures of one file; every list holds one of each repeat."""
+
+    prompt: int  # tokens
+    prefill_s: defaultdict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
+    token_s: defaultdict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
+    first_s: defaultdict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
     same: bool = True  # all answers and logits to the same prompt, to the bit
     state_mb: float = 0.0
-    memory_mb: float = 0.0
-    predicted_mb: float = 0.0
+
+    def row(self, wanted: Wanted, memory_mb: float, predicted_mb: float) -> list[object]:
+        """Return a line of the table."""
+        prefill = {what: self.prompt / min(times) for what, times in self.prefill_s.items()}
+        decode = {what: 1 / min(times) for what, times in self.token_s.items()}
+        slower = max(
+            prefill["llama.cpp"] / prefill["ours"],
+            decode["llama.cpp"] / min(decode["constrained"], decode["unconstrained"]),
+        )
+        return [
+            wanted.name, Path(wanted.path).stat().st_size / 1e6, self.prompt,
+            prefill["ours"], prefill["llama.cpp"], decode["constrained"],
+            decode["unconstrained"], decode["llama.cpp"], f"x{slower:.2f}",
+            *(f"{min(self.first_s[what]):.3f}" for what in ("cold", "kept", "loaded")),
+            self.state_mb, memory_mb, predicted_mb,
+            f"{100 * (predicted_mb / memory_mb - 1):+.0f} %", "yes" if self.same else "NO",
+        ]  # fmt: skip
 
 
 # ------------------------------------------------------------------------------------- one file
 
 
-def measure(path: Path, wanted: Wanted, folder: Path) -> Measured:
+def measure(wanted: Wanted, folder: Path) -> list[object]:
     """Measure one file; the process should do nothing else."""
     import llama_cpp  # before memory is looked at
 
     llama_cpp.llama_backend_init()
-    before = resident()
-    model = opened(path, wanted, StateOptions(memory_mb=0))
-    prompt = prompt_of(model, wanted)
-    tokens = [*model.gguf.tokens(prompt.stable, begins=True), *model.gguf.tokens(prompt.changing)]
-    found = Measured(file_mb=path.stat().st_size / 1e6, prompt_tokens=len(tokens))
-    clock = clock_of(wanted)
-    begun = clock()
-    model.complete(prompt, spec=SPEC, max_tokens=1)
-    note(found.prefill_s, "ours", clock() - begun)
-    found.memory_mb = resident() - before
-    gguf = model.gguf
-    found.predicted_mb = gguf_parts_mb(
-        path, check_gguf(path), context=gguf.n_ctx, batch=gguf.n_batch
-    )
+    before, path = resident_mb(), Path(wanted.path)
+    model = opened(wanted, StateOptions(memory_mb=0))
+    prompt, gguf = prompt_of(model, wanted), model.gguf
+    tokens = [*gguf.tokens(prompt.stable, begins=True), *gguf.tokens(prompt.changing)]
+    found = Found(len(tokens))
+    cold = taken(lambda: model.complete(prompt, spec=SPEC, max_tokens=1), wanted.clock)
+    found.prefill_s["ours"].append(cold)
+    memory_mb = resident_mb() - before
+    parts = gguf_parts_mb(path, check_gguf(path), context=gguf.n_ctx, batch=gguf.n_batch)
     raw = Raw(model, wanted, tokens)
     speeds(model, raw, prompt, wanted, found)
     raw.close()
     model.close()
-    first_tokens(path, prompt, wanted, folder, found)
-    return found
+    first_tokens(prompt, wanted, folder, found)
+    return found.row(wanted, memory_mb, parts)
 
 
-def opened(path: Path, wanted: Wanted, states: StateOptions) -> LlamaModel:
+def opened(wanted: Wanted, states: StateOptions) -> LlamaModel:
     """Open a file that needs no trial: it was made here."""
     needed = wanted.stable + wanted.changing + wanted.answer
     options = LlamaOptions(n_ctx=-(-needed // 256) * 256, threads=wanted.threads)
+    path = Path(wanted.path)
     return LlamaModel(path, options=options, sha256=sha256_beside(path), states=states)
 
 
@@ -143,53 +163,48 @@ def prompt_of(model: LlamaModel, wanted: Wanted) -> Prompt:
     )
 
 
-def speeds(model: LlamaModel, raw: "Raw", prompt: Prompt, wanted: Wanted, found: Measured) -> None:
+def speeds(model: LlamaModel, raw: "Raw", prompt: Prompt, wanted: Wanted, found: Found) -> None:
     """Time prefill and answers, ours and llama.cpp's in turns."""
-    clock = clock_of(wanted)
     for number in range(wanted.prefills):
-        note(found.prefill_s, "llama.cpp", raw.prefill())
+        found.prefill_s["llama.cpp"].append(raw.prefill())
         if number:  # the first was timed, and one more will be
             model.complete(OTHER, max_tokens=1)
-            begun = clock()
-            model.complete(prompt, max_tokens=1)
-            note(found.prefill_s, "ours", clock() - begun)
+            again = taken(lambda: model.complete(prompt, max_tokens=1), wanted.clock)
+            found.prefill_s["ours"].append(again)
     texts = set()
     for _ in range(wanted.repeat):
-        for name, automaton in (("constrained", ProgramAutomaton(SPEC)), ("unconstrained", None)):
+        for name, spec in (("constrained", SPEC), ("unconstrained", None)):
+            automaton = ProgramAutomaton(spec) if spec else None
+            log, answer = CertaintyLog(model.gguf.table, spec), UnderWay(None, None)
             model.gguf.evaluate(*model._cut(prompt))
-            begun = clock()
-            said = model._decode(automaton, wanted.answer, 0.0, None, 0.0)
-            note(found.token_s, name, (clock() - begun) / max(1, said.tokens - 1))
+            begun = wanted.clock()
+            said = model._decode(automaton, wanted.answer, 0.0, None, answer, log)
+            found.token_s[name].append((wanted.clock() - begun) / max(1, said.tokens - 1))
             texts.add(said.text)
-        note(found.token_s, "llama.cpp", raw.answer())
+        found.token_s["llama.cpp"].append(raw.answer())
     found.same = len(texts) == 2
 
 
-def clock_of(wanted: Wanted) -> Callable[[], float]:
-    """Return what tells the time: on one thread its own, which others on the machine do not eat."""
-    return time.process_time if wanted.threads == 1 else time.perf_counter
-
-
-def first_tokens(path: Path, prompt: Prompt, wanted: Wanted, folder: Path, found: Measured) -> None:
+def first_tokens(prompt: Prompt, wanted: Wanted, folder: Path, found: Found) -> None:
     """Time the first token with the room's state evaluated, kept, and loaded."""
-    states = StateOptions(folder=folder)
-    told, clock = set(), clock_of(wanted)
+    told = set()
     for number in range(wanted.repeat + 1):
-        model = opened(path, wanted, states)
+        model = opened(wanted, StateOptions(folder=folder))
         model.complete(OTHER, max_tokens=1)
         for name in ("loaded" if number else "cold", "kept"):
-            begun = clock()
+            begun = wanted.clock()
             said = model.complete(prompt, spec=SPEC, max_tokens=1)
             if name == "cold":
-                note(found.prefill_s, "ours", clock() - begun)
+                found.prefill_s["ours"].append(wanted.clock() - begun)
             told.add(model.gguf.logits().tobytes())
-            note(found.first_token_s, name, said.first_token_s or 0.0)
-            found.states[name] = said.state or ""
+            found.first_s[name].append(said.first_token_s or 0.0)
             model.complete(OTHER, max_tokens=1)  # another room in between
         model.close()
-        for file in folder.iterdir():
-            found.state_mb = max(found.state_mb, file.stat().st_size / 1e6)
-            dropped_from_cache(file)
+        for kept in folder.iterdir():
+            found.state_mb = max(found.state_mb, kept.stat().st_size / 1e6)
+            with kept.open("rb") as file:  # the system forgets what it holds of it
+                os.fsync(file.fileno())
+                os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
     found.same = found.same and len(told) == 1
 
 
@@ -209,7 +224,7 @@ class Raw:
         self._context = model.gguf.sequences(1, cells=model.gguf.n_ctx)
         self._memory = llama_cpp.llama_get_memory(self._context.ctx)
         self._prompt, self._batch, self._answer = prompt, model.gguf.n_batch, wanted.answer
-        self._clock = clock_of(wanted)
+        self._clock = wanted.clock
 
     def prefill(self) -> float:
         """Return the seconds that the prompt takes."""
@@ -238,26 +253,6 @@ class Raw:
         batch = self._cpp.llama_batch_get_one(array, len(tokens))
         if self._cpp.llama_decode(self._context.ctx, batch) != 0:
             raise SystemExit("llama_decode failed")
-
-
-def note(into: dict[str, list[float]], name: str, value: float) -> None:
-    """Add one repeat's figure."""
-    into.setdefault(name, []).append(value)
-
-
-def resident() -> float:
-    """Return what this process holds of memory, mapped files counted, in MB."""
-    for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith("VmRSS:"):
-            return int(line.split()[1]) * 1024 / 1e6
-    raise SystemExit("no VmRSS in /proc/self/status")
-
-
-def dropped_from_cache(path: Path) -> None:
-    """Ask the system to forget what it holds of a file."""
-    with path.open("rb") as file:
-        os.fsync(file.fileno())
-        os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
 
 
 # ------------------------------------------------------------------------------------ all files
@@ -295,117 +290,57 @@ def quantise(whole: Path, path: Path, kind: str) -> None:
 
 
 def sha256_beside(path: Path) -> str:
-    """Return a file's hash, kept beside it."""
+    """Return a file's hash, kept beside it where it was made here."""
     kept = path.with_suffix(".sha256")
-    if path.name == "planner.gguf" or not kept.exists():
-        found = sha256_of(path)
-        if path.name != "planner.gguf":
-            kept.write_text(found)
-        return found
+    if path.name == "planner.gguf":
+        return sha256_of(path)
+    if not kept.exists():
+        kept.write_text(sha256_of(path))
     return kept.read_text()
 
 
-def bench(program: str, path: Path, wanted: Wanted, prompt: int) -> dict[str, float]:
-    """Return tokens per second as llama-bench measures them, the best of its repeats."""
-    same = ["-m", path, "-t", wanted.threads, "-b", 512, "-ub", 512, "-fa", "off", "-ngl", 0]
-    found = {}
-    for what, numbers, repeat in (
-        ("prefill", ["-p", prompt, "-n", 0], wanted.prefills),
-        ("decode", ["-p", 0, "-n", wanted.answer, "-d", prompt], wanted.repeat),
-    ):
-        command = [program, *same, *numbers, "-r", repeat, "--no-warmup", "-o", "json"]
-        said = subprocess.run(
-            list(map(str, command)), capture_output=True, text=True, check=True
-        ).stdout
-        found[what] = max(json.loads(said)[0]["samples_ts"])
-    return found
-
-
-HEADER = (
-    "| model | file, MB | prompt | prefill, tokens/s: ours | llama.cpp | llama-bench |"
-    " decode, tokens/s: constrained | unconstrained | llama.cpp | llama-bench | slower by |"
-    " first token: cold, s | kept, s | loaded, s | state, MB | memory, MB | predicted | off by |"
-    " bits equal |\n|" + "---|" * 19
-)
-
-
-def row(name: str, one: Measured, other: dict[str, float]) -> str:
-    """Return a line of the table."""
-    prefill = {what: one.prompt_tokens / min(times) for what, times in one.prefill_s.items()}
-    decode = {what: 1 / min(times) for what, times in one.token_s.items()}
-    slower = max(
-        prefill["llama.cpp"] / prefill["ours"],
-        decode["llama.cpp"] / min(decode["constrained"], decode["unconstrained"]),
-    )
-    first = {what: min(times) for what, times in one.first_token_s.items()}
-    cells = [
-        name, f"{one.file_mb:.0f}", one.prompt_tokens, f"{prefill['ours']:.1f}",
-        f"{prefill['llama.cpp']:.1f}", figure(other.get("prefill")),
-        f"{decode['constrained']:.2f}", f"{decode['unconstrained']:.2f}",
-        f"{decode['llama.cpp']:.2f}", figure(other.get("decode")), f"x{slower:.2f}",
-        *(f"{first[what]:.3f}" for what in ("cold", "kept", "loaded")), f"{one.state_mb:.0f}",
-        f"{one.memory_mb:.0f}", f"{one.predicted_mb:.0f}",
-        f"{100 * (one.predicted_mb / one.memory_mb - 1):+.0f} %", "yes" if one.same else "NO",
-    ]  # fmt: skip
-    return f"| {' | '.join(map(str, cells))} |"
-
-
-def figure(value: float | None) -> str:
-    """Return a speed, or that it was not measured."""
-    return "–" if value is None else f"{value:.1f}"
-
-
-def children(options: argparse.Namespace) -> Iterator[tuple[str, Path, Measured]]:
-    """Measure every file in a process of its own."""
-    for name in options.classes:
-        for kind in ["q8_0"] if name == NANO else options.types:
-            path = made(name, kind, options.folder)
-            command = [sys.executable, __file__, "--one", str(path), "--repeat", options.repeat]
-            command += ["--prefills", options.prefills, "--threads", options.threads]
-            command += ["--answer", options.answer, "--stable", options.stable]
-            command += ["--folder", options.folder]
-            done = subprocess.run(
-                list(map(str, command)), stdout=subprocess.PIPE, text=True, check=True
-            )
-            yield f"{name}, {kind}", path, Measured(**json.loads(done.stdout.splitlines()[-1]))
-
-
-def main() -> None:
+def main(
+    classes: Annotated[list[str] | None, typer.Argument()] = None,
+    kinds: Annotated[list[str] | None, typer.Option("--type")] = None,
+    threads: int = 1,
+    stable: int = 2000,
+    answer: int = 48,
+    repeat: int = 3,
+    prefills: int = 2,
+    folder: Path = Path("runs/bench_models"),
+    one: Annotated[str, typer.Option(hidden=True)] = "",
+) -> None:
     """Run all of it, or one file as told by the parent."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("classes", nargs="*", default=[NANO, "0.5b"])
-    parser.add_argument("--types", nargs="+", default=["q8_0"])
-    parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--stable", type=int, default=2000)
-    parser.add_argument("--answer", type=int, default=48)
-    parser.add_argument("--repeat", type=int, default=3)
-    parser.add_argument("--prefills", type=int, default=2)
-    parser.add_argument("--llama-bench", default="")
-    parser.add_argument("--folder", type=Path, default=Path("runs/bench_models"))
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    wanted = Wanted(
-        stable=options.stable, changing=100, answer=options.answer, threads=options.threads,
-        repeat=options.repeat, prefills=options.prefills,
-    )  # fmt: skip
-    say: Callable[..., None] = print
-    if options.one is not None:
-        with TemporaryDirectory(dir=options.folder) as folder:
-            say(json.dumps(asdict(measure(options.one, wanted, Path(folder)))))
+    go_offline()
+    folder.mkdir(parents=True, exist_ok=True)
+    if one:
+        with TemporaryDirectory(dir=folder) as place:
+            print(json.dumps(measure(Wanted(**json.loads(one)), Path(place))))
         return
-    say(HEADER, flush=True)
-    lines = []
-    for name, path, one in children(options):
-        other = {}
-        if options.llama_bench:
-            other = bench(options.llama_bench, path, wanted, one.prompt_tokens)
-        lines.append({"name": name, "llama_bench": other, **asdict(one)})
-        say(row(name, one, other), flush=True)
-        if options.json:
-            options.json.write_bytes(to_json(lines, indent=2))
+
+    def rows() -> Iterator[Sequence[object]]:
+        for name in classes or [NANO, "0.5b"]:
+            for kind in ["q8_0"] if name == NANO else kinds or ["q8_0"]:
+                wanted = Wanted(
+                    name=f"{name}, {kind}", path=str(made(name, kind, folder)), stable=stable,
+                    changing=100, answer=answer, threads=threads, repeat=repeat,
+                    prefills=prefills,
+                )  # fmt: skip
+                told = json.dumps(asdict(wanted))
+                command = [sys.executable, __file__, "--one", told, "--folder", str(folder)]
+                done = subprocess.run(
+                    command, stdout=subprocess.PIPE, text=True, check=True, env=CHILDREN
+                )
+                yield json.loads(done.stdout.splitlines()[-1])
+
+    table(
+        "model | file, MB | prompt | prefill, tokens/s: ours | llama.cpp |"
+        " decode, tokens/s: constrained | unconstrained | llama.cpp | slower by |"
+        " first token: cold, s | kept, s | loaded, s | state, MB | memory, MB | predicted | off |"
+        " bits equal",
+        rows(),
+    )
 
 
 if __name__ == "__main__":
-    go_offline()
-    main()
+    typer.run(main)

@@ -1,22 +1,24 @@
 """Milliseconds of one question to recall, in memories of 10, 1,000 and 100,000 units.
 
-    OMP_NUM_THREADS=1 python scripts/bench_recall.py [--units 10 1000 100000] [--repeats 20]
+    OMP_NUM_THREADS=1 python scripts/bench_recall.py [--repeats 20] [--units 10 --units 1000]
 
-Processor time of this process, so that other work on the machine counts less; medians.
+Seconds of the processor, medians.
 
 - texts of their own: every unit has a vector of its own, random ones of 384 numbers, as the paper's
   `cosine` over listings has it. `kept` is the index, `changed` the same after one unit came and one
-  went, `numpy` one matrix product and a partition over the same vectors.
+  went; the reference `numpy` is one matrix product and a partition over the same vectors.
 - kinds: units of the 119 types that words are known of, with states and places, asked by
   `stateful` in a phrase; `encoder` adds MiniLM, which reads each phrase for the first time.
 """
 
-import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from itertools import count
 from statistics import median
-from time import process_time
+from typing import Annotated
 
 import numpy as np
+import typer
+from measuring import in_turns, table
 
 from karma.contracts import MemoryUnit, Recall
 from karma.loading.models import Models, load_resources
@@ -29,113 +31,85 @@ DIMENSION, K = 384, 3
 STATES = ((), ("cleaned",), ("dirty",), ("sliced",), ("cleaned", "sliced"), ("filled",))
 PLACES = ("CounterTop|1", "Fridge|1", "Shelf|2", "Desk|1", "Sink|1", None)
 ASKED = ("the clean mug from the fridge", "put the red fruit on the desk", "the dirty pan")
+Ways = dict[str, Callable[[], object]]
 
 
-def main() -> None:
-    """Print a table for each kind of memory."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument("--units", type=int, nargs="+", default=[10, 1000, 100_000])
-    parser.add_argument("--repeats", type=int, default=20)
-    arguments = parser.parse_args()
-    go_offline()
-    print("| units | kept | changed | numpy | kept : numpy |\n|---|---|---|---|---|")
-    for count in arguments.units:
-        kept, changed, plain = own_texts(count, arguments.repeats)
-        print(f"| {count:,} | {kept:.2f} | {changed:.2f} | {plain:.2f} | {kept / plain:.2f} |")
-    recall, new = load_resources(Models(), maps=None, seed=0).recall, fresh_phrases()
-    print("\n| units | kinds | changed | with encoder |\n|---|---|---|---|")
-    for count in arguments.units:
-        asked, changed, encoded = kinds(recall, count, arguments.repeats, new)
-        print(f"| {count:,} | {asked:.2f} | {changed:.2f} | {encoded:.2f} |")
-
-
-def own_texts(count: int, repeats: int) -> tuple[float, float, float]:
-    """Time the index, kept and changed, and NumPy over units with a vector each."""
-    rng = stream(0, "bench", str(count))
-    rows = rng.standard_normal((count + repeats, DIMENSION), dtype=np.float32)
+def own_texts(number: int, repeats: int) -> Ways:
+    """Return the index, kept and changed, and NumPy over units with a vector each."""
+    rng = stream(0, "bench", str(number))
+    rows = rng.standard_normal((number + repeats, DIMENSION), dtype=np.float32)
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
-    units = [unit(number, "Mug") for number in range(len(rows))]
-    index = UnitIndex(lambda number: rows[number : number + 1], lambda one: int(one.object_id))
-    memory = units[:count]
+    units = [unit(at, "Mug") for at in range(len(rows))]
+    index = UnitIndex(lambda at: rows[at : at + 1], lambda one: int(one.object_id))
+    memory, coming, turn = units[:number], iter(units[number:]), count()
     index.follow(memory)
     questions = [row[None] + rows[0] for row in rng.standard_normal((3, DIMENSION)) / 30]
     asked = [(q / np.linalg.norm(q)).astype(np.float32) for q in questions]
 
-    def kept(number: int) -> None:
+    def kept() -> None:
         index.follow(memory)
-        index.best(asked[number % 3], K)
+        index.best(asked[next(turn) % 3], K)
 
-    def changed(number: int) -> None:
-        memory[:] = [*memory[1:], units[count + number]]
-        kept(number)
+    def changed() -> None:
+        memory[:] = [*memory[1:], next(coming)]
+        kept()
 
-    def plain(number: int) -> None:
-        scores = rows[:count] @ asked[number % 3][0]
-        best = np.argpartition(-scores, min(K, count - 1))[:K]
+    def plain() -> None:
+        scores = rows[:number] @ asked[next(turn) % 3][0]
+        best = np.argpartition(-scores, min(K, number - 1))[:K]
         best[np.argsort(-scores[best], kind="stable")]
 
-    return timed(plain_first(kept), repeats), timed(changed, repeats), timed(plain, repeats)
+    kept()  # what the first call sets up is there
+    return {"kept": kept, "changed": changed, "numpy": plain}
 
 
-def plain_first(call: Callable[[int], None]) -> Callable[[int], None]:
-    """Return a call that was made once before, so that what it sets up is there."""
-    call(0)
-    return call
-
-
-def kinds(
-    recall: Recall, count: int, repeats: int, new: Iterator[str]
-) -> tuple[float, float, float]:
-    """Time `stateful` over kinds: as it is, with a unit that changed, with phrases never read."""
+def kinds(recall: Recall, number: int, repeats: int) -> Ways:
+    """Return `stateful` over kinds: as it is, with a unit that changed, with phrases never read."""
     names = sorted(lexicon())
-    units = [unit(number, names[number % len(names)]) for number in range(count + repeats)]
-    memory = units[:count]
+    units = [unit(at, names[at % len(names)]) for at in range(number + repeats)]
+    memory, coming, turn = units[:number], iter(units[number:]), count()
+    new = (f"the {number}th {n} of my aunt" for one in lexicon().values() for n in one.names)
     for text in ASKED:
         recall.recall(text, memory, K)
 
-    def asked(number: int) -> None:
-        recall.recall(ASKED[number % 3], memory, K)
+    def changed() -> None:
+        memory[:] = [*memory[1:], next(coming)]
+        recall.recall(ASKED[next(turn) % 3], memory, K)
 
-    def changed(number: int) -> None:
-        memory[:] = [*memory[1:], units[count + number]]
-        asked(number)
-
-    def encoded(number: int) -> None:
-        recall.recall(next(new), memory, K)
-
-    return timed(asked, repeats), timed(changed, repeats), timed(encoded, repeats)
-
-
-def fresh_phrases() -> Iterator[str]:
-    """Yield phrases of seven words that nobody has asked yet."""
-    for entry in lexicon().values():
-        for name in entry.names:
-            yield f"the old {name} of my aunt"
+    return {
+        "kinds": lambda: recall.recall(ASKED[next(turn) % 3], memory, K),
+        "changed": changed,
+        "encoder": lambda: recall.recall(next(new), memory, K),
+    }
 
 
 def unit(number: int, kind: str) -> MemoryUnit:
     """Return a unit with some state and place."""
     return MemoryUnit(
-        object_id=str(number),
-        object_type=kind,
-        position_m=(0.0, 0.0, 0.0),
-        states=STATES[number % len(STATES)],
-        place_id=PLACES[number // 7 % len(PLACES)],
+        object_id=str(number), object_type=kind, position_m=(0.0, 0.0, 0.0),
+        states=STATES[number % len(STATES)], place_id=PLACES[number // 7 % len(PLACES)],
         handled=number % 3 == 0,
+    )  # fmt: skip
+
+
+def medians(ways: Ways, repeats: int) -> list[float]:
+    """Return the median milliseconds of each way; one after the other, as a memory is asked."""
+    return [1000 * median(in_turns({n: way}, repeats)[n]) for n, way in ways.items()]
+
+
+def main(units: Annotated[list[int] | None, typer.Option()] = None, repeats: int = 20) -> None:
+    """Print a table for each kind of memory."""
+    go_offline()
+    sizes = units or [10, 1000, 100_000]
+    found = ((n, *medians(own_texts(n, repeats), repeats)) for n in sizes)
+    table("units | kept | changed | numpy | kept : numpy", ((*f, f[1] / f[3]) for f in found))
+    recall = load_resources(Models(), maps=None, seed=0).recall
+    print()
+    table(
+        "units | kinds | changed | with encoder",
+        ((n, *medians(kinds(recall, n, repeats), repeats)) for n in sizes),
     )
 
 
-def timed(call: Callable[[int], None], repeats: int) -> float:
-    """Return the median milliseconds of some calls."""
-    spent = []
-    for number in range(repeats):
-        begun = process_time()
-        call(number)
-        spent.append(process_time() - begun)
-    return 1000 * median(spent)
-
-
 if __name__ == "__main__":
-    main()
+    typer.run(main)

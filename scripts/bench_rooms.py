@@ -2,19 +2,21 @@
 
     python scripts/bench_rooms.py [--planner karma-nano] [--profile compact] [--task house-0-00]
 
-The same sequence of ALFWorld-R is done four times: keeping the last room only, keeping rooms in
-memory, with an empty folder for states, and once more with what is in it. Records must be equal.
-A planner "random" babbles: a tiny Llama in its family's tokens, with a context that `full` fits.
+The same sequence of ALFWorld-R is done four times: keeping the last room only (the reference),
+keeping rooms in memory, with an empty folder for states, and once more with what is in it. Records
+must be equal. A planner "random" babbles: a tiny Llama, with a context that `full` fits.
 """
 
-import argparse
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import typer
+from measuring import table
+
 from karma.bench.run import Run
 from karma.journal.header import EPISODES
-from karma.journal.records import AnswerTiming, read_records
 from karma.journal.run_folder import read_run
 from karma.offline import go_offline
 from karma.testing import make_llama
@@ -28,63 +30,57 @@ WAYS = {  # what is done: its [run]
 }
 
 
-def experiment(path: Path, options: argparse.Namespace, run: str) -> Path:
-    """Write the experiment."""
-    planner = options.planner
-    if planner == "random":
-        planner = str(path.parent / "random.gguf")
-        shape = {"layers": 2, "width": 64, "heads": 4, "kv_heads": 2, "feed_forward": 128}
-        make_llama(planner, **shape, vocabulary=1024, context=16_384)
-    path.write_text(
-        f'name = "rooms"\ntasks = "{TASKS.resolve()}"\nonly = ["{options.task}"]\n'
-        '[[rows]]\nname = "KARMA"\noptions = { attempts = 1 }\n'
-        f'[models]\nplanner = "{planner}"\nprofile = "{options.profile}"\n[run]\n{run}\n'
-    )
-    return path
-
-
-def row(name: str, folder: Path) -> str:
-    """Return a line of the table."""
-    timings = read_run(folder).timings
-    told: list[tuple[int, AnswerTiming]] = [
+def row(folder: Path) -> list[float]:
+    """Return answers, rooms evaluated, loaded, kept, tokens of prompts, of them run, seconds."""
+    run = read_run(folder)
+    told = [
         (answer.prompt_tokens or 0, timing)
-        for record in read_records(folder / EPISODES)
-        for sub, times in zip(record.subtasks, timings[record.key].subtasks, strict=True)
+        for record in run.records
+        for sub, times in zip(record.subtasks, run.timings[record.key].subtasks, strict=True)
         for answer, timing in zip(sub.answers, times.answers, strict=True)
     ]
     states = Counter(timing.state for _, timing in told)
     whole = sum(tokens for tokens, _ in told)
-    run = whole - sum(timing.reused_tokens or 0 for _, timing in told)
+    reused = sum(timing.reused_tokens or 0 for _, timing in told)
     seconds = sum(timing.first_token_s or 0.0 for _, timing in told)
-    cells = [name, len(told), states["evaluated"], states["loaded"], states["kept"], whole, run]
-    return f"| {' | '.join(map(str, cells))} | {seconds:.1f} |"
+    rooms = (states[name] for name in ("evaluated", "loaded", "kept"))
+    return [len(told), *rooms, whole, whole - reused, seconds]
 
 
-def main() -> None:
+def main(planner: str = "karma-nano", profile: str = "compact", task: str = "house-0-00") -> None:
     """Do all four."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--planner", default="karma-nano")
-    parser.add_argument("--profile", default="compact")
-    parser.add_argument("--task", default="house-0-00")
-    options = parser.parse_args()
-    print(
-        "| kept | answers | rooms evaluated | loaded | kept | prompt tokens | of them run |"
-        " s to first tokens |\n" + "|---" * 8 + "|"
-    )
+    go_offline()
     said = set()
-    with TemporaryDirectory() as folder:
-        for number, (name, run) in enumerate(WAYS.items()):
-            path = Path(folder) / f"{number}.toml"
-            done = Path(folder) / str(number)
-            states = Path(folder) / "states"
-            list(
-                Run(experiment(path, options, run.format(folder=states)), done).episodes(workers=1)
-            )
-            print(row(name, done), flush=True)
-            said.add((done / EPISODES).read_bytes())
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        if planner == "random":
+            shape = {"layers": 2, "width": 64, "heads": 4, "kv_heads": 2, "feed_forward": 128}
+            planner = str(folder / "random.gguf")
+            make_llama(planner, **shape, vocabulary=1024, context=16_384)
+
+        def rows() -> Iterator[Sequence[object]]:
+            against = 0.0
+            for number, (way, run) in enumerate(WAYS.items()):
+                path, done = folder / f"{number}.toml", folder / str(number)
+                path.write_text(
+                    f'name = "rooms"\ntasks = "{TASKS.resolve()}"\nonly = ["{task}"]\n'
+                    '[[rows]]\nname = "KARMA"\noptions = { attempts = 1 }\n'
+                    f'[models]\nplanner = "{planner}"\nprofile = "{profile}"\n'
+                    f"[run]\n{run.format(folder=folder / 'states')}\n"
+                )
+                list(Run(path, done).episodes(workers=1))
+                found = row(done)
+                against = against or found[-1]
+                yield way, *found, found[-1] / against
+                said.add((done / EPISODES).read_bytes())
+
+        table(
+            "kept | answers | rooms evaluated | loaded | kept | prompt tokens | of them run |"
+            " s to first tokens | of the last room only",
+            rows(),
+        )
     print("records are equal" if len(said) == 1 else "RECORDS DIFFER")
 
 
 if __name__ == "__main__":
-    go_offline()
-    main()
+    typer.run(main)

@@ -1,89 +1,71 @@
 """Speed and memory of the world, against references that do the minimum, in the same run.
 
-python scripts/bench_world.py [--steps N] [--dumps FILE] [--layouts FILE] [--json OUT]
+python scripts/bench_world.py [--steps N] [--frame-count N] [--dumps FILE] [--layouts FILE]
 
 References: a plain dict that moves an agent and has no metadata, and a bare player that answers
 AI2-THOR's client at once with one constant frame (scripts/echo_player.py). The rooms are the
 middle and the largest of the kitchens imported from a dump; ours without one.
 """
 
-import argparse
 import json
 import os
 import random
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 os.environ["OMP_NUM_THREADS"] = "1"  # one core, before numpy is imported
 
-from rich.console import Console
-from rich.table import Table
+import typer
+from measuring import resident_mb, table, taken
 
 from karma.children import forking, starting
-from karma.files import to_json, write_atomic
+from karma.files import to_json
 from karma.offline import go_offline
 from karma.world.core import scene as scenes
 from karma.world.core.scene import Scene
 from karma.world.importing.scenes import import_dump
+from karma.world.player.launch import command
 from karma.world.sim import EmbeddedWorld
 
 SHARED = Path(os.environ.get("KARMA_SHARED", Path(__file__).parents[2] / "shared")) / "data"
 WALK = ("MoveAhead", "MoveAhead", "MoveAhead", "RotateRight", "RotateLeft", "LookDown", "LookUp")
 HANDLE = ("PickupObject", "PutObject", "OpenObject", "CloseObject", "ToggleObjectOn", "SliceObject")
 IMAGES = {"renderDepthImage": True, "renderInstanceSegmentation": True}
-Step = Callable[[dict[str, Any]], Any]
+Action = dict[str, Any]
+Row = Sequence[object]  # what, measured, unit, of the reference, aim
 
 
-@dataclass(frozen=True, kw_only=True)
-class Figure:
-    """One line of the table."""
-
-    what: str
-    value: float
-    unit: str
-    against: str = ""  # the reference that `ratio` compares with
-    ratio: float | None = None
-    aim: str = ""
+def walking(steps: int, seed: int = 0) -> list[Action]:
+    """Return the steps of somebody who walks and looks around."""
+    draw = random.Random(seed)
+    return [{"action": draw.choice(WALK)} for _ in range(steps)]
 
 
-# ----------------------------------------------------------------- what is done
+def working(room: Scene, steps: int, seed: int = 0) -> list[Action]:
+    """Return the steps of somebody who walks, and handles things every fifth step."""
+    draw, ids = random.Random(seed), [thing.id for thing in room.objects]
+    return [
+        one if draw.random() < 0.8 else
+        {"action": draw.choice(HANDLE), "objectId": draw.choice(ids), "forceAction": True}
+        for one in walking(steps, seed)
+    ]  # fmt: skip
 
 
-def walking(draw: random.Random) -> dict[str, Any]:
-    """Return a step of somebody who walks and looks around."""
-    return {"action": draw.choice(WALK)}
-
-
-def working(draw: random.Random, ids: list[str]) -> dict[str, Any]:
-    """Return a step of somebody who walks, and handles things every fifth step."""
-    if draw.random() < 0.8:
-        return walking(draw)
-    return {"action": draw.choice(HANDLE), "objectId": draw.choice(ids), "forceAction": True}
-
-
-def rate(step: Step, steps: list[dict[str, Any]]) -> float:
+def rate(step: Callable[[Action], object], steps: Sequence[Action]) -> float:
     """Return steps per second."""
-    start = perf_counter()
-    for action in steps:
-        step(action)
-    return len(steps) / (perf_counter() - start)
+    return len(steps) / taken(lambda: [step(one) for one in steps], perf_counter)
 
 
-class PlainWorld:
-    """The least that can be called a world: an agent on a grid in a dict, no metadata."""
+def plain_dict() -> Callable[[Action], object]:
+    """Return the least that can be called a world: an agent on a grid in a dict, no metadata."""
+    agent = {"x": 0.0, "z": 0.0, "yaw": 0.0, "horizon": 0.0}
 
-    def __init__(self) -> None:
-        self.agent = {"x": 0.0, "z": 0.0, "yaw": 0.0, "horizon": 0.0}
-
-    def step(self, action: str, **arguments: Any) -> dict[str, Any]:
-        """Do one step."""
-        agent = self.agent
+    def step(given: Action) -> Action:
+        action = given["action"]
         if action == "MoveAhead":
             agent["z"] += 0.25
         elif action.startswith("Rotate"):
@@ -92,199 +74,132 @@ class PlainWorld:
             agent["horizon"] = 30 - agent["horizon"]
         return {"lastAction": action, "lastActionSuccess": True, "agent": dict(agent)}
 
+    return step
 
-# ----------------------------------------------------------------- in process
 
-
-def embedded(room: Scene, steps: int, seed: int) -> Iterator[Figure]:
+def embedded(room: Scene, steps: int) -> Iterator[Row]:
     """Yield steps per second with full metadata and no images, from a fresh world each."""
-    draw = random.Random(seed)
-    plain = PlainWorld()
-    walk = [walking(draw) for _ in range(steps)]
-    reference = rate(lambda given: plain.step(**given), walk)
-    yield Figure(what="plain dict, no metadata", value=reference, unit="steps/s")
-    ids = [thing.id for thing in room.objects]
-    work = [working(draw, ids) for _ in range(steps)]
-    for name, todo in (("walking", walk), ("walking and handling", work)):
+    reference = rate(plain_dict(), walking(steps))
+    yield "plain dict, no metadata", reference, "steps/s", None, ""
+    ways = {"walking": walking(steps), "walking and handling": working(room, steps)}
+    for name, todo in ways.items():
         world = EmbeddedWorld(room, renderImage=False)
-        value = rate(lambda given, world=world: world.step(**given).metadata, todo)  # type: ignore[misc]
-        yield Figure(
-            what=f"embedded, {name}, {room.name}, {len(room.objects)} objects",
-            value=value,
-            unit="steps/s",
-            against="plain dict",
-            ratio=value / reference,
-            aim="≥ 5000",
-        )
+        value = rate(lambda one, world=world: world.step(**one).metadata, todo)
+        what = f"embedded, {name}, {room.name}, {len(room.objects)} objects"
+        yield what, value, "steps/s", f"{value / reference:.3g} of plain dict", "≥ 5000"
 
 
-def frames(room: Scene, count: int, seed: int) -> Iterator[Figure]:
-    """Yield pictures per second: 300×300, RGB, depth and instance segmentation."""
-    for name in ("walking", "walking and handling"):
-        draw = random.Random(seed)
-        world = EmbeddedWorld(room, **IMAGES)
-        ids = [thing.id for thing in room.objects]
-
-        def look(given: dict[str, Any], world: EmbeddedWorld = world) -> None:
-            event = world.step(**given)
-            assert event.frame.shape == event.instance_segmentation_frame.shape == (300, 300, 3)
-            assert event.depth_frame.shape == (300, 300)
-
-        todo = [walking(draw) if name == "walking" else working(draw, ids) for _ in range(count)]
-        value = rate(look, todo)
-        yield Figure(
-            what=f"RGB + depth + instances, {name}, {room.name}",
-            value=value,
-            unit="frames/s",
-            aim="≥ 40",
-        )
-
-
-def resets(room: Scene) -> Iterator[Figure]:
-    """Yield the time of a reset, from a file and from a scene already read."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{room.name}.json"
-        path.write_bytes(to_json(room))
-        world = EmbeddedWorld()
-        for name, source in (("from its file", path), ("from memory", room)):
-            times = []
-            for _ in range(10):
-                start = perf_counter()
-                assert world.reset(source).metadata["objects"]
-                times.append(perf_counter() - start)
-            what = f"reset {room.name} {name}, with metadata"
-            yield Figure(what=what, value=max(times) * 1e3, unit="ms, worst of 10", aim="≤ 50")
-
-
-def memory(room: Scene, pipe: Any) -> None:
-    """Send how many MB worlds take that have walked, handled and drawn (in a process of its own).
-
-    A small room has been drawn before, so that the libraries are loaded and their buffers there.
-    """
-    assert EmbeddedWorld("bathroom_1", **IMAGES).last_event.instance_masks
-    worlds: list[EmbeddedWorld] = []
-    ids = [thing.id for thing in room.objects]
-    sizes = [_resident_mb()]
-    for number in range(5):
-        draw = random.Random(number)
-        world = EmbeddedWorld(room, **IMAGES)
-        for index in range(1500):
-            event = world.step(**working(draw, ids))
-            assert event.metadata
-            if index % 10 == 0:
-                assert event.frame is not None
-        worlds.append(world)
-        sizes.append(_resident_mb())
-    pipe.send((sizes[1] - sizes[0], (sizes[-1] - sizes[1]) / (len(sizes) - 2)))
-
-
-def _resident_mb() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
-def memories(room: Scene) -> Iterator[Figure]:
-    """Yield MB of the first world, and of each one more."""
-    context = forking()
-    here, there = context.Pipe()
-    process = context.Process(target=memory, args=(room, there))
-    with starting():
-        process.start()
-    there.close()
-    names = ("the first world", "each one more (of 4)")
-    for name, value in zip(names, here.recv(), strict=True):
-        yield Figure(what=f"memory above the libraries, {name}", value=value, unit="MB", aim="≤ 30")
-    process.join()
-
-
-# ----------------------------------------------------------------- through AI2-THOR's client
-
-
-@contextmanager
-def client(command: str, room: str, folder: Path) -> Iterator[Any]:
-    """Yield AI2-THOR's Controller driving an executable."""
+def through_client(room: Scene, steps: int, folder: Path) -> Iterator[Row]:
+    """Yield steps per second of a bare echo and of our player, without images."""
     os.environ["HOME"] = str(folder)  # the client keeps logs and locks there
     os.environ.pop("CUDA_VISIBLE_DEVICES", None)
     from ai2thor.controller import Controller
 
-    controller = Controller(
-        local_executable_path=command, scene=room, x_display=":0", server_timeout=30,
-        renderImage=False,
-    )  # fmt: skip
-    try:
-        yield controller
-    finally:
-        controller.stop()
-
-
-def through_client(room: Scene, steps: int, seed: int, folder: Path) -> Iterator[Figure]:
-    """Yield steps per second of a bare echo and of our player, without images."""
-    from karma.world.player.launch import command
-
     (folder / f"{room.name}.json").write_bytes(to_json(room))
     metadata = folder / "metadata.txt"
     metadata.write_text(json.dumps(EmbeddedWorld(room).last_event.metadata))
-    draw = random.Random(seed)
-    walk = [walking(draw) for _ in range(steps)]
-    echo = f"{sys.executable} {Path(__file__).with_name('echo_player.py')} {metadata}"
-    reference = 0.0
-    for name, text in (("bare echo player", echo), ("player", command(folder))):
-        with client(text, room.name, folder) as controller:
-            value = rate(lambda given, at=controller: at.step(**given).metadata, walk)  # type: ignore[misc]
-        yield Figure(
-            what=f"AI2-THOR's client, {name}, {room.name}",
-            value=value,
-            unit="steps/s",
-            against="bare echo player" if reference else "",
-            ratio=value / reference if reference else None,
+    echo = f"{sys.executable} -P {Path(__file__).with_name('echo_player.py')} {metadata}"
+    reference = None
+    for name, executable in (("bare echo player", echo), ("player", command(folder))):
+        client = Controller(
+            local_executable_path=executable, scene=room.name, x_display=":0", server_timeout=30,
+            renderImage=False,
+        )  # fmt: skip
+        try:
+            value = rate(lambda one, at=client: at.step(**one).metadata, walking(steps))
+        finally:
+            client.stop()
+        ratio = f"{value / reference:.3f} of bare echo player" if reference else None
+        yield f"AI2-THOR's client, {name}, {room.name}", value, "steps/s", ratio, ""
+        reference = value
+
+
+def frames(room: Scene, count: int) -> Iterator[Row]:
+    """Yield pictures per second: 300×300, RGB, depth and instance segmentation."""
+    for name, todo in (("walking", walking(count)), ("and handling", working(room, count))):
+        world = EmbeddedWorld(room, **IMAGES)
+
+        def look(given: Action, world: EmbeddedWorld = world) -> None:
+            event = world.step(**given)
+            assert event.frame.shape == event.instance_segmentation_frame.shape == (300, 300, 3)
+            assert event.depth_frame.shape == (300, 300)
+
+        what = f"RGB + depth + instances, {name}, {room.name}"
+        yield what, rate(look, todo), "frames/s", None, "≥ 40"
+
+
+def resets(room: Scene, folder: Path) -> Iterator[Row]:
+    """Yield the time of a reset, from a file and from a scene already read."""
+    path = folder / "reset.json"
+    path.write_bytes(to_json(room))
+    world = EmbeddedWorld()
+    for name, source in (("from its file", path), ("from memory", room)):
+        worst = max(
+            taken(lambda source=source: world.reset(source).metadata["objects"], perf_counter)
+            for _ in range(10)
         )
-        reference = reference or value
+        what = f"reset {room.name} {name}, with metadata"
+        yield what, worst * 1e3, "ms, worst of 10", None, "≤ 50"
 
 
-# ----------------------------------------------------------------- the table
+def grown(room: Scene, pipe: Any) -> None:
+    """Send how many MB worlds take that have walked, handled and drawn, the first and each more."""
+    assert EmbeddedWorld("bathroom_1", **IMAGES).last_event.instance_masks  # loads the libraries
+    worlds, sizes = [], [resident_mb()]
+    for number in range(5):
+        worlds.append(EmbeddedWorld(room, **IMAGES))
+        for index, one in enumerate(working(room, 1500, number)):
+            event = worlds[-1].step(**one)
+            assert event.metadata
+            assert index % 10 or event.frame is not None
+        sizes.append(resident_mb())
+    pipe.send((sizes[1] - sizes[0], (sizes[-1] - sizes[1]) / (len(sizes) - 2)))
+
+
+def memories(room: Scene) -> Iterator[Row]:
+    """Yield MB of the first world, and of each one more; measured in a process of its own."""
+    here, there = forking().Pipe()
+    with starting():
+        process = forking().Process(target=grown, args=(room, there))
+        process.start()
+    there.close()
+    for name, value in zip(("the first world", "each one more (of 4)"), here.recv(), strict=True):
+        yield f"memory above the libraries, {name}", value, "MB", None, "≤ 30"
+    process.join()
 
 
 def rooms(dumps: Path, layouts: Path) -> tuple[Scene, Scene]:
     """Return the kitchens with the middle and the largest number of objects."""
     if dumps.exists():
-        cells = layouts if layouts.exists() else None
-        found = [one for one in import_dump(dumps, layouts=cells) if one.room == "Kitchen"]
+        found = list(import_dump(dumps, layouts=layouts if layouts.exists() else None))
     else:
-        paths = sorted(scenes.SCENES.glob("kitchen_*.json"))
-        found = [scenes.load(path) for path in paths]
-    found.sort(key=lambda one: (len(one.objects), one.name))
-    return found[len(found) // 2], found[-1]
+        found = [scenes.load(path) for path in scenes.SCENES.glob("*.json")]
+    kitchens = [one for one in found if one.room == "Kitchen"]
+    kitchens.sort(key=lambda one: (len(one.objects), one.name))
+    return kitchens[len(kitchens) // 2], kitchens[-1]
 
 
-def main() -> None:
+def main(
+    steps: int = 5000,
+    frame_count: int = 300,
+    dumps: Path = SHARED / "thor5/scenes.jsonl.gz",
+    layouts: Path = SHARED / "alfred/layouts.json.gz",
+) -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--steps", type=int, default=5000)
-    parser.add_argument("--frames", type=int, default=300)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--dumps", type=Path, default=SHARED / "thor5/scenes.jsonl.gz")
-    parser.add_argument("--layouts", type=Path, default=SHARED / "alfred/layouts.json.gz")
-    parser.add_argument("--json", type=Path, default=None)
-    options = parser.parse_args()
-    middle, largest = rooms(options.dumps, options.layouts)
-    figures: list[Figure] = []
-    console = Console(width=None if sys.stdout.isatty() else 120)
-    with console.status("measuring ..."), tempfile.TemporaryDirectory() as folder:
-        for room in (middle, largest):
-            figures += embedded(room, options.steps, options.seed)
-        figures += through_client(largest, options.steps, options.seed, Path(folder))
-        figures += frames(largest, options.frames, options.seed)
-        figures += resets(largest)
-        figures += memories(largest)
-    table = Table("what", "measured", "unit", "of the reference", "aim")
-    for one in figures:
-        ratio = "–" if one.ratio is None else f"{one.ratio:.3f} of {one.against}"
-        table.add_row(one.what, f"{one.value:,.1f}", one.unit, ratio, one.aim)
-    console.print(table)
-    if options.json is not None:
-        write_atomic(options.json, to_json(figures, indent=2))
+    go_offline()
+    middle, largest = rooms(dumps, layouts)
+
+    def rows() -> Iterator[Row]:
+        with tempfile.TemporaryDirectory() as name:
+            yield from embedded(middle, steps)
+            yield from embedded(largest, steps)
+            yield from through_client(largest, steps, Path(name))
+            yield from frames(largest, frame_count)
+            yield from resets(largest, Path(name))
+            yield from memories(largest)
+
+    table("what | measured | unit | of the reference | aim", rows())
 
 
 if __name__ == "__main__":
-    go_offline()
-    main()
+    typer.run(main)

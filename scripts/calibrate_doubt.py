@@ -1,7 +1,6 @@
-"""Fit when a planner should refuse: coefficients and threshold beside its weights, and a plot.
+"""Fit when a planner should refuse: coefficients and threshold beside its weights.
 
     python scripts/calibrate_doubt.py models/nano/planner.gguf --out models/nano/doubt.json
-    python scripts/calibrate_doubt.py karma-nano --plot docs/images/doubt.png
 
 Requests are drawn with words, forms, topics and languages that training has not; those of
 eval/requests are not looked at. Figures are cross-validated over five folds.
@@ -11,9 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
-from rich.console import Console
 
 from karma import registry
 from karma.agent.doubt import FEATURES
@@ -28,7 +25,6 @@ from karma.tasks.drawing.rooms import generated_rooms
 from karma.training.planner.calibration import (
     Judged,
     Scored,
-    bins,
     brier,
     cross_validated,
     drawn,
@@ -39,28 +35,16 @@ from karma.training.planner.calibration import (
 
 ROOMS_SEED = 977  # of rooms that training has not
 CONTROLS = {
-    "without the planner's refusing": (
-        "mean_logprob", "least_logprob", "weakest_hint", "far_words",
-    ),
+    "without the planner's refusing": tuple(one for one in FEATURES if one != "refusing"),
     "share of unknown words alone": ("far_words",),
     "nearness of hints alone": ("weakest_hint",),
     "the planner's refusing alone": ("refusing",),
-}  # fmt: skip
-
-app = typer.Typer(add_completion=False)
-console = Console()
+}
 
 
-def say(line: str) -> None:
-    """Print a line as it is."""
-    console.print(line, markup=False, highlight=False, soft_wrap=True)
-
-
-@app.command()
 def main(
     planner: Annotated[str, typer.Argument(help="A model of the manifest, or a GGUF.")],
     out: Annotated[Path | None, typer.Option(help="Takes the coefficients.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Takes the reliability plot, a PNG.")] = None,
     count: Annotated[int, typer.Option(min=20, help="Requests to draw.")] = 1200,
     seed: int = 0,
     refused: Annotated[
@@ -72,10 +56,10 @@ def main(
     found = _asked(planner, count, seed)
     doubt = fitted(found, refused=refused)
     told = cross_validated(found, tuple(FEATURES), refused=refused)
-    say(f"coefficients {doubt.coefficients}, intercept {doubt.intercept}")
-    say(f"threshold {doubt.threshold}; {doubt.fitted_on}")
+    print(f"coefficients {doubt.coefficients}, intercept {doubt.intercept}")
+    print(f"threshold {doubt.threshold}; {doubt.fitted_on}")
     _tell("doubt, cross-validated", told, whole=True)
-    by_itself = [_scored(one, float(one.says_refuse)) for one in found]
+    by_itself = [_scored(one, float(one.completion.text.startswith("refuse("))) for one in found]
     _tell("the planner by itself", by_itself)
     for name, names in CONTROLS.items():
         _tell(name, cross_validated(found, names, refused=refused))
@@ -85,8 +69,6 @@ def main(
     _tell("refused by lot, as often", by_lot)
     if out is not None:
         write_atomic(out, to_json(doubt, indent=2))
-    if plot is not None:
-        write_atomic(plot, _plotted(told, doubt.threshold))
 
 
 def _asked(planner: str, count: int, seed: int) -> list[Judged]:
@@ -103,50 +85,18 @@ def _asked(planner: str, count: int, seed: int) -> list[Judged]:
 
 def _scored(one: Judged, chance: float) -> Scored:
     return Scored(
-        kind=one.example.kind,
-        to_refuse=one.to_refuse,
-        in_known_words=one.in_known_words,
-        chance=chance,
-        refused=chance >= 0.5,
-    )
+        kind=one.example.kind, to_refuse=one.to_refuse, in_known_words=one.in_known_words,
+        chance=chance, refused=chance >= 0.5,
+    )  # fmt: skip
 
 
 def _tell(title: str, told: Sequence[Scored], *, whole: bool = False) -> None:
-    say(f"{title}: Brier score {brier(told):.3f}")
+    print(f"{title}: Brier score {brier(told):.3f}")
     for name, (times, number, interval) in shares(told).items():
         if (whole or name.startswith("to ")) and interval is not None:
             share = f"{times / number:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
-            say(f"  refused of {name:19} {share} ({times} of {number})")
-
-
-def _plotted(told: Sequence[Scored], threshold: float) -> bytes:
-    """Return the reliability plot: what was said against what was so, and how often it was said."""
-    import io
-
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5, 5.5), layout="constrained")
-    FigureCanvasAgg(figure)
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    points = bins(told)
-    upper.plot([0, 1], [0, 1], color="0.7", linewidth=1)
-    upper.plot([one[0] for one in points], [one[1] for one in points], marker="o")
-    upper.axvline(threshold, color="0.4", linestyle=":", label=f"threshold {threshold:.2f}")
-    upper.set_ylabel("share that is to be refused")
-    upper.legend(frameon=False)
-    edges = np.linspace(0, 1, 21)
-    for wanted, label in ((True, "to refuse"), (False, "to do")):
-        chances = [one.chance for one in told if one.to_refuse == wanted]
-        lower.hist(chances, edges, histtype="step", label=label)
-    lower.set_yscale("log")
-    lower.set_xlabel("doubt")
-    lower.set_ylabel("requests")
-    lower.legend(frameon=False)
-    out = io.BytesIO()
-    figure.savefig(out, format="png", dpi=110, metadata={"Software": None})
-    return out.getvalue()
+            print(f"  refused of {name:19} {share} ({times} of {number})")
 
 
 if __name__ == "__main__":
-    app()
+    typer.run(main)

@@ -8,12 +8,12 @@ the policy laboratory, which has no episodes, `results.json` is compared. Exit s
 anything differs.
 """
 
-import argparse
 import json
-import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import typer
 
 Key = tuple[str, str, int]
 
@@ -39,32 +39,27 @@ def _outcome(record: dict[str, Any]) -> Iterator[Any]:
                for a in sub["answers"]]  # fmt: skip
 
 
-def main() -> int:
-    """Print each episode that differs and how many do; return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("before", type=Path)
-    parser.add_argument("after", type=Path)
-    parser.add_argument("--rename", action="append", default=[], metavar="OLD=NEW",
-                        help="a row that has another name now")  # fmt: skip
-    given = parser.parse_args()
-    if not (given.before / "episodes.jsonl").exists():
-        one, other = (
-            (folder / "results.json").read_bytes() for folder in (given.before, given.after)
-        )
+def main(
+    before: Path,
+    after: Path,
+    rename: Annotated[list[str] | None, typer.Option(help="OLD=NEW: a row's name now.")] = None,
+) -> None:
+    """Print each episode that differs and how many do; exit status 1 where one does."""
+    if not (before / "episodes.jsonl").exists():
+        one, other = ((folder / "results.json").read_bytes() for folder in (before, after))
         print("results.json:", "equal" if one == other else "differs")
-        return int(one != other)
-    renamed = dict(pair.split("=", 1) for pair in given.rename)
-    before, after = outcomes(given.before, renamed), outcomes(given.after, {})
-    every = sorted(before.keys() | after.keys())
-    keys = [key for key in every if None not in (before.get(key, ""), after.get(key, ""))]
-    wrong = [key for key in keys if before.get(key) != after.get(key)]
+        raise typer.Exit(one != other)
+    renamed = dict(pair.split("=", 1) for pair in rename or ())
+    was, now = outcomes(before, renamed), outcomes(after, {})
+    every = sorted(was.keys() | now.keys())
+    keys = [key for key in every if None not in (was.get(key, ""), now.get(key, ""))]
+    wrong = [key for key in keys if was.get(key) != now.get(key)]
     for key in wrong:
-        there = "differs" if key in before and key in after else "stands in one run only"
-        print(*key, there)
+        print(*key, "differs" if key in was and key in now else "stands in one run only")
     cut = f", {len(every) - len(keys)} left out, cut off by the clock" * (len(keys) < len(every))
     print(f"{len(keys)} episodes, {len(wrong)} differ{cut}")
-    return 1 if wrong else 0
+    raise typer.Exit(bool(wrong))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    typer.run(main)

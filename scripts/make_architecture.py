@@ -1,4 +1,4 @@
-"""Write the picture, the line counts and the layers of docs/architecture.md from the code.
+"""Write the picture and the line counts of docs/architecture.md from the code.
 
 python scripts/make_architecture.py            # rewrite the page
 python scripts/make_architecture.py --check    # exit code 1 if a count is off by more than a tenth
@@ -8,7 +8,6 @@ import ast
 import re
 import sys
 import textwrap
-import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -17,9 +16,6 @@ TOLERANCE = 0.1
 _COUNTED = re.compile(r"^\|(.*)\| (\d+) \|$", re.MULTILINE)  # a table row that ends in a number
 _PATH = re.compile(r"`((?:karma|tests)/[\w./]*)`")
 _FLOW = re.compile(r"(?<=<!-- flow: from karma/__init__.py -->\n).*?(?=<!-- /flow -->)", re.DOTALL)
-_LAYERS = re.compile(
-    r"(?<=<!-- layers: from pyproject.toml -->\n).*?(?=<!-- /layers -->)", re.DOTALL
-)
 
 
 def lines_of(row: str) -> int:
@@ -36,21 +32,10 @@ def flow_text() -> str:
     return f"```\n{textwrap.dedent(drawn[1] if drawn else '').strip()}\n```\n"
 
 
-def layers_text() -> str:
-    """Return the import contracts of pyproject.toml, each with its layers, the top one first."""
-    config = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    texts = []
-    for contract in config["tool"]["importlinter"]["contracts"]:
-        inside = [f"    in {name}:" for name in contract.get("containers", ())]
-        rows = [f"    {row}" for row in contract.get("layers", ())]
-        texts.append("\n".join([contract["name"], *inside, *rows]))
-    return "```\n" + "\n\n".join(texts) + "\n```\n"
-
-
 def refreshed(page: str) -> str:
-    """Return the page with today's picture, counts and layers."""
+    """Return the page with today's picture and counts."""
     page = _COUNTED.sub(lambda row: f"|{row[1]}| {lines_of(row[1])} |", page)
-    return _LAYERS.sub(lambda _: layers_text(), _FLOW.sub(lambda _: flow_text(), page))
+    return _FLOW.sub(lambda _: flow_text(), page)
 
 
 def stale(page: str) -> list[str]:
@@ -62,8 +47,6 @@ def stale(page: str) -> list[str]:
             found.append(f"{said} lines, but there are {true}: {row[1].strip()}")
     if _FLOW.findall(page) != [flow_text()]:
         found.append("the picture is not that of karma/__init__.py")
-    if _LAYERS.findall(page) != [layers_text()]:
-        found.append("the layers are not those of pyproject.toml")
     return found
 
 

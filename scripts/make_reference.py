@@ -15,34 +15,26 @@ import karma
 from karma.offline import go_offline
 
 
-def modules() -> tuple[list[str], list[str]]:
-    """Return the modules that can be imported here, and those that cannot."""
-    found, left_out = ["karma"], []
+def modules() -> dict[str, str]:
+    """Return each module, with what is missing to import it here, "" where nothing is."""
+    found = {"karma": ""}
     for one in pkgutil.walk_packages(karma.__path__, "karma.", onerror=lambda _: None):
-        if one.name.endswith("__main__"):
-            continue
         try:
-            importlib.import_module(one.name)
+            if not one.name.endswith("__main__"):
+                importlib.import_module(one.name)
+                found[one.name] = ""
         except ImportError as error:
-            left_out.append(f"{one.name} ({error.name})")
-        else:
-            found.append(one.name)
-    return found, left_out
+            found[one.name] = f"{one.name} ({error.name})"
+    return found
 
 
-def main(folder: Path) -> None:
-    """Write the pages."""
+if __name__ == "__main__":
     import pdoc
 
     warnings.simplefilter("ignore")  # types of extras that are not installed stay words
     go_offline()
-    found, left_out = modules()
+    folder, found = Path([*sys.argv, "build/api"][1]), modules()
     pdoc.render.configure(docformat="google", search=False, show_source=False)
-    pdoc.pdoc(*found, output_directory=folder)
-    print(f"reference: {folder}/index.html, {len(found)} modules")
-    if left_out:
-        print("left out, an extra is missing: " + ", ".join(left_out))
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1] if sys.argv[1:] else "build/api"))
+    pdoc.pdoc(*(name for name, missing in found.items() if not missing), output_directory=folder)
+    print(f"reference: {folder}/index.html, {len(found)} modules; left out, an extra is missing:")
+    print(*filter(None, found.values()), sep="\n")

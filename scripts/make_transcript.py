@@ -8,7 +8,6 @@ prints. Equal weights give equal bytes. A line of the list is a request that can
 goes on in the same home so much later, with lines ("?") that ask, tell, or speak of what was.
 """
 
-import argparse
 import os
 import subprocess
 import sys
@@ -16,6 +15,8 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+
+import typer
 
 ROOT = Path(__file__).parents[1]
 HEAD = """# Requests as people say them
@@ -46,11 +47,10 @@ class Talk:
     @property
     def options(self) -> list[str]:
         """Of the command."""
-        if not self.home:
-            return ["--fresh", "--scene", self.scene]
-        later = ["--later", self.later] if self.later else []
-        people = ["--people", self.people] if self.people else []
-        return ["--home", self.home, "--scene", self.scene, *people, *later]
+        given = {"--home": self.home, "--scene": self.scene, "--people": self.people,
+                 "--later": self.later}  # fmt: skip
+        words = [word for name, value in given.items() if value for word in (name, value)]
+        return words if self.home else ["--fresh", *words]
 
 
 def read(path: Path) -> list[Talk]:
@@ -94,8 +94,7 @@ def answers(lines: Sequence[str]) -> Iterator[str]:
             blocks[-1].append(line)
     for block in blocks:
         text = "\n".join(block)
-        unfinished = "  not finished:" in text or "error:" in text
-        if unfinished or "  partly:" in text:
+        if any(mark in text for mark in ("  not finished:", "error:", "  partly:")):
             yield "not finished"
         elif "  not done:" in text:
             yield "refused"
@@ -132,18 +131,17 @@ def all_printed(talks: Sequence[Talk], options: Sequence[str]) -> Iterator[tuple
             yield talk, printed(talk, options, folder)
 
 
-def main() -> None:
+def main(
+    planner: str = "karma-nano",
+    profile: str = "",
+    said: Path = ROOT / "eval" / "talk" / "said.txt",
+    out: Path = ROOT / "docs" / "transcript.md",
+) -> None:
     """Write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--planner", default="karma-nano")
-    parser.add_argument("--profile", default="")
-    parser.add_argument("--said", type=Path, default=ROOT / "eval" / "talk" / "said.txt")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "transcript.md")
-    given = parser.parse_args()
-    options = ["--planner", given.planner, *(["--profile", given.profile] if given.profile else [])]
-    given.out.write_text(page(read(given.said), options, given.planner), encoding="utf-8")
-    print(f"written: {given.out}")
+    options = ["--planner", planner, *(["--profile", profile] if profile else [])]
+    out.write_text(page(read(said), options, planner), encoding="utf-8")
+    print(f"written: {out}")
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)

@@ -7,14 +7,15 @@ elsewhere: once with the memory of the day before, once in the same room with no
 room, not by what it says.
 """
 
-import argparse
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
+import typer
+from measuring import table
 
 from karma import Agent
 from karma.files import read_bytes, to_json, write_atomic
@@ -24,42 +25,40 @@ from karma.household.types import object_types
 from karma.offline import go_offline
 from karma.seeds import stream
 from karma.talk.home import PastErrand
+from karma.talk.replies import AgentReply
 from karma.world.sim import EmbeddedWorld
 
 SCENES = [
     f"{kind}_{n}" for n in (1, 2, 3, 4) for kind in ("kitchen", "living", "bedroom", "bathroom")
 ]
 THINGS = 3
+COLUMNS = (
+    "errands", "moved by people", "right", "said done and was not", "places searched", "steps",
+)  # fmt: skip
 
 
-def main() -> None:
+def main(
+    homes: int = len(SCENES), planner: str = "karma-nano", people: int = 2, hours: float = 26.0
+) -> None:
     """Print what came of all errands of the second day."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--homes", type=int, default=len(SCENES))
-    parser.add_argument("--planner", default="karma-nano")
-    parser.add_argument("--people", type=int, default=2)
-    parser.add_argument("--hours", type=float, default=26.0)
-    given = parser.parse_args()
     go_offline()
     sums: dict[str, Counter[str]] = {"memory": Counter(), "no memory": Counter()}
-    for number in range(given.homes):
+    for number in range(homes):
         scene, seed = SCENES[number % len(SCENES)], number // len(SCENES)
         with tempfile.TemporaryDirectory() as name:
-            first, second = errands(scene, seed)
-            home = Path(name) / "home"
-            options = {"planner": given.planner, "seed": seed, "maps": Path(name) / "maps"}
-            agent = Agent(scene, home=home, people=given.people, folder=Path(name) / "0", **options)
+            (first, second), folder = errands(scene, seed), Path(name)
+            options = {"planner": planner, "seed": seed, "maps": folder / "maps"}
+            home = folder / "home"
+            agent = Agent(scene, home=home, people=people, folder=folder / "0", **options)
             was = [agent.do(text) and place_of(agent, kind) for text, kind, _ in first]
             agent.home.leave()
-            Agent(
-                home=home, later_s=given.hours * 3600, folder=Path(name) / "1", **options
-            ).home.leave()
+            later = Agent(home=home, later_s=hours * 3600, folder=folder / "1", **options)
+            later.home.leave()
             for row, found in sums.items():
-                place = Path(name) / row
-                shutil.copytree(home, place)
+                shutil.copytree(home, folder / row)
                 if row == "no memory":
-                    forget(place / "log.jsonl")
-                again = Agent(home=place, folder=Path(name) / f"run {row}", **options)
+                    forget(folder / row / "log.jsonl")
+                again = Agent(home=folder / row, folder=folder / f"run {row}", **options)
                 now = [place_of(again, kind) for _, kind, _ in first]
                 found["moved by people"] += sum(a != b for a, b in zip(was, now, strict=True))
                 for text, kind, to in second:
@@ -69,8 +68,9 @@ def main() -> None:
                     if at != to:
                         print(f"{scene}, {row}: {text}: {reply.status}, it is in {at or 'nothing'}")
                 again.home.leave()
-        print(f"{number + 1} of {given.homes}: {scene}, seed {seed}", flush=True)
-    show(sums)
+        print(f"{number + 1} of {homes}: {scene}, seed {seed}", flush=True)
+    print()
+    table(f"row | {' | '.join(COLUMNS)}", ((r, *(n[c] for c in COLUMNS)) for r, n in sums.items()))
 
 
 def errands(scene: str, seed: int) -> Iterator[list[tuple[str, str, str]]]:
@@ -112,27 +112,15 @@ def forget(log: Path) -> None:
     write_atomic(log, b"".join(to_json(msgspec.structs.replace(one, changes=())) for one in lines))
 
 
-def judged(reply: object, right: bool) -> dict[str, int]:
+def judged(reply: AgentReply, right: bool) -> dict[str, int]:
     """Return the counts of one errand."""
-    results = [one for part in reply.parts for one in part.results]  # type: ignore[attr-defined]
+    results = [one for part in reply.parts for one in part.results]
     return {
-        "errands": 1,
-        "right": right,
-        "said done and was not": reply.status == "done" and not right,  # type: ignore[attr-defined]
+        "errands": 1, "right": right, "said done and was not": reply.status == "done" and not right,
         "places searched": sum(one.explorations for one in results),
         "steps": sum(one.actions for one in results),
-    }
-
-
-def show(sums: dict[str, Counter[str]]) -> None:
-    """Print the table, as Markdown."""
-    columns: Sequence[str] = (
-        "errands", "moved by people", "right", "said done and was not", "places searched", "steps",
-    )  # fmt: skip
-    print(f"\n| row | {' | '.join(columns)} |\n|{'---|' * (len(columns) + 1)}")
-    for row, found in sums.items():
-        print(f"| {row} | {' | '.join(str(found[name]) for name in columns)} |")
+    }  # fmt: skip
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)

@@ -14,10 +14,13 @@ was; --save writes such a file. The recall is that of an experiment's row withou
 writes what types are called, on the training side, with vectors, for recall to read (minutes).
 """
 
-import argparse
 import os
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+
+import typer
+from measuring import table
 
 from karma import registry
 from karma.bench.statistics import interval_text
@@ -46,39 +49,32 @@ MARKS: tuple[Marks, ...] = ("lived", "none", "against")
 EACH = 200  # questions of a class
 
 
-def main() -> None:
+def main(
+    draw: Path | None = None,
+    words: Path | None = None,
+    shared: Path = SHARED,
+    draws: int = DRAWS,
+    save: Path | None = None,
+    embedder: str = Models().embedder,
+) -> None:
     """Draw questions, or ask them and print a table for each set."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument("--draw", type=Path)
-    parser.add_argument("--words", type=Path)
-    parser.add_argument("--shared", type=Path, default=SHARED)
-    parser.add_argument("--draws", type=int, default=DRAWS)
-    parser.add_argument(
-        "--sets", nargs="+", default=["ours", "household", "alfred-l", "alfred-l, phrases"]
-    )
-    parser.add_argument("--save", type=Path)
-    parser.add_argument("--embedder", default=Models().embedder)
-    arguments = parser.parse_args()
-    if arguments.draw:
-        lines = map(to_json, draw_questions(EACH, unseen=True))
-        write_atomic(arguments.draw, b"".join(lines))
+    if draw:
+        write_atomic(draw, b"".join(map(to_json, draw_questions(EACH, unseen=True))))
         return
     go_offline()
-    if arguments.words:
-        write_words(arguments.words, words_file(()), registry.load("embedders", "minilm")())
+    if words:
+        write_words(words, words_file(()), registry.load("embedders", "minilm")())
         return
-    recall = load_resources(Models(embedder=arguments.embedder), maps=None, seed=0).recall
-    found: dict[str, list[Asked]] = {}
-    for name, questions in question_sets(arguments.shared).items():
-        if name in arguments.sets:
-            found[name] = asked_all(recall, questions, arguments.draws)
-    if arguments.save:
-        write_atomic(arguments.save, to_json(found, indent=1))
+    recall = load_resources(Models(embedder=embedder), maps=None, seed=0).recall
+    sets = question_sets(shared)
+    found = {name: asked_all(recall, questions, draws) for name, questions in sets.items()}
+    if save:
+        write_atomic(save, to_json(found, indent=1))
     kept = read_json(BEFORE, dict[str, list[Asked]]) if BEFORE.exists() else {}
     for name, rows in found.items():
-        show(name, kept.get(name, []), rows)
+        print(f"\n{name}\n")
+        kinds = list(rows[0].by_kind)
+        table(f"units | row | marks | {' | '.join(kinds)}", shown(kept.get(name, []), rows, kinds))
 
 
 def question_sets(shared: Path) -> dict[str, list[RecallQuestion]]:
@@ -105,19 +101,18 @@ def asked_all(recall: Recall, questions: list[RecallQuestion], draws: int) -> li
     return [row for units in SIZES for row in ask(rows, questions, units, draws=draws)]
 
 
-def show(name: str, before: list[Asked], after: list[Asked]) -> None:
-    """Print the table of a set, as Markdown."""
-    kinds = list(after[0].by_kind)
-    print(f"\n{name}\n\n| units | row | marks | {' | '.join(kinds)} |")
-    print("|---" * (3 + len(kinds)) + "|")
+def shown(
+    before: list[Asked], after: list[Asked], kinds: list[str]
+) -> Iterator[tuple[object, ...]]:
+    """Yield the rows of a set, each after what it was before."""
     rows = {(row.units, row.marks, row.row): row for row in before if row.row == "recall"}
     for row in after:
         old = rows.get((row.units, row.marks, row.row))
         for label, one in (("before", old), ("after" if old else row.row, row)):
             if one is not None:
-                cells = " | ".join(interval_text(one.by_kind[kind]) for kind in kinds)
-                print(f"| {one.units} | {label} | {one.marks} | {cells} |")
+                cells = (interval_text(one.by_kind[kind]) for kind in kinds)
+                yield one.units, label, one.marks, *cells
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)

@@ -19,78 +19,25 @@ What follows an errand that went wrong and leans on it ("yes", "says", "in") is 
 beside it: an agent that does nothing and says "done" or "no", and one that says it does not know.
 """
 
-import argparse
-import re
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated
 
+import typer
+from measuring import counted
 from rich.progress import track
+from support.judging import MAPS, asking_resources
+from support.talk_judge import VERDICTS, Talk, TalkJudge, Turn, Verdict, read_talks
 
-from karma.bench.statistics import interval_text, rate
-from karma.contracts import Resources, SubTask
-from karma.errors import KarmaError
-from karma.household.ids import type_of
-from karma.household.pieces import base_type
-from karma.household.places import HAND
-from karma.household.saying import name_of
-from karma.household.types import object_types
-from karma.household.uses import without_basin
-from karma.loading.models import Models, load_resources
+from karma.contracts import Resources
+from karma.loading.models import Models
 from karma.offline import go_offline
-from karma.talk.agent import Agent, asking
-from karma.talk.replies import AgentReply
-from karma.tasks.asked import states_of
-from karma.tasks.goals import GoalTracker, parse_goal
+from karma.talk.agent import Agent
 
-MAPS = Path("runs/maps-asked")
-Verdict = Literal[
-    "right", "does not know", "refused", "wrong, said so", "wrong, said done", "wrong answer", "–"
-]
-VERDICTS: tuple[Verdict, ...] = Verdict.__args__  # type: ignore[attr-defined]
 _LEANS = ("yes", "no", "says", "in")  # on what was done before
-_IS: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
-    "open": lambda one: one["isOpen"],
-    "closed": lambda one: not one["isOpen"],
-    "on": lambda one: one["isToggled"],
-    "off": lambda one: not one["isToggled"],
-    "dirty": lambda one: one["isDirty"],
-    "clean": lambda one: not one["isDirty"],
-    "sliced": lambda one: one["isSliced"] or one["objectType"].endswith("Sliced"),
-    "filled": lambda one: one["isFilledWithLiquid"],
-    "empty": lambda one: not one["isFilledWithLiquid"],
-    "broken": lambda one: one["isBroken"],
-    "hot": lambda one: one["temperature"] == "Hot",
-    "cold": lambda one: one["temperature"] == "Cold",
-}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Turn:
-    """What is said, and what is to come of it."""
-
-    text: str
-    wanted: tuple[str, ...]  # any of these will do
-
-    @property
-    def kind(self) -> str:
-        """Whether it is an errand, a question, or neither."""
-        word = self.wanted[0].split()[0]
-        if word in ("where", "is", "in", "yes", "no", "says"):
-            return "question"
-        return word if word in ("told", "nothing") else "errand"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Talk:
-    """One conversation."""
-
-    number: int
-    scene: str
-    turns: tuple[Turn, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,36 +50,20 @@ class Judged:
     said: str
 
 
-def read_talks(path: Path) -> list[Talk]:
-    """Return the conversations of a file."""
-    found: list[Talk] = []
-    for number, block in enumerate(re.split(r"^@ ", path.read_text(), flags=re.MULTILINE)[1:], 1):
-        scene, *lines = block.strip().splitlines()
-        parts = (line.partition(" => ") for line in lines)
-        turns = tuple(Turn(text=text, wanted=tuple(w.split(" or "))) for text, _, w in parts)
-        found.append(Talk(number=number, scene=scene, turns=turns))
-    return found
-
-
-def main() -> None:
+def main(
+    file: Path,
+    planner: Annotated[str, typer.Option(help="In the manifest, or a GGUF.")] = Models().planner,
+    lines: Annotated[bool, typer.Option(help="Print each turn that went wrong.")] = False,
+    only: Annotated[list[int] | None, typer.Option(help="Numbers of conversations.")] = None,
+) -> None:
     """Hold every conversation, and print what came of its turns."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument("file", type=Path)
-    parser.add_argument("--planner", default=Models().planner, help="in the manifest, or a GGUF")
-    parser.add_argument("--lines", action="store_true", help="print each turn that went wrong")
-    parser.add_argument("--only", type=int, nargs="*", help="numbers of conversations")
-    given = parser.parse_args()
     go_offline()
-    talks = [t for t in read_talks(given.file) if given.only is None or t.number in given.only]
-    models = asking(Models(planner=given.planner))
-    resources = load_resources(models, maps=MAPS, seed=0, learn=False)
-    judged: list[Judged] = []
-    for talk in track(talks, description=given.file.stem):
+    talks = [talk for talk in read_talks(file) if not only or talk.number in only]
+    resources, judged = asking_resources(planner), list[Judged]()
+    for talk in track(talks, description=file.stem):
         for one in held(talk, resources):
             judged.append(one)
-            if given.lines and one.verdict not in ("right", "–"):
+            if lines and one.verdict not in ("right", "–"):
                 print(f"{talk.number} {one.turn.text} => {' or '.join(one.turn.wanted)}\n"
                       f"    {one.verdict}: {one.said}", flush=True)  # fmt: skip
     print("\n".join(table(judged)))
@@ -142,129 +73,13 @@ def held(talk: Talk, resources: Resources) -> Iterator[Judged]:
     """Hold one conversation; yields each turn with its verdict."""
     with tempfile.TemporaryDirectory() as folder:
         agent = Agent(talk.scene, resources=resources, folder=Path(folder, "talk"), maps=MAPS)
-        judge, failed = _Judge(agent), False
+        judge, failed = TalkJudge(agent), False
         for turn in talk.turns:
             verdict, said = judge.turn(turn)
             if failed and turn.wanted[0].split()[0] in _LEANS:
                 verdict = "–"
             failed = failed or (turn.kind == "errand" and verdict != "right")
             yield Judged(talk=talk, turn=turn, verdict=verdict, said=said)
-
-
-class _Judge:
-    """Says a turn to an agent, and looks at its world."""
-
-    def __init__(self, agent: Agent) -> None:
-        self.agent, self.world = agent, agent._world
-        self.inner = self.world.step
-        self.began = {one["objectId"]: one["parentReceptacles"] for one in self.objects}
-
-    @property
-    def objects(self) -> list[dict[str, Any]]:
-        return self.world.last_event.metadata["objects"]
-
-    def turn(self, turn: Turn) -> tuple[Verdict, str]:
-        """Say a turn; returns its verdict, and what was said to it."""
-        before = states_of(self.objects)
-        trackers = [self._tracker(turn, wanted) for wanted in turn.wanted]
-
-        def step(action: str, **arguments: object) -> object:
-            event = self.inner(action, **arguments)
-            for tracker, _ in trackers:
-                tracker.update(event)
-            return event
-
-        self.world.step = step  # type: ignore[method-assign,assignment]
-        try:
-            reply = self.agent.do(turn.text)
-        except KarmaError as error:
-            return "refused", str(error)
-        changed = states_of(self.objects) != before
-        found = [
-            self._verdict(wanted, reply, changed, tracker, goals)
-            for wanted, (tracker, goals) in zip(turn.wanted, trackers, strict=True)
-        ]
-        return min(found, key=VERDICTS.index), repr(reply)
-
-    def _tracker(self, turn: Turn, wanted: str) -> tuple[GoalTracker, tuple[Any, ...]]:
-        goals = tuple(parse_goal(g) for g in wanted.split(";")) if "(" in wanted else ()
-        tracker = GoalTracker()
-        tracker.start(self.world.last_event)
-        tracker.begin_subtask(SubTask(instruction=turn.text, goals=goals), self.world.last_event)
-        return tracker, goals
-
-    def _verdict(
-        self, wanted: str, reply: AgentReply, changed: bool, tracker: GoalTracker, goals: Any
-    ) -> Verdict:
-        word, silent = wanted.split()[0], reply.status in ("refused", "asked", "answered")
-        if goals or word == "back":
-            if silent and not changed:
-                return "refused"
-            if reply.status != "done":
-                return "wrong, said so"
-            so = self._is_back(wanted.split()[1]) if word == "back" else not tracker.unmet(
-                goals, self.world.last_event
-            )  # fmt: skip
-            return "right" if so else "wrong, said done"
-        if changed:
-            return "wrong, said done" if reply.status == "done" else "wrong, said so"
-        if word == "nothing":
-            return "right"
-        if reply.status != "answered":
-            return "refused"
-        if word == "told":
-            return "right"
-        answers = [part.answer for part in reply.parts if part.answer is not None]
-        text = " ".join(line for one in answers for line in one.lines)
-        so = self._is_true(wanted, text)
-        unknown = not any(one.known for one in answers) and word != "no"
-        return "right" if so else "does not know" if unknown else "wrong answer"
-
-    def _of(self, kind: str) -> list[dict[str, Any]]:
-        return [one for one in self.objects if base_type(one["objectType"]) == kind]
-
-    def _is_back(self, kind: str) -> bool:
-        return all(
-            one["parentReceptacles"] == self.began[one["objectId"]] for one in self._of(kind)
-        )
-
-    def _is_true(self, wanted: str, text: str) -> bool:
-        word, _, rest = wanted.partition(" ")
-        low = text.lower()
-        if word in ("yes", "no"):
-            return low.startswith(word)
-        if word == "says":
-            return rest in low
-        if word == "is":
-            kind, state = rest.split()
-            so = [bool(_IS[state](one)) for one in self._of(kind)]
-            return (low.startswith("yes") and any(so)) or (low.startswith("no") and not all(so))
-        if word == "where":
-            return self._places_are_true(rest, low)
-        kind, _, named = rest.partition(":")
-        there = {base_type(one["objectType"]) for one in self.objects if kind in self._places(one)}
-        said = {
-            name for name, one in object_types().items()
-            if one.can("pickupable") and name != kind
-            and re.search(rf"\bthe {re.escape(name_of(name).lower())}\b", low)
-        }  # fmt: skip
-        return {*named.split()} <= said and {*map(name_of, said)} <= {*map(name_of, there)}
-
-    def _places(self, one: Mapping[str, Any]) -> set[str]:
-        if one["isPickedUp"]:
-            return {HAND}
-        return {without_basin(type_of(name)) for name in one["parentReceptacles"] or ()}
-
-    def _places_are_true(self, kind: str, low: str) -> bool:
-        """Return whether each sentence that tells where it is names a place that has one."""
-        there = {
-            name_of(place).lower() if place != HAND else place
-            for one in self._of(kind) for place in self._places(one)
-        }  # fmt: skip
-        told = [part for part in re.split(r"\.\s+|\.$", low) if " is " in f" {part} "]
-        fixed = not object_types()[kind].can("pickupable")
-        named = [any(re.search(rf"\b{re.escape(p)}\b", part) for p in there) for part in told]
-        return bool(told) and (all(named) or (fixed and "in this room" in low))
 
 
 def table(judged: Sequence[Judged]) -> Iterator[str]:
@@ -275,26 +90,20 @@ def table(judged: Sequence[Judged]) -> Iterator[str]:
         mine = [one for one in judged if kind in ("all", one.turn.kind)]
         count = Counter(one.verdict for one in mine)
         yield f"{kind:10} {len(mine):4}  " + "  ".join(f"{count[name]:16}" for name in VERDICTS)
-    counted = [one for one in judged if one.verdict != "–"]
-    false = [one.verdict in ("wrong, said done", "wrong answer") for one in counted]
-    for name, each in (("right", [one.verdict == "right" for one in counted]), ("false", false)):
-        found = rate([[float(x)] for x in each])
-        yield f"{name}: {sum(each)} of {len(each)} {interval_text(found)}"
+    counted_turns = [one for one in judged if one.verdict != "–"]
+    yield counted("right", [one.verdict == "right" for one in counted_turns])
+    false = ("wrong, said done", "wrong answer")
+    yield counted("false", [one.verdict in false for one in counted_turns])
     whole: dict[int, bool] = {}
     for one in judged:
         whole[one.talk.number] = whole.get(one.talk.number, True) and one.verdict == "right"
     yield f"conversations right in every turn: {sum(whole.values())} of {len(whole)}"
-    yield from controls(one.turn for one in judged)
-
-
-def controls(turns: Iterable[Turn]) -> Iterator[str]:
-    """Yield what two that never act and remember nothing would come to."""
-    words = [[one.split()[0] for one in turn.wanted] for turn in turns]
-    silent = sum("nothing" in w for w in words)
-    no = sum("no" in w or "nothing" in w or "told" in w for w in words)
+    words = [[wanted.split()[0] for wanted in one.turn.wanted] for one in judged]
+    silent = sum("nothing" in some for some in words)
+    no = sum(bool({"no", "nothing", "told"} & set(some)) for some in words)
     yield f"control, says it does not know and does nothing: right {silent} of {len(words)}"
     yield f"control, says done, learnt, or no: right {no} of {len(words)}, all others false"
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)

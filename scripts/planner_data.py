@@ -1,4 +1,4 @@
-"""What planners are tuned on and measured with: examples, drawn tasks, held-out words.
+"""What planners are tuned on and measured with: examples, tasks, ALFRED's sentences, hints.
 
     python scripts/planner_data.py examples      # then `karma models tune` with what it wrote
     python scripts/planner_data.py evaluate ../shared/data/alfred/valid_seen.jsonl.gz
@@ -17,24 +17,24 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.progress import track
 
 from karma import registry
-from karma.files import to_json
+from karma.files import read_json, to_json
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.manifest.manifest import resolve_planner
+from karma.language.hints import WordFile
 from karma.loading.planner_files import hints_for
 from karma.offline import go_offline
 from karma.seeds import stream
 from karma.tasks.drawing.alfred import read_sentences
-from karma.tasks.drawing.lexicon import HELD_OUT, every_word
 from karma.tasks.drawing.phrases import disjoint_book, our_book
 from karma.tasks.drawing.requests import KINDS, WITH_PAIRS
 from karma.tasks.drawing.rooms import is_authors_plan
 from karma.tasks.drawing.several import SEVERAL
-from karma.training.planner.choosing import candidates, choose, trained_on_before, write_held_out
 from karma.training.planner.held_out import DEVELOPMENT
+from karma.training.planner.hint_figures import asked_words, figures
+from karma.training.planner.hinted import KeptRows
 from karma.training.planner.packs import Data, PlannerRecipe, draw_pack
 from karma.training.planner.reading import read_goals, tell
 from karma.training.planner.samples import TrainingExample, draw_alfred
@@ -54,31 +54,17 @@ FOLDER = ROOT / "runs" / "planner"
 AT_ONCE = 500  # packs that a worker draws at a time
 WATCHED = 200  # packs, and sentences of ALFRED's, to watch
 Folder = Annotated[Path, typer.Option(help="Rooms, words and examples.")]
-Disjoint = Annotated[
-    bool,
-    typer.Option(help="Ask in forms and words that training has not, not in held-out templates."),
-]
 
 app = typer.Typer(add_completion=False, no_args_is_help=True)
-console = Console()
+say = print
 
 
-def say(line: str) -> None:
-    """Print a line as it is."""
-    console.print(line, markup=False, highlight=False)
-
-
-def sources(folder: Path, generated: int = 300) -> Sources:
+def sources(folder: Path) -> Sources:
     """Return what training reads, beside the project."""
     return Sources(
-        folder=folder,
-        shared=SHARED,
-        tests=(ROOT / DEVELOPMENT, LOCKED),
-        said=SAID,
-        written=REQUESTS / "written.jsonl",
-        generated=generated,
-        say=say,
-    )
+        folder=folder, shared=SHARED, tests=(ROOT / DEVELOPMENT, LOCKED), said=SAID,
+        written=REQUESTS / "written.jsonl", generated=300, say=say,
+    )  # fmt: skip
 
 
 @app.command()
@@ -153,17 +139,14 @@ def evaluate(
     Read alone, or with --mapped by an agent that knows the room from an earlier exploration; of
     all of them, and (to go by) of those that do not stand word for word in the training split.
     """
-    _evaluate_alfred(alfred, planner, wrong, sources(folder), mapped=mapped)
-
-
-def _evaluate_alfred(path: Path, planner: str, wrong: int, read: Sources, *, mapped: bool) -> None:
+    read = sources(folder)
     file = resolve_planner(planner)
     model = registry.load("language_models", "llama")(
         file.path, options=LlamaOptions(threads=1), name=file.name
     )
     plans = read.known_plans() if mapped else None
     training = read_sentences(read.demonstrations)
-    sentences = list(read_sentences(path))
+    sentences = list(read_sentences(alfred))
     found = list(read_goals(model, sentences, training, plans, hints_for(planner)))
     if left_out := len(sentences) - len(found):
         say(f"{left_out} of {len(sentences)} left out, as nothing is known of their rooms")
@@ -174,15 +157,21 @@ def _evaluate_alfred(path: Path, planner: str, wrong: int, read: Sources, *, map
 
 
 @app.command()
-def hold_out() -> None:
-    """Choose the lexemes that are held out, by rule, and write them down.
+def hints(
+    words: Annotated[Path, typer.Argument(help="A words file.")],
+    held_out: Annotated[bool, typer.Option(help="Ask for held-out words.")] = False,
+    rows: Annotated[Path, typer.Option(help="Keeps vectors.")] = ROOT / "runs/rows.safetensors",
+) -> None:
+    """Print how often hints name the right type or deed, by class of word and way of scoring.
 
-    Weights that were trained before must be trained again then: they may know some of them.
+    Known words as if never seen; right meaning first, among the first three, 95 % intervals.
     """
-    chosen = choose(every_word(), our_book(), trained_on_before(sources(FOLDER)))
-    write_held_out(HELD_OUT, chosen)
-    for name, texts in candidates(every_word(), our_book()).items():
-        say(f"{name:10} {len(getattr(chosen, name)):4} of {len(texts):4} held out")
+    rows.parent.mkdir(parents=True, exist_ok=True)
+    kept = KeptRows(registry.load("embedders", "minilm")(), rows)
+    asked = list(asked_words(unseen=held_out))
+    for line in figures(read_json(words, WordFile), kept, asked):
+        print(line)
+    kept.save()
 
 
 @app.command()
@@ -191,23 +180,13 @@ def tasks(
     each: Annotated[int, typer.Option(help="Tasks per kind.")] = 300,
     seed: int = 0,
     homes: Annotated[int, typer.Option(help="Rooms, half of them kitchens.")] = 24,
-    disjoint: Disjoint = False,
-    dumps: Annotated[
-        bool, typer.Option(help="In AI2-THOR's floor plans that have a layout, not in homes.")
-    ] = False,
-    unknown: Annotated[
-        bool, typer.Option(help="In those floor plans that no training sees, not in homes.")
-    ] = False,
-    unfiltered: Annotated[
-        bool, typer.Option(help="Also what the expert does not do; the tasks are not run.")
-    ] = False,
+    disjoint: Annotated[bool, typer.Option(help="In forms and words that training lacks.")] = False,
+    dumps: Annotated[bool, typer.Option(help="In AI2-THOR's floor plans with a layout.")] = False,
+    unknown: Annotated[bool, typer.Option(help="In those that no training sees.")] = False,
+    unfiltered: Annotated[bool, typer.Option(help="Also what the expert does not do.")] = False,
     pairs: Annotated[bool, typer.Option(help="Ask for two of a kind, too.")] = False,
-    lexemes: Annotated[
-        bool, typer.Option(help="Call things, states and deeds by words that training has not.")
-    ] = False,
-    several: Annotated[
-        bool, typer.Option(help="First ask for two or three things in one sentence.")
-    ] = False,
+    lexemes: Annotated[bool, typer.Option(help="In words that training has not.")] = False,
+    several: Annotated[bool, typer.Option(help="First two or three things at once.")] = False,
 ) -> None:
     """Draw tasks of rooms and phrasings that training never sees, each done once by the expert.
 
@@ -217,17 +196,11 @@ def tasks(
     if disjoint:
         book = disjoint_book()
     plans = _floor_plans(unknown=unknown) if dumps or unknown else None
-    scenes = plans or list(fresh_rooms(homes, seed))
+    kinds = {SEVERAL: 1.0} if several else WITH_PAIRS if pairs else KINDS
     drawn = draw_tasks(
-        folder,
-        book,
-        scenes=scenes,
-        each=each,
-        seed=seed,
-        filtered=not unfiltered,
-        kinds={SEVERAL: 1.0} if several else WITH_PAIRS if pairs else KINDS,
-        unseen=lexemes,
-    )
+        folder, book, scenes=plans or list(fresh_rooms(homes, seed)), each=each, seed=seed,
+        filtered=not unfiltered, kinds=kinds, unseen=lexemes,
+    )  # fmt: skip
     say(f"{drawn.tasks} tasks in {drawn.rooms} rooms, of {drawn.tried} drawn: {folder}/tasks.jsonl")
     for reason, count in drawn.left_out.items():
         say(f"  {count} left out: {reason}")
@@ -236,11 +209,7 @@ def tasks(
 
 
 def _floor_plans(*, unknown: bool) -> list[Scene]:
-    """Return the rooms of the dumps of which it is known where one can stand.
-
-    Args:
-        unknown: those that no training sees, in place of all.
-    """
+    """Return the rooms of the dumps of which it is known where one can stand."""
     dumps, layouts = sources(FOLDER).floor_plans
     known = read_layouts(layouts)
     found = [scene for scene in import_dump(dumps, layouts=layouts) if scene.name in known]

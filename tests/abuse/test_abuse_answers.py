@@ -9,11 +9,11 @@ from karma.errors import ProgramError
 
 
 def test_hostile_answers_are_read_as_data_or_refused_with_their_line(tmp_path):
-    assert all_held(answers(0, 500), tmp_path).tried == 500
+    all_held(answers, 500, tmp_path)
 
 
 def test_hostile_names_are_shown_and_steer_neither_terminal_nor_page(tmp_path):
-    assert all_held(showing(0, 200), tmp_path).tried == 200
+    all_held(showing, 200, tmp_path)
 
 
 def test_position_with_a_number_beyond_floats_is_refused():

@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.abuse import SAMPLE
+from support.abuse.faults import until_free
 from support.run_files import ONLY, ROOT, TASKS, copy, files, lines_in, started, write_experiment
 from support.tiny import export_tiny
 from typer.testing import CliRunner
@@ -452,23 +454,36 @@ def test_run_killed_at_any_byte_ends_in_the_same_bytes(
 # ----------------------------------------------------------------- killed for real
 
 
-def test_run_killed_five_times_ends_in_the_same_bytes(whole, tmp_path):
-    """The long form is scripts/check_kills.py: 100 episodes, 20 kills, 1 and 2 workers."""
+@pytest.mark.parametrize("workers", [1, 2] if SAMPLE else [1])
+def test_run_killed_many_times_ends_in_the_same_bytes(whole, tmp_path, workers):
+    """$KARMA_SAMPLE kills, and then a run of 100 episodes of the shipped planner; else five."""
     path, folder = whole
+    if SAMPLE:
+        only = [json.loads(line)["id"] for line in TASKS.read_text().splitlines()[:25]]
+        path, folder = (
+            write_experiment(tmp_path / "x.toml", "karma-nano", only=only),
+            tmp_path / "1",
+        )
+        assert len(list(Run(path, folder).episodes())) == 100
     killed, rng, kills = tmp_path / "killed", stream(5, "kills"), 0
-    for wanted in sorted(int(n) for n in rng.integers(0, 12, 5)):
-        process = started(path, killed)
+    episodes = lines_in(folder / EPISODES)
+    for wanted in sorted(int(n) for n in rng.integers(0, episodes, SAMPLE or 5)):
+        process = started(path, killed, workers=workers)
         while process.is_alive() and lines_in(killed / EPISODES) < wanted:
             time.sleep(0.002)
         process.join(float(rng.uniform(0, 0.5)))
         kills += process.is_alive()
         process.kill()
         process.join()
+        until_free(killed)
     assert kills > 0
-    process = started(path, killed)
+    process = started(path, killed, workers=workers)
     process.join()
     assert process.exitcode == 0
     assert files(killed) == files(folder)
+    print(
+        f"{workers} workers: {kills} kills met a living run, {len(files(killed))} files are equal"
+    )
 
 
 def test_full_disk_ends_the_run_and_counts_as_nobody_s_failure(whole, tmp_path):

@@ -4,9 +4,12 @@ Skipped where it is not built: `make server`.
 """
 
 import json
+import os
 import re
 import urllib.error
 import urllib.request
+from concurrent.futures import ThreadPoolExecutor
+from itertools import chain
 
 import pytest
 from support.hosted_server import (
@@ -19,7 +22,7 @@ from support.hosted_server import (
 )
 from support.needs import need_models
 
-from karma.agent.program import SKILLS
+from karma.agent.program import SKILLS, parse_program
 from karma.contracts import ProgramSpec
 from karma.errors import ModelError
 from karma.household.types import object_types
@@ -33,6 +36,11 @@ from karma.testing import make_planner
 SPEC = ProgramSpec(
     skills=SKILLS, objects=tuple(sorted(object_types())), positions=("node_1", "node_2")
 )
+SAMPLE = int(os.environ.get("KARMA_SAMPLE", "60"))  # programs of random weights
+WIDE = ProgramSpec(
+    skills=SKILLS, objects=SPEC.objects, positions=tuple(f"node_{n}" for n in range(1, 13)),
+    max_calls=3,
+)  # fmt: skip
 FEW = ProgramSpec(
     skills=SKILLS, objects=("Apple", "Mug", "Sink"), positions=("node_1", "node_2"), max_calls=3
 )
@@ -106,12 +114,25 @@ def test_answers_under_the_grammar_are_those_of_the_model_in_this_process(nano, 
         assert model.complete(prompt, spec=SPEC).text == local.complete(prompt, spec=SPEC).text
 
 
-def test_random_weights_write_legal_programs_only(llama3):
-    model = open_planner(auto(llama3), constrained=True)
-    for seed in range(60):
-        said = model.complete(PROMPT, spec=FEW, temperature=1.5, seed=seed)
+@pytest.mark.parametrize("family", ["llama3", "qwen3"])
+def test_random_weights_write_legal_programs_only(family, request):
+    """Control: of the same model without the grammar nothing is a program."""
+    place = auto(request.getfixturevalue(family))
+    open_planner(place, constrained=True)  # the canary
+
+    def line(first, spec, count):
+        model = open_planner(place)
+        asked = {"temperature": 1.5, "max_tokens": 400}
+        return [model.complete(PROMPT, spec=spec, seed=n, **asked) for n in range(first, count, 4)]
+
+    with ThreadPoolExecutor(4) as pool:
+        held = list(chain(*pool.map(line, range(4), [WIDE] * 4, [SAMPLE] * 4)))
+        free = list(chain(*pool.map(line, range(4), [None] * 4, [min(SAMPLE, 100)] * 4)))
+    for said in held:
         assert said.constrained
-        assert is_program(FEW, said.text), said.text
+        assert is_program(WIDE, said.text) and parse_program(said.text), said.text
+    assert not [said.text for said in free if is_program(WIDE, said.text)]
+    print(f"{family}: {len(held)} legal, {len({said.text for said in held})} of them different")
 
 
 def test_answer_that_is_cut_is_a_prefix_with_a_fault(llama3):

@@ -1,9 +1,13 @@
 """Skill scoring against its definition, on random weights and on the shipped planner."""
 
+import os
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.naive_scoring import Naive, lines, prompts, tokens_of
+from support.needs import need_models
 from support.paths import ROOT
 from support.tiny import export_tiny
 
@@ -51,56 +55,30 @@ def scorer(model):
     made.close()
 
 
-def tokens_of(model, text):
-    return [model.end_token] if text == END else model.tokens(text)
-
-
 def naive(model, prompt, texts):
     """The definition: prompt and text in one run for each text, token by token."""
-    context = _Plain(model)
-    given = [t for i, part in enumerate(prompt) for t in model.tokens(part, begins=i == 0)]
-    found = np.array([context.score(given, tokens_of(model, text)) for text in texts])
+    context = Naive(model)
+    found = np.array([context.score(prompt, text) for text in texts])
     context.close()
     return found
 
 
-class _Plain:
-    """One sequence, all logits, nothing kept."""
-
-    def __init__(self, model):
-        import llama_cpp
-
-        self.model, self.context = model, model.sequences(1, cells=model.limit)
-        self.batch = llama_cpp.llama_batch_init(model.n_batch, 0, 1)
-
-    def score(self, prompt, tokens):
-        import llama_cpp
-
-        llama_cpp.llama_memory_clear(llama_cpp.llama_get_memory(self.context.ctx), True)
-        whole, size = [*prompt, *tokens], self.model.n_batch
-        rows = [self.decode(whole[i : i + size], i) for i in range(0, len(whole), size)]
-        rows = np.concatenate(rows)[len(prompt) - 1 : -1].astype(np.float64)
-        top = rows.max(axis=1)
-        total = top + np.log(np.exp(rows - top[:, None]).sum(axis=1))
-        return float((rows[np.arange(len(tokens)), tokens] - total).sum())
-
-    def decode(self, tokens, place):
-        import llama_cpp
-
-        self.batch.n_tokens = len(tokens)
-        for i, token in enumerate(tokens):
-            self.batch.token[i], self.batch.pos[i], self.batch.logits[i] = token, place + i, True
-            self.batch.n_seq_id[i], self.batch.seq_id[i][0] = 1, 0
-        assert llama_cpp.llama_decode(self.context.ctx, self.batch) == 0
-        pointer = llama_cpp.llama_get_logits(self.context.ctx)
-        shape = len(tokens), self.model.vocabulary
-        return np.ctypeslib.as_array(pointer, shape=shape).copy()
-
-    def close(self):
-        import llama_cpp
-
-        llama_cpp.llama_batch_free(self.batch)
-        self.context.close()
+@pytest.mark.model
+def test_scores_of_the_shipped_planner_are_naive_ones():
+    """On as many prompts as $KARMA_SAMPLE says, with 200 candidates each."""
+    need_models("karma-nano")
+    model, off = GgufModel(NANO, LlamaOptions(threads=1)), []
+    scorer, count = SkillScorer(model), int(os.environ.get("KARMA_SAMPLE", "1"))
+    for prompt in prompts(count):
+        texts = lines(200 if count > 1 else 20)
+        expected, values = naive(model, prompt, texts), scorer.scores(prompt, texts).values
+        best = scorer.choose(prompt, texts)
+        assert best.number == values.argmax() == expected.argmax()
+        off += [float(np.abs(values - expected).max()), abs(best.score - expected[best.number])]
+    print(f"{count} prompts, argmax equal in all; largest difference of a score {max(off):.1e}")
+    assert max(off) < 1e-5
+    scorer.close()
+    model.close()
 
 
 # ----------------------------------------------------------------- all scores

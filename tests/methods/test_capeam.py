@@ -23,9 +23,8 @@ from karma.infer.scripted import ScriptedModel
 from karma.methods.capeam.frames import SubGoal, expand, read
 from karma.methods.capeam.memory import ANYWHERE, EnvironmentMemory
 from karma.methods.capeam.method import CapeamMethod, CapeamSettings
-from karma.methods.capeam.prior import count_places, likely_places, to_toml
+from karma.methods.capeam.prior import likely_places
 from karma.tasks.drawing.alfred import GoalFacts, Sentence, facts_of, goals_of, program_of
-from karma.world.generation.generate import build_scene
 from karma.world.sim import EmbeddedWorld
 
 
@@ -258,16 +257,6 @@ def test_prior_is_a_distribution_over_furniture():
         assert sum(shares.values()) == pytest.approx(1.0, abs=0.05)
         assert list(shares.values()) == sorted(shares.values(), reverse=True)
     assert likely_places("Faucet") == {}
-
-
-def test_table_of_places_counts_what_the_rooms_hold():
-    counts = {}
-    scene = build_scene("kitchen", 900, 7)
-    count_places(scene, counts)
-    lying = [o for o in scene.objects if o.type == "Fork"]
-    assert sum(counts["Fork"].values()) == len(lying)
-    assert "SinkBasin" not in {place for places in counts.values() for place in places}
-    assert to_toml({"Fork": counts["Fork"]}).count("=") == 1 + len(counts["Fork"])
 
 
 # ----------------------------------------------------------------- in a kitchen

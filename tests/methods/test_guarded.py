@@ -1,13 +1,8 @@
 """No false "done", whatever the planner: requests carried out as they were said, or told of."""
 
-import os
-import subprocess
-import sys
-
 import msgspec
 import pytest
 from support.needs import need_models
-from support.paths import ROOT
 from support.talking import AWAY, STORE, TAKE, WASH, agent_saying
 
 from karma.agent.effects import effects_of
@@ -261,20 +256,6 @@ def test_each_thing_that_they_stand_for_is_carried(tmp_path):
         if one["objectType"] in ("Fork", "Spoon")
     }
     assert where == {"Fork": "DiningTable", "Spoon": "DiningTable"}
-
-
-def test_the_adversary_gets_no_false_done():
-    need_models("karma-nano")
-    done = subprocess.run(
-        [sys.executable, "scripts/check_guard.py", "--requests", "2"],
-        cwd=ROOT, capture_output=True, text=True, check=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT / "scripts")},  # the tests' children have none
-    )  # fmt: skip
-    assert "wrong programs 18" in done.stdout
-    assert "false done with the guard: 0" in done.stdout
-    assert "right programs carried out: 2 of 2" in done.stdout
-    bare = int(done.stdout.split("false done without it: ")[1].split()[0])
-    assert bare > 0  # the control: the same programs, believed
 
 
 # ----------------------------------------------------------------- the judge

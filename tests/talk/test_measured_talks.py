@@ -1,13 +1,11 @@
 """The conversations that are measured: locked by hash, readable, and judged by truth."""
 
-import sys
 from collections import Counter
 from hashlib import sha256
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
-from support.paths import ROOT
+from support.talk_judge import TalkJudge, Turn, read_talks
 from support.talking import STORE, TAKE, WASH, agent_saying
 
 from karma.tasks.goals import parse_goal
@@ -17,22 +15,13 @@ TALKS = Path("eval/talk")
 LOCKED = "0157e7e5a1c0ae9cfd1384e190026ef7b0118edc3c46969552ba7e4551240943"
 
 
-@pytest.fixture(scope="module")
-def measure():
-    spec = spec_from_file_location("measure_talks", ROOT / "scripts/measure_talks.py")
-    module = module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_locked_conversations_are_as_they_were_written():
     assert sha256((TALKS / "locked.txt").read_bytes()).hexdigest() == LOCKED
 
 
 @pytest.mark.parametrize("name", ["open.txt", "locked.txt"])
-def test_conversations_are_a_hundred_each_in_rooms_that_exist(measure, name):
-    talks = measure.read_talks(TALKS / name)
+def test_conversations_are_a_hundred_each_in_rooms_that_exist(name):
+    talks = read_talks(TALKS / name)
     assert len(talks) == 100
     for talk in talks:
         scene.find(talk.scene)
@@ -45,12 +34,12 @@ def test_conversations_are_a_hundred_each_in_rooms_that_exist(measure, name):
     assert set(kinds) == {"errand", "question", "told", "nothing"}
 
 
-def test_the_judge_goes_by_the_world_and_not_by_what_was_said(measure, tmp_path):
+def test_the_judge_goes_by_the_world_and_not_by_what_was_said(tmp_path):
     agent = agent_saying(tmp_path, [TAKE + WASH, STORE], home=tmp_path / "home")
-    judge = measure._Judge(agent)
+    judge = TalkJudge(agent)
 
     def verdict(text, *wanted):
-        return judge.turn(measure.Turn(text=text, wanted=wanted))[0]
+        return judge.turn(Turn(text=text, wanted=wanted))[0]
 
     assert verdict("wash the apple", "ON(Apple, Fridge)") == "wrong, said done"
     assert verdict("put it in the fridge", "OPEN(Fridge)", "ON(Apple, Fridge)") == "right"

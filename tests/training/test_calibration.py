@@ -14,7 +14,7 @@ from karma.contracts import REFUSAL_KINDS, Certainty, Completion, PlanRequest
 from karma.tasks.drawing.phrases import our_book
 from karma.tasks.drawing.rooms import generated_rooms
 from karma.training.planner import calibration
-from karma.training.planner.calibration import Judged, Scored, bins, brier, fitted, scored, shares
+from karma.training.planner.calibration import Judged, Scored, brier, fitted, scored, shares
 from karma.training.planner.refusals import languages, phrases, unseen_refusals
 from karma.training.planner.samples import TrainingExample
 
@@ -86,14 +86,13 @@ def said(chance, to_refuse, *, refused=False):
     )
 
 
-def test_brier_score_shares_and_bins_of_made_up_requests():
+def test_brier_score_and_shares_of_made_up_requests():
     told = [said(1.0, True, refused=True), said(0.5, True), said(0.5, False), said(0.0, False)]
     assert brier(told) == pytest.approx(0.125)
     found = shares(told)
     assert found["to refuse"][:2] == (1, 2)
     assert found["to do"][:2] == (0, 2)
     assert found["refuse_deed"][:2] == (1, 2)
-    assert bins(told, 2) == [(0.0, 0.0, 1), (pytest.approx(2 / 3), pytest.approx(2 / 3), 3)]
 
 
 def test_drawn_requests_are_of_both_sorts_and_of_all_kinds_and_none_is_of_training():

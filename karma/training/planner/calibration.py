@@ -214,15 +214,3 @@ def shares(
         mine = [one.refused for one in told if belongs(one)]
         found[name] = (sum(mine), len(mine), wilson(sum(mine), len(mine)))
     return found
-
-
-def bins(told: Sequence[Scored], count: int = 10) -> list[tuple[float, float, int]]:
-    """Return (mean chance, share to be refused, requests) of equal parts of the scale."""
-    found = []
-    for number in range(count):
-        low, high = number / count, (number + 1) / count
-        mine = [one for one in told if low <= one.chance < high or (one.chance == high == 1.0)]
-        if mine:
-            mean = sum(one.chance for one in mine) / len(mine)
-            found.append((mean, sum(one.to_refuse for one in mine) / len(mine), len(mine)))
-    return found

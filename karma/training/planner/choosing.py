@@ -27,7 +27,7 @@ from karma.training.planner.sources import Sources
 ONE_IN = 3
 START = "63b4398"  # whose words and phrases the first weights that ship were trained on
 _HEAD = """# Lexemes that no planner is trained on, chosen by rule. To write it again:
-#   python scripts/planner_data.py hold-out
+#   karma.training.planner.choosing.write_held_out
 """
 
 

@@ -17,7 +17,7 @@ from karma.household.types import RoomType
 from karma.world.core.scene import LARGEST_M, MOST_OBJECTS
 from karma.world.importing.dump import Xyz
 
-FIX = "take a house as ProcTHOR wrote it; scripts/make_houses.py shows the form"
+FIX = "take a house as ProcTHOR wrote it; eval/lived/houses shows the form"
 SCHEMAS = ("0.0.1", "1.0.0")
 OUTSIDE = "exterior"  # stands in ids of walls and rooms that are no room's
 MOST_ROOMS, MOST_POINTS, MOST_DEEP = 100, 500, 20

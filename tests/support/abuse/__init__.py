@@ -1,10 +1,11 @@
-"""Attacks on the stack, drawn by seed: the same for the tests and for `scripts/check_abuse.py`.
+"""Attacks on the stack, drawn by seed ($KARMA_SEED, 0), as many as $KARMA_SAMPLE says.
 
 A class of attacks is a function `(seed, count) -> Iterator[Case]`. What holds returns from
 `Case.attack`; whatever it raises is what gave way. Files, links and pipes are made in the folder
 that the attack is given, and nowhere else; connections go to this machine only.
 """
 
+import os
 import random
 import time
 from collections.abc import Callable, Iterator
@@ -12,6 +13,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from karma.errors import KarmaError
+
+SAMPLE = int(os.environ.get("KARMA_SAMPLE", "0"))  # 0: what a test draws by itself
+SEED = int(os.environ.get("KARMA_SEED", "0"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,13 +56,15 @@ def attacked(cases: Iterator[Case], folder: Path) -> Iterator[Tally]:
         yield tally
 
 
-def all_held(cases: Iterator[Case], folder: Path) -> Tally:
-    """Try all cases and return the tally; raises AssertionError with what gave way."""
+def all_held(draw: Callable[[int, int], Iterator[Case]], count: int, folder: Path) -> None:
+    """Try `count` cases of a class, or $KARMA_SAMPLE; raises AssertionError with what gave way."""
     tally = Tally()
-    for now in attacked(cases, folder):
+    for now in attacked(draw(SEED, SAMPLE or count), folder):
         tally = now
+    slowest = f"{tally.slowest_s:.1f} s of processor ({tally.slowest[:40]})"
+    print(f"{tally.tried} tried, {len(tally.gave_way)} gave way, the slowest {slowest}")
+    assert tally.tried >= min(SAMPLE or count, count)
     assert not tally.gave_way, tally.gave_way[:5]
-    return tally
 
 
 def refused(act: Callable[[], object], *, naming: str = "") -> None:

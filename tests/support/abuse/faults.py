@@ -16,14 +16,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 from karma.journal.header import EPISODES
-from support.abuse import Case, stream
 from support.bundles import pack
 from support.paths import ROOT
 from support.run_files import TASKS, files, lines_in
@@ -176,12 +175,12 @@ def _killed_run(place: Path, rng: random.Random, *options: str) -> None:
         wanted = rng.randrange(EPISODES_IN_ALL)
         child = Child(evaluate, path, folder, *options)
         child.kill_after(rng.uniform(0, 0.4), lambda: lines_in(folder / EPISODES) >= wanted)  # noqa: B023
-    _until_free(folder)
+    until_free(folder)
     _goes_on(folder, _lines(folder))
 
 
-def _until_free(folder: Path) -> None:
-    """Wait until workers of a killed run are gone, which hold its lock no longer than they live."""
+def until_free(folder: Path) -> None:
+    """Wait until a killed run's workers are gone, which hold its lock no longer than they live."""
     from karma.errors import KarmaError
     from karma.journal.folder import locked
 
@@ -515,16 +514,3 @@ FAULTS: dict[str, Callable[[Path, random.Random], None]] = {
     "run read while it runs": _read_while_it_runs,
     "two maps at once": _two_maps,
 }
-
-
-def faults(seed: int, count: int) -> Iterator[Case]:
-    """Yield faults of all kinds in turns, at instants and limits drawn by seed."""
-    rng = stream(seed, "faults")
-    names = list(FAULTS)
-    for number in range(count):
-        name, draw = names[number % len(names)], rng.randrange(1 << 30)
-        yield Case(name=f"{name} {number}", attack=_attack(FAULTS[name], draw))
-
-
-def _attack(act: Callable[[Path, random.Random], None], seed: int) -> Callable[[Path], None]:
-    return lambda place: act(place, random.Random(seed))

@@ -1,9 +1,7 @@
 """Houses of ProcTHOR's form become scenes in which one walks, picks up and puts down."""
 
-import importlib.util
 import json
 import math
-import sys
 from collections import Counter
 from pathlib import Path
 
@@ -55,14 +53,6 @@ def of_type(scene, name):
 def houses():
     assets = HOUSES / "assets.json"
     return {n: next(iter(import_houses(HOUSES / f"{n}.json", assets=assets))) for n in NAMES}
-
-
-def script():
-    spec = importlib.util.spec_from_file_location("make_houses", ROOT / "scripts/make_houses.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["make_houses"] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 # ----------------------------------------------------------------- the twenty houses
@@ -141,14 +131,6 @@ def go_to(world, object_id):
         "TeleportFull", position=xyz(*pose.position_m), rotation=xyz(0, pose.yaw_deg, 0),
         horizon=pose.horizon_deg, standing=pose.standing,
     )  # fmt: skip
-
-
-def test_script_writes_the_same_bytes_again(tmp_path):
-    written = [path for path, _ in script().write_houses(16, tmp_path, count=3)]
-    for path in written[:-1]:
-        assert path.read_bytes() == (HOUSES / path.name).read_bytes()
-    every = json.loads((HOUSES / "assets.json").read_bytes())
-    assert json.loads(written[-1].read_bytes()).items() <= every.items()
 
 
 def test_our_houses_are_small():

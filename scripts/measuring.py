@@ -1,0 +1,58 @@
+"""What measurements share: a speed is a ratio against a named reference of the same run."""
+
+import os
+import re
+import sys
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # what tests start, we start
+
+CHILDREN = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}  # their environment
+Clock = Callable[[], float]
+
+
+def taken(work: Callable[[], object], clock: Clock = time.process_time) -> float:
+    """Return the seconds that some work takes; of the processor, unless a clock is given."""
+    begun = clock()
+    work()
+    return clock() - begun
+
+
+def in_turns(
+    ways: Mapping[str, Callable[[], object]], rounds: int, clock: Clock = time.process_time
+) -> dict[str, list[float]]:
+    """Time every way once a round, so that what else the machine does falls on all of them."""
+    found: dict[str, list[float]] = {name: [] for name in ways}
+    for _ in range(rounds):
+        for name, work in ways.items():
+            found[name].append(taken(work, clock))
+    return found
+
+
+def table(head: str, rows: Iterable[Sequence[object]]) -> None:
+    """Print a table as Markdown, each row when it is known; numbers with three digits."""
+    print(f"| {head} |\n{'|---' * len(head.split(' | '))}|", flush=True)
+    for row in rows:
+        print(f"| {' | '.join(map(cell, row))} |", flush=True)
+
+
+def cell(value: object) -> str:
+    """Return a value as it stands in a table; "–" is what was not measured."""
+    if not isinstance(value, float):
+        return "–" if value is None else str(value)
+    return f"{value:,.0f}" if abs(value) >= 100 else re.sub(r"\.0+$", "", f"{value:.3g}")
+
+
+def counted(name: str, each: Sequence[bool]) -> str:
+    """Return how many are so, with the share and its 95 % interval."""
+    from karma.bench.statistics import interval_text, rate
+
+    return f"{name}: {sum(each)} of {len(each)} {interval_text(rate([[float(x)] for x in each]))}"
+
+
+def resident_mb() -> float:
+    """Return what this process holds of memory, mapped files counted."""
+    status = Path("/proc/self/status").read_text(encoding="utf-8")
+    return int(re.findall(r"VmRSS:\s+(\d+)", status)[0]) * 1024 / 1e6
