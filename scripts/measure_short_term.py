@@ -1,6 +1,6 @@
 """What short-term memory saves over sequences of errands, and whether it ever costs anything.
 
-    python scripts/measure_short_term.py [--only 13 117] [--lines]
+    python scripts/measure_short_term.py [--only 13 117] [--lines] [--rows memory "map only"]
     python scripts/measure_short_term.py --tasks eval/alfred_l/tasks.jsonl
 
 Three errands in a row in one of our 16 rooms: things are put somewhere, shut away, carried off in a
