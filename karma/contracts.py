@@ -653,6 +653,8 @@ class Known:
     position_m: Vec3
     place_id: str | None = None  # receptacle it was last seen in or on
     source: Literal["held", "memory", "graph", "seen"] = "seen"
+    box_center_m: Vec3 | None = None  # of the room it takes, where that is known
+    box_size_m: Vec3 = (0.0, 0.0, 0.0)
 
 
 # ----------------------------------------------------------------- what an instruction came to

@@ -34,9 +34,8 @@ from karma.contracts import (
     SkillCall,
 )
 from karma.errors import ProgramError
-from karma.household.containment import has_door
 from karma.household.ids import short_type, type_of
-from karma.household.places import OVERLOOKED, landmark_types
+from karma.household.places import OVERLOOKED, STAND_CLOSED, landmark_types
 from karma.household.types import object_types
 
 _LOOSE_AFTER = 2  # answers after which a mug will do for a cup
@@ -255,7 +254,7 @@ def _inspected(request: PlanRequest, answer: Plan) -> tuple[Plan, Objection | No
     """Return the plan with its program mended, and the inspector's objection if it has one."""
     held = _held_name(request, answer)
     name_of = {object_id: name for name, object_id in answer.names.items()}
-    shut = {name_of[u.object_id] for u in request.units if has_door(type_of(u.place_id))}
+    shut = {name_of[u.object_id] for u in request.units if type_of(u.place_id) in STAND_CLOSED}
     seen = {kind for area in request.areas for kind in area.contains}
     cut = {name_of[u.object_id] for u in request.units if "sliced" in u.states}
     known = seen | set(answer.names)

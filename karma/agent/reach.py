@@ -277,7 +277,7 @@ class Reach:
     ) -> list[Stance]:
         """Return the views to try next: after a failure, the one it was last seen from first."""
         sight = self.log.seen.get(target.object_id)
-        box = Target(center_m=target.position_m)
+        box = _room_of(target)
         before: list[Stance] = []
         if sight is not None and sight.position_m == target.position_m:
             box = Target(center_m=sight.box_center_m, size_m=sight.box_size_m)
@@ -354,6 +354,13 @@ class Reach:
         """Note that a name meant this thing."""
         self.used.append(target.object_id)
         self.log.focus[target.object_type] = target.object_id
+
+
+def _room_of(target: Known) -> Target:
+    """Return the room that a thing takes where that is known, else the point that it is at."""
+    if target.box_center_m is None:
+        return Target(center_m=target.position_m)
+    return Target(center_m=target.box_center_m, size_m=target.box_size_m)
 
 
 def _is_round(container: SeenObject, point: Vec3) -> bool:

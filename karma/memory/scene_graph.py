@@ -181,7 +181,12 @@ class SceneGraph:
             return None
         node = nodes[0] if near is None else min(nodes, key=lambda node: node.distance_m(near))
         return Known(
-            object_id=node.id, object_type=node.type, position_m=node.position_m, source="graph"
+            object_id=node.id,
+            object_type=node.type,
+            position_m=node.position_m,
+            source="graph",
+            box_center_m=node.box_center_m,
+            box_size_m=node.box_size_m,
         )
 
     def __eq__(self, other: object) -> bool:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from karma.agent.perceive import place_of
 from karma.contracts import Experience, MemoryUnit, SeenObject, VisionModel
-from karma.household.containment import has_door
 from karma.household.ids import is_part, type_of, whole_id
+from karma.household.places import STAND_CLOSED
 from karma.memory.short_term import merged
 from karma.methods.picture_states import look_at
 
@@ -69,7 +69,7 @@ def shut_away(units: Iterable[MemoryUnit], among: Iterable[MemoryUnit]) -> tuple
     found = []
     for unit in units:
         place, passed = unit.place_id, set[str]()
-        while place is not None and place not in passed and not has_door(type_of(place)):
+        while place is not None and place not in passed and type_of(place) not in STAND_CLOSED:
             passed.add(place)
             place = places.get(place)
         door = place if place is not None and place not in passed else unit.place_id

@@ -223,8 +223,14 @@ def test_known_finds_by_id_and_the_nearest_by_type():
     graph = SceneGraph.over(room())
     graph.observe([thing("Cabinet", x, 1.0, number=n) for n, x in ((1, 0.0), (2, 1.0), (3, 0.0))])
     found = graph.known("Cabinet", near=(1.25, 0.0, 1.0))
+    node = next(one for one in graph.objects() if one.id == "Cabinet|2")
     assert found == Known(
-        object_id="Cabinet|2", object_type="Cabinet", position_m=(1.0, 0.5, 1.0), source="graph"
+        object_id="Cabinet|2",
+        object_type="Cabinet",
+        position_m=(1.0, 0.5, 1.0),
+        source="graph",
+        box_center_m=node.box_center_m,
+        box_size_m=node.box_size_m,
     )
     assert graph.known("Cabinet").object_id == "Cabinet|1"
     assert graph.known("Cabinet|3").object_id == "Cabinet|3"
