@@ -91,7 +91,11 @@ class RequestReader:
         self._kept: dict[tuple[object, ...], tuple[Request, ...]] = {}
 
     def read(
-        self, text: str, before: Sequence[Mention] = (), after: Sequence[SaidDeed] = ()
+        self,
+        text: str,
+        before: Sequence[Mention] = (),
+        after: Sequence[SaidDeed] = (),
+        older: Sequence[Mention] = (),
     ) -> tuple[Request, ...]:
         """Return what each sentence of a text asks; () where nothing is said.
 
@@ -99,6 +103,7 @@ class RequestReader:
             text: what is said.
             before: things that were spoken of earlier, for which "it" may stand.
             after: deeds that were asked for last, which "and the mug" asks for again.
+            older: things that were spoken of before those, one of which "both" may stand for.
 
         Raises:
             KarmaError: it is too long.
@@ -106,13 +111,18 @@ class RequestReader:
         check_length(text)
         earlier = tuple(map(_elsewhere, before))
         deeds = tuple(map(_earlier, after))
-        key = (text, earlier, deeds)
+        long_ago = tuple(map(_elsewhere, older))
+        key = (text, earlier, deeds, long_ago)
         if key not in self._kept:
-            self._kept[key] = tuple(self._sentences(text, earlier, deeds))
+            self._kept[key] = tuple(self._sentences(text, earlier, deeds, long_ago))
         return self._kept[key]
 
     def _sentences(
-        self, text: str, earlier: Sequence[Mention], after: Sequence[SaidDeed]
+        self,
+        text: str,
+        earlier: Sequence[Mention],
+        after: Sequence[SaidDeed],
+        older: Sequence[Mention],
     ) -> Iterator[Request]:
         told = (without_lead(one, is_deed, _is_time) for one in sentences_of(text) or [text])
         meant = as_meant(" ".join(told))
@@ -129,7 +139,7 @@ class RequestReader:
                 continue
             part = words[first : number + 1]
             if any(one.text[0].isalnum() for one in part):
-                found = _going_on(self._one(meant, part, first, before, last), last)
+                found = _going_on(self._one(meant, part, first, before, last, older), last)
                 ruled_out = (one for deed in found.forbidden for one in deed.things)
                 before += [*found.alone, *ruled_out, *found.mentions]
                 last = asked_last(found, last)
@@ -143,6 +153,7 @@ class RequestReader:
         first: int,
         before: Sequence[Mention],
         last: Sequence[SaidDeed],
+        older: Sequence[Mention],
     ) -> Request:
         ends = len(words) - 1
         if not self._is_english([word.text for word in words]):
@@ -154,7 +165,8 @@ class RequestReader:
         ]
         _begin(moved)
         named = [one for one in before if one.types]
-        return _read(SaidSentence(text, moved, self._lexicon, named, last[-1] if last else None))
+        deed = last[-1] if last else None
+        return _read(SaidSentence(text, moved, self._lexicon, named, deed, older))
 
     def _tag(self, words: Sequence[Word], number: int) -> str:
         """Return a word's tag; a thing's name behind "the" is a noun: "turn the telly off"."""

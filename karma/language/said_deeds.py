@@ -78,7 +78,7 @@ class SentenceDeeds:
         conditions = (one.thing for one in self.asides.conditions if one.thing is not None)
         ruled_out = (one for deed in self.asides.forbidden for one in deed.things)
         before = [*self.s.before, *ruled_out, *conditions]
-        return "errand", with_antecedents(sharing(deeds), before, self.s.last)
+        return "errand", with_antecedents(sharing(deeds), before, self.s.last, self.s.older)
 
     def _ahead(self, verb: int) -> list[SaidDeed]:
         """Read "book to the desk, lamp to the shelf" ahead of the first verb."""
@@ -697,7 +697,10 @@ def of_what(forbidden: SaidDeed, deeds: Sequence[SaidDeed]) -> SaidDeed:
 
 
 def with_antecedents(
-    deeds: Sequence[SaidDeed], before: Sequence[Mention], earlier: SaidDeed | None = None
+    deeds: Sequence[SaidDeed],
+    before: Sequence[Mention],
+    earlier: SaidDeed | None = None,
+    older: Sequence[Mention] = (),
 ) -> list[SaidDeed]:
     """Return deeds whose "it" and "them" stand for what was named before.
 
@@ -705,6 +708,7 @@ def with_antecedents(
         deeds: in their order.
         before: what was named ahead of them.
         earlier: the deed that was asked for last ahead of them.
+        older: what was named before that, which only "both" may stand for.
     """
     found: list[SaidDeed] = []
     ahead = sorted((one for one in before if one.types), key=lambda one: one.start)
@@ -718,7 +722,10 @@ def with_antecedents(
         if found and _is_cleared(found[-1], deed):
             found[-1] = replace(found[-1], deed="put", place=deed.place)
             continue
-        things = tuple(thing for one in deed.things for thing in _meant_by(one, deed, named, last))
+        things = tuple(
+            thing for one in deed.things
+            for thing in _both(one, (*older, *named), last) or _meant_by(one, deed, named, last)
+        )  # fmt: skip
         place = deed.place
         if place is not None and place.vague and place.text in ("it", "that", "there") and named:
             place = _place_meant(found, named, things) or place
@@ -763,8 +770,6 @@ def _meant_by(
     if one.vague and one.text in ("them", "both", "these", "they") and last:
         need = deed_kind(deed.deed).takes
         able = [thing for thing in named if need and any(able_to(k, need) for k in thing.types)]
-        if (one.number or 1) > len(last) and (several := _one_by_one(named, one.number or 1)):
-            return several
         served = not need or any(thing in able for thing in last) or not able
         return _so_many(last if served else able[-1:], one.number)
     if one.vague and one.text in ("former", "latter"):
@@ -807,8 +812,11 @@ def _told_otherwise(meant: Mention, told: Sequence[str], *, every: bool) -> Ment
     )  # fmt: skip
 
 
-def _one_by_one(named: Sequence[Mention], number: int) -> list[Mention]:
-    """Return the last different things to carry that were named one by one; [] if too few were."""
+def _both(one: Mention, named: Sequence[Mention], last: Sequence[Mention]) -> list[Mention]:
+    """Return the things that were named one by one for "both"; [] of what stands for no more."""
+    number = one.number or 1
+    if not (one.vague and one.text in ("them", "both", "these", "they") and number > len(last)):
+        return []
     if any(one.every or (one.number or 1) > 1 for one in named):
         return []
     kinds = object_types()

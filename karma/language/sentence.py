@@ -30,6 +30,7 @@ class SaidSentence:
         lexicon: what things are called.
         before: things that were named ahead of it.
         last: the deed that was asked for ahead of it.
+        older: things that were named before those.
     """
 
     text: str
@@ -37,6 +38,7 @@ class SaidSentence:
     lexicon: Lexicon
     before: list[Mention]
     last: SaidDeed | None = None
+    older: Sequence[Mention] = ()
     taken: set[int] = field(default_factory=set)
     gone: set[int] = field(default_factory=set)  # of them, what is no part of the errand
     unread: list[str] = field(default_factory=list)

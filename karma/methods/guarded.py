@@ -266,8 +266,11 @@ def _go(
         yield refusal(RefusedRequest(kind="unclear", by="guard", words=(deed.verb,)))
         return
     came.searched = True
-    result = skills.run(SkillCall(skill="Explore", objects=(kinds[0],)))
-    yield result
+    for way in ("GoToObject", "Explore"):  # to what is known, else it is looked for
+        result = skills.run(SkillCall(skill=way, objects=(kinds[0],)))
+        yield result
+        if result.ok:
+            break
     came.nothing_to_do, came.short = result.ok, not result.ok
     found: Found = "seen" if result.ok else "otherwise"
     came.told.append(Check(text=f"I am at the {goal.text}", found=found))

@@ -81,7 +81,7 @@ if TYPE_CHECKING:
 
 MAPS = Path("runs/maps")
 ANSWER_SECONDS = 120.0  # that an answer may take unless told otherwise
-_SPOKEN_OF = 4  # things named last that "it" or "both" may stand for
+_SPOKEN_OF = 4  # things named before the last that "both" may stand for
 _EARLIER = 3  # requests of earlier sessions, of which "it" may be the last thing
 Moment = Understanding | Plan | SkillResult | RequestReply  # what happens while an agent acts
 
@@ -316,17 +316,20 @@ class Agent:
 
     def _spoken_of(
         self, reader: RequestReader, ahead: Sequence[str] = ()
-    ) -> tuple[tuple[Mention, ...], tuple[SaidDeed, ...]]:
-        """Return what was spoken of last, for which "it" may stand, and what was asked for last."""
+    ) -> tuple[tuple[Mention, ...], tuple[SaidDeed, ...], tuple[Mention, ...]]:
+        """Return what was spoken of last, what was asked for last, what was spoken of before."""
         last: tuple[Mention, ...] = ()
+        older: tuple[Mention, ...] = ()
         deeds: tuple[SaidDeed, ...] = ()
         for text in (*self._earlier, *(reply.said for reply in self.replies), *ahead):
             said = reader.read(text, last, deeds)
             named = (one for request in said for one in (*request.alone, *request.mentions))
-            last = (*last, *(one for one in named if one.types))[-_SPOKEN_OF:]
+            known = tuple(one for one in named if one.types)
+            older = (*older, *last)[-_SPOKEN_OF:] if known else older
+            last = known or last
             for one in said:
                 deeds = asked_last(one, deeds)
-        return last, deeds
+        return last, deeds, older
 
     def _one(self, said: _Clause, whole: str) -> Iterator[Moment]:
         """Carry out one request, or answer it."""

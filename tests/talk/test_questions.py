@@ -84,7 +84,7 @@ def agent(tmp_path_factory):
         ("why did you wash the apple?", "You asked for it 1 hour ago: wash the apple."),
         ("has anybody moved the apple?", "I did, 1 hour ago: put the apple in the fridge."),
         ("did I tell you about the apple?", "Nothing that I remember."),
-        ("what have you seen so far?", "I have seen 10 things that can be carried: 1 apple"),
+        ("what have you seen so far?", "I have seen 9 things that can be carried: 1 apple"),
         ("and where is the apple now?", "The apple is in the fridge"),
     ],
 )
