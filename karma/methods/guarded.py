@@ -64,6 +64,7 @@ class Carrier(Protocol):
     """An episode that plans and acts."""
 
     chosen: dict[tuple[str, int], str]
+    decided: dict[tuple[str, ...], bool]
     mine: Mapping[str, str]
     told: Collection[str]
 
@@ -164,12 +165,14 @@ def guarded(
         skills: the body.
         came: takes what came of it.
     """
+    if subtask.asked is None:
+        episode.decided.clear()
     refused = cannot_serve(asked, episode.here(skills))
     if refused is not None:
         yield refusal(refused)
         return
     for condition in asked.conditions:
-        holds = yield from _looked_at(episode, condition, skills, came)
+        holds = yield from _decided(episode, condition, skills, came)
         if holds is None:
             yield refusal(RefusedRequest(kind="condition", by="guard", words=(condition.text,)))
             return
@@ -655,6 +658,20 @@ def _of_kinds(episode: Carrier, skills: Skills, kinds: Collection[str]) -> list[
     found = [one for one in episode.sights(skills).values() if kind_of(one.object_type) in kinds]
     basins = [one for one in found if one.object_type in BASINS]
     return sorted(basins or found, key=lambda one: one.object_id)
+
+
+def _decided(
+    episode: Carrier, condition: Condition, skills: Skills, came: Came
+) -> Generator[SkillResult, None, bool | None]:
+    """Look once for what is asked "if it is on" and "otherwise", whatever is done in between."""
+    thing = condition.thing.types if condition.thing else ()
+    key = (condition.state, *thing, "at", *condition.at)
+    if key in episode.decided:
+        return episode.decided[key] == condition.holds
+    holds = yield from _looked_at(episode, condition, skills, came)
+    if holds is not None:
+        episode.decided[key] = holds == condition.holds
+    return holds
 
 
 def _looked_at(

@@ -159,6 +159,7 @@ class KarmaEpisode:
         self._spoken: tuple[Mention, ...] = ()  # of the last instruction that was read here
         self._deeds: tuple[SaidDeed, ...] = ()  # likewise
         self.chosen: dict[tuple[str, int], str] = {}  # what a word of a text was found to mean
+        self.decided: dict[tuple[str, ...], bool] = {}  # what was so when a text first asked
         self._world, self._folder, self._seed = world, folder, seed
         self._perception = Perception(self.settings.perception, method.vision, method.detector)
         self._graphs: dict[str, SceneGraph] = {}  # by the room's name

@@ -249,6 +249,7 @@ class Agent:
             raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
         check_length(instruction)
         before = self._now()
+        self._episode.decided.clear()
         parts: list[RequestReply] = []
         number, clause = 0, _Clause("")
         for number, clause in enumerate(self._in_turn(instruction)):

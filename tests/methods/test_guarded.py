@@ -214,6 +214,21 @@ def test_things_are_told_by_their_state_which_is_no_deed(tmp_path, text):
     assert "nothing that I have seen is open" in str(again)
 
 
+@pytest.mark.parametrize(
+    "text",
+    ["if the fridge is open, close it, otherwise open it",
+     "close the fridge if it is open, else open it"],
+)  # fmt: skip
+def test_otherwise_is_not_looked_at_again_after_the_first_deed(tmp_path, text):
+    """The fridge that was closed is shut by then; it was not to be opened again."""
+    opened, shut = OPEN.format("Fridge"), SHUT.format("Fridge")
+    agent = agent_saying(tmp_path, [opened, shut, opened])
+    assert agent.do("open the fridge")
+    for now in ("closed", "open"):
+        assert agent.do(text).status == "done"
+        assert agent.do(f"is the fridge {now}?").parts[0].answer.lines[0].startswith("Yes")
+
+
 def test_one_that_was_cut_is_then_meant_by_its_pieces(tmp_path):
     stack = TAKE + "PutObject(robot, 'Apple', 'Plate')\n"
     agent = agent_saying(
