@@ -323,6 +323,8 @@ class Pairs:
         if one.vague and one.text.split()[-1] == "one" and adds:
             group.told = one.text == "one"  # "the tall one" is whole, "the one" goes on
             return True
+        if before and joint == before and self._s.low(number - 2) == "or" and group.places:
+            joint, before = "or", ""  # "in the sink or in the tub"
         if joint == "or" and one.types and not before and (group.places or group.things):
             either = group.places or group.things  # any of them will do
             types = dict.fromkeys((*either[-1].types, *one.types))

@@ -56,6 +56,7 @@ _PARTING = re.compile(
     r"(?:that's|that is|that'll be|that will be|this is)"
     r" (?:all|it|enough|everything|great|fine|perfect|good)"
     r"(?: for (?:now|today|the moment)| then| thanks?(?: you)?)*\W*"
+    r"|(?:(?:wait|stop|hold on|hang on|one moment|just a (?:moment|second|minute))\W*)+"
 )
 _SMALL_TAGS = frozenset((
     "RB", "JJ", "JJR", "UH", "CC", "DT", "IN", "TO", "MD", "PRP", "PRP$", "WDT", "WP", "WRB", "RP",

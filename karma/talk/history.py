@@ -24,7 +24,10 @@ from karma.memory.lived.ageing import Ageing, home_prior
 from karma.talk.home import BEGINS_S, PLACE_TOLD, TOLD, PastDeed, PastErrand
 
 _LINKS = "in|on|into|onto|to|at|under|from|near|next|back|away|where|wherever|with|and|then"
-_IT = rf"(?P<it>it|them|that|this|(?:the|my|that|this)(?: (?!(?:{_LINKS})\b)\w+){{1,4}})"
+_IT = (
+    "(?P<it>both of them|them both|both|it|them|that|this"
+    rf"|(?:the|my|that|this)(?: (?!(?:{_LINKS})\b)\w+){{1,4}})"
+)
 _BACK = re.compile(
     rf"\b(?:put|place|bring|take|return|set|move) (?:back )?{_IT}(?: back| away)?"
     r"(?:,? (?:to )?where(?:ver)? (?:it|they|you)(?: \w+)? ?"
@@ -54,6 +57,7 @@ _BESIDE_IT = re.compile(
 )
 _AND_BACK = re.compile(r"(?:,? and|, then| then)+ back(?: again)?(?=[.!]?$)", re.IGNORECASE)
 _CUTS = re.compile(r"[.;!]|,? (?:and )?then\b|,|\band\b", re.IGNORECASE)
+_BOTH = 2
 _BELONGS = frozenset(("belongs", "belong", "goes", "go", "lives", "live"))
 _POINTING = frozenset(
     ("it", "them", "that", "this", "there", "one", "too", "both", "these", "those")
@@ -370,6 +374,8 @@ class _SpeakingOfThePast:
     def back(self, found: re.Match[str]) -> str:
         """Return "put the apple on the table" for "put it back", where the log knows both."""
         words = found["it"]
+        if "both" in words.lower():
+            return self._both_back(found)
         kinds = _kinds_of(words, self._reader)
         moved = [(one.object_id, one.before) for one in self._moves]
         about = [one for one in self._taken if base_type(type_of(one[0])) in kinds]
@@ -387,6 +393,22 @@ class _SpeakingOfThePast:
         if type_of(last[1]) != FLOOR:
             self.means[base_type(type_of(last[1]))] = last[1]
         return f"put {name} {told_place(last[1])}"
+
+    def _both_back(self, found: re.Match[str]) -> str:
+        """Return where two things go back to that were moved last: "put them both back"."""
+        first: dict[str, str] = {}
+        for one in reversed(self._moves):
+            if one.before != HAND and one.object_id not in first and len(first) < _BOTH:
+                first[one.object_id] = one.before
+        if len(first) < _BOTH or not _goes_back(found):
+            self.unknown.append(found[0])
+            return found[0]
+        for name, place in first.items():
+            self.means[base_type(type_of(name))] = name
+            if type_of(place) != FLOOR:
+                self.means[base_type(type_of(place))] = place
+        told = (f"put the {name_of(name)} {told_place(place)}" for name, place in first.items())
+        return " and ".join(told)
 
     def beside_it(self, found: re.Match[str]) -> str:
         """Return "put the fork in the drawer" for "put the fork where the spoon is"."""

@@ -225,8 +225,9 @@ def _what_it_can(q: _Question) -> MemoryAnswer | None:
 
 def _what_was_done(q: _Question) -> MemoryAnswer | None:
     all_of_it = q.asks == "what" or q.has("anything", "something")
-    did = q.has("did", "done") or q.says(r"\b(?:you|we|i)\b.* do\b")
-    if not (all_of_it and did and q.has("you", "i", "we")):
+    failed = q.has("'t", "not", "failed") or q.says(r"\bwent wrong\b")
+    did = q.has("did", "done") or q.says(r"\b(?:you|we|i)\b.* do\b|\bwent wrong\b")
+    if not (all_of_it and did and (q.has("you", "i", "we") or failed)):
         return None
     if q.has("here") and q.has("see", "seen"):
         return None
@@ -235,8 +236,10 @@ def _what_was_done(q: _Question) -> MemoryAnswer | None:
     past = [
         f"{q.knows.ago(one.at_s)}: {one.plain or one.said} ({one.status})"
         for one in q.knows.past
-        if one.status not in TOLD and q.then(one.at_s)
+        if one.status not in TOLD and q.then(one.at_s) and not (failed and one.status == "done")
     ]
+    if not past and failed:
+        return MemoryAnswer(lines=("Nothing that I know of.",))
     if not past:
         return MemoryAnswer(lines=("Nothing then." if q.knows.past else "Nothing yet.",))
     left = len(past) - _MOST

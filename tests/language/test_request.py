@@ -56,6 +56,7 @@ def deeds(request):
         ("turn the lamp, the tv off", ["off DeskLamp/FloorLamp, Television"]),
         ("lamp and tv off", ["off DeskLamp/FloorLamp, Television"]),
         ("the kettle ought to be on the stove", ["put Kettle > StoveBurner/StoveKnob"]),
+        ("put the mug in the sink or on the shelf", ["put Mug > Sink/Shelf"]),
         ("give that pan a good scrub, then dry land it on the counter", None),
         ("turn the telly off and the floor lamp on", None),
         ("rinse the spoon and pop it in the drawer", ["wash Spoon", "put Spoon > Drawer"]),

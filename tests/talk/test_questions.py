@@ -44,6 +44,8 @@ def agent(tmp_path_factory):
         # what was done on the way is known too, with its place
         ("did you put the apple in the fridge?", "Yes, 1 hour ago: put the apple in the fridge."),
         ("did you put the apple in the cabinet?", "No, not that I remember."),
+        ("did you put the apple in the sink or in the fridge?", "Yes, 1 hour ago: put the apple"),
+        ("is there anything that you couldn't do?", "Nothing that I know of."),
         ("did you open the fridge?", "Yes, 1 hour ago: put the apple in the fridge."),
         ("did you turn on the tap?", "Yes, 1 hour ago: wash the apple."),
         ("did you leave the fridge open?", "No, the fridge is not open"),
