@@ -363,7 +363,8 @@ class Pairs:
         """Read "there" and "where the newspaper is" as the place of a thing."""
         if group.places or deed not in ("put", "take"):
             return
-        last = body.stop - 1 - (self._s.low(body.stop - 1) in (".", "!", "?", ",", ";"))
+        ends = (".", "!", "?", ",", ";", "and", "then")
+        last = next((n for n in reversed(body) if self._s.low(n) not in ends), -1)
         for number in body:
             low = self._s.low(number)
             there = low in request_words().elsewhere and number not in self._s.taken

@@ -791,6 +791,8 @@ def _meant_by(
     wanted = deed_kind(deed.deed).takes
     able = [thing for thing in named if wanted and any(able_to(one, wanted) for one in thing.types)]
     meant = (able or named)[-1]
+    if deed.verb.endswith(" out") and len(able) > 1 and any(map(_holds, meant.types)):
+        meant = able[-2]  # "put it in the box", "take it out": not the box
     if one.text == "one" and last and not one.other:  # "put one on the desk": of those
         return _so_many([thing for thing in last if thing in able] or [meant], 1)
     if one.text in ("it", "this", "that"):
@@ -800,6 +802,10 @@ def _meant_by(
 
 def _has_its_place(deed: SaidDeed) -> bool:
     return deed.deed == "put" and deed.place is not None
+
+
+def _holds(kind: str) -> bool:
+    return object_types()[kind].can("receptacle")
 
 
 def _told_otherwise(meant: Mention, told: Sequence[str], *, every: bool) -> Mention:
@@ -815,7 +821,12 @@ def _told_otherwise(meant: Mention, told: Sequence[str], *, every: bool) -> Ment
 def _both(one: Mention, named: Sequence[Mention], last: Sequence[Mention]) -> list[Mention]:
     """Return the things that were named one by one for "both"; [] of what stands for no more."""
     number = one.number or 1
-    if not (one.vague and one.text in ("them", "both", "these", "they") and number > len(last)):
+    if not (one.vague and one.text in ("them", "both", "these", "they")):
+        return []
+    plural = [thing for thing in named if thing.every or (thing.number or 1) > 1]
+    if one.every and one.number is None and len(last) == 1 and plural and last[0] not in plural:
+        return [replace(plural[-1], at=())]  # "them all", not the one that was named last
+    if number <= len(last):
         return []
     if any(one.every or (one.number or 1) > 1 for one in named):
         return []

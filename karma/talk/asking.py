@@ -126,7 +126,7 @@ class AskedQuestion:
     @property
     def state_word(self) -> str:
         """The word of a state that it asks about, "" where it asks about none."""
-        text = self.raw
+        text = _HANGING.sub(" ", self.raw) if self.asks in ("what", "which") else self.raw
         for place in self._places:
             text = text.replace(place, " ")
         words = re.findall(r"[a-z]+", text)

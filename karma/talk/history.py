@@ -29,7 +29,7 @@ _IT = (
     rf"|(?:the|my|that|this)(?: (?!(?:{_LINKS})\b)\w+){{1,4}})"
 )
 _BACK = re.compile(
-    rf"\b(?:put|place|bring|take|return|set|move) (?:back )?{_IT}(?: back| away)?"
+    rf"\b(?:put|place|bring|take|return|set|move) (?:back )?{_IT}(?: back(?: in)?| away)?"
     r"(?:,? (?:to )?where(?:ver)? (?:it|they|you)(?: \w+)? ?"
     r"(?:was|were|came from|found (?:it|them)|took (?:it|them) from|had (?:it|them)"
     r"|(?P<habit>belongs?|goes|go|lives?))(?: before)?)?(?=[.,;!]|$| and | then )",

@@ -46,6 +46,7 @@ from karma.talk.home import (
 )
 
 _MOVING = ("moved", "took", "put", "placed", "brought", "left", "carried")
+_POURED = ("water", "coffee", "wine", "liquid")
 _MOST = 6  # things or errands in one answer
 _OLD_S = 3600.0  # what was seen so long ago may have been moved
 _OFFER = 'Say "go and see", or /look, and I look for it.'
@@ -404,6 +405,8 @@ def _how_many(q: _Question) -> MemoryAnswer | None:
         return None
     if not q.things:
         return _not_seen(q)
+    if not q.about and not q.unknown:
+        return _what_lies_there(q, counted=True)
     found = [one for one in q.knows.of(q.things[0]) if is_at(one[0], q.at if q.about else ())]
     if q.state:
         found = [one for one in found if is_so(q.state, one[0])]
@@ -443,12 +446,12 @@ def _what_is_here(q: _Question) -> MemoryAnswer | None:
     return MemoryAnswer(lines=(f"I have seen {', '.join(told)}{more}.",))
 
 
-def _what_lies_there(q: _Question) -> MemoryAnswer | None:
+def _what_lies_there(q: _Question, *, counted: bool = False) -> MemoryAnswer | None:
     """Answer "what is in the fridge?", "is there anything on it?", "is the drawer empty?"."""
     empty = q.state == "empty" and not q.at and any(map(_holds_things, q.about[:1]))
     whether = q.asks == "" and q.open and not q.about and bool(q.at)
     asks = q.asks in ("what", "which", "who") and bool(q.at) and not q.about
-    if not (empty or whether or asks) or q.has("state", "done", "do"):
+    if not (empty or whether or asks or counted) or q.has("state", "done", "do"):
         return None
     place = (q.at or q.about)[-1]
     if q.under and {*place.types} & {*BASIN_OF, *BASINS}:
@@ -468,7 +471,7 @@ def _what_lies_there(q: _Question) -> MemoryAnswer | None:
         f"the {name_of(sight.object_id)} ({q.knows.seen(sight, when)})" for sight, when in lying
     ]
     more = f" and {len(told) - _MOST} more" if len(told) > _MOST else ""
-    lead = "No. " if empty else "Yes. " if whether else ""
+    lead = "No. " if empty else "Yes. " if whether else f"{len(told)}. " if counted else ""
     what = f"{where[0].upper()}{where[1:]}: {', '.join(told[:_MOST])}{more}."
     return MemoryAnswer(lines=(lead + what,))
 
@@ -606,9 +609,12 @@ def _whether(q: _Question) -> MemoryAnswer | None:
     sure = q.says(r"^how (?:sure|certain) are you\b")
     if not (about or sure) or (q.asks and not sure) or not (q.things or q.unknown):
         return None
-    if not q.things:
+    poured = [one for one in q.unknown if one.text.split()[-1] in _POURED]
+    if not q.things or (q.unknown and not q.about and not poured):
         return _not_seen(q)
     thing, places = q.things[0], q.at if q.about else ()
+    if poured and not q.about:  # "is there water in the vase?"
+        return _state_told(q, thing, q.knows.of(thing), "filled") if q.knows.of(thing) else None
     found = q.knows.of(thing)
     if not found:
         told = _told_last(q, thing, -1.0, STATE_TOLD) if q.state else None
@@ -645,14 +651,14 @@ def _is_there(q: _Question, sight: SeenObject, places: Sequence[Mention]) -> boo
 
 
 def _state_told(
-    q: _Question, thing: Mention, found: Sequence[tuple[SeenObject, float]]
+    q: _Question, thing: Mention, found: Sequence[tuple[SeenObject, float]], state: str = ""
 ) -> MemoryAnswer:
     """Return whether what was seen of a thing shows a state; of several, which do."""
     several = (thing.every or (thing.number or 0) > 1) and len(found) > 1
     some = found if several else found[:1]
-    so = [one for one in some if is_so(q.state, one[0])]
+    so = [one for one in some if is_so(state or q.state, one[0])]
     yes = len(so) == len(some)
-    word = next(w for w in reversed(q.words) if w in request_words().seen)
+    word = state or next(w for w in reversed(q.words) if w in request_words().seen)
     sight, when = (so if yes else [one for one in some if one not in so])[0]
     name = name_of(sight.object_id)
     if not sight.states:  # nothing was read of it: that shows neither
@@ -768,7 +774,7 @@ def _told_last(
 
 
 def _not_seen(q: _Question) -> MemoryAnswer | None:
-    thing = next(iter([*q.things, *q.unknown]), None)
+    thing = next(iter([*q.about, *q.unknown, *q.at]), None)
     if thing is None:
         return None
     if not thing.types:

@@ -75,6 +75,8 @@ def agent(tmp_path_factory):
         ("is the apple in the sink or in the fridge?", "The apple is in the fridge"),
         ("are there two apples?", "No: 1 that I have seen."),
         ("are there fewer than two apples in the fridge?", "Yes: 1 that I have seen."),
+        ("how many things are in the fridge?", "1. In the fridge: the apple"),
+        ("is there any milk in the fridge?", "I know nothing that is called milk."),
         ("what is under the sink?", "I have seen nothing in the cabinet."),
         ("what is under the fridge?", "I cannot see what is under the fridge."),
         # of all that is so
