@@ -17,6 +17,7 @@ from karma.household.types import object_types, types_with
 from karma.household.uses import BASIN_OF, without_basin
 
 _CURES = {"open": "CloseObject", "on": "ToggleOff", "closed": "OpenObject"}  # what would help
+_SMALL_M = 1.0  # furniture up to this long is seen whole from its edge
 _ON_TOP_M = 0.01  # a thing whose height is no lower than that below the top stands on it
 _ASIDE_DEG = 20.0  # seen from so much more to one side, a thing hides other things
 
@@ -357,8 +358,13 @@ class Reach:
 
 
 def _room_of(target: Known) -> Target:
-    """Return the room that a thing takes where that is known, else the point that it is at."""
-    if target.box_center_m is None:
+    """Return the room that a thing takes where that is known, else the point that it is at.
+
+    Of what is large, or opens, the middle is where one sees what lies on it or in it.
+    """
+    kind = object_types().get(target.object_type)
+    opens = kind is not None and kind.can("openable")
+    if target.box_center_m is None or opens or max(target.box_size_m) > _SMALL_M:
         return Target(center_m=target.position_m)
     return Target(center_m=target.box_center_m, size_m=target.box_size_m)
 

@@ -8,6 +8,7 @@ from karma.contracts import Examples, Resources, WorkedExample
 from karma.errors import KarmaError
 from karma.infer.scripted import ScriptedModel
 from karma.methods.karma import KarmaMethod, KarmaSettings
+from karma.methods.options import settings_of
 
 _NONE = "row method 'copying' needs examples: profile = \"full\", examples = 1 or more in [models]"
 
@@ -24,6 +25,7 @@ class CopyingMethod(KarmaMethod):
         Raises:
             KarmaError: the run tells its planner no examples.
         """
+        settings_of(KarmaSettings, options)
         if resources.examples is None:
             raise KarmaError(_NONE)
         nearest = _Nearest(resources.examples)

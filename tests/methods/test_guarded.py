@@ -143,7 +143,8 @@ def test_a_stubborn_planner_is_not_followed(tmp_path):
     assert "Apple" not in {
         name for one in reply.parts[0].plans for c in one.calls for name in c.objects
     }
-    reply = agent.do("put the clean bowl in the fridge")
+    assert agent.do("put the clean bowl in the fridge").status == "done"  # it lies there already
+    reply = agent.do("put the clean bowl in the sink")
     assert reply.status == "refused"
     assert "does not put the clean bowl" in repr(reply)
     assert not reply.parts[0].results

@@ -75,7 +75,7 @@ def agent(tmp_path_factory):
         ("is the apple in the sink or in the fridge?", "The apple is in the fridge"),
         ("are there two apples?", "No: 1 that I have seen."),
         ("are there fewer than two apples in the fridge?", "Yes: 1 that I have seen."),
-        ("how many things are in the fridge?", "1. In the fridge: the apple"),
+        ("how many things are in the fridge?", "2. In the fridge: the apple"),
         ("is there any milk in the fridge?", "I know nothing that is called milk."),
         ("what is under the sink?", "I have seen nothing in the cabinet."),
         ("what is under the fridge?", "I cannot see what is under the fridge."),
@@ -88,7 +88,7 @@ def agent(tmp_path_factory):
         ("why did you wash the apple?", "You asked for it 1 hour ago: wash the apple."),
         ("has anybody moved the apple?", "I did, 1 hour ago: put the apple in the fridge."),
         ("did I tell you about the apple?", "Nothing that I remember."),
-        ("what have you seen so far?", "I have seen 9 things that can be carried: 1 apple"),
+        ("what have you seen so far?", "I have seen 10 things that can be carried: 1 apple"),
         ("and where is the apple now?", "The apple is in the fridge"),
     ],
 )
