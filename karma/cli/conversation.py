@@ -157,7 +157,7 @@ def home_lines(agent: "Agent") -> list[str]:
     """Return what is said of a home that lasts; nothing of another."""
     from karma.language.clock import time_of_day
     from karma.talk.home import BEGINS_S
-    from karma.talk.questions import age
+    from karma.talk.remembering import age
 
     home = agent.home
     if home.folder is None:

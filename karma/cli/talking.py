@@ -331,7 +331,7 @@ def home_new(
 def home_show(name: Name) -> None:
     """Say what was done in a home, the last ten requests."""
     from karma.talk.home import opened
-    from karma.talk.questions import age
+    from karma.talk.remembering import age
 
     home = opened(name)
     people = f", {home.card.people} people" if home.card.people else ""

@@ -69,7 +69,8 @@ from karma.talk.home import KeptHome, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
 from karma.talk.offers import with_offer
 from karma.talk.other_rooms import of_room, room_said
-from karma.talk.questions import MemoryAnswer, Remembering, answered, of_another
+from karma.talk.questions import answered, of_another
+from karma.talk.remembering import MemoryAnswer, Remembering
 from karma.talk.replies import AgentReply, RequestReply, as_it_ends
 from karma.talk.telling import told_of
 from karma.talk.views import Memory, RoomMap

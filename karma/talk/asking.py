@@ -6,8 +6,10 @@ from collections.abc import Iterator
 from karma.contracts import Mention, Request
 from karma.household.types import object_types
 from karma.language.clock import read_span, unread_times
+from karma.language.request import RequestReader
 from karma.language.request_words import request_words
 from karma.talk.home import BEGINS_S
+from karma.talk.remembering import Remembering
 
 ASKING = ("where", "when", "how", "who", "what", "which", "whose", "why")
 _LEADS = re.compile(
@@ -33,7 +35,8 @@ class AskedQuestion:
 
     Args:
         request: whose form is "question".
-        now_s: when it is asked, in seconds of the home.
+        knows: what it is answered from.
+        reader: of English.
 
     Attributes:
         about: the things that something is asked of.
@@ -43,7 +46,8 @@ class AskedQuestion:
         unknown: named things that nothing is called by.
     """
 
-    def __init__(self, request: Request, now_s: float) -> None:
+    def __init__(self, request: Request, knows: Remembering, reader: RequestReader | None) -> None:
+        self.knows, self.reader, now_s = knows, reader, knows.now_s
         self.raw = request.text.lower().replace("’", "'")
         text = _LEADS.sub("", self.raw)
         self.words = re.findall(r"[a-z]+|'[a-z]+", text)

@@ -17,7 +17,8 @@ from karma.language.request import RequestReader
 from karma.language.request_words import request_words
 from karma.memory.scene_graph import SceneGraph
 from karma.talk.home import LeftHome, homes, read_home
-from karma.talk.questions import MemoryAnswer, Remembering, age, answered
+from karma.talk.questions import answered
+from karma.talk.remembering import MemoryAnswer, Remembering, age
 from karma.talk.views import RoomMap
 
 _IN_WORDS = {"living": "living room"}

@@ -7,152 +7,42 @@ Nothing is done for a question.
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from karma.agent.perceive import place_of
-from karma.contracts import MemoryUnit, Mention, Request, SeenObject
+from karma.contracts import Mention, Request, SeenObject
 from karma.household.containment import has_door
-from karma.household.deeds import DEED_KINDS
-from karma.household.ids import root_id, type_of
-from karma.household.pieces import base_type, is_piece
+from karma.household.ids import type_of
+from karma.household.pieces import base_type
 from karma.household.places import HAND, NEAR_M
 from karma.household.saying import name_of, told_place
 from karma.household.states import NEEDS
 from karma.household.types import ObjectType, object_types
-from karma.household.uses import BASIN_OF, BASINS, BELOW_SINKS, without_basin
+from karma.household.uses import BASIN_OF, BASINS, BELOW_SINKS
 from karma.journal.formats import plural
 from karma.language.request import RequestReader
-from karma.language.request_words import base_of_deed, request_words
+from karma.language.request_words import request_words
 from karma.methods.guarded import is_so
 from karma.talk.asking import ASKING, AskedQuestion
-from karma.talk.history import (
-    Move,
-    deeds_in,
-    deeds_of,
-    habit_in,
-    habits,
-    how_sure,
-    looked_into,
-    moves,
-    owned,
+from karma.talk.history import habits, looked_into, moves, owned
+from karma.talk.home import PLACE_TOLD, STATE_TOLD, PastErrand
+from karma.talk.log_answers import (
+    not_looked_into,
+    what_changed,
+    what_it_can,
+    what_was_done,
+    what_was_told,
+    whether_it_was_done,
+    who_did_it,
 )
-from karma.talk.home import (
-    PLACE_TOLD,
-    STATE_TOLD,
-    TOLD,
-    PastDeed,
-    PastErrand,
-)
+from karma.talk.remembering import MOST, MemoryAnswer, Remembering, is_at
 
-_MOVING = ("moved", "took", "put", "placed", "brought", "left", "carried")
 _POURED = ("water", "coffee", "wine", "liquid")
-_MOST = 6  # things or errands in one answer
-_OLD_S = 3600.0  # what was seen so long ago may have been moved
 _OFFER = 'Say "go and see", or /look, and I look for it.'
 _OF_ANOTHER = re.compile(
     r"^\W*(?:and |or )?(?:what about|how about|and|or)\b(?P<rest>.*)\?\W*$", re.IGNORECASE
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MemoryAnswer:
-    """What is said to a question."""
-
-    lines: tuple[str, ...]
-    known: bool = True
-    look: str = ""  # the errand that would find it out
-    refuses: bool = False  # it was an errand, and is not carried out
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Remembering:
-    """What questions are answered from."""
-
-    sights: Mapping[str, tuple[SeenObject, float]]  # id -> the latest sight, when it was in view
-    units: Mapping[str, MemoryUnit]  # short-term memory
-    furniture: Sequence[str]  # types on the map
-    past: Sequence[PastErrand]
-    now_s: float
-    people: int = 0  # who live here too
-    is_here: bool = True  # the agent can go and see
-
-    @property
-    def room(self) -> str:
-        """What the room is called by who asks."""
-        return "this room" if self.is_here else "that room"
-
-    def of(self, thing: Mention) -> list[tuple[SeenObject, float]]:
-        """Return the sights of what a mention may mean, the last seen first."""
-        kinds = {*thing.types, *map(without_basin, thing.types)}
-        found = [
-            one for one in self.all() if kinds & {one[0].object_type, base_type(one[0].object_type)}
-        ]
-        found.sort(key=lambda one: (-one[1], one[0].object_id))
-        return list({_heap(sight): (sight, when) for sight, when in reversed(found)}.values())[::-1]
-
-    def all(self) -> Iterator[tuple[SeenObject, float]]:
-        """Yield each thing that was seen, in the states that are known, with when it was seen."""
-        for sight, when in self.sights.values():
-            yield replace(sight, states=self._states(sight)), when
-
-    def _states(self, sight: SeenObject) -> tuple[str, ...]:
-        unit = self.units.get(sight.object_id)
-        return tuple(dict.fromkeys((*sight.states, *(unit.states if unit else ()))))
-
-    def ago(self, when_s: float) -> str:
-        """Return how long ago something was."""
-        return age(self.now_s - when_s)
-
-    def is_old(self, when_s: float) -> bool:
-        """Return whether what was seen then may be otherwise by now."""
-        return self.now_s - when_s > _OLD_S
-
-    def seen(self, sight: SeenObject, when_s: float, about: str = PLACE_TOLD) -> str:
-        """Return when a thing was seen or told of, and whether that may not be so any more."""
-        told_s = self._told_s(sight.object_id, about)
-        how = f"you told me {self.ago(told_s)}" if told_s >= when_s else f"seen {self.ago(when_s)}"
-        if not self.is_old(max(told_s, when_s)):
-            return how
-        if self.people and sight.pickupable:
-            sure = how_sure(self.past, sight, max(told_s, when_s), self.now_s)
-            return f"{how}; people live here: {sure:.1f} is the chance that it is still there"
-        return f"{how}; that may have changed since"
-
-    def told(self) -> set[str]:
-        """Return the ids of which a person told where or how they are after they were seen."""
-        return {
-            name for name, (_, when_s) in self.sights.items()
-            if max(self._told_s(name, about) for about in TOLD) >= when_s
-        }  # fmt: skip
-
-    def _told_s(self, object_id: str, about: str) -> float:
-        """Return when a person last told that of a thing; before all time if nobody did."""
-        told = (
-            one.at_s
-            for one in self.past
-            if one.status == about
-            and any(object_id == s.object_id for change in one.changes for s in change.seen)
-        )
-        return max(told, default=-1.0)
-
-
-def _heap(sight: SeenObject) -> tuple[str, str | None]:
-    """Return what stands for a thing: the pieces of one whole at one place are one."""
-    name, piece = sight.object_id, is_piece(sight.object_type)
-    return (root_id(name) if piece else name), (place_of(sight) if piece else None)
-
-
-def age(seconds: float) -> str:
-    """Return a time that has passed, in words.
-
-    >>> age(5), age(200), age(7300), age(200_000)
-    ('just now', '3 minutes ago', '2 hours ago', '2 days ago')
-    """
-    for size, unit in ((86_400, "day"), (3600, "hour"), (60, "minute")):
-        if (count := int(seconds // size)) > 0:
-            return f"{count} {unit}{'s' * (count > 1)} ago"
-    return "just now"
 
 
 def answered(
@@ -165,7 +55,7 @@ def answered(
         knows: what is remembered.
         reader: reads what was asked for earlier.
     """
-    asked = _Question(request, knows, reader)
+    asked = AskedQuestion(request, knows, reader)
     found = next((found for kind in _KINDS if (found := kind(asked)) is not None), None)
     if found is not None and not knows.is_here:
         return replace(found, look="")
@@ -200,207 +90,10 @@ def of_another(text: str, question: str, reader: RequestReader) -> str:
     return whole[: named[0].start] + instead + whole[named[0].end :]
 
 
-class _Question(AskedQuestion):
-    """A question with what it is answered from."""
-
-    def __init__(self, request: Request, knows: Remembering, reader: RequestReader | None) -> None:
-        super().__init__(request, knows.now_s)
-        self.knows, self.reader = knows, reader
-
-
-# ----------------------------------------------------------------- what was done
-
-
-def _what_it_can(q: _Question) -> MemoryAnswer | None:
-    """Answer "what can you do?" and "who are you?"."""
-    asks = q.says(
-        r"\b(?:can|could) you (?:all )?do\b|\byou able to do\b|^(?:who|what) are you\b(?! \w)"
-    )
-    if not asks or q.asks not in ("what", "who") or q.things:
-        return None
-    deeds = ", ".join(kind.said for kind in DEED_KINDS.values() if kind.said and kind.takes)
-    can = f"I look after this room. I can put things somewhere, {deeds}."
-    tells = "Ask me where something is, how it is or what I did; tell me what I should know."
-    return MemoryAnswer(lines=(can, tells))
-
-
-def _what_was_done(q: _Question) -> MemoryAnswer | None:
-    all_of_it = q.asks == "what" or q.has("anything", "something")
-    failed = q.has("'t", "not", "failed") or q.says(r"\bwent wrong\b")
-    did = q.has("did", "done") or q.says(r"\b(?:you|we|i)\b.* do\b|\bwent wrong\b")
-    if not (all_of_it and did and (q.has("you", "i", "we") or failed)):
-        return None
-    if q.has("here") and q.has("see", "seen"):
-        return None
-    if q.things:
-        return None
-    past = [
-        f"{q.knows.ago(one.at_s)}: {one.plain or one.said} ({one.status})"
-        for one in q.knows.past
-        if one.status not in TOLD and q.then(one.at_s) and not (failed and one.status == "done")
-    ]
-    if not past and failed:
-        return MemoryAnswer(lines=("Nothing that I know of.",))
-    if not past:
-        return MemoryAnswer(lines=("Nothing then." if q.knows.past else "Nothing yet.",))
-    left = len(past) - _MOST
-    more = (f"and {left} before that",) if left > 0 else ()
-    return MemoryAnswer(lines=(*reversed(past[-_MOST:]), *more, *q.of_no_time))
-
-
-def _what_was_told(q: _Question) -> MemoryAnswer | None:
-    """Answer "what did I tell you about the apple?" and "did I tell you where it is?"."""
-    if not q.says(r"\bi (?:ever |just |already )?(?:tell|told|teach|taught)\b") or q.reader is None:
-        return None
-    kinds = {kind for one in q.things for kind in one.types}
-    lines = [
-        f"{q.knows.ago(one.at_s).capitalize()}: {one.said.rstrip('.!')}."
-        for one in q.knows.past
-        if (one.status in TOLD or habit_in(one.said, q.reader) is not None) and q.then(one.at_s)
-        if not kinds or kinds & _spoken_of(one.said, q.reader)
-    ]
-    nothing = MemoryAnswer(lines=("Nothing that I remember.",), known=False)
-    return MemoryAnswer(lines=tuple(reversed(lines[-_MOST:]))) if lines else nothing
-
-
-def _spoken_of(text: str, reader: RequestReader) -> set[str]:
-    named = (one for asked in reader.read(text) for one in (*asked.alone, *asked.mentions))
-    return {kind for one in named for kind in one.types}
-
-
-def _whether_it_was_done(q: _Question) -> MemoryAnswer | None:
-    if q.asks not in ("", "when", "why") or not q.has("did", "have", "has") or q.has("see", "seen"):
-        return None
-    if q.has("leave", "left") and q.state:
-        return None
-    if q.reader is None or not (q.things or q.unknown):
-        return None
-    at = next((n for n, word in enumerate(q.words) if word in ("you", "i", "we")), -1)
-    rest = [word for word in q.words[at + 1 :] if word not in ("last", "ever", "already", "yet")]
-    return _whether_i_did(q, rest) if at >= 0 and rest else None
-
-
-def _whether_i_did(q: _Question, rest: Sequence[str]) -> MemoryAnswer | None:
-    """Tell whether the agent has done what some words ask for: "washed", "the", "apple"."""
-    if q.reader is None:
-        return None
-    order = " ".join([base_of_deed(rest[0]) or rest[0], *rest[1:]])
-    asked = [
-        one
-        for request in q.reader.read(order, q.things)
-        for one in deeds_of(request, (), done=True)
-    ]
-    if not asked:
-        return None
-    for past in (one for one in reversed(q.knows.past) if q.then(one.at_s)):
-        known = deeds_in(past, q.reader)
-        found = [one for one in known if any(_is_that(one, other) for other in asked)]
-        if not found:
-            continue
-        when, said = q.knows.ago(past.at_s), past.plain or past.said
-        if not any(one.done for one in found):
-            line = f"I tried {when}, and it came out {past.status}: {said}."
-            return MemoryAnswer(lines=(line,))
-        told = {
-            "when": when.capitalize(), "who": f"I did, {when}", "why": f"You asked for it {when}"
-        }  # fmt: skip
-        return MemoryAnswer(lines=(f"{told.get(q.asks, f'Yes, {when}')}: {said}.",))
-    nobody = "Nobody that I know of." if q.asks == "who" else "No, not that I remember."
-    return MemoryAnswer(lines=(nobody,), known=q.asks != "who")
-
-
-def _who_did_it(q: _Question) -> MemoryAnswer | None:
-    """Answer "who moved the apple?": from the log, or that nobody was seen."""
-    anybody = q.asks == "" and q.has("anybody", "anyone", "somebody", "someone")
-    if not (q.asks == "who" or (anybody and q.has(*_MOVING))) or not q.things:
-        return None
-    if not q.has(*_MOVING):
-        if q.has("in", "on", "under"):  # "who is in the kitchen?"
-            return None
-        deed = next((word for word in q.words[1:3] if base_of_deed(word)), "")
-        return _whether_i_did(q, [deed, *q.words[q.words.index(deed) + 1 :]]) if deed else None
-    kinds = {*q.things[0].types}
-    moved = [one for one in moves(q.knows.past) if base_type(type_of(one.object_id)) in kinds]
-    if not moved:
-        name = name_of(q.things[0].types[0])
-        return MemoryAnswer(lines=(f"Nobody that I know of: I saw no {name} moved.",), known=False)
-    last = moved[-1]
-    name, when = name_of(last.object_id), q.knows.ago(last.at_s)
-    if last.told:
-        return MemoryAnswer(lines=(f"You told me {when} that the {name} was moved.",))
-    if last.said:
-        return MemoryAnswer(lines=(f"I did, {when}: {last.said}.",))
-    line = f"I do not know who. The {name} was {told_place(last.before)}; {when} I found it"
-    return MemoryAnswer(lines=(f"{line} {told_place(last.after)}.",))
-
-
-def _what_changed(q: _Question) -> MemoryAnswer | None:
-    """Tell of each thing that was moved where it was and where it is, the last one first."""
-    asks = q.asks == "what" or q.has("anything", "something")
-    if not asks or not q.has("changed", "change", "different", "moved") or q.things:
-        return None
-    known = [one for one in moves(q.knows.past) if q.then(one.at_s)]
-    last = {one.object_id: one for one in known}
-    if not last:
-        return MemoryAnswer(lines=("Nothing that I have seen.", *q.of_no_time))
-    first: dict[str, Move] = {}
-    for one in known:
-        first.setdefault(one.object_id, one)
-    told = sorted(last.values(), key=lambda one: -one.at_s)
-    lines = [
-        f"The {name_of(one.object_id)} went {_way(first[one.object_id].before, one.after)}, "
-        f"{q.knows.ago(one.at_s)}: {_by(one)}."
-        for one in told
-        if first[one.object_id].before != one.after
-    ]
-    more = (f"and {len(lines) - _MOST} more",) if len(lines) > _MOST else ()
-    again = ", the ".join(name_of(one.object_id) for one in told[:_MOST])
-    lasted = f"Nothing that lasted: where it was before is the {again}."
-    told_lines = (*lines[:_MOST], *more) or (lasted,)
-    return MemoryAnswer(lines=(*told_lines, *q.of_no_time))
-
-
-def _by(one: Move) -> str:
-    if one.told:
-        return "so you told me"
-    return f'I did it when you said "{one.said}"' if one.said else "somebody did, not I"
-
-
-def _way(before: str, after: str | None) -> str:
-    start, end = _place_words(before), _place_words(after)
-    return f"from one {name_of(before)} to another" if start == end else f"from {start} to {end}"
-
-
-def _place_words(place: str | None) -> str:
-    if place == HAND:
-        return "my hand"
-    return f"the {name_of(place)}" if place else "somewhere"
-
-
-def _not_looked_into(q: _Question) -> MemoryAnswer | None:
-    """Answer "what have you not seen?": what has a door, and was not opened."""
-    if not (q.has("not", "'t", "never") and q.has("seen", "see", "looked", "searched")) or q.things:
-        return None
-    into = looked_into(q.knows.past)
-    shut = [name for name in q.knows.sights if has_door(type_of(name)) and name not in into]
-    if not shut:
-        return MemoryAnswer(lines=("I have looked into all that has a door and that I know of.",))
-    counts = Counter(name_of(name) for name in sorted(shut))
-    told = ", ".join(plural(count, name) for name, count in counts.items())
-    return MemoryAnswer(lines=(f"I have not looked into {len(shut)} places: {told}.",))
-
-
-def _is_that(done: PastDeed, asked: PastDeed) -> bool:
-    """Return whether a deed is one that is asked about: of its things, and at its place."""
-    things = {*done.things} & {*asked.things}
-    places = {*map(without_basin, done.places)} & {*map(without_basin, asked.places)}
-    return done.deed == asked.deed and bool(things) and bool(places or not asked.places)
-
-
 # ----------------------------------------------------------------- how things are
 
 
-def _how_many(q: _Question) -> MemoryAnswer | None:
+def _how_many(q: AskedQuestion) -> MemoryAnswer | None:
     if not (q.asks == "how" and q.has("many")):
         return None
     if not q.things:
@@ -416,12 +109,12 @@ def _how_many(q: _Question) -> MemoryAnswer | None:
         )
     places = ", ".join(
         f"{_told(sight, q.knows.room)} ({q.knows.seen(sight, when)})"
-        for sight, when in found[:_MOST]
+        for sight, when in found[:MOST]
     )
     return MemoryAnswer(lines=(f"{len(found)} that I have seen: {places}.",))
 
 
-def _what_is_here(q: _Question) -> MemoryAnswer | None:
+def _what_is_here(q: AskedQuestion) -> MemoryAnswer | None:
     """Answer "what is here?", and "what is in the kitchen?" there: the last that was seen first."""
     asks = q.asks in ("what", "which") or q.has("anything", "something")
     if (
@@ -440,13 +133,13 @@ def _what_is_here(q: _Question) -> MemoryAnswer | None:
         return MemoryAnswer(lines=("I have seen nothing yet that can be carried.",), known=False)
     told = [
         f"the {name_of(one.object_id)} {_told(one, q.knows.room)} ({q.knows.seen(one, when)})"
-        for one, when in found[:_MOST]
+        for one, when in found[:MOST]
     ]
-    more = f" and {len(found) - _MOST} more" if len(found) > _MOST else ""
+    more = f" and {len(found) - MOST} more" if len(found) > MOST else ""
     return MemoryAnswer(lines=(f"I have seen {', '.join(told)}{more}.",))
 
 
-def _what_lies_there(q: _Question, *, counted: bool = False) -> MemoryAnswer | None:
+def _what_lies_there(q: AskedQuestion, *, counted: bool = False) -> MemoryAnswer | None:
     """Answer "what is in the fridge?", "is there anything on it?", "is the drawer empty?"."""
     empty = q.state == "empty" and not q.at and any(map(_holds_things, q.about[:1]))
     whether = q.asks == "" and q.open and not q.about and bool(q.at)
@@ -470,13 +163,13 @@ def _what_lies_there(q: _Question, *, counted: bool = False) -> MemoryAnswer | N
     told = [
         f"the {name_of(sight.object_id)} ({q.knows.seen(sight, when)})" for sight, when in lying
     ]
-    more = f" and {len(told) - _MOST} more" if len(told) > _MOST else ""
+    more = f" and {len(told) - MOST} more" if len(told) > MOST else ""
     lead = "No. " if empty else "Yes. " if whether else f"{len(told)}. " if counted else ""
-    what = f"{where[0].upper()}{where[1:]}: {', '.join(told[:_MOST])}{more}."
+    what = f"{where[0].upper()}{where[1:]}: {', '.join(told[:MOST])}{more}."
     return MemoryAnswer(lines=(lead + what,))
 
 
-def _lying(q: _Question, place: Mention) -> list[tuple[SeenObject, float]]:
+def _lying(q: AskedQuestion, place: Mention) -> list[tuple[SeenObject, float]]:
     """Return what was seen in, on or near a place."""
     if not q.near:
         at = [one for one in q.knows.sights.values() if is_at(one[0], [place])]
@@ -484,7 +177,7 @@ def _lying(q: _Question, place: Mention) -> list[tuple[SeenObject, float]]:
     return _beside(q, [sight for sight, _ in q.knows.of(place)])
 
 
-def _beside(q: _Question, those: Sequence[SeenObject]) -> list[tuple[SeenObject, float]]:
+def _beside(q: AskedQuestion, those: Sequence[SeenObject]) -> list[tuple[SeenObject, float]]:
     """Return what can be carried and was seen within reach of some things."""
     ids = {one.object_id for one in those}
     return [
@@ -495,7 +188,9 @@ def _beside(q: _Question, those: Sequence[SeenObject]) -> list[tuple[SeenObject,
     ]
 
 
-def _nothing_there(q: _Question, place: Mention, where: str, *, empty: bool) -> MemoryAnswer | None:
+def _nothing_there(
+    q: AskedQuestion, place: Mention, where: str, *, empty: bool
+) -> MemoryAnswer | None:
     """Return that nothing was seen at a place, and whether that says anything."""
     ids = {sight.object_id for sight, _ in q.knows.of(place)}
     unopened = has_door(place.types[0]) and not ids & looked_into(q.knows.past)
@@ -512,7 +207,7 @@ def _holds_things(one: Mention) -> bool:
     return any(object_types()[kind].can("receptacle") for kind in one.types)
 
 
-def _what_is_beside(q: _Question) -> MemoryAnswer | None:
+def _what_is_beside(q: AskedQuestion) -> MemoryAnswer | None:
     """Answer "what is the mug next to?"."""
     if not (q.hangs_near and len(q.about) == 1 and not q.at):
         return None
@@ -520,13 +215,13 @@ def _what_is_beside(q: _Question) -> MemoryAnswer | None:
         return _not_seen(q)
     sight, when = found[0]
     names = dict.fromkeys(f"the {name_of(one.object_id)}" for one, _ in _beside(q, [sight]))
-    near = f", near {', '.join([*names][:_MOST])}" if names else ""
+    near = f", near {', '.join([*names][:MOST])}" if names else ""
     where, seen = _told(sight, q.knows.room), q.knows.seen(sight, when)
     line = f"The {name_of(sight.object_id)} is {where}{near}; {seen}."
     return MemoryAnswer(lines=(line,))
 
 
-def _which_are_so(q: _Question) -> MemoryAnswer | None:
+def _which_are_so(q: AskedQuestion) -> MemoryAnswer | None:
     """Answer "is anything dirty?", "what is on?", "is everything closed?"."""
     asks = q.asks in ("what", "which")
     if not q.state or q.at or q.unknown or q.has("did", "do"):
@@ -550,9 +245,9 @@ def _which_are_so(q: _Question) -> MemoryAnswer | None:
         return MemoryAnswer(lines=(none,), known=bool(known))
     names = ", ".join(
         f"the {name_of(sight.object_id)} ({_lies(q, sight, when, STATE_TOLD)})"
-        for sight, when in sorted(told, key=lambda one: (-one[1], one[0].object_id))[:_MOST]
+        for sight, when in sorted(told, key=lambda one: (-one[1], one[0].object_id))[:MOST]
     )
-    more = f" and {len(told) - _MOST} more" if len(told) > _MOST else ""
+    more = f" and {len(told) - MOST} more" if len(told) > MOST else ""
     lead = f"No, not {word}: " if every else "Yes: " if q.asks == "" else f"{word.capitalize()}: "
     return MemoryAnswer(lines=(f"{lead}{names}{more}.",))
 
@@ -561,7 +256,7 @@ def _kind(sight: SeenObject) -> ObjectType:
     return object_types()[base_type(sight.object_type)]
 
 
-def _what_is_known(q: _Question) -> MemoryAnswer | None:
+def _what_is_known(q: AskedQuestion) -> MemoryAnswer | None:
     """Answer "what have you seen so far?", "what do you remember?"."""
     knows = q.has("seen", "remember", "know", "memory") and q.has("you", "your")
     if q.asks != "what" or not knows or q.things or q.has("not", "'t", "never"):
@@ -573,7 +268,7 @@ def _what_is_known(q: _Question) -> MemoryAnswer | None:
     return MemoryAnswer(lines=(f"{told}: {names}. /memory and /map show more.",))
 
 
-def _what_is_held(q: _Question) -> MemoryAnswer | None:
+def _what_is_held(q: AskedQuestion) -> MemoryAnswer | None:
     own = re.search(r"\byour hands?\b", " ".join(q.words))  # not "the hand towel"
     if not (own or q.has("holding", "hold", "carrying")) or q.asks in ("where", "when"):
         return None
@@ -586,7 +281,7 @@ def _what_is_held(q: _Question) -> MemoryAnswer | None:
     return MemoryAnswer(lines=(f"{lead}I hold the {name_of(held[0].object_id)}.",))
 
 
-def _which_it_was(q: _Question) -> MemoryAnswer | None:
+def _which_it_was(q: AskedQuestion) -> MemoryAnswer | None:
     """Answer "what was the first thing you moved?", which names that thing by now."""
     if (
         q.asks not in ("what", "which")
@@ -601,7 +296,7 @@ def _which_it_was(q: _Question) -> MemoryAnswer | None:
     return MemoryAnswer(lines=(f"The {name_of(mine[-1].object_id)}.",)) if mine else None
 
 
-def _whether(q: _Question) -> MemoryAnswer | None:
+def _whether(q: AskedQuestion) -> MemoryAnswer | None:
     left = q.first == "did" and q.has("leave", "left") and bool(q.state)  # "did you leave it open"
     had = q.says(r"^(?:do|have|has) (?:we|you|i) (?:still )?(?:have|got)\b")
     had = had or (q.first in ("does", "do") and bool(q.about) and bool(q.at))
@@ -635,7 +330,7 @@ def _whether(q: _Question) -> MemoryAnswer | None:
     return None
 
 
-def _whether_so_many(q: _Question, number: int, count: int) -> MemoryAnswer:
+def _whether_so_many(q: AskedQuestion, number: int, count: int) -> MemoryAnswer:
     """Answer "are there more than two pillows?"."""
     fewer = q.says(r"\b(?:less|fewer) than\b")
     enough = count < number if fewer else count > number if q.says(r"\bmore than\b") else None
@@ -643,7 +338,7 @@ def _whether_so_many(q: _Question, number: int, count: int) -> MemoryAnswer:
     return MemoryAnswer(lines=(f"{'Yes' if enough else 'No'}: {count} that I have seen.",))
 
 
-def _is_there(q: _Question, sight: SeenObject, places: Sequence[Mention]) -> bool:
+def _is_there(q: AskedQuestion, sight: SeenObject, places: Sequence[Mention]) -> bool:
     if not q.near or not places:
         return is_at(sight, places)
     those = [one for place in places for one, _ in q.knows.of(place)]
@@ -651,7 +346,7 @@ def _is_there(q: _Question, sight: SeenObject, places: Sequence[Mention]) -> boo
 
 
 def _state_told(
-    q: _Question, thing: Mention, found: Sequence[tuple[SeenObject, float]], state: str = ""
+    q: AskedQuestion, thing: Mention, found: Sequence[tuple[SeenObject, float]], state: str = ""
 ) -> MemoryAnswer:
     """Return whether what was seen of a thing shows a state; of several, which do."""
     several = (thing.every or (thing.number or 0) > 1) and len(found) > 1
@@ -675,7 +370,7 @@ def _state_told(
     )
 
 
-def _how_it_is(q: _Question) -> MemoryAnswer | None:
+def _how_it_is(q: AskedQuestion) -> MemoryAnswer | None:
     if not (q.asks in ("how", "what") and q.things and q.has("state", "is", "are", "'s")):
         return None
     if not q.has("state") and not q.says(r"\bhow (?:'s|is|are|was|were)\b"):
@@ -695,7 +390,7 @@ def _how_it_is(q: _Question) -> MemoryAnswer | None:
 # ----------------------------------------------------------------- where things are
 
 
-def _when(q: _Question) -> MemoryAnswer | None:
+def _when(q: AskedQuestion) -> MemoryAnswer | None:
     if q.asks != "when" or not q.things or not q.has("see", "seen"):
         return None
     if not (found := q.knows.of(q.things[0])):
@@ -707,7 +402,7 @@ def _when(q: _Question) -> MemoryAnswer | None:
     )
 
 
-def _which_place(q: _Question) -> MemoryAnswer | None:
+def _which_place(q: AskedQuestion) -> MemoryAnswer | None:
     """Answer "which cabinet has the plate?", "what drawer is it in?"."""
     if q.asks not in ("which", "what") or len(q.about) != 1 or not q.at or q.near:
         return None
@@ -723,7 +418,7 @@ def _which_place(q: _Question) -> MemoryAnswer | None:
     return MemoryAnswer(lines=(*none, *lines), known=bool(there), look=look)
 
 
-def _where(q: _Question) -> MemoryAnswer | None:
+def _where(q: AskedQuestion) -> MemoryAnswer | None:
     if q.asks != "where" and not q.has("seen", "see"):
         return None
     if not q.things:
@@ -748,7 +443,7 @@ def _where(q: _Question) -> MemoryAnswer | None:
         if not mine and (told := _told_last(q, thing, seen_s)) is not None:
             lines.append(f"You told me {q.knows.ago(told.at_s)}: {told.said.rstrip('.!')}.")
             continue
-        for sight, when in found[: _MOST if several else 2]:
+        for sight, when in found[: MOST if several else 2]:
             name = f"{'Your' if mine else 'The'} {name_of(sight.object_id)}"
             lines.append(f"{name} is {_told(sight, q.knows.room)}, {q.knows.seen(sight, when)}.")
             moved = [m for m in moves(q.knows.past) if m.object_id == sight.object_id]
@@ -762,7 +457,7 @@ def _where(q: _Question) -> MemoryAnswer | None:
 
 
 def _told_last(
-    q: _Question, thing: Mention, since_s: float, kind: str = PLACE_TOLD
+    q: AskedQuestion, thing: Mention, since_s: float, kind: str = PLACE_TOLD
 ) -> PastErrand | None:
     """Return what a person told of a thing after it was seen."""
     for past in reversed(q.knows.past):
@@ -773,7 +468,7 @@ def _told_last(
     return None
 
 
-def _not_seen(q: _Question) -> MemoryAnswer | None:
+def _not_seen(q: AskedQuestion) -> MemoryAnswer | None:
     thing = next(iter([*q.about, *q.unknown, *q.at]), None)
     if thing is None:
         return None
@@ -794,13 +489,7 @@ def _looking(thing: Mention) -> str:
     return f"find the {name_of(thing.types[0])}"
 
 
-def is_at(sight: SeenObject, places: Sequence[Mention]) -> bool:
-    """Return whether a thing lies in or on one of some places; of none it always does."""
-    kinds = {without_basin(kind) for place in places for kind in place.types}
-    return not kinds or any(without_basin(type_of(one)) in kinds for one in sight.parent_ids)
-
-
-def _lies(q: _Question, sight: SeenObject, when: float, about: str = PLACE_TOLD) -> str:
+def _lies(q: AskedQuestion, sight: SeenObject, when: float, about: str = PLACE_TOLD) -> str:
     return f"{_told(sight, q.knows.room)}, {q.knows.seen(sight, when, about)}"
 
 
@@ -813,14 +502,14 @@ def _told(sight: SeenObject, room: str = "this room") -> str:
     return told_place(place)
 
 
-_KINDS: tuple[Callable[[_Question], MemoryAnswer | None], ...] = (
-    _what_it_can,
-    _what_was_told,
+_KINDS: tuple[Callable[[AskedQuestion], MemoryAnswer | None], ...] = (
+    what_it_can,
+    what_was_told,
     _what_is_beside,
-    _what_was_done,
-    _what_changed,
-    _who_did_it,
-    _not_looked_into,
+    what_was_done,
+    what_changed,
+    who_did_it,
+    not_looked_into,
     _what_is_held,
     _which_it_was,
     _how_many,
@@ -830,7 +519,7 @@ _KINDS: tuple[Callable[[_Question], MemoryAnswer | None], ...] = (
     _what_lies_there,
     _which_place,
     _whether,
-    _whether_it_was_done,
+    whether_it_was_done,
     _where,
     _what_is_known,
     _how_it_is,

@@ -16,7 +16,7 @@ from karma.contracts import Check, Found, Plan, Request, SkillResult
 from karma.household.pieces import base_type
 from karma.infer.hosted.cost import Spent
 from karma.journal.records import SubTaskRecord
-from karma.talk.questions import MemoryAnswer
+from karma.talk.remembering import MemoryAnswer
 
 Status = Literal["done", "answered", "partly", "unfinished", "refused", "asked"]
 Mark = Literal["said", "meant", "sure", "asked", "did", "failed", "seen", "not seen"]

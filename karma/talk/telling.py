@@ -15,7 +15,7 @@ from karma.methods.experience import unit_of
 from karma.talk.history import can_lie_in, habit_in, is_owning
 from karma.talk.home import PLACE_TOLD, STATE_TOLD
 from karma.talk.offers import offer_against
-from karma.talk.questions import MemoryAnswer, Remembering, is_at
+from karma.talk.remembering import MemoryAnswer, Remembering, is_at
 
 _NOT_NOW = frozenset(
     ("no", "was", "were", "used", "should", "belongs", "belong", "goes", "go", "will", "or",

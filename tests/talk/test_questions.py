@@ -3,7 +3,7 @@
 import pytest
 from support.talking import AWAY, STORE, TAKE, WASH, agent_saying
 
-from karma.talk.questions import age
+from karma.talk.remembering import age
 
 
 @pytest.fixture(scope="module")

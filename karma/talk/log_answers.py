@@ -1,0 +1,209 @@
+"""Questions of the log: what was done and told, by whom and when, and what has changed since."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+from karma.household.containment import has_door
+from karma.household.deeds import DEED_KINDS
+from karma.household.ids import type_of
+from karma.household.pieces import base_type
+from karma.household.places import HAND
+from karma.household.saying import name_of, told_place
+from karma.household.uses import without_basin
+from karma.journal.formats import plural
+from karma.language.request import RequestReader
+from karma.language.request_words import base_of_deed
+from karma.talk.asking import AskedQuestion
+from karma.talk.history import Move, deeds_in, deeds_of, habit_in, looked_into, moves
+from karma.talk.home import TOLD, PastDeed
+from karma.talk.remembering import MOST, MemoryAnswer
+
+_MOVING = ("moved", "took", "put", "placed", "brought", "left", "carried")
+
+
+def what_it_can(q: AskedQuestion) -> MemoryAnswer | None:
+    """Answer "what can you do?" and "who are you?"."""
+    asks = q.says(
+        r"\b(?:can|could) you (?:all )?do\b|\byou able to do\b|^(?:who|what) are you\b(?! \w)"
+    )
+    if not asks or q.asks not in ("what", "who") or q.things:
+        return None
+    deeds = ", ".join(kind.said for kind in DEED_KINDS.values() if kind.said and kind.takes)
+    can = f"I look after this room. I can put things somewhere, {deeds}."
+    tells = "Ask me where something is, how it is or what I did; tell me what I should know."
+    return MemoryAnswer(lines=(can, tells))
+
+
+def what_was_done(q: AskedQuestion) -> MemoryAnswer | None:
+    """Answer "what did you do yesterday?", "what did I ask you to do?", "what went wrong?"."""
+    all_of_it = q.asks == "what" or q.has("anything", "something")
+    failed = q.has("'t", "not", "failed") or q.says(r"\bwent wrong\b")
+    did = q.has("did", "done") or q.says(r"\b(?:you|we|i)\b.* do\b|\bwent wrong\b")
+    if not (all_of_it and did and (q.has("you", "i", "we") or failed)):
+        return None
+    if q.has("here") and q.has("see", "seen"):
+        return None
+    if q.things:
+        return None
+    past = [
+        f"{q.knows.ago(one.at_s)}: {one.plain or one.said} ({one.status})"
+        for one in q.knows.past
+        if one.status not in TOLD and q.then(one.at_s) and not (failed and one.status == "done")
+    ]
+    if not past and failed:
+        return MemoryAnswer(lines=("Nothing that I know of.",))
+    if not past:
+        return MemoryAnswer(lines=("Nothing then." if q.knows.past else "Nothing yet.",))
+    left = len(past) - MOST
+    more = (f"and {left} before that",) if left > 0 else ()
+    return MemoryAnswer(lines=(*reversed(past[-MOST:]), *more, *q.of_no_time))
+
+
+def what_was_told(q: AskedQuestion) -> MemoryAnswer | None:
+    """Answer "what did I tell you about the apple?" and "did I tell you where it is?"."""
+    if not q.says(r"\bi (?:ever |just |already )?(?:tell|told|teach|taught)\b") or q.reader is None:
+        return None
+    kinds = {kind for one in q.things for kind in one.types}
+    lines = [
+        f"{q.knows.ago(one.at_s).capitalize()}: {one.said.rstrip('.!')}."
+        for one in q.knows.past
+        if (one.status in TOLD or habit_in(one.said, q.reader) is not None) and q.then(one.at_s)
+        if not kinds or kinds & _spoken_of(one.said, q.reader)
+    ]
+    nothing = MemoryAnswer(lines=("Nothing that I remember.",), known=False)
+    return MemoryAnswer(lines=tuple(reversed(lines[-MOST:]))) if lines else nothing
+
+
+def _spoken_of(text: str, reader: RequestReader) -> set[str]:
+    named = (one for asked in reader.read(text) for one in (*asked.alone, *asked.mentions))
+    return {kind for one in named for kind in one.types}
+
+
+def whether_it_was_done(q: AskedQuestion) -> MemoryAnswer | None:
+    """Answer "did you wash the apple?", "when did you?", "why did you?"."""
+    if q.asks not in ("", "when", "why") or not q.has("did", "have", "has") or q.has("see", "seen"):
+        return None
+    if q.has("leave", "left") and q.state:
+        return None
+    if q.reader is None or not (q.things or q.unknown):
+        return None
+    at = next((n for n, word in enumerate(q.words) if word in ("you", "i", "we")), -1)
+    rest = [word for word in q.words[at + 1 :] if word not in ("last", "ever", "already", "yet")]
+    return _whether_i_did(q, rest) if at >= 0 and rest else None
+
+
+def _whether_i_did(q: AskedQuestion, rest: Sequence[str]) -> MemoryAnswer | None:
+    """Tell whether the agent has done what some words ask for: "washed", "the", "apple"."""
+    if q.reader is None:
+        return None
+    order = " ".join([base_of_deed(rest[0]) or rest[0], *rest[1:]])
+    asked = [
+        one
+        for request in q.reader.read(order, q.things)
+        for one in deeds_of(request, (), done=True)
+    ]
+    if not asked:
+        return None
+    for past in (one for one in reversed(q.knows.past) if q.then(one.at_s)):
+        known = deeds_in(past, q.reader)
+        found = [one for one in known if any(_is_that(one, other) for other in asked)]
+        if not found:
+            continue
+        when, said = q.knows.ago(past.at_s), past.plain or past.said
+        if not any(one.done for one in found):
+            line = f"I tried {when}, and it came out {past.status}: {said}."
+            return MemoryAnswer(lines=(line,))
+        told = {
+            "when": when.capitalize(), "who": f"I did, {when}", "why": f"You asked for it {when}"
+        }  # fmt: skip
+        return MemoryAnswer(lines=(f"{told.get(q.asks, f'Yes, {when}')}: {said}.",))
+    nobody = "Nobody that I know of." if q.asks == "who" else "No, not that I remember."
+    return MemoryAnswer(lines=(nobody,), known=q.asks != "who")
+
+
+def who_did_it(q: AskedQuestion) -> MemoryAnswer | None:
+    """Answer "who moved the apple?": from the log, or that nobody was seen."""
+    anybody = q.asks == "" and q.has("anybody", "anyone", "somebody", "someone")
+    if not (q.asks == "who" or (anybody and q.has(*_MOVING))) or not q.things:
+        return None
+    if not q.has(*_MOVING):
+        if q.has("in", "on", "under"):  # "who is in the kitchen?"
+            return None
+        deed = next((word for word in q.words[1:3] if base_of_deed(word)), "")
+        return _whether_i_did(q, [deed, *q.words[q.words.index(deed) + 1 :]]) if deed else None
+    kinds = {*q.things[0].types}
+    moved = [one for one in moves(q.knows.past) if base_type(type_of(one.object_id)) in kinds]
+    if not moved:
+        name = name_of(q.things[0].types[0])
+        return MemoryAnswer(lines=(f"Nobody that I know of: I saw no {name} moved.",), known=False)
+    last = moved[-1]
+    name, when = name_of(last.object_id), q.knows.ago(last.at_s)
+    if last.told:
+        return MemoryAnswer(lines=(f"You told me {when} that the {name} was moved.",))
+    if last.said:
+        return MemoryAnswer(lines=(f"I did, {when}: {last.said}.",))
+    line = f"I do not know who. The {name} was {told_place(last.before)}; {when} I found it"
+    return MemoryAnswer(lines=(f"{line} {told_place(last.after)}.",))
+
+
+def what_changed(q: AskedQuestion) -> MemoryAnswer | None:
+    """Tell of each thing that was moved where it was and where it is, the last one first."""
+    asks = q.asks == "what" or q.has("anything", "something")
+    if not asks or not q.has("changed", "change", "different", "moved") or q.things:
+        return None
+    known = [one for one in moves(q.knows.past) if q.then(one.at_s)]
+    last = {one.object_id: one for one in known}
+    if not last:
+        return MemoryAnswer(lines=("Nothing that I have seen.", *q.of_no_time))
+    first: dict[str, Move] = {}
+    for one in known:
+        first.setdefault(one.object_id, one)
+    told = sorted(last.values(), key=lambda one: -one.at_s)
+    lines = [
+        f"The {name_of(one.object_id)} went {_way(first[one.object_id].before, one.after)}, "
+        f"{q.knows.ago(one.at_s)}: {_by(one)}."
+        for one in told
+        if first[one.object_id].before != one.after
+    ]
+    more = (f"and {len(lines) - MOST} more",) if len(lines) > MOST else ()
+    again = ", the ".join(name_of(one.object_id) for one in told[:MOST])
+    lasted = f"Nothing that lasted: where it was before is the {again}."
+    told_lines = (*lines[:MOST], *more) or (lasted,)
+    return MemoryAnswer(lines=(*told_lines, *q.of_no_time))
+
+
+def _by(one: Move) -> str:
+    if one.told:
+        return "so you told me"
+    return f'I did it when you said "{one.said}"' if one.said else "somebody did, not I"
+
+
+def _way(before: str, after: str | None) -> str:
+    start, end = _place_words(before), _place_words(after)
+    return f"from one {name_of(before)} to another" if start == end else f"from {start} to {end}"
+
+
+def _place_words(place: str | None) -> str:
+    if place == HAND:
+        return "my hand"
+    return f"the {name_of(place)}" if place else "somewhere"
+
+
+def not_looked_into(q: AskedQuestion) -> MemoryAnswer | None:
+    """Answer "what have you not seen?": what has a door, and was not opened."""
+    if not (q.has("not", "'t", "never") and q.has("seen", "see", "looked", "searched")) or q.things:
+        return None
+    into = looked_into(q.knows.past)
+    shut = [name for name in q.knows.sights if has_door(type_of(name)) and name not in into]
+    if not shut:
+        return MemoryAnswer(lines=("I have looked into all that has a door and that I know of.",))
+    counts = Counter(name_of(name) for name in sorted(shut))
+    told = ", ".join(plural(count, name) for name, count in counts.items())
+    return MemoryAnswer(lines=(f"I have not looked into {len(shut)} places: {told}.",))
+
+
+def _is_that(done: PastDeed, asked: PastDeed) -> bool:
+    """Return whether a deed is one that is asked about: of its things, and at its place."""
+    things = {*done.things} & {*asked.things}
+    places = {*map(without_basin, done.places)} & {*map(without_basin, asked.places)}
+    return done.deed == asked.deed and bool(things) and bool(places or not asked.places)

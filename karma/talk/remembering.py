@@ -1,0 +1,121 @@
+"""What questions are answered from: what was seen, when, and what a person told of it."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from karma.agent.perceive import place_of
+from karma.contracts import MemoryUnit, Mention, SeenObject
+from karma.household.ids import root_id, type_of
+from karma.household.pieces import base_type, is_piece
+from karma.household.uses import without_basin
+from karma.talk.history import how_sure
+from karma.talk.home import PLACE_TOLD, TOLD, PastErrand
+
+MOST = 6  # things or errands in one answer
+_OLD_S = 3600.0  # what was seen so long ago may have been moved
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MemoryAnswer:
+    """What is said to a question."""
+
+    lines: tuple[str, ...]
+    known: bool = True
+    look: str = ""  # the errand that would find it out
+    refuses: bool = False  # it was an errand, and is not carried out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Remembering:
+    """What questions are answered from."""
+
+    sights: Mapping[str, tuple[SeenObject, float]]  # id -> the latest sight, when it was in view
+    units: Mapping[str, MemoryUnit]  # short-term memory
+    furniture: Sequence[str]  # types on the map
+    past: Sequence[PastErrand]
+    now_s: float
+    people: int = 0  # who live here too
+    is_here: bool = True  # the agent can go and see
+
+    @property
+    def room(self) -> str:
+        """What the room is called by who asks."""
+        return "this room" if self.is_here else "that room"
+
+    def of(self, thing: Mention) -> list[tuple[SeenObject, float]]:
+        """Return the sights of what a mention may mean, the last seen first."""
+        kinds = {*thing.types, *map(without_basin, thing.types)}
+        found = [
+            one for one in self.all() if kinds & {one[0].object_type, base_type(one[0].object_type)}
+        ]
+        found.sort(key=lambda one: (-one[1], one[0].object_id))
+        return list({_heap(sight): (sight, when) for sight, when in reversed(found)}.values())[::-1]
+
+    def all(self) -> Iterator[tuple[SeenObject, float]]:
+        """Yield each thing that was seen, in the states that are known, with when it was seen."""
+        for sight, when in self.sights.values():
+            yield replace(sight, states=self._states(sight)), when
+
+    def _states(self, sight: SeenObject) -> tuple[str, ...]:
+        unit = self.units.get(sight.object_id)
+        return tuple(dict.fromkeys((*sight.states, *(unit.states if unit else ()))))
+
+    def ago(self, when_s: float) -> str:
+        """Return how long ago something was."""
+        return age(self.now_s - when_s)
+
+    def is_old(self, when_s: float) -> bool:
+        """Return whether what was seen then may be otherwise by now."""
+        return self.now_s - when_s > _OLD_S
+
+    def seen(self, sight: SeenObject, when_s: float, about: str = PLACE_TOLD) -> str:
+        """Return when a thing was seen or told of, and whether that may not be so any more."""
+        told_s = self._told_s(sight.object_id, about)
+        how = f"you told me {self.ago(told_s)}" if told_s >= when_s else f"seen {self.ago(when_s)}"
+        if not self.is_old(max(told_s, when_s)):
+            return how
+        if self.people and sight.pickupable:
+            sure = how_sure(self.past, sight, max(told_s, when_s), self.now_s)
+            return f"{how}; people live here: {sure:.1f} is the chance that it is still there"
+        return f"{how}; that may have changed since"
+
+    def told(self) -> set[str]:
+        """Return the ids of which a person told where or how they are after they were seen."""
+        return {
+            name for name, (_, when_s) in self.sights.items()
+            if max(self._told_s(name, about) for about in TOLD) >= when_s
+        }  # fmt: skip
+
+    def _told_s(self, object_id: str, about: str) -> float:
+        """Return when a person last told that of a thing; before all time if nobody did."""
+        told = (
+            one.at_s
+            for one in self.past
+            if one.status == about
+            and any(object_id == s.object_id for change in one.changes for s in change.seen)
+        )
+        return max(told, default=-1.0)
+
+
+def _heap(sight: SeenObject) -> tuple[str, str | None]:
+    """Return what stands for a thing: the pieces of one whole at one place are one."""
+    name, piece = sight.object_id, is_piece(sight.object_type)
+    return (root_id(name) if piece else name), (place_of(sight) if piece else None)
+
+
+def age(seconds: float) -> str:
+    """Return a time that has passed, in words.
+
+    >>> age(5), age(200), age(7300), age(200_000)
+    ('just now', '3 minutes ago', '2 hours ago', '2 days ago')
+    """
+    for size, unit in ((86_400, "day"), (3600, "hour"), (60, "minute")):
+        if (count := int(seconds // size)) > 0:
+            return f"{count} {unit}{'s' * (count > 1)} ago"
+    return "just now"
+
+
+def is_at(sight: SeenObject, places: Sequence[Mention]) -> bool:
+    """Return whether a thing lies in or on one of some places; of none it always does."""
+    kinds = {without_basin(kind) for place in places for kind in place.types}
+    return not kinds or any(without_basin(type_of(one)) in kinds for one in sight.parent_ids)
