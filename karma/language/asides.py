@@ -250,6 +250,9 @@ class Asides:
             state = "closed" if said == "shut" else said
         thing = found[0] if found and not found[0].vague else None
         negated = any(one in ("not", "n't", "no") for one in words)
+        orders = (n for n in body if self.s.tag(n) == "VB" and self.s.low(n) not in seen)
+        if {*_IF} & {*words} or any(is_deed(self.s.low(n)) for n in orders):
+            state = ""  # more than a condition: "if it is on and on if it is off"
         return Condition(text="", thing=thing, state=state, at=at, holds=holds != negated)
 
     def _times(self) -> None:

@@ -48,8 +48,9 @@ _TELL_ME = re.compile(
     r"(?= (?:if|whether))|tell me|any idea|i wonder|do you know|can you tell|remind me)"
     r" ?(?:what|where|who|when|why|how|which|whether|if)"
 )
-_MANNERS = re.compile(
-    r"\b(?:upside down|inside out|face (?:down|up)|on its side|half (?:of|the|an?))\b"
+_NOT_SERVED = re.compile(  # what no skill or field has a place for
+    r"\b(?:upside down|inside out|face (?:down|up)|on its side|half (?:of|the|an?)"
+    r"|otherwise|or else|if not)\b"
 )
 _PARTING = re.compile(
     r"(?:and |so |ok(?:ay)?,? |thanks,? |well,? )*"
@@ -501,7 +502,7 @@ def _rest(s: SaidSentence) -> list[str]:
     sides = {n for n in range(len(s.words)) if s.low(n) in words.regions and s.low(n + 1) == "of"}
     passed = s.gone | s.told_so_words
     denied = [s.low(n) for n in range(len(s.words)) if n not in passed and s.low(n) in _DENIES]
-    return denied + _MANNERS.findall(s.text.lower()) + [
+    return denied + _NOT_SERVED.findall(s.text.lower()) + [
         s.low(n) for n in s.left()
         if n not in s.taken | sides and s.words[n].dep != "relcl" and s.low(n) not in small
         and (s.tag(n) not in _SMALL_TAGS or s.low(n) in _AGAIN)

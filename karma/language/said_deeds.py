@@ -826,15 +826,13 @@ def _both(one: Mention, named: Sequence[Mention], last: Sequence[Mention]) -> li
     plural = [thing for thing in named if thing.every or (thing.number or 1) > 1]
     if one.every and one.number is None and len(last) == 1 and plural and last[0] not in plural:
         return [replace(plural[-1], at=())]  # "them all", not the one that was named last
-    if number <= len(last):
-        return []
-    if any(one.every or (one.number or 1) > 1 for one in named):
+    if number <= len(last) or plural:
         return []
     kinds = object_types()
     carried = {
-        one.types: replace(one, at=())
-        for one in named
-        if any(kinds[kind].can("pickupable") for kind in one.types)
+        thing.types: replace(thing, at=())
+        for thing in named
+        if any(kinds[kind].can("pickupable") for kind in thing.types)
     }
     return [*carried.values()][-number:] if len(carried) >= number else []
 

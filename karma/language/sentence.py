@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from karma.contracts import Mention, SaidDeed, Word
-from karma.household.states import OPPOSITES
+from karma.household.states import DONE_BY, OPPOSITES
 from karma.language.lexicon import Lexicon
 from karma.language.request_words import base_of_deed, deed_verbs, is_deed, request_words
 
@@ -76,8 +76,9 @@ class SaidSentence:
         state = request_words().seen.get(self.low(at), "")
         if not state or (state in ("on", "off") and self.begins_noun(at + 1)):
             return "", number
-        state = (OPPOSITES.get({"clean": "cleaned"}.get(state, state)) or "") if no else state
-        return state, at + 1
+        if no and state == "dirty":  # nobody need have washed it
+            return "clean", at + 1
+        return OPPOSITES.get(DONE_BY.get(state, state), "") if no else state, at + 1
 
     def low(self, number: int) -> str:
         """Return a word in small letters, "" beyond the ends."""

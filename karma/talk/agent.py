@@ -324,7 +324,7 @@ class Agent:
         older: tuple[Mention, ...] = ()
         deeds: tuple[SaidDeed, ...] = ()
         for text in (*self._earlier, *(reply.said for reply in self.replies), *ahead):
-            said = reader.read(text, last, deeds)
+            said = reader.read(text, last, deeds, older)
             named = (one for request in said for one in (*request.alone, *request.mentions))
             known = tuple(one for one in named if one.types)
             older = (*older, *last)[-_SPOKEN_OF:] if known else older

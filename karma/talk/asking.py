@@ -47,12 +47,11 @@ class AskedQuestion:
     """
 
     def __init__(self, request: Request, knows: Remembering, reader: RequestReader | None) -> None:
-        self.knows, self.reader, now_s = knows, reader, knows.now_s
+        self.knows, self.reader = knows, reader
         self.raw = request.text.lower().replace("’", "'")
         text = _LEADS.sub("", self.raw)
         self.words = re.findall(r"[a-z]+|'[a-z]+", text)
-        self._now_s = now_s
-        self._span, self._rest = read_span(text, now_s + BEGINS_S)
+        self._span, self._rest = read_span(text, knows.now_s + BEGINS_S)
         self.asks = next((word for word in self.words[:4] if word in ASKING), "")
         self.first = self.words[0] if self.words else ""
         self.open = bool(_OPEN.search(self.raw))
@@ -72,7 +71,7 @@ class AskedQuestion:
         """Yield its things, without an "in it" of what it names itself."""
         alone = [one for one in request.alone if one.types]
         own = [one for one in alone if self._surface(one) not in _IT]
-        itself = bool(_ITSELF.search(self.raw)) and any(map(_can_hold, own))
+        itself = bool(_ITSELF.search(self.raw)) and any(map(can_hold, own))
         yield from own if itself else alone
 
     def _surface(self, one: Mention) -> str:
@@ -90,7 +89,7 @@ class AskedQuestion:
 
     def _whose_contents(self, named: list[Mention]) -> list[Mention]:
         """Return the thing whose contents are asked: "does the bowl have", "which is it in"."""
-        if not named or not _can_hold(named[0]):
+        if not named or not can_hold(named[0]):
             return []
         tail = self.raw[max(named[0].end, 0) :]
         hanging = _HANGING.search(self.raw) if self.asks in ("what", "which") else None
@@ -118,7 +117,7 @@ class AskedQuestion:
         if self._span is None:
             return True
         late = self._span.before_s - BEGINS_S
-        ends = self._now_s if "since" in self.words else late
+        ends = self.knows.now_s if "since" in self.words else late
         return self._span.after_s - BEGINS_S <= when_s <= ends
 
     @property
@@ -143,5 +142,6 @@ class AskedQuestion:
         return said if said in ("clean", "off", "empty") else request_words().seen.get(said, "")
 
 
-def _can_hold(one: Mention) -> bool:
+def can_hold(one: Mention) -> bool:
+    """Return whether things lie in or on what a mention may mean."""
     return any(object_types()[kind].can("receptacle") for kind in one.types)

@@ -24,7 +24,7 @@ from karma.journal.formats import plural
 from karma.language.request import RequestReader
 from karma.language.request_words import request_words
 from karma.methods.guarded import is_so
-from karma.talk.asking import ASKING, AskedQuestion
+from karma.talk.asking import ASKING, AskedQuestion, can_hold
 from karma.talk.history import habits, looked_into, moves, owned
 from karma.talk.home import PLACE_TOLD, STATE_TOLD, PastErrand
 from karma.talk.log_answers import (
@@ -141,7 +141,7 @@ def _what_is_here(q: AskedQuestion) -> MemoryAnswer | None:
 
 def _what_lies_there(q: AskedQuestion, *, counted: bool = False) -> MemoryAnswer | None:
     """Answer "what is in the fridge?", "is there anything on it?", "is the drawer empty?"."""
-    empty = q.state == "empty" and not q.at and any(map(_holds_things, q.about[:1]))
+    empty = q.state == "empty" and not q.at and any(map(can_hold, q.about[:1]))
     whether = q.asks == "" and q.open and not q.about and bool(q.at)
     asks = q.asks in ("what", "which", "who") and bool(q.at) and not q.about
     if not (empty or whether or asks or counted) or q.has("state", "done", "do"):
@@ -201,10 +201,6 @@ def _nothing_there(
         return None if q.knows.of(place) else _not_seen(q)
     shut = " I have not looked into it." if unopened else ""
     return MemoryAnswer(lines=(f"I have seen nothing {where}.{shut}",), known=False)
-
-
-def _holds_things(one: Mention) -> bool:
-    return any(object_types()[kind].can("receptacle") for kind in one.types)
 
 
 def _what_is_beside(q: AskedQuestion) -> MemoryAnswer | None:

@@ -316,6 +316,7 @@ def test_what_is_only_told_beside_an_errand_is_context(reader):
         ("put half of the tomato in the bowl", ("half of",)),
         ("put the cup upside down in the sink", ("upside down",)),
         ("cut the tomato in half", ()),
+        ("if the lamp is on turn it off, otherwise turn it on", ("otherwise",)),
     ],
 )
 def test_what_the_world_has_no_way_for_is_not_passed_over(reader, text, unread):
@@ -330,6 +331,8 @@ def test_what_the_world_has_no_way_for_is_not_passed_over(reader, text, unread):
         ("turn off whatever is on", ("on",)),
         ("turn off all the lights that are still on", ("on",)),
         ("wash the plates that aren't clean", ("dirty",)),
+        ("wash the cup that isn't dirty", ("clean",)),
+        ("close the drawers that are not closed", ("opened",)),
         ("switch off anything that's on", ("on",)),
         ("close what is open", ("opened",)),
         ("turn off the lamp that is on the desk", ()),
@@ -341,6 +344,16 @@ def test_states_that_things_are_told_by_are_no_deeds(reader, text, states):
     assert request.deeds[0].deed in ("close", "off", "wash")
     assert request.deeds[0].things[0].states == states
     assert request.unread == ()
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["switch the lamp off if it is on and on if it is off",
+     "turn the lamp off if it's on, if it isn't turn it on"],
+)  # fmt: skip
+def test_more_than_a_condition_is_not_understood_as_one(reader, text):
+    (request,) = reader.read(text)
+    assert "" in [one.state for one in request.conditions]
 
 
 def test_one_that_is_told_otherwise_is_another(reader):
