@@ -15,12 +15,11 @@ from karma.agent.plain_programs import plain_program
 from karma.agent.reading import kind_of
 from karma.contracts import Goal, MemoryUnit, Mention, Request, SaidDeed, Skill, SkillCall
 from karma.household import uses
-from karma.household.deeds import deed_kind
+from karma.household.deeds import able_to, deed_kind
 from karma.household.ids import short_type
 from karma.household.pieces import piece_type
 from karma.household.states import DONE_BY, END_STATES
 from karma.language.request_words import deed_states
-from karma.language.said_deeds import able_to
 
 _STATES = {
     "Clean": ("cleaned", "", "it was washed or rinsed"),

@@ -12,7 +12,7 @@ from karma.agent.effects import ProgramEffects, Thing, effects_of
 from karma.agent.reading import kind_of
 from karma.agent.several import with_turns
 from karma.contracts import Mention, RefusalKind, RefusedRequest, Request, SaidDeed, SkillCall
-from karma.household.deeds import FOR_GOOD, deed_kind
+from karma.household.deeds import FOR_GOOD, able_to, deed_kind
 from karma.household.pieces import EGG
 from karma.household.places import HAND, OVERLOOKED, SURFACES, landmark_types
 from karma.household.saying import preposition, spoken
@@ -31,7 +31,6 @@ from karma.household.uses import (
 )
 from karma.language.hints import singular
 from karma.language.request_words import deed_states, request_words
-from karma.language.said_deeds import able_to
 
 # ----------------------------------------------------------------- before any planner
 

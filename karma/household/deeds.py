@@ -4,8 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from karma.household.types import Capability
+from karma.household.types import Capability, object_types
 from karma.household.uses import (
+    BASIN_OF,
+    BASINS,
     BIN,
     BURNER,
     COFFEE_CUP,
@@ -15,6 +17,7 @@ from karma.household.uses import (
     LAMPS,
     MICROWAVE,
     SINK,
+    SWITCHED_BY_A_PART,
     TAPS,
     TOASTER,
 )
@@ -91,3 +94,13 @@ _NO_KIND = DeedKind()
 def deed_kind(name: str) -> DeedKind:
     """Return what is known of a deed; nothing of one that no skill is called so."""
     return DEED_KINDS.get(name, _NO_KIND)
+
+
+def able_to(kind: str, need: str) -> bool:
+    """Return whether a deed that needs something of a type may be done to one."""
+    known = object_types()[kind]
+    if need == "toggleable":
+        return known.can("toggleable") or kind in SWITCHED_BY_A_PART
+    if need == "receptacle":
+        return known.can("receptacle") or kind in (*BASIN_OF, *BASINS)
+    return known.can(need)  # type: ignore[arg-type]

@@ -12,8 +12,10 @@ from functools import cached_property
 
 from karma.contracts import Condition, Form, Mention, Parser, Request, SaidDeed, Word
 from karma.errors import KarmaError
+from karma.household.deeds import able_to
 from karma.household.states import NEEDS
 from karma.household.types import Capability, object_types
+from karma.language.antecedents import of_what
 from karma.language.asides import Asides
 from karma.language.clauses import said
 from karma.language.lexicon import Lexicon
@@ -26,7 +28,7 @@ from karma.language.request_words import (
     is_deed,
     request_words,
 )
-from karma.language.said_deeds import SentenceDeeds, able_to, of_what
+from karma.language.said_deeds import SentenceDeeds
 from karma.language.sentence import SaidSentence
 from karma.language.slips import (
     as_meant,

@@ -32,7 +32,7 @@ from karma.contracts import (
     SkillResult,
     SubTask,
 )
-from karma.household.deeds import FOR_GOOD, deed_kind
+from karma.household.deeds import FOR_GOOD, able_to, deed_kind
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import is_piece
 from karma.household.saying import name_of, spoken, told_place
@@ -43,7 +43,6 @@ from karma.language.clauses import context_left_out, said
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
 from karma.language.request_words import request_words
-from karma.language.said_deeds import able_to
 from karma.methods.attempts import Programs
 from karma.methods.putting_back import put_back
 
