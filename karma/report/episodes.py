@@ -12,7 +12,7 @@ from karma.memory.scene_graph import SceneGraph
 from karma.report.choice import choose_instructions
 from karma.report.failing import FailedAt, broke_off_at, failed_at
 from karma.report.frames import Frames
-from karma.report.replay import FrameChoice, Replay, Rooms, replaying
+from karma.report.replay import FrameChoice, Replay, Rooms, automatic, replaying
 from karma.report.room import RoomPlan, plan_of
 from karma.report.story import EpisodeStory, told
 from karma.world.core import scene as scenes
@@ -70,13 +70,19 @@ def goals_of(records: Sequence[EpisodeRecord], task: str) -> tuple[tuple[str, ..
     return tuple(sub.goals for sub in max(mine, key=len, default=()))
 
 
+def _actions(record: EpisodeRecord, numbers: Sequence[int]) -> int:
+    """Return the world actions of some instructions of an episode."""
+    parts = (record.subtasks[n] for n in numbers if n < len(record.subtasks))
+    return sum(call.actions for part in parts for call in part.calls)
+
+
 class Replayer:
     """Replays episodes of one run.
 
     Args:
         run: the run.
         frames: takes the pictures.
-        choice: which pictures.
+        choice: which pictures; "auto": the less the more there is to show on the page.
     """
 
     def __init__(self, run: RunData, frames: Frames, choice: FrameChoice) -> None:
@@ -110,22 +116,29 @@ class Replayer:
         """
         there = [r for r in records if steps_path(self._run.folder, *r.key).exists()]
         chosen = choose_instructions(there, instructions)
+        choice = self._choice
+        if choice == "auto":
+            choice = automatic(sum(map(_actions, there, chosen)))
         for count, (record, numbers) in enumerate(zip(there, chosen, strict=True)):
             story = told(read_steps(steps_path(self._run.folder, *record.key)))
             if not story.moments:
                 continue
-            for one in self._one(record, story, frozenset(numbers)):
+            for one in self._one(record, story, frozenset(numbers), choice):
                 yield one if isinstance(one, EpisodeReplay) else (count + one) / len(there)
 
     def _one(
-        self, record: EpisodeRecord, story: EpisodeStory, numbers: frozenset[int]
+        self,
+        record: EpisodeRecord,
+        story: EpisodeStory,
+        numbers: frozenset[int],
+        choice: FrameChoice,
     ) -> "Iterator[float | EpisodeReplay]":
         shown = numbers & frozenset(range(len(story.parts)))
         goals = goals_of(self._run.records, record.task)
         rooms = {name: self._room(name) for name in story.scenes}
         # the log's first actions set the day up
         home = Rooms(self._place)
-        for one in replaying(story, home, self._frames, self._choice, shown, goals):
+        for one in replaying(story, home, self._frames, choice, shown, goals):
             if isinstance(one, Replay):
                 yield EpisodeReplay(
                     record=record, story=story, replay=one, rooms=rooms, shown=shown, goals=goals

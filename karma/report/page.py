@@ -1,6 +1,6 @@
 """A run as one HTML page: everything inline, nothing fetched, all text escaped."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from karma.bench.sheet import Sheet
 from karma.bench.tables import Result, sheets, size_words
 from karma.journal.formats import UNKNOWN, figure_text
 from karma.journal.run_folder import RunData
+from karma.journal.turns import Turn, read_turns
 from karma.report.choice import episode_key
 from karma.report.episodes import EpisodeReplay
 from karma.report.failing import endings
@@ -47,6 +48,8 @@ class Page:
     same: int  # of those, as logged
     first_task: str  # the first that failed, in the page's order; "" if none did
     first: EpisodeReplay | None  # the first episode that failed and can be stepped through
+    judged: bool  # whether any episode is; none of a conversation is
+    turns: tuple[Turn, ...]  # of a conversation
 
 
 def render(page: Page, frames: Frames) -> str:
@@ -61,15 +64,16 @@ def render(page: Page, frames: Frames) -> str:
         columns=len(page.rows),
         letters=min(40, max(len(line.task) for line in page.tasks)),
         page=page,
-        data=script_data([_told(one) for one in page.replays.values()]),
+        data=script_data([_told(one, page.turns) for one in page.replays.values()]),
         frames=script_data(frames.uris()),
         figure=figure_text,
         key=episode_key,
     )
 
 
-def _told(one: EpisodeReplay) -> dict[str, Any]:
+def _told(one: EpisodeReplay, turns: Sequence[Turn]) -> dict[str, Any]:
     """Return one replay as the script reads it."""
+    done = {turn.instruction for turn in turns if turn.status == "done"} if turns else None
     steps = one.steps
     differing = frozenset(one.replay.differing)
     maps = list(dict.fromkeys(part.map_text for part in one.story.parts))
@@ -84,7 +88,7 @@ def _told(one: EpisodeReplay) -> dict[str, Any]:
         "row": one.record.row,
         "task": one.record.task,
         "seed": one.record.seed,
-        "success": one.record.success,
+        "success": None if one.record.unjudged else one.record.success,
         "error": one.record.error,
         "trouble": one.trouble,
         "opens_at": one.opens_at,
@@ -92,7 +96,7 @@ def _told(one: EpisodeReplay) -> dict[str, Any]:
         "room": one.story.scene,
         "areas": {name: msgspec.to_builtins(room.areas) for name, room in one.rooms.items()},
         "maps": maps,
-        "parts": [_told_part(one, number, maps) for number in range(len(one.story.parts))],
+        "parts": [_told_part(one, number, maps, done) for number in range(len(one.story.parts))],
         "moments": columns_of(moments),
     }
 
@@ -112,13 +116,18 @@ def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, list[An
     return packed
 
 
-def _told_part(one: EpisodeReplay, number: int, maps: list[str]) -> dict[str, Any]:
-    """Return one instruction as the script reads it; in few words where it is not shown."""
+def _told_part(
+    one: EpisodeReplay, number: int, maps: list[str], done: Collection[int | None] | None
+) -> dict[str, Any]:
+    """Return one instruction as the script reads it; in few words where it is not shown.
+
+    `done`: those of a conversation that were; None where goals are judged.
+    """
     part = one.story.parts[number]
     said = {
         "instruction": part.instruction,
         "scene": part.scene,
-        "met": part.after is not None and not part.unmet,
+        "met": number in done if done is not None else part.after is not None and not part.unmet,
         "shown": number in one.shown,
     }
     if number not in one.shown:
@@ -186,6 +195,8 @@ def page_of(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> P
         same=actions - sum(len(one.replay.differing) for one in replays),
         first_task=failed[0].task if failed else "",
         first=next(to_step, None),
+        judged=any(not record.unjudged for record in records),
+        turns=read_turns(run.folder),
     )
 
 

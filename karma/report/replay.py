@@ -14,7 +14,7 @@ from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
 
 FrameChoice = Literal["auto", "every", "calls", "ends", "none"]
-LONG, VERY_LONG = 300, 1000  # actions that are shown from which on "auto" is "calls", "ends"
+LONG, VERY_LONG = 300, 1000  # actions of a page from which on "auto" is "calls", "ends"
 BEAT = 50  # moments between two words on how far a replay is
 APART = 10  # moments between two pictures, at most, in "calls"
 SIZE_PX = 300
@@ -122,8 +122,7 @@ def replaying(
         rooms: where; none entered yet.
         frames: takes the pictures.
         choice: a picture after "every" action; after those that do more than walk, at the end of
-            "calls", and now and then between; at the "ends" of calls only; or "none". "auto" is
-            the first of these that does not get too much.
+            "calls", and now and then between; at the "ends" of calls only; or "none".
         shown: numbers of the instructions of which pictures are taken, None for all.
         goals: of each instruction, for those that the log does not judge as it breaks off in them.
 
@@ -133,8 +132,6 @@ def replaying(
     parts = set(range(-1, len(story.parts)) if shown is None else (-1, *shown))
     last_part = max(parts)
     moments = [moment for moment in story.moments if moment.part <= last_part]
-    if choice == "auto":
-        choice = _automatic(sum(one.action is not None for one in moments if one.part in parts))
     sights: list[Sight] = []
     differing: list[int] = []
     seen: WorldState | None = None
@@ -187,7 +184,8 @@ def _looks(state: WorldState) -> Hashable:
     return state.room.name, state.pose, hand, objects
 
 
-def _automatic(actions: int) -> FrameChoice:
+def automatic(actions: int) -> FrameChoice:
+    """Return the first choice that does not get too much for a page of so many actions."""
     if actions < LONG:
         return "every"
     return "calls" if actions < VERY_LONG else "ends"

@@ -71,7 +71,7 @@ from karma.talk.offers import with_offer
 from karma.talk.other_rooms import of_room, room_said
 from karma.talk.questions import answered, of_another
 from karma.talk.remembering import MemoryAnswer, Remembering
-from karma.talk.replies import AgentReply, RequestReply, as_it_ends
+from karma.talk.replies import AgentReply, RequestReply, as_it_ends, turns_of
 from karma.talk.telling import told_of
 from karma.talk.views import Memory, RoomMap
 from karma.tasks.goals import GoalTracker
@@ -531,6 +531,7 @@ class Agent:
         path = self._maps / f"{self.scene.name}.json"
         self._keeper.write(
             self._done,
+            turns_of(self.replies),
             method=self._method.name,
             steps=self._steps,
             times=self._times,

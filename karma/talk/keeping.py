@@ -14,6 +14,7 @@ import msgspec
 
 from karma.contracts import Resources, SceneRef, SubTask, Task, Tour
 from karma.errors import FileError
+from karma.files import read_bytes
 from karma.journal.folder import locked
 from karma.journal.header import Header
 from karma.journal.part import TimeLog
@@ -21,6 +22,7 @@ from karma.journal.provenance import header_of
 from karma.journal.records import EpisodeRecord, SubTaskRecord
 from karma.journal.run_folder import Finished, RunFolder
 from karma.journal.steps import StepLog
+from karma.journal.turns import Turn, turns_file
 from karma.loading.models import Models, Row
 
 TALKS = Path("runs/talks")
@@ -97,10 +99,13 @@ class Keeper:
     ) -> None:
         self.place, self._scene, self._row = place, scene, row
         self._models, self._given = models, given
+        own = read_bytes(Path(scene.path)) if scene.path else None
+        self._scenes = {} if own is None else {f"scenes/{scene.name}.json": own}
 
     def write(
         self,
         done: Iterable[SubTaskRecord],
+        turns: Iterable[Turn],
         *,
         method: str,
         steps: StepLog,
@@ -127,6 +132,7 @@ class Keeper:
             tours=tuple(tours),
         )
         files = {f"maps/{name}.json": data for name, data in maps.items()}
+        files |= self._scenes | turns_file(turns)
         finished = Finished(record=record, timing=times.of(record), steps=steps.data(), files=files)
         self.place.files.put_only(self._header(subtasks), finished)
 

@@ -4,9 +4,10 @@ A reply is told in lines, each with a mark that says what kind of line it is. Th
 them, Python prints them, notebooks make a list of them; the words are the same.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
+from itertools import count
 from textwrap import wrap
 from typing import Literal
 
@@ -16,6 +17,7 @@ from karma.contracts import Check, Found, Plan, Request, SkillResult
 from karma.household.pieces import base_type
 from karma.infer.hosted.cost import Spent
 from karma.journal.records import SubTaskRecord
+from karma.journal.turns import Turn
 from karma.talk.remembering import MemoryAnswer
 
 Status = Literal["done", "answered", "partly", "unfinished", "refused", "asked"]
@@ -25,6 +27,7 @@ _MARKS: Mapping[Found, Mark] = {
 }  # fmt: skip
 ROWS = 22  # that an answer has on a screen of 24, with the line that is typed
 _WIDTH = 76  # of deeds, which may take several rows
+_WHOLE = 10_000  # rows, where no screen ends
 _LEAST = 2  # rows of one request among several
 
 
@@ -175,6 +178,21 @@ class AgentReply:
         lines = (line for part in self.parts for line in lines_of(part))
         items = "".join(f"<li>{escape(line.text.strip())}</li>" for line in lines)
         return f'<ul class="karma-reply">{items}</ul>'
+
+
+def turns_of(replies: Iterable[AgentReply]) -> list[Turn]:
+    """Return a conversation as it is kept; what was done has the number of its instruction."""
+    numbers = count()
+    return [
+        Turn(
+            said=part.instruction,
+            status=part.status,
+            lines=tuple((line.mark, line.text.strip()) for line in lines_of(part, _WHOLE)[1:]),
+            instruction=None if part.record is None else next(numbers),
+        )
+        for reply in replies
+        for part in reply.parts
+    ]
 
 
 def rows_for(parts: int) -> int:

@@ -1,0 +1,56 @@
+"""The page of a conversation: the replay and what was said, and nothing that only judges."""
+
+import re
+
+import pytest
+from report.test_report import Text
+from support.talking import STORE, agent_saying
+from typer.testing import CliRunner
+
+from karma.cli import app
+from karma.journal.turns import TURNS, read_turns
+
+
+@pytest.fixture
+def talked(tmp_path):
+    agent = agent_saying(tmp_path, [STORE, "refuse('deed')\n"])
+    for said in ("where is the apple?", "put the apple in the fridge", "sing"):
+        agent.do(said)
+    return agent
+
+
+def test_turns_are_kept_with_the_instruction_that_each_is(talked):
+    turns = read_turns(talked.folder)
+    assert [(one.said, one.status, one.instruction) for one in turns] == [
+        ("where is the apple?", "answered", None),
+        ("put the apple in the fridge", "done", 0),
+        ("sing", "refused", 1),
+    ]
+    assert ("seen", "the apple is in the fridge: seen") in turns[1].lines
+
+
+def test_turns_that_were_undone_are_not_kept(talked):
+    talked.undo()
+    assert [one.said for one in read_turns(talked.folder)] == [
+        "where is the apple?",
+        "put the apple in the fridge",
+    ]
+
+
+def test_page_of_a_conversation_opens_at_the_replay_and_judges_nothing(talked):
+    result = CliRunner().invoke(app, ["report", str(talked.folder)])
+    assert result.exit_code == 0, result.output
+    page = (talked.folder / "report.html").read_text()
+    sections = re.findall(r'<section id="(\w+)">', page)
+    assert sections == ["replay", "turns", "run"]
+    said = " ".join("".join(Text(page).said).split())
+    assert "A conversation of 3 turns" in said
+    assert "the apple is in the fridge: seen" in said
+    assert "SR:" not in said
+
+
+def test_damaged_turns_are_named(talked):
+    (talked.folder / TURNS).write_text('[{"said": 1}]')
+    result = CliRunner().invoke(app, ["report", str(talked.folder)])
+    assert result.exit_code == 1
+    assert TURNS in result.output
