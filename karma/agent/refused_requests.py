@@ -35,7 +35,7 @@ _ALONE: Mapping[RefusalKind, str] = {
     "time": "I cannot wait; I do things at once or not at all.",
     "condition": "I cannot tell whether that is so.",
     "question": "That is a question; I do nothing for one, and cannot answer it yet.",
-    "statement": "That asks for nothing, and is of no thing or place that I could remember.",
+    "statement": "That asks for nothing, and I have kept nothing of it.",
     "incomplete": "Something is missing.",
     "astray": "I would not have done what was said.",
     "which": "That cannot be taken back, and I know of more than one.",

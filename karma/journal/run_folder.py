@@ -23,7 +23,15 @@ from karma.journal.header import (
 )
 from karma.journal.not_run import FILE as NOT_RUN
 from karma.journal.not_run import NotRun, read_not_run
-from karma.journal.owned_folder import HEADER, MARK, Kind, OwnedFolder, check_sealed, kind_in
+from karma.journal.owned_folder import (
+    HEADER,
+    MARK,
+    STEPS,
+    Kind,
+    OwnedFolder,
+    check_sealed,
+    kind_in,
+)
 from karma.journal.records import (
     EpisodeRecord,
     EpisodeTiming,
@@ -33,7 +41,6 @@ from karma.journal.records import (
     read_records,
     read_timings,
 )
-from karma.journal.steps import FOLDER as STEPS
 from karma.journal.steps import packed, steps_path
 from karma.journal.told import CONFIG, Config, read_config
 from karma.methods.picture_states import FOLDER as PICTURES
@@ -237,7 +244,7 @@ class RunFolder:
             (HEADER, to_json(header, indent=2)),
         ):
             self._owned.write(name, data)
-        self._owned.seal([EPISODES], RESULTS, b"[]\n")
+        self._owned.seal([EPISODES, *self._logs([one.record.key]), *one.files], RESULTS, b"[]\n")
 
     def finish(
         self, order: Sequence[Key], add_up: Callable[[Sequence[Any]], Mapping[str, bytes]]
@@ -258,7 +265,7 @@ class RunFolder:
         results = made.pop(RESULTS)
         for name, data in made.items():
             self._owned.write(name, data)
-        self._owned.seal([EPISODES], RESULTS, results)
+        self._owned.seal([EPISODES, *self._logs(order)], RESULTS, results)
 
     # ------------------------------------------------------------- parts
 
@@ -291,6 +298,12 @@ class RunFolder:
     def _write_steps(self, one: Finished) -> None:
         path = steps_path(self.path, *one.record.key)
         self._owned.write(path.relative_to(self.path).as_posix(), packed(one.steps))
+
+    def _logs(self, keys: Iterable[Key]) -> list[str]:
+        """Return the names of the step logs of episodes; none where none are kept."""
+        if not self._steps:
+            return []
+        return [steps_path(self.path, *key).relative_to(self.path).as_posix() for key in keys]
 
     def _has_steps(self, key: Key) -> bool:
         return not self._steps or steps_path(self.path, *key).exists()

@@ -22,8 +22,8 @@ from karma.agent.refused_requests import sentence
 from karma.contracts import Event, MemoryUnit, Outcome, Plan, SkillResult, SubTask, Vec3, World
 from karma.errors import FileError
 from karma.files import read_bytes, to_json, unpack
+from karma.journal.owned_folder import STEPS
 
-FOLDER = "steps"  # below the run folder
 _LONGEST_SLUG = 80  # characters
 
 
@@ -276,7 +276,7 @@ def _plain(value: Any) -> Any:
 
 def steps_path(folder: Path, row: str, task: str, seed: int) -> Path:
     """Return where an episode's log lies in a run folder."""
-    return folder / FOLDER / slug(row) / f"{slug(task)}-{seed}.jsonl.gz"
+    return folder / STEPS / slug(row) / f"{slug(task)}-{seed}.jsonl.gz"
 
 
 def slug(text: str) -> str:

@@ -16,10 +16,9 @@ from karma.bench.sweep_folder import read_sweep
 from karma.bench.tables import Result
 from karma.errors import KarmaError
 from karma.journal.formats import UNKNOWN, figure_text, range_text
-from karma.journal.owned_folder import kind_in
+from karma.journal.owned_folder import STEPS, kind_in
 from karma.journal.records import ALL
 from karma.journal.run_folder import RunData, read_run
-from karma.journal.steps import FOLDER
 from karma.report.choice import episode_key
 from karma.report.html import fill
 from karma.report.plots import Plot, success_plot
@@ -195,7 +194,7 @@ def comparison_of(
         plot=success_plot(rates(result)),
         tasks=task_lines(records),
         links={side.name: _link(side.run.folder / PAGE, out) for side in sides},
-        steps=frozenset(one.name for one in sides if (one.run.folder / FOLDER).is_dir()),
+        steps=frozenset(one.name for one in sides if (one.run.folder / STEPS).is_dir()),
         keys={
             (side.name, one.task, one.seed): episode_key(one)
             for side in sides

@@ -1,5 +1,6 @@
 """What is typed, piped in or planted: a message with a reason, never a traceback or silence."""
 
+import gzip
 import os
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from karma.bench.run import Run
 from karma.errors import FileError, KarmaError
 from karma.journal.header import EPISODES, RESULTS
 from karma.journal.run_folder import read_run
+from karma.journal.steps import steps_path
 from karma.language.request import check_length
 
 KARMA = str(Path(sys.executable).parent / "karma")
@@ -96,7 +98,7 @@ def test_plug_in_that_fails_is_named_and_no_run_ends_in_silence(tmp_path, body, 
     assert said in told
 
 
-def expert(folder):
+def expert(folder, steps=False):
     path = write_experiment(
         folder / "x.toml",
         "karma-nano",
@@ -104,7 +106,7 @@ def expert(folder):
         only=["simple-11", "simple-14"],
         more="",
     )
-    return Run(path, folder / "run")
+    return Run(path, folder / "run", steps=steps)
 
 
 def test_run_that_was_edited_after_its_end_is_believed_by_nobody(tmp_path):
@@ -123,6 +125,19 @@ def test_run_that_was_edited_after_its_end_is_believed_by_nobody(tmp_path):
     place.write_text(whole)
     assert len(read_run(run.folder).records) == 2
     assert list(expert(tmp_path).episodes()) == []
+
+
+def test_edited_step_log_is_believed_by_nobody_and_one_that_is_gone_is_made_again(tmp_path):
+    run = expert(tmp_path, steps=True)
+    assert len(list(run.episodes())) == 2
+    log = steps_path(run.folder, *read_run(run.folder).records[0].key)
+    whole = log.read_bytes()
+    log.write_bytes(gzip.compress(gzip.decompress(whole).replace(b"robot", b"robin", 1)))
+    with pytest.raises(FileError, match=f"{log.name}.*is not as it was left"):
+        read_run(run.folder)
+    log.unlink()
+    assert len(list(expert(tmp_path, steps=True).episodes())) == 1
+    assert log.read_bytes() == whole
 
 
 def test_run_that_was_stopped_goes_on(tmp_path):
