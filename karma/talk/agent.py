@@ -309,11 +309,12 @@ class Agent:
         usual = habits(self.home.past, reader)
         unread = [
             replace(one, unread=(*one.unread, *(w for w in plain.unknown if w in one.text)))
-            for one in (with_habits(request, usual) for request in requests)
+            for one in requests
         ]
-        found = [
-            _Clause(text, asked, plain.means) for one in unread for text, asked in clauses_of(one)
-        ]
+        found = []
+        for text, asked in (clause for one in unread for clause in clauses_of(one)):
+            put = with_habits(asked, usual)
+            found.append(_Clause(text if put is asked else put.errand, put, plain.means))
         return found or [_Clause(plain.text)]
 
     def _spoken_of(

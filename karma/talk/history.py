@@ -56,9 +56,11 @@ _BESIDE_IT = re.compile(
     re.IGNORECASE,
 )
 _AND_BACK = re.compile(r"(?:,? and|, then| then)+ back(?: again)?(?=[.!]?$)", re.IGNORECASE)
+_USUAL = re.compile(r"\b(?:always|usually|belongs?)\b[^.;!]*[.;!]", re.IGNORECASE)
 _CUTS = re.compile(r"[.;!]|,? (?:and )?then\b|,|\band\b", re.IGNORECASE)
 _BOTH = 2
 _BELONGS = frozenset(("belongs", "belong", "goes", "go", "lives", "live"))
+_JOINING = frozenset(("and", "the", "all", "my", "our"))  # words between things that go alike
 _POINTING = frozenset(
     ("it", "them", "that", "this", "there", "one", "too", "both", "these", "those")
 )
@@ -175,13 +177,13 @@ def habits(past: Sequence[PastErrand], reader: RequestReader) -> dict[str, str]:
     found: dict[str, str] = {}
     for errand in past:
         is_said = errand.status == PLACE_TOLD or _BELONGS & {*errand.said.lower().split()}
-        if is_said and (habit := habit_in(errand.said, reader)) is not None:
-            found.update(dict.fromkeys(habit[0], habit[1]))
+        for thing, place in habits_in(errand.said, reader) if is_said else ():
+            found.update(dict.fromkeys(thing.types, place.types[0]))
     return found
 
 
-def habit_in(text: str, reader: RequestReader) -> tuple[tuple[str, ...], str] | None:
-    """Return the types and the place of "the apples always go in the fridge"; None of no habit.
+def habits_in(text: str, reader: RequestReader) -> list[tuple[Mention, Mention]]:
+    """Return what goes where by "apples and eggs always go in the fridge, forks in a drawer".
 
     So of "remember that the apples belong in the fridge", which without its first words is asked.
     """
@@ -192,18 +194,25 @@ def habit_in(text: str, reader: RequestReader) -> tuple[tuple[str, ...], str] | 
     requests = reader.read(text)
     no = words & lists.negations or any(word.endswith("n't") for word in words)
     if not usual or no or len(requests) != 1:
-        return None
+        return []
     request = requests[0]
-    named = [one for one in request.alone if one.types]
     belongs = [one for one in request.deeds if one.verb in _BELONGS]  # not of "go and put it"
-    if len(request.deeds) == 1 and belongs and belongs[0].place is not None:
-        named = [*belongs[0].things, belongs[0].place]
+    named = list(request.alone)
+    if belongs and belongs == list(request.deeds):
+        named = [one for deed in belongs for one in (*deed.things, deed.place) if one is not None]
     elif request.form not in ("statement", "teaching"):
-        return None
-    if len(named) != 2 or not all(one.types for one in named):
-        return None
-    thing, place = named
-    return (thing.types, place.types[0]) if can_lie_in(thing, place) else None
+        return []
+    found: list[tuple[Mention, Mention]] = []
+    waiting: list[Mention] = []  # for the place that comes behind them
+    for one in (one for one in named if one.types):
+        between = (request.whole or request.text)[waiting[-1].end : one.start] if waiting else ""
+        is_next = not {*between.replace(",", " and ").lower().split()} - _JOINING
+        if waiting and not is_next and all(can_lie_in(thing, one) for thing in waiting):
+            found += [(thing, one) for thing in waiting]
+            waiting = []
+        else:
+            waiting.append(one)
+    return [] if waiting else found
 
 
 def is_taught(text: str) -> bool:
@@ -251,7 +260,9 @@ class PlainRequest:
 
 
 def in_turn(text: str) -> list[str]:
-    """Return a text cut ahead of what speaks of the log: what is before it is done first.
+    """Return a text cut ahead of what speaks of the log, and behind what always goes somewhere.
+
+    What is before a cut is done, or kept, first.
 
     >>> in_turn("wash the mug, then put it back where it was")
     ['wash the mug', 'put it back where it was']
@@ -264,6 +275,7 @@ def in_turn(text: str) -> list[str]:
         ahead = [one for one in _CUTS.finditer(text, 0, at) if one.start() > 0]
         if ahead and ahead[-1].end() > cuts[-1]:
             cuts.append(ahead[-1].end())
+    cuts = sorted({*cuts, *(one.end() for one in _USUAL.finditer(text) if text[one.end() :])})
     parts = [text[a:b] for a, b in zip(cuts, [*cuts[1:], len(text)], strict=True)]
     parts = [re.sub(rf"(?:{_CUTS.pattern})\s*$", "", part.strip(), flags=re.IGNORECASE).strip()
              if n < len(parts) - 1 else part.strip() for n, part in enumerate(parts)]  # fmt: skip

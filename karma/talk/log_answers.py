@@ -14,7 +14,7 @@ from karma.journal.formats import plural
 from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed
 from karma.talk.asking import AskedQuestion
-from karma.talk.history import Move, deeds_in, deeds_of, habit_in, looked_into, moves
+from karma.talk.history import Move, deeds_in, deeds_of, habits_in, looked_into, moves
 from karma.talk.home import TOLD, PastDeed
 from karma.talk.remembering import MOST, MemoryAnswer
 
@@ -67,7 +67,7 @@ def what_was_told(q: AskedQuestion) -> MemoryAnswer | None:
     lines = [
         f"{q.knows.ago(one.at_s).capitalize()}: {one.said.rstrip('.!')}."
         for one in q.knows.past
-        if (one.status in TOLD or habit_in(one.said, q.reader) is not None) and q.then(one.at_s)
+        if (one.status in TOLD or habits_in(one.said, q.reader)) and q.then(one.at_s)
         if not kinds or kinds & _spoken_of(one.said, q.reader)
     ]
     nothing = MemoryAnswer(lines=("Nothing that I remember.",), known=False)

@@ -12,7 +12,7 @@ from karma.household.states import ENDS, SAID_AS
 from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed, deed_verbs, request_words
 from karma.methods.experience import unit_of
-from karma.talk.history import can_lie_in, habit_in, is_owning
+from karma.talk.history import can_lie_in, habits_in, is_owning
 from karma.talk.home import PLACE_TOLD, STATE_TOLD
 from karma.talk.offers import offer_against
 from karma.talk.remembering import MemoryAnswer, Remembering, is_at
@@ -48,9 +48,12 @@ def told_of(
         reader: of English.
     """
     change = MemoryChange(scene=scene, at_s=knows.now_s)
-    habit = habit_in(request.text, reader) if reader is not None else None
-    if habit is not None:
-        usual = f"the {name_of(habit[0][0])} goes {told_place(habit[1])}"
+    habits = habits_in(request.text, reader) if reader is not None else []
+    if habits:
+        usual = ", ".join(
+            f"the {thing.text} {'go' if thing.every else 'goes'} {told_place(place.types[0])}"
+            for thing, place in habits
+        )
         return ToldPlace(answer=MemoryAnswer(lines=(f"I will remember: {usual}.",)), change=change)
     if (told := _state_told(request, knows, change)) is not None:
         return told

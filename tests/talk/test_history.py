@@ -10,7 +10,7 @@ from karma.contracts import MemoryChange
 from karma.files import to_json
 from karma.language.clock import DAY_S, HOUR_S, read_span, time_of_day
 from karma.methods.guarded import reader_of
-from karma.talk.history import habit_in, in_plain_words, in_turn, is_owning, moves
+from karma.talk.history import habits_in, in_plain_words, in_turn, is_owning, moves
 
 BACK = (
     "PickupObject(robot, 'Apple')\nGoToObject(robot, 'DiningTable')\n"
@@ -180,8 +180,24 @@ def test_a_habit_is_kept_and_obeyed(tmp_path, agent):
     ],
 )
 def test_habits_are_told_from_other_statements(reader, text, habit):
-    found = habit_in(text, reader)
-    assert (found and (found[0][0], found[1])) == habit
+    found = [(thing.types[0], place.types[0]) for thing, place in habits_in(text, reader)]
+    assert found == ([] if habit is None else [habit])
+
+
+def test_several_habits_are_told_at_once(reader):
+    text = "Fruit belongs in the fridge and cutlery in a drawer"
+    found = {
+        kind: place.types[0] for thing, place in habits_in(text, reader) for kind in thing.types
+    }
+    assert found == {
+        "Apple": "Fridge", "ButterKnife": "Drawer", "Fork": "Drawer", "Spoon": "Drawer",
+    }  # fmt: skip
+    both = habits_in("plates and bowls always go in the cabinet", reader)
+    assert [(thing.types[0], place.types[0]) for thing, place in both] == [
+        ("Plate", "Cabinet"),
+        ("Bowl", "Cabinet"),
+    ]
+    assert habits_in("fruit always goes in the fridge and the spoon", reader) == []
 
 
 def test_where_something_else_lies_is_a_place(agent, reader):
