@@ -1,5 +1,6 @@
 """`karma bundle`: everything in one archive, over the air gap and installed there."""
 
+from dataclasses import asdict
 from pathlib import Path
 from time import monotonic
 from typing import Annotated
@@ -59,7 +60,7 @@ def bundle_build(
     )
     console.print(f"SHA-256 {built.sha256}", soft_wrap=True)
     console.print("bring it by another way than the bundle, and give it as --sha256 over there")
-    write_json(json, built)
+    write_json(json, {**asdict(built), "path": str(built.path)})
 
 
 def bundle_verify(file: File, sha256: Sha256 = "") -> None:
