@@ -10,7 +10,7 @@ from rich.box import HORIZONTALS
 from rich.markup import escape
 from rich.table import Table
 
-from karma.cli.model_options import model_options
+from karma.cli.options import Computed, taking
 from karma.cli.shared import Json, console, write_json
 from karma.errors import KarmaError
 from karma.journal.formats import UNKNOWN, figure_text
@@ -78,7 +78,7 @@ def _end(good: bool, words: str, figures: Mapping[str, Any], json: Path | None) 
         raise typer.Exit(1)
 
 
-@model_options
+@taking(computed=Computed)
 def doctor_models(
     experiment: Annotated[
         Path | None, typer.Argument(help="An experiment; else what `karma run` takes.")
@@ -86,7 +86,7 @@ def doctor_models(
     planner: Annotated[str | None, typer.Option(help="Another name or GGUF.")] = None,
     json: Json = None,
     *,
-    computed: Mapping[str, Any],
+    computed: Computed,
 ) -> None:
     """See what each model runs on here, its memory and speed, and what to change.
 
@@ -97,7 +97,7 @@ def doctor_models(
     from karma.loading.models import Models
 
     models = Models() if experiment is None else read_experiment(experiment).models
-    chosen = {**computed, **({} if planner is None else {"planner": planner})}
+    chosen = {**computed.keys, **({} if planner is None else {"planner": planner})}
     found = []
     for name, look in examine(models.computed_by(chosen) if chosen else models):
         with console.status(escape(f"opening and asking {name} ...")):
