@@ -176,12 +176,14 @@ def test_guard_killed_before_the_first_frame_is_an_error_in_time(world, pid_file
     children = Path(f"/proc/{os.getpid()}/task")
 
     def kill():
+        while not pid_file.exists() or not pid_file.read_text():  # the player is up
+            time.sleep(0.01)
         found = {p for t in children.iterdir() for p in (t / "children").read_text().split()}
         for pid in found:
             if b"guard.py" in Path(f"/proc/{pid}/cmdline").read_bytes():
                 os.kill(int(pid), signal.SIGKILL)
 
-    threading.Timer(0.5, kill).start()
+    threading.Thread(target=kill, daemon=True).start()
     fails_in_time(lambda: lost.reset("FloorPlan1"))
     assert gone(int(pid_file.read_text()))
     goes_on(lost)

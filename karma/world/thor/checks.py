@@ -14,7 +14,6 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
@@ -23,7 +22,6 @@ from karma.world.thor import builds
 from karma.world.thor.builds import Build, Platform
 
 Status = Literal["ok", "note", "problem"]
-INSTALL = f"pip install --no-index --find-links WHEELS ai2thor=={builds.VERSION}"
 KEPT = 3  # releases that the plain client leaves
 RUN_BYTES, UNPACK_BYTES = 200 << 20, 3 << 30
 DEPTH_BITS = 24
@@ -97,11 +95,8 @@ def _system(case: Case) -> Iterator[CheckResult]:
 
 
 def _package(case: Case) -> Iterator[CheckResult]:
-    try:
-        found = version("ai2thor")
-    except PackageNotFoundError:
-        found = "not installed"
-    yield CheckResult.of("package ai2thor", found == builds.VERSION, found, INSTALL)
+    found = builds.package()
+    yield CheckResult.of("package ai2thor", found == builds.VERSION, found, builds.INSTALL)
 
 
 # ----------------------------------------------------------------- the build

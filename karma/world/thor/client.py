@@ -14,21 +14,19 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import ai2thor.platform
 from ai2thor.controller import Controller
 from ai2thor.fifo_server import FifoServer
 
-from karma.errors import UnknownNameError, WorldLost
+from karma.errors import UnknownNameError, WorldLost, did_you_mean
 from karma.world.thor import guard
 from karma.world.thor.builds import Build
 
-T = TypeVar("T")
 LOOK_S = 0.1
 STALL_S = 0.8  # a message that stops half-way for longer is damage
 CODE_S = 0.3
@@ -176,17 +174,15 @@ class Client(Controller):  # type: ignore[misc]
         self._log_from = _size(self.log_path)
         words = (sys.executable, "-I", "-S", guard.__file__, *build.command)
         try:
-            self._guarded(
-                "start",
-                lambda: super(Client, self).__init__(
+            with self._guarded("start"):
+                super().__init__(
                     local_executable_path=shlex.join(words),
                     x_display=display,
                     scene=scene,
                     server_timeout=step_timeout_s,
                     server_start_timeout=start_timeout_s,
                     **settings,
-                ),
-            )
+                )
         except BaseException:
             self.end()
             raise
@@ -227,7 +223,8 @@ class Client(Controller):  # type: ignore[misc]
             RuntimeError: `raise_for_failure` was asked for, and the action failed.
         """
         name = action.get("action") if isinstance(action, dict) else action
-        return self._guarded(str(name), lambda: super(Client, self).step(action, **arguments))
+        with self._guarded(str(name)):
+            return super().step(action, **arguments)
 
     def reset(self, scene: Any = None, **settings: Any) -> Any:
         """Load a scene in the running player.
@@ -240,7 +237,8 @@ class Client(Controller):  # type: ignore[misc]
         """
         if isinstance(scene, str):
             self._check(scene)
-        return self._guarded("reset", lambda: super(Client, self).reset(scene, **settings))
+        with self._guarded("reset"):
+            return super().reset(scene, **settings)
 
     def end(self) -> None:
         """Stop the player, whatever state it is in, and remove the pipes."""
@@ -255,9 +253,7 @@ class Client(Controller):  # type: ignore[misc]
     def _check(self, scene: str) -> None:
         known = self.scenes_in_build
         if known and self.normalize_scene(scene) not in known:
-            near = get_close_matches(scene, sorted(known), n=1)
-            hint = f" Did you mean {near[0]!r}?" if near else ""
-            reason = f"{self._build_path}: no scene named {scene!r}.{hint}"
+            reason = f"{self._build_path}: no scene named {scene!r}.{did_you_mean(scene, known)}"
             raise UnknownNameError(
                 f"{reason} It has {len(known)} scenes, `world.scenes` lists them"
             )
@@ -284,10 +280,11 @@ class Client(Controller):  # type: ignore[misc]
         self.gpu_device = None  # else `vulkaninfo` and `nvidia-smi` are called
         super()._start_unity_thread(env, *arguments)
 
-    def _guarded(self, during: str, call: Callable[[], T]) -> T:
-        """Call, and turn the end of the player into WorldLost."""
+    @contextmanager
+    def _guarded(self, during: str) -> Iterator[None]:
+        """Turn the end of the player into WorldLost."""
         try:
-            return call()
+            yield
         except WorldLost:
             raise
         except Exception as error:

@@ -15,7 +15,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 
-TICK_S = 0.1
+TICK_S, GRACE_S = 0.1, 1.0
 ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
@@ -49,7 +49,8 @@ def guarded(command: list[str]) -> int:
     finally:
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(player.pid, signal.SIGKILL)
-        player.wait()
+        with suppress(subprocess.TimeoutExpired):  # one that the kernel holds is left to it
+            player.wait(GRACE_S)
 
 
 def _prctl() -> Callable[[int, int], int] | None:
