@@ -28,7 +28,7 @@ from karma.offline import go_offline
 from karma.world.core import scene as scenes
 from karma.world.core.scene import Scene
 from karma.world.importing.scenes import import_dump
-from karma.world.player.launch import command
+from karma.world.player import command
 from karma.world.sim import EmbeddedWorld
 
 SHARED = Path(os.environ.get("KARMA_SHARED", Path(__file__).parents[2] / "shared")) / "data"

@@ -1,82 +1,109 @@
 """`karma eval`: experiments."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
 
-from karma.cli.eval_options import (
-    USED_BY,
-    FailUnder,
-    Junit,
-    Limit,
-    Only,
-    PlannerDir,
-    Rows,
-    Seeds,
-    Sets,
-    changes_of,
-    end_below,
-    write_junit,
-)
-from karma.cli.model_options import (
-    BaseUrl,
-    CassetteFolder,
-    CassetteMode,
-    States,
-    cassette_of,
-    model_options,
-)
+from karma.cli.options import Computed, Kept, option, taking
 from karma.cli.progress import bar, workers_for
 from karma.cli.shared import Json, console, refuse_options, tell, write_json
+from karma.cli.sweeps import do_sweep, end_below, write_junit
 from karma.cli.tasks import warn_of_tasks
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
+    from karma.bench.experiment_file import Changes
     from karma.bench.figures import Figures
     from karma.bench.run import Run
+    from karma.journal.owned_folder import Kind
 
 
-@model_options
+OTHERWISE, PASSED = "What is done otherwise than the file says", "Whether it passes"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EvalOptions:
+    """Where an experiment is done and by whom, what is done otherwise, and whether it passes."""
+
+    out: Path | None = option(None, "Run folder; default runs/NAME.")
+    fresh: bool = option(False, "Start over instead of going on.")
+    tasks: bool = option(False, "Also print a line per task.")
+    workers: int = option(0, "Processes to use; 0: as many as cores and memory allow.", min=0)
+    ray: str = option("", "Address of a Ray cluster, HOST:PORT, to do the episodes on.")
+    steps: bool | None = option(None, "Keep a step log per episode.", "--steps/--no-steps")
+    half_width: float | None = option(
+        None, "Add seeds until success rates are as sure as that, e.g. 0.05."
+    )
+    max_seeds: int | None = option(None, "With a half-width: seeds at most; default 20.", min=1)
+    sets: list[str] | None = option(
+        None,
+        'A key of the file said otherwise, "models.planner=x.gguf" or '
+        '"rows.NAME.options.recall_k=5" ("*": all rows); paths begin here.',
+        "--set",
+        metavar="KEY=VALUE",
+        panel=OTHERWISE,
+    )
+    only: list[str] | None = option(
+        None, 'These tasks, "simple-*"; again for more.', panel=OTHERWISE
+    )
+    limit: int | None = option(None, "The first so many of the tasks.", min=1, panel=OTHERWISE)
+    seeds: str = option("", 'These seeds, "0-4" or "0,2,5".', panel=OTHERWISE)
+    row: list[str] | None = option(None, "This row only; again for more.", panel=OTHERWISE)
+    planner_dir: Path | None = option(
+        None, "Do all with each planner of a folder of GGUF files.", panel=OTHERWISE
+    )
+    fail_under: list[str] | None = option(
+        None,
+        'Exit code 4 if success over all rows is below 0.8; "ROW=0.8": of that row.',
+        metavar="RATE",
+        panel=PASSED,
+    )
+    junit: Path | None = option(None, "Also write JUnit's XML here.", panel=PASSED)
+
+    @property
+    def changes(self) -> "Changes":
+        """What is done otherwise than the file says.
+
+        Raises:
+            KarmaError: a setting cannot be read.
+        """
+        from karma.bench.experiment_file import Changes, Setting, seeds_of, setting_of
+
+        settings = [setting_of(text) for text in self.sets or ()]
+        if self.only:
+            settings.append(Setting(key="only", value=list(self.only)))
+        if self.limit is not None:
+            settings.append(Setting(key="limit", value=self.limit))
+        if self.seeds:
+            settings.append(Setting(key="seeds", value=seeds_of(self.seeds)))
+        return Changes(settings=tuple(settings), rows=tuple(self.row or ()))
+
+
+_FIGURE = frozenset({"out", "fresh", "workers", "ray"})
+_RUN = frozenset(one.name for kind in (EvalOptions, Kept, Computed) for one in fields(kind))
+_RUN |= {"json"}
+_SWEEP = _RUN - {"tasks"}
+_NO_BENCHMARK = {
+    "steps", "states", "half_width", "max_seeds", "planner_dir", "fail_under", "junit",
+}  # fmt: skip
+USED_BY: Mapping["Kind", frozenset[str]] = {  # kind of run -> options that it can use
+    "figure": _FIGURE, "benchmark": _SWEEP - _NO_BENCHMARK, "sweep": _SWEEP, "run": _RUN,
+}  # fmt: skip
+
+
+@taking(given=EvalOptions, kept=Kept, computed=Computed)
 def eval_command(
     context: typer.Context,
     file: Annotated[Path, typer.Argument(help="An experiment, e.g. eval/demo.toml.")],
-    out: Annotated[Path | None, typer.Option(help="Run folder; default runs/NAME.")] = None,
-    fresh: Annotated[bool, typer.Option(help="Start over instead of going on.")] = False,
-    tasks: Annotated[bool, typer.Option(help="Also print a line per task.")] = False,
-    workers: Annotated[
-        int, typer.Option(min=0, help="Processes to use; 0: as many as cores and memory allow.")
-    ] = 0,
-    ray: Annotated[
-        str, typer.Option(help="Address of a Ray cluster, HOST:PORT, to do the episodes on.")
-    ] = "",
-    steps: Annotated[
-        bool | None, typer.Option("--steps/--no-steps", help="Keep a step log per episode.")
-    ] = None,
-    states: States = None,
-    half_width: Annotated[
-        float | None,
-        typer.Option(help="Add seeds until success rates are as sure as that, e.g. 0.05."),
-    ] = None,
-    max_seeds: Annotated[
-        int | None, typer.Option(min=1, help="With a half-width: seeds at most; default 20.")
-    ] = None,
-    cassette: CassetteFolder = None,
-    cassette_mode: CassetteMode = "",
-    base_url: BaseUrl = "",
-    sets: Sets = None,
-    only: Only = None,
-    limit: Limit = None,
-    seeds: Seeds = "",
-    row: Rows = None,
-    planner_dir: PlannerDir = None,
-    fail_under: FailUnder = None,
-    junit: Junit = None,
     json: Json = None,
     *,
-    computed: Mapping[str, Any],
+    given: EvalOptions,
+    kept: Kept,
+    computed: Computed,
 ) -> None:
     """Do an experiment: every row on every task. Stopped or killed, the same command goes on.
 
@@ -88,46 +115,50 @@ def eval_command(
     from karma.bench.floors import SuccessFloor, check_floors
     from karma.bench.run import Run
     from karma.bench.sweep import SweepRun
-    from karma.cli.sweeps import do_sweep
     from karma.journal.not_run import in_words
     from karma.places import find_experiment
 
     file = find_experiment(file)
-    folder = out or Path("runs") / file.stem
-    changes = changes_of(sets, only, limit, seeds, row)
-    floors = [SuccessFloor.of(text) for text in fail_under or ()]
+    folder = given.out or Path("runs") / file.stem
+    changes, workers, ray = given.changes, given.workers, given.ray
+    floors = [SuccessFloor.of(text) for text in given.fail_under or ()]
     kind = kind_of(file, changes)
-    if kind == "run" and planner_dir is not None:
+    if kind == "run" and given.planner_dir is not None:
         kind = "sweep"
     refuse_options(context, f"{file}: such an experiment", USED_BY[kind])
-    opened: dict[str, Any] = {
-        "cassette": cassette_of(cassette, cassette_mode),
-        "base_url": base_url,
-        "computed": computed,
-    }
+    tape = kept.tape
     if kind == "figure":
-        _do_figure(file, folder, fresh, workers, ray)
+        _do_figure(file, folder, given.fresh, workers, ray)
         return
-    opened |= {"steps": steps, "states": states, "half_width": half_width, "max_seeds": max_seeds}
+    opened: dict[str, Any] = {
+        "cassette": tape,
+        "base_url": kept.base_url,
+        "computed": computed.keys,
+        "steps": given.steps,
+        "states": kept.states,
+        "half_width": given.half_width,
+        "max_seeds": given.max_seeds,
+    }
     reading = console.status(escape(f"reading {file} ..."))
     if kind == "sweep":
         with reading:
             sweep = SweepRun(
-                file, folder, changes=changes, planner_dir=planner_dir, fresh=fresh, opened=opened
-            )
+                file, folder, changes=changes, planner_dir=given.planner_dir, fresh=given.fresh,
+                opened=opened,
+            )  # fmt: skip
         check_floors(floors, [one.name for one in sweep.experiment.rows])
-        do_sweep(sweep, workers, ray, floors, junit, json)
+        do_sweep(sweep, workers, ray, floors, given.junit, json)
         return
     with reading:
-        run = Run(file, folder, fresh=fresh, changes=changes, **opened)
+        run = Run(file, folder, fresh=given.fresh, changes=changes, **opened)
     if floors:
         check_floors(floors, [one.name for one in run.experiment.rows])
     if kind == "benchmark":
         _do_benchmark(run, workers, ray, json)
         return
-    lines = _done(run, workers, ray, tasks)
+    lines = _done(run, workers, ray, given.tasks)
     write_json(json, plain(lines))
-    write_junit(folder, junit)
+    write_junit(folder, given.junit)
     if run.not_run:
         raise KarmaError(in_words(run.not_run))
     end_below([("", lines)], floors)

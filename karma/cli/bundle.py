@@ -1,5 +1,6 @@
 """`karma bundle`: everything in one archive, over the air gap and installed there."""
 
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import monotonic
 from typing import Annotated
@@ -7,49 +8,45 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
+from karma.cli.options import option, taking
 from karma.cli.shared import Json, console, tell, write_json
 
 File = Annotated[Path, typer.Argument(help="The bundle.")]
 Sha256 = Annotated[str, typer.Option(help="Of the bundle, as `build` said; refused otherwise.")]
 
 
-def bundle_build(
-    out: Annotated[Path, typer.Option(help="The archive to write, e.g. karma.tar.")],
-    models: Annotated[
-        list[str] | None, typer.Option(help="A model's name; default all that are here.")
-    ] = None,
-    scenes: Annotated[
-        list[Path] | None, typer.Option(help="Scene files or folders, beside our own.")
-    ] = None,
-    wheels: Annotated[
-        Path | None, typer.Option(help="Folder of wheels; default in ~/.cache/karma.")
-    ] = None,
-    download: Annotated[
-        bool, typer.Option("--download", help="Fetch the wheels that are missing, by pip.")
-    ] = False,
-    thor: Annotated[Path | None, typer.Option(help="Folder of an AI2-THOR build.")] = None,
-    extras: Annotated[
-        bool, typer.Option("--extras", help="With what hosted models and AI2-THOR need.")
-    ] = False,
-    lock: Annotated[Path | None, typer.Option(help="Other pins than requirements.lock.")] = None,
-    json: Json = None,
-) -> None:
-    """Write a bundle: wheels, models, scenes, licences, a bill of materials."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BuildOptions:
+    """What goes into a bundle."""
+
+    out: Path = option(..., "The archive to write, e.g. karma.tar.")
+    models: list[str] | None = option(None, "A model's name; default all that are here.")
+    scenes: list[Path] | None = option(None, "Scene files or folders, beside our own.")
+    wheels: Path | None = option(None, "Folder of wheels; default in ~/.cache/karma.")
+    download: bool = option(False, "Fetch the wheels that are missing, by pip.", "--download")
+    thor: Path | None = option(None, "Folder of an AI2-THOR build.")
+    extras: bool = option(False, "With what hosted models and AI2-THOR need.", "--extras")
+    lock: Path | None = option(None, "Other pins than requirements.lock.")
+
+
+@taking(given=BuildOptions)
+def bundle_build(*, given: BuildOptions, json: Json = None) -> None:
+    """Write a bundle: wheels, models, scenes, experiments, licences."""
     from karma.bundle.build import PROJECT, BundleSpec, build
     from karma.places import cache
 
-    begin = monotonic()
+    begin, extras = monotonic(), given.extras or given.thor is not None
     spec = BundleSpec(
-        wheels=wheels or cache() / "bundle-wheels",
-        download=download,
-        models=tuple(models or ()),
-        scenes=tuple(scenes or ()),
-        thor=thor,
-        lock=lock or PROJECT / "requirements.lock",
-        extras=PROJECT / "requirements-extras.lock" if extras or thor is not None else None,
+        wheels=given.wheels or cache() / "bundle-wheels",
+        download=given.download,
+        models=tuple(given.models or ()),
+        scenes=tuple(given.scenes or ()),
+        thor=given.thor,
+        lock=given.lock or PROJECT / "requirements.lock",
+        extras=PROJECT / "requirements-extras.lock" if extras else None,
     )
     with console.status("building the bundle ..."):
-        built = build(out, spec, say=tell)
+        built = build(given.out, spec, say=tell)
     names = escape(", ".join(built.models) or "none")
     console.print(
         f"[green]✓[/] {escape(str(built.path))}: {built.bytes / 1e6:.1f} MB, "
@@ -59,7 +56,7 @@ def bundle_build(
     )
     console.print(f"SHA-256 {built.sha256}", soft_wrap=True)
     console.print("bring it by another way than the bundle, and give it as --sha256 over there")
-    write_json(json, built)
+    write_json(json, {**asdict(built), "path": str(built.path)})
 
 
 def bundle_verify(file: File, sha256: Sha256 = "") -> None:

@@ -10,13 +10,14 @@ from rich.box import HORIZONTALS
 from rich.markup import escape
 from rich.table import Table
 
-from karma.cli.model_options import model_options
+from karma.cli.options import Computed, taking
 from karma.cli.shared import Json, console, write_json
 from karma.errors import KarmaError
 from karma.journal.formats import UNKNOWN, figure_text
 
 if TYPE_CHECKING:
     from karma.bench.model_doctor import ModelSeen
+    from karma.world.thor.checks import CheckResult
 
 MARKS = {"ok": "[green]ok[/]", "note": "[yellow]note[/]", "problem": "[red]problem[/]"}
 
@@ -44,28 +45,40 @@ def doctor_offline(json: Json = None) -> None:
 def _offline(json: Path | None) -> None:
     from karma.bundle import conditions
     from karma.offline import DEFAULTS, SWITCHES
+    from karma.world.thor.checks import CheckResult
 
     with console.status("looking; models are hashed ..."):
         findings = conditions.examine()
-    good = conditions.holds(findings)
-    table = Table("", "what", "found", title="a run without a network", title_justify="left")
     switches = [one for one in findings if one.name in {**SWITCHES, **DEFAULTS}]
     right = [one for one in switches if one.status == "ok"]
+    told = f"{len(right)} of {len(switches)} are set"
+    rest = [one for one in findings if one not in right]
+    summed = CheckResult.of("switches of libraries", True, told)
+    good = _show("a run without a network", [*rest, summed])
+    _end(good, "ready to run offline", {"findings": findings}, json)
+
+
+def _show(title: str, findings: "Sequence[CheckResult]") -> bool:
+    """Print conditions, and what mends those that do not hold; return whether all do."""
+    table = Table("", "what", "found", title=title, title_justify="left")
     for one in findings:
-        if one not in right:
-            table.add_row(MARKS[one.status], escape(one.name), escape(one.found))
-    table.add_row(MARKS["ok"], "switches of libraries", f"{len(right)} of {len(switches)} are set")
+        table.add_row(MARKS[one.status], escape(one.name), escape(one.found))
     console.print(table)
     for one in findings:
         if one.fix:
             _note(one.status, f"{one.name}: {one.fix}")
-    console.print("[green]ready to run offline[/]" if good else "[red]something is missing[/]")
-    write_json(json, {"ok": good, "findings": findings})
+    return all(one.status != "problem" for one in findings)
+
+
+def _end(good: bool, words: str, figures: Mapping[str, Any], json: Path | None) -> None:
+    """Say whether something is missing; exit code 1 if so."""
+    console.print(f"[green]{words}[/]" if good else "[red]something is missing[/]")
+    write_json(json, {"ok": good, **figures})
     if not good:
         raise typer.Exit(1)
 
 
-@model_options
+@taking(computed=Computed)
 def doctor_models(
     experiment: Annotated[
         Path | None, typer.Argument(help="An experiment; else what `karma run` takes.")
@@ -73,7 +86,7 @@ def doctor_models(
     planner: Annotated[str | None, typer.Option(help="Another name or GGUF.")] = None,
     json: Json = None,
     *,
-    computed: Mapping[str, Any],
+    computed: Computed,
 ) -> None:
     """See what each model runs on here, its memory and speed, and what to change.
 
@@ -84,7 +97,7 @@ def doctor_models(
     from karma.loading.models import Models
 
     models = Models() if experiment is None else read_experiment(experiment).models
-    chosen = {**computed, **({} if planner is None else {"planner": planner})}
+    chosen = {**computed.keys, **({} if planner is None else {"planner": planner})}
     found = []
     for name, look in examine(models.computed_by(chosen) if chosen else models):
         with console.status(escape(f"opening and asking {name} ...")):
@@ -147,22 +160,10 @@ def doctor_thor(
     if platform is not None and platform not in PLATFORMS:
         raise KarmaError(f"no platform {platform!r}; there are {', '.join(PLATFORMS)}")
     findings = checks.examine(executable, platform, display)
-    good = checks.works(findings)
-    table = Table("", "what", "found", title="AI2-THOR on this machine", title_justify="left")
-    for one in findings:
-        table.add_row(MARKS[one.status], one.name, escape(one.found))
-    console.print(table)
-    for one in findings:
-        if one.fix:
-            _note(one.status, f"{one.name}: {one.fix}")
-    tried: dict[str, Any] | None = None
-    if start:
-        tried = _try(executable, platform, display, scene)
-        good = good and not tried.get("error")
-    console.print("[green]all is there[/]" if good else "[red]something is missing[/]")
-    write_json(json, {"ok": good, "findings": findings, "start": tried})
-    if not good:
-        raise typer.Exit(1)
+    good = _show("AI2-THOR on this machine", findings)
+    tried = _try(executable, platform, display, scene) if start else None
+    good = good and not (tried or {}).get("error")
+    _end(good, "all is there", {"findings": findings, "start": tried}, json)
 
 
 def _try(executable: str | None, platform: Any, display: str | None, scene: str) -> dict[str, Any]:

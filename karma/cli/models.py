@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, DownloadColumn, Progress, ProgressColumn, TextColumn
+from rich.progress import DownloadColumn
 from rich.table import Table
 
+from karma.cli.progress import bar
 from karma.cli.shared import Json, console, tell, write_json
 from karma.errors import ModelError
 from karma.journal.formats import UNKNOWN
@@ -129,14 +130,14 @@ def models_add(
         name=name, role=_role(role), licence=licence, source=source, revision=revision,
         prompt_profile=profile, context_length=context, chat=chat, in_place=in_place,
     )  # fmt: skip
-    with _progress(DownloadColumn()) as bar:
-        task = bar.add_task("hashing", total=None)
+    with bar(DownloadColumn(), passing=True) as progress:
+        task = progress.add_task("hashing", total=None)
 
         def told(part: str, done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total, description=escape(part))
+            progress.update(task, completed=done, total=total, description=escape(part))
 
         def tries(entry: "ModelEntry", folder: Path) -> None:
-            bar.update(task, description=escape(f"opening and asking {entry.name} ..."))
+            progress.update(task, description=escape(f"opening and asking {entry.name} ..."))
             _try(entry, folder)
 
         added = add_model(path, options, progress=told, trial=None if untried else tries)
@@ -181,11 +182,11 @@ def models_bring(name: Annotated[str, typer.Argument(help="A model of the manife
     if check(entry).state == "ok":
         tell(f"{name} is here, as it must be")
         return
-    with _progress() as bar:
-        task = bar.add_task(escape(name), total=None)
+    with bar(passing=True) as progress:
+        task = progress.add_task(escape(name), total=None)
 
         def told(what: str, done: float, total: float) -> None:
-            bar.update(task, description=escape(what), completed=done, total=total)
+            progress.update(task, description=escape(what), completed=done, total=total)
 
         if entry.base:
             base = find_model(entry.base)
@@ -255,11 +256,6 @@ def _role(text: str | None) -> Any:
     if text is not None and text not in get_args(Role):
         raise UnknownNameError(f"no role {text!r}; there are {', '.join(get_args(Role))}")
     return text
-
-
-def _progress(*more: ProgressColumn) -> Progress:
-    columns = (TextColumn("{task.description}"), BarColumn(), *more)
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
 def _unknown(entry: "ModelEntry") -> bool:

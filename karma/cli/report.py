@@ -1,10 +1,12 @@
 """`karma report`: a run as one page that needs nothing else."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from karma.cli.options import option, taking
 from karma.cli.progress import bar
 from karma.cli.shared import console, refuse_options, tell, write_for
 from karma.errors import KarmaError
@@ -13,6 +15,35 @@ PAGE = "report.html"
 CHOICE = ("8", "auto", "auto")  # of episodes, instructions and frames, unless told otherwise
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportOptions:
+    """What a page shows, and where it goes."""
+
+    out: Path | None = option(
+        None, "The page; default RUN/report.html, of several comparison.html beside the first."
+    )
+    episodes: str = option(
+        CHOICE[0], "Which can be stepped through: all, a number, a task, ROW/TASK/SEED."
+    )
+    instructions: str = option(
+        CHOICE[1],
+        'Of those, which instructions: all, numbers such as 1-40,77, or "auto": of long sequences '
+        "those that failed first.",
+    )
+    frames: str = option(
+        CHOICE[2],
+        'First-person pictures: "every" action, "calls" only, their "ends", "none", or "auto": the '
+        "less the more there is to show.",
+    )
+    published: Path | None = option(None, "The paper's figures, to stand beside ours.")
+    reference: str = option("", "Of several: that which the others are held against.")
+    pages: bool = option(True, "Of several: also make their own pages, where missing or old.")
+    home: str = option("", 'Of lived-in homes: which is shown, such as "usual/home_003".')
+    day: int | None = option(None, "Of lived-in homes: which day; the first is 0.", min=0)
+    row: str = option("", "Of lived-in homes: which row; ours unless told otherwise.")
+
+
+@taking(given=ReportOptions)
 def report_command(
     context: typer.Context,
     runs: Annotated[
@@ -22,48 +53,8 @@ def report_command(
             "page that compares."
         ),
     ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="The page; default RUN/report.html, of several comparison.html beside the first."
-        ),
-    ] = None,
-    episodes: Annotated[
-        str,
-        typer.Option(help="Which can be stepped through: all, a number, a task, ROW/TASK/SEED."),
-    ] = CHOICE[0],
-    instructions: Annotated[
-        str,
-        typer.Option(
-            help='Of those, which instructions: all, numbers such as 1-40,77, or "auto": of long '
-            "sequences those that failed first."
-        ),
-    ] = CHOICE[1],
-    frames: Annotated[
-        str,
-        typer.Option(
-            help='First-person pictures: "every" action, "calls" only, their "ends", "none", or '
-            '"auto": the less the more there is to show.'
-        ),
-    ] = CHOICE[2],
-    published: Annotated[
-        Path | None, typer.Option(help="The paper's figures, to stand beside ours.")
-    ] = None,
-    reference: Annotated[
-        str, typer.Option(help="Of several: that which the others are held against.")
-    ] = "",
-    pages: Annotated[
-        bool, typer.Option(help="Of several: also make their own pages, where missing or old.")
-    ] = True,
-    home: Annotated[
-        str, typer.Option(help='Of lived-in homes: which is shown, such as "usual/home_003".')
-    ] = "",
-    day: Annotated[
-        int | None, typer.Option(min=0, help="Of lived-in homes: which day; the first is 0.")
-    ] = None,
-    row: Annotated[
-        str, typer.Option(help="Of lived-in homes: which row; ours unless told otherwise.")
-    ] = "",
+    *,
+    given: ReportOptions,
 ) -> None:
     """Write a run as one HTML page: tables, plots, and episodes to step through."""
     from karma.journal.owned_folder import benchmark_in, kind_in
@@ -71,13 +62,15 @@ def report_command(
     run = Path(runs[0])
     kind = kind_in(run) if len(runs) == 1 else "sweep"
     is_home = kind == "benchmark" and benchmark_in(run) == "lived"
+    out, home, day, row = given.out, given.home, given.day, given.row
+    choice = (given.episodes, given.instructions, given.frames)
     if (home or day is not None or row) and not is_home:
         raise KarmaError(
             "--home, --day and --row are of one run of lived-in homes\n"
             "  To fix: karma eval eval/lived/demo.toml"
         )
     if is_home:
-        if (episodes, instructions, frames) != CHOICE:
+        if choice != CHOICE:
             raise KarmaError(
                 f"{run}: lived-in homes have days, no episodes or frames\n"
                 f"  To fix: karma report {run} --home HOME --day DAY --row ROW"
@@ -85,17 +78,17 @@ def report_command(
         refuse_options(context, f"{run}: such a page", {"out", "home", "day", "row"})
         _write_lived(run, out, home, day, row)
         return
-    choice = (episodes, instructions, frames)
     match kind:
         case "sweep":
-            _write_comparison(runs, out, reference, choice if pages else None, published)
+            own_pages = choice if given.pages else None
+            _write_comparison(runs, out, given.reference, own_pages, given.published)
         case "figure":
             refuse_options(context, f"{run}: the page of a figure", {"out"})
             _write_figure(run, out)
         case _:
             own = {"out", "episodes", "instructions", "frames", "published"}
             refuse_options(context, f"{run}: the page of one run", own)
-            _write_run(run, out, choice, published)
+            _write_run(run, out, choice, given.published)
 
 
 def _write_lived(run: Path, out: Path | None, home: str, day: int | None, row: str) -> None:

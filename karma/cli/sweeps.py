@@ -1,20 +1,24 @@
 """`karma eval` of a grid of settings, and `karma export`."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
 
-from karma.cli.eval_options import end_below, write_junit
 from karma.cli.progress import bar
 from karma.cli.shared import console, sheet_table, write_for, write_json
 from karma.cli.tasks import warn_of_tasks
+from karma.files import write_atomic
 
 if TYPE_CHECKING:
+    from karma.bench.figures import Figures
     from karma.bench.floors import SuccessFloor
     from karma.bench.sweep import SweepRun
     from karma.bench.sweep_folder import SweepData
+
+BELOW = 4  # exit code: done, and a success rate is below --fail-under
 
 
 def export_command(
@@ -85,3 +89,29 @@ def print_sweep(data: "SweepData", json: Path | None) -> None:
             for cell, lines in figures_by_cell(data)
         ]
         write_json(json, figures)
+
+
+def write_junit(folder: Path, junit: Path | None) -> None:
+    """Write a run's test cases where that is wanted."""
+    if junit is not None:
+        from karma.bench.export import to_junit
+
+        write_atomic(junit, to_junit(folder))
+        console.print(escape(f"test cases: {junit}"))
+
+
+def end_below(
+    figures: "Sequence[tuple[str, Sequence[Figures]]]", floors: "list[SuccessFloor]"
+) -> None:
+    """End with code 4 where a run, or a cell of a sweep by its name, is below a floor."""
+    from karma.bench.floors import below
+
+    said = [
+        f"{cell}: {words}" if cell else words
+        for cell, lines in figures
+        for words in below(lines, floors)
+    ]
+    for words in said:
+        console.print(f"[red]✗[/] {escape(words)}", soft_wrap=True, highlight=False)
+    if said:
+        raise typer.Exit(BELOW)

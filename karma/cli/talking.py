@@ -1,7 +1,7 @@
 """`karma run`, `chat`, `read` and `home`: what an agent is told, in view, and where it was."""
 
 import sys
-from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,15 +11,7 @@ from typer.core import TyperCommand
 
 from karma.cli.answers import AnswerView
 from karma.cli.conversation import CODES, converse, figures_of, say, show_folder, tell_stopped
-from karma.cli.model_options import (
-    BaseUrl,
-    CassetteFolder,
-    CassetteMode,
-    States,
-    cassette_of,
-    hosted_of,
-    model_options,
-)
+from karma.cli.options import Computed, Kept, option, taking
 from karma.cli.shared import STOPPED, Json, console, readable, tell, write_json
 from karma.errors import KarmaError
 
@@ -32,7 +24,61 @@ if TYPE_CHECKING:
 _UNITS_S = {"m": 60.0, "h": 3600.0, "d": 86_400.0}
 
 
-@model_options
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOptions:
+    """The room, the home, the planner, and what it is told and asked."""
+
+    scene: str = option("", "A scene's name or file; default the home's, else kitchen_1.")
+    home: str = option("", "A name or folder: the same home tomorrow. In chat the scene's own.")
+    later: str = option("", 'Time that has passed there, "8h", "2d".')
+    people: int | None = option(
+        None, "Who live in a --home meanwhile, and move things.", min=0, max=4
+    )
+    fresh: bool = option(False, "In chat: no home, nothing lasts.", "--fresh")
+    planner: str = option(
+        "", "Name in the manifest, or a GGUF; default karma-mini, else karma-nano."
+    )
+    profile: str = option("", '"compact", "full", or "goals".')
+    chat: bool | None = option(
+        None, "Through the GGUF's chat template; default: if any.", "--chat/--no-chat"
+    )
+    long_term: bool = option(True, "With long-term memory.")
+    short_term: bool = option(True, "With short-term memory.")
+    policy: str = option("wtinylfu-karma[9,1]", 'e.g. "fifo-merge[10]".')
+    preset: str = option("", '"paper": recall, K and query as in the paper.')
+    recall: str = option("", '"stateful" unless told otherwise.')
+    recall_k: int | None = option(
+        None, "Units in the prompt; 3, or all with --profile full.", "--k", min=1
+    )
+    vision: str = option(
+        "metadata", '"nano-vlm", or a model of the manifest by name, reads pictures.'
+    )
+    perception: str = option(
+        "metadata", '"pictures": sees by boxes, depth and the vision model alone.'
+    )
+    detector: str = option("", "A plug-in of karma.detectors, in place of given boxes.")
+    maps: Path = option(Path("runs/maps"), "Folder of long-term memories.")
+    model: str = option("", "A hosted planner's, with --planner openai.")
+    api: str = option("chat", '"chat" or "completions" of it.')
+    dialect: str = option("auto", 'Of its server, e.g. "vllm".')
+    thinking: str = option("off", '"off" or "on", for thinking models.')
+    constraint: str = option("types", 'What answers may say: "free", "syntax", "types" or "hand".')
+    constrained: bool = option(True, "--no-: --constraint free.", "--constrained/--no-constrained")
+    refusing: bool | None = option(
+        None,
+        "Whether requests may be refused; by default if the planner has learnt to, or is told how "
+        "by the full prompt.",
+        "--refusing/--no-refusing",
+    )
+    max_tokens: int = option(512, "Of an answer.", min=1)
+    answer_seconds: float | None = option(
+        None, "Of an answer, by the clock; default 120; 0: no bound.", min=0
+    )
+    seed: int = option(0, "Of the planner's sampling.", min=0)
+    out: Path | None = option(None, "Run folder; default the next in runs/talks.")
+
+
+@taking(given=RunOptions, kept=Kept, computed=Computed)
 def run_command(
     instruction: Annotated[
         str | None, typer.Argument(help="What to do, in plain words; without it, a conversation.")
@@ -41,83 +87,11 @@ def run_command(
         list[str] | None,
         typer.Argument(hidden=True, metavar="", help="None: a request stands in quotes."),
     ] = None,
-    scene: Annotated[
-        str, typer.Option(help="A scene's name or file; default the home's, else kitchen_1.")
-    ] = "",
-    home: Annotated[
-        str, typer.Option(help="A name or folder: the same home tomorrow. In chat the scene's own.")
-    ] = "",
-    later: Annotated[str, typer.Option(help='Time that has passed there, "8h", "2d".')] = "",
-    people: Annotated[
-        int | None,
-        typer.Option(min=0, max=4, help="Who live in a --home meanwhile, and move things."),
-    ] = None,
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="In chat: no home, nothing lasts.")
-    ] = False,
-    planner: Annotated[
-        str,
-        typer.Option(help="Name in the manifest, or a GGUF; default karma-mini, else karma-nano."),
-    ] = "",
-    profile: Annotated[str, typer.Option(help='"compact", "full", or "goals".')] = "",
-    chat: Annotated[
-        bool | None,
-        typer.Option("--chat/--no-chat", help="Through the GGUF's chat template; default: if any."),
-    ] = None,
-    long_term: Annotated[bool, typer.Option(help="With long-term memory.")] = True,
-    short_term: Annotated[bool, typer.Option(help="With short-term memory.")] = True,
-    policy: Annotated[str, typer.Option(help='e.g. "fifo-merge[10]".')] = "wtinylfu-karma[9,1]",
-    preset: Annotated[str, typer.Option(help='"paper": recall, K and query as in the paper.')] = "",
-    recall: Annotated[str, typer.Option(help='"stateful" unless told otherwise.')] = "",
-    recall_k: Annotated[
-        int | None,
-        typer.Option("--k", min=1, help="Units in the prompt; 3, or all with --profile full."),
-    ] = None,
-    vision: Annotated[
-        str, typer.Option(help='"nano-vlm", or a model of the manifest by name, reads pictures.')
-    ] = "metadata",
-    perception: Annotated[
-        str, typer.Option(help='"pictures": sees by boxes, depth and the vision model alone.')
-    ] = "metadata",
-    detector: Annotated[
-        str, typer.Option(help="A plug-in of karma.detectors, in place of given boxes.")
-    ] = "",
-    maps: Annotated[Path, typer.Option(help="Folder of long-term memories.")] = Path("runs/maps"),
-    base_url: BaseUrl = "",
-    model: Annotated[str, typer.Option(help="A hosted planner's, with --planner openai.")] = "",
-    api: Annotated[str, typer.Option(help='"chat" or "completions" of it.')] = "chat",
-    dialect: Annotated[str, typer.Option(help='Of its server, e.g. "vllm".')] = "auto",
-    thinking: Annotated[str, typer.Option(help='"off" or "on", for thinking models.')] = "off",
-    constraint: Annotated[
-        str,
-        typer.Option(help='What answers may say: "free", "syntax", "types" or "hand".'),
-    ] = "types",
-    constrained: Annotated[
-        bool, typer.Option("--constrained/--no-constrained", help="--no-: --constraint free.")
-    ] = True,
-    refusing: Annotated[
-        bool | None,
-        typer.Option(
-            "--refusing/--no-refusing",
-            help="Whether requests may be refused; by default if the planner has learnt to, or is "
-            "told how by the full prompt.",
-        ),
-    ] = None,
-    max_tokens: Annotated[int, typer.Option(min=1, help="Of an answer.")] = 512,
-    answer_seconds: Annotated[
-        float | None,
-        typer.Option(min=0, help="Of an answer, by the clock; default 120; 0: no bound."),
-    ] = None,
-    cassette: CassetteFolder = None,
-    cassette_mode: CassetteMode = "",
-    states: States = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the planner's sampling.")] = 0,
-    out: Annotated[
-        Path | None, typer.Option(help="Run folder; default the next in runs/talks.")
-    ] = None,
     json: Json = None,
     *,
-    computed: Mapping[str, Any],
+    given: RunOptions,
+    kept: Kept,
+    computed: Computed,
 ) -> None:
     """Carry out an instruction in a room, while you watch; of several requests one by one.
 
@@ -140,57 +114,53 @@ def run_command(
         raise typer.BadParameter(f'one request stands in quotes: karma run "{whole}"')
     if instruction is not None and not instruction.strip():
         raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
-    if fresh and home:
+    if given.fresh and given.home:
         raise typer.BadParameter("--fresh keeps nothing, --home keeps a home: one of them")
-    if instruction is None and not fresh:
-        home = home or SceneRef.of(scene or SCENE).name
-    planner = planner or default_planner()
-    hosted = hosted_of(planner, base_url, model, api=api, dialect=dialect)
-    chosen = _preset(preset)
+    home = given.home
+    if instruction is None and not given.fresh:
+        home = home or SceneRef.of(given.scene or SCENE).name
+    planner = given.planner or default_planner()
+    chosen, k = _preset(given.preset), given.recall_k
     options = {
-        "long_term": long_term,
-        "short_term": short_term,
-        "policy": policy,
-        "perception": perception,
-        "boxes": "detector" if detector else "given",
+        "long_term": given.long_term,
+        "short_term": given.short_term,
+        "policy": given.policy,
+        "perception": given.perception,
+        "boxes": "detector" if given.detector else "given",
         **chosen.options,
-        **({} if recall_k is None else {"recall_k": recall_k, "whole_memory": False}),
+        **({} if k is None else {"recall_k": k, "whole_memory": False}),
     }
-    session = Session(cassette_of(cassette, cassette_mode))
+    session = Session(kept.tape)
     session.cassette.begin("run")
+    same = ("profile", "chat", "vision", "detector", "refusing", "max_tokens", "thinking")
     models = Models().computed_by(
         {
+            **{key: getattr(given, key) for key in same},
             "planner": planner,
-            "profile": profile,
-            "chat": chat,
-            "recall": recall or chosen.recall,
+            "recall": given.recall or chosen.recall,
             "recall_text": chosen.recall_text,
-            "vision": vision,
-            "detector": detector,
-            "constraint": constraint if constrained else "free",
-            "refusing": refusing,
-            "max_tokens": max_tokens,
-            "hosted": hosted,
-            "thinking": thinking,
-            **computed,
+            "constraint": given.constraint if given.constrained else "free",
+            "hosted": kept.hosted(planner, given.model, api=given.api, dialect=given.dialect),
+            **computed.keys,
         }
     )
-    view = AnswerView()
-    with console.status(escape(f"loading models, getting to know {home or scene or SCENE} ...")):
+    view, seconds = AnswerView(), given.answer_seconds
+    place = home or given.scene or SCENE
+    with console.status(escape(f"loading models, getting to know {place} ...")):
         agent = Agent(
-            scene,
+            given.scene,
             models=models,
             options=options,
-            folder=out,
-            maps=maps,
-            seed=seed,
+            folder=given.out,
+            maps=given.maps,
+            seed=given.seed,
             session=session,
-            states=StateOptions(folder=states),
+            states=StateOptions(folder=kept.states),
             listen=view.hear,
-            answer_seconds=ANSWER_SECONDS if answer_seconds is None else answer_seconds or None,
+            answer_seconds=ANSWER_SECONDS if seconds is None else seconds or None,
             home=home or None,
-            later_s=_later_s(later, home, people),
-            people=people,
+            later_s=_later_s(given.later, home, given.people),
+            people=given.people,
         )
     if agent.manner:
         tell(f"planner: {planner}, {agent.manner}", style="dim")

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from karma.cli.shared import Json, console, tell, write_json
+from karma.cli.progress import bar
+from karma.cli.shared import Json, tell, write_json
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
@@ -31,8 +32,6 @@ def tasks_check(
     """
     from tempfile import TemporaryDirectory
 
-    from rich.progress import track
-
     from karma import registry
     from karma.bench.task_check import findings, quick_findings
     from karma.tasks.files import load_tasks, task_lines
@@ -40,8 +39,8 @@ def tasks_check(
     tasks, make = load_tasks(file), registry.load("worlds", world)
     lines = task_lines(file)
     found: list[TaskFinding] = []
-    with TemporaryDirectory() as folder:
-        for task in track(tasks, "tasks", console=console, transient=True):
+    with TemporaryDirectory() as folder, bar(passing=True) as progress:
+        for task in progress.track(tasks, description="tasks"):
             some = quick_findings([task], make) if quick else findings(task, make, Path(folder))
             found += some
     for one in found:

@@ -7,6 +7,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from karma.cli.progress import bar
 from karma.cli.shared import Json, console, write_json
 from karma.files import write_atomic
 from karma.journal.formats import figure_text
@@ -26,8 +27,6 @@ def vlm_eval(
     html: Annotated[Path | None, typer.Option(help="Also write a page with the failures.")] = None,
 ) -> None:
     """Score a vision model on frames of rooms that its training never saw."""
-    from rich.progress import Progress
-
     from karma.infer.llama.vision import LlamaVision
     from karma.infer.vision.transformers import TransformersVision
     from karma.training.vision.page import page
@@ -40,7 +39,7 @@ def vlm_eval(
     clock = Clock()
     asked = []
     answers = examine(vision, places, frames=frames, seed=seed, clock=clock)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+    with bar(passing=True) as progress:
         shown = progress.add_task("asking ...", total=frames)
         for one in answers:
             asked.append(one)

@@ -1,6 +1,6 @@
 """`karma world`: rooms to import, list and look at; recorded episodes to replay in them."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from statistics import mean
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import msgspec
 import typer
 from rich.markup import escape
-from rich.progress import track
 from rich.table import Table
 
+from karma.cli.progress import bar
 from karma.cli.shared import Json, console, tell, write_json
 from karma.errors import FileError, KarmaError
 from karma.files import below, to_json, write_atomic
@@ -182,12 +182,10 @@ def _trials(
     return chosen, gather((one for one in trials if one.scene.floor_plan in plans), side)
 
 
-def _shown(items: Iterable[T], text: str, total: int | None = None) -> Iterable[T]:
+def _shown(items: Iterable[T], text: str, total: int | None = None) -> Iterator[T]:
     """Return the items, with a bar on a terminal while they are taken."""
-    return track(
-        items, escape(text), total=total, console=console, transient=True,
-        disable=not console.is_terminal,
-    )  # fmt: skip
+    with bar(passing=True) as progress:
+        yield from progress.track(items, total=total, description=escape(text))
 
 
 # ----------------------------------------------------------------- replay

@@ -80,11 +80,6 @@ def chosen_words(planner: str, words: str = "") -> Path | None:
     """Return the words file that is used: the one that is named, else the planner's own."""
     if words:
         return None if words == NO_WORDS else Path(words)
-    return words_of(planner)
-
-
-def words_of(planner: str) -> Path | None:
-    """Return a planner's own words file, checked where the manifest vouches for it."""
     return _own(planner, "words", WORDS)
 
 

@@ -22,11 +22,11 @@ from packaging.utils import canonicalize_name
 from support.bundles import wheel_bytes
 from support.needs import need_models, need_namespace
 from support.paths import ROOT
+from typer.testing import CliRunner
 
 from karma.bundle import install as installing
-from karma.bundle.build import BundleSpec, build
 from karma.bundle.install import BundleError, install
-from karma.bundle.wheels import own_wheel
+from karma.cli import app
 from karma.infer.manifest.manifest import find_model
 from karma.journal.provenance import parts_of_planner
 
@@ -43,7 +43,6 @@ def bundle(tmp_path_factory):
     """A bundle with our wheel and our models."""
     need_models(*MODELS)
     folder = tmp_path_factory.mktemp("bundle")
-    own = own_wheel(ROOT, folder)
     wheels = folder / "wheels"
     wheels.mkdir()
     for need in map(Requirement, requires("karma-offline")):
@@ -58,14 +57,18 @@ def bundle(tmp_path_factory):
     # the environment may hold a package of real weights, without the `llm` that it asks for
     (wheels / "llm-1.0-py3-none-any.whl").write_bytes(wheel_bytes("llm", module=False))
     (folder / "lock").write_text("llm==1.0\nway==1.0\n")
-    spec = BundleSpec(wheels=wheels, lock=folder / "lock", own=own, models=MODELS)
     shutil.copy(installing.__file__, folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("KARMA_CACHE", str(folder))  # llama-cpp-python's real wheel lies in the other,
         patch.setattr("karma.bundle.wheels.BUILT", "no note")  # or where set-up noted
         patch.setenv("PIP_CONFIG_FILE", os.devnull)  # may name others, as the next
         patch.delenv("PIP_FIND_LINKS", raising=False)
-        return build(folder / "karma.tar", spec).path
+        words = ["--out", folder / "karma.tar", "--wheels", wheels, "--lock", folder / "lock"]
+        words += [word for name in MODELS for word in ("--models", name)]
+        words = ["bundle", "build", *words, "--json", folder / "built.json"]
+        done = CliRunner().invoke(app, [*map(str, words)])
+        assert done.exit_code == 0, done.output
+    return folder / "karma.tar"
 
 
 def command(bundle, into, *more):
@@ -104,6 +107,13 @@ def test_bundle_installs_and_runs_the_demo_where_there_is_no_interface(bundle, c
     assert weights == find_model("karma-nano").files[0].sha256
     inside = "import karma; print(karma.__file__)"
     assert str(place) in run(place / "venv/bin/python", "-c", inside, cwd=tmp_path)
+
+
+@pytest.mark.model
+def test_build_writes_what_it_made_as_json(bundle):
+    made = json.loads((bundle.parent / "built.json").read_text())
+    assert made["path"] == str(bundle)
+    assert (made["models"], made["bytes"]) == ([*MODELS], bundle.stat().st_size)
 
 
 @pytest.mark.model
@@ -164,10 +174,6 @@ def test_flipped_byte_leaves_no_trace_in_the_folder(bundle, tmp_path):
 
 @pytest.mark.model
 def test_command_line_verifies_and_names_the_wrong_member(bundle, tmp_path):
-    from typer.testing import CliRunner
-
-    from karma.cli import app
-
     done = CliRunner().invoke(app, ["bundle", "verify", str(bundle)])
     assert done.exit_code == 0
     assert "models karma-nano, minilm" in done.stdout

@@ -25,8 +25,7 @@ from karma.errors import FileError
 from karma.files import to_json
 from karma.world.player import command
 from karma.world.player.fifo import Field, FieldType, WireError, encode, read_message
-from karma.world.player.player import MalformedError, Player, read_action
-from karma.world.player.scenes import catalogue, folders
+from karma.world.player.player import MalformedError, Player, catalogue, folders, read_action
 from karma.world.sim import EmbeddedWorld
 
 KINDS = st.sampled_from([kind for kind in FieldType if kind is not FieldType.END])
@@ -487,7 +486,7 @@ sys.stdin.read()
 """
 CHILD = """
 import os, sys
-from karma.world.player.pipes import ClientGoneError, open_sink
+from karma.world.player.main import ClientGoneError, open_sink
 parent = os.getppid()
 print("waiting", flush=True)
 try:

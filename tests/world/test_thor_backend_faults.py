@@ -1,7 +1,7 @@
 """The AI2-THOR backend against a player that fails at every phase.
 
 Covered: an error within 2 s, no hang, no spinning core, nothing left running, and an episode that
-can be started again; the guard alone under AI2-THOR's unchanged client. The one timing is the
+can be started again; the guard alone. The one timing is the
 requirement itself. The player is a scripted one (fake_player.py), the client AI2-THOR's own.
 """
 
@@ -176,12 +176,14 @@ def test_guard_killed_before_the_first_frame_is_an_error_in_time(world, pid_file
     children = Path(f"/proc/{os.getpid()}/task")
 
     def kill():
+        while not pid_file.exists() or not pid_file.read_text():  # the player is up
+            time.sleep(0.01)
         found = {p for t in children.iterdir() for p in (t / "children").read_text().split()}
         for pid in found:
             if b"guard.py" in Path(f"/proc/{pid}/cmdline").read_bytes():
                 os.kill(int(pid), signal.SIGKILL)
 
-    threading.Timer(0.5, kill).start()
+    threading.Thread(target=kill, daemon=True).start()
     fails_in_time(lambda: lost.reset("FloorPlan1"))
     assert gone(int(pid_file.read_text()))
     goes_on(lost)
@@ -195,12 +197,11 @@ def test_player_hanging_at_start_is_an_error_after_the_time_limit(fault, world, 
     goes_on(lost)
 
 
-@pytest.mark.parametrize("whom", ["player", "guard"])
-def test_process_stopped_is_an_error_after_the_time_limit(whom, world, pid_file):
+def test_stopped_player_is_an_error_after_the_time_limit(world, pid_file):
     lost = world(step_timeout_s=0.8)
     goes_on(lost)
     player = int(pid_file.read_text())
-    os.kill(player if whom == "player" else lost.pid, signal.SIGSTOP)
+    os.kill(player, signal.SIGSTOP)
     spent = Spent(lambda: lost.step("MoveAhead"))
     assert isinstance(spent.error, WorldLost)
     assert spent.cpu_s < 0.5
@@ -266,50 +267,6 @@ def plain(tmp_path, monkeypatch):
             one.stop()
 
 
-@pytest.mark.parametrize(
-    "fault", ["die@open", "segv@open", "garbage@first frame", "half@first frame", "die@Reset"]
-)
-def test_guard_makes_the_unchanged_client_raise_at_start(fault, plain, pid_file):
-    fails_in_time(lambda: plain(fault, pid=pid_file), Exception)
-    assert gone(int(pid_file.read_text()))
-
-
-@pytest.mark.parametrize(
-    "fault", ["die@MoveAhead", "segv@MoveAhead", "garbage@MoveAhead", "half@MoveAhead",
-              "half-die@MoveAhead", "die@after Pass"],
-)  # fmt: skip
-def test_guard_makes_the_unchanged_client_raise_in_a_step(fault, plain, pid_file):
-    controller = plain(fault, pid=pid_file)
-    controller.step("Pass")
-    fails_in_time(lambda: controller.step("MoveAhead"), RuntimeError)
-    assert gone(int(pid_file.read_text()))
-
-
-def test_guard_answers_the_unchanged_client_again_and_again(plain):
-    controller = plain("die@after Pass")
-    controller.step("Pass")
-    for _ in range(3):
-        fails_in_time(lambda: controller.reset("FloorPlan2"), ValueError)
-
-
-def test_guard_hands_large_messages_through_unchanged(plain):
-    controller = plain()
-    text = "x" * 3_000_000
-    event = controller.step("Echo", text=text)
-    assert event.metadata["actionReturn"] == {"text": text}
-    assert event.frame.tobytes() == event.frame[::-1][::-1].tobytes()
-    assert event.frame[-1, 0].tolist() == [0, 1, 2]
-
-
-def test_guard_killed_by_the_unchanged_client_takes_player_and_children_along(
-    plain, pid_file, tmp_path
-):
-    controller = plain(pid=pid_file, child=tmp_path / "child")
-    controller.stop()  # SIGKILL, which nothing can handle
-    assert gone(int(pid_file.read_text()))
-    assert gone(int((tmp_path / "child").read_text()))
-
-
 SCRIPT = """
 import os, sys
 from ai2thor.controller import Controller
@@ -336,9 +293,10 @@ def test_guard_hands_signals_on_and_ends(plain, pid_file):
     assert gone(controller.unity_pid)
 
 
-def test_guard_without_pipes_is_only_a_launcher():
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("AI2THOR_")}
-    words = [sys.executable, "-I", "-S", guard.__file__, "echo", "hello"]
-    done = subprocess.run(words, env=environment, capture_output=True, check=True)
+def test_guard_hands_its_arguments_and_the_exit_code_on():
+    words = [sys.executable, "-I", "-S", guard.__file__]
+    done = subprocess.run([*words, "echo", "hello"], capture_output=True, check=True)
     assert done.stdout == b"hello\n"
-    assert subprocess.run(words[:4], capture_output=True, check=False).returncode == 2
+    codes = {("false",): 1, ("sh", "-c", "kill -9 $$"): 128 + 9, ("/no/such",): 127, (): 2}
+    for command, code in codes.items():
+        assert subprocess.run([*words, *command], check=False).returncode == code

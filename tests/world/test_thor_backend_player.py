@@ -153,7 +153,7 @@ def message(sequence):
 )
 def test_nonsense_in_the_players_pipe_is_an_error_in_time(data, world):
     seen = episode(world)
-    player, pipe = player_of(world.pid), f"{world._client.server.server_pipe_path}.player"
+    player, pipe = player_of(world.pid), world._client.server.server_pipe_path
     os.kill(player, signal.SIGSTOP)
     with Path(pipe).open("wb") as file:
         file.write(data)

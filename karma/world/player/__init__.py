@@ -3,6 +3,24 @@
 `ai2thor.controller.Controller(local_executable_path=command())` starts it; see `command`.
 """
 
-from karma.world.player.launch import command
+import shlex
+from collections.abc import Iterable
+from pathlib import Path
 
-__all__ = ["command"]
+from karma.children import child_command
+
+
+def command(scenes: str | Path | Iterable[str | Path] | None = None) -> str:
+    """Return the text for `Controller(local_executable_path=...)`.
+
+    Args:
+        scenes: one folder, or several, of scene files to serve besides our own.
+
+    >>> command("my rooms").endswith("my rooms'")
+    True
+    """
+    folders = [scenes] if isinstance(scenes, str | Path) else scenes or ()
+    words = child_command("karma.world.player.main:serve")
+    for folder in folders:
+        words += ["--scenes", str(Path(folder).resolve())]
+    return shlex.join(words)

@@ -4,22 +4,31 @@ Standard error is the log; the client appends it to ~/.ai2thor/log/unity.log.
 """
 
 import argparse
+import errno
+import fcntl
 import logging
 import os
+import select
 import signal
 import sys
+import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NoReturn
 
 from karma.errors import KarmaError
 from karma.offline import go_offline
 from karma.world.player.fifo import farewell
-from karma.world.player.pipes import ClientGoneError, await_client, open_sink, open_source
 
 if TYPE_CHECKING:
     from karma.world.player.player import Player
 
 log = logging.getLogger("karma-player")
+
+_PAUSE_S = 0.002
+_PATIENCE_S = 60.0  # the client opens its end as soon as it has started us
+_PIPE_BYTES = 1 << 20  # room for a message with pictures; Linux allows this much to everybody
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -125,8 +134,7 @@ def _talk(arguments: Sequence[str], client_pipe: str, sink: BinaryIO) -> int:
 
 def _player(options: argparse.Namespace) -> "Player":
     """Return the player; imported here, where a failing import can be told to the client."""
-    from karma.world.player.player import Player
-    from karma.world.player.scenes import catalogue, folders
+    from karma.world.player.player import Player, catalogue, folders
 
     scenes = catalogue(folders(options.scenes, os.environ))
     return Player(
@@ -135,3 +143,65 @@ def _player(options: argparse.Namespace) -> "Player":
         height=options.screen_height,
         images=os.environ.get("AI2THOR_SERVER_SIDE_SCREENSHOT", "True") != "False",
     )
+
+
+# ----------------------------------------------------------------- the pipes
+#
+# The client makes both, starts the player, and reads before it writes. A plain `open` would wait
+# for ever if the client died in between, and leave the player behind as an orphan.
+
+
+class ClientGoneError(KarmaError):
+    """The client ended before it had opened both pipes."""
+
+
+def open_sink(path: str | Path, parent: int) -> BinaryIO:
+    """Open the pipe that the client reads, as soon as it does.
+
+    Args:
+        path: of the pipe.
+        parent: the process that started this one; without it there is no point in waiting.
+
+    Raises:
+        ClientGoneError: the parent ended first, or the client does not come.
+        OSError: there is no such pipe.
+    """
+    deadline = time.monotonic() + _PATIENCE_S
+    while True:
+        try:
+            handle = os.open(path, os.O_WRONLY | os.O_NONBLOCK)
+            break
+        except OSError as error:
+            if error.errno != errno.ENXIO:  # no reader yet
+                raise
+        if os.getppid() != parent or time.monotonic() > deadline:
+            raise ClientGoneError("nobody reads the server pipe: the client is gone")
+        time.sleep(_PAUSE_S)
+    os.set_blocking(handle, True)
+    with suppress(OSError, AttributeError):  # only makes it faster; Linux alone has it
+        fcntl.fcntl(handle, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+    return os.fdopen(handle, "wb")
+
+
+def open_source(path: str | Path) -> BinaryIO:
+    """Open the pipe that the client writes; `await_client` before the first read.
+
+    Raises:
+        OSError: there is no such pipe.
+    """
+    return os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb")
+
+
+def await_client(source: BinaryIO, sink: BinaryIO) -> None:
+    """Wait until the client has written, or has closed what it opened.
+
+    Raises:
+        ClientGoneError: it closed the pipe it reads before it opened the one it writes.
+    """
+    poll = select.poll()
+    poll.register(source.fileno(), select.POLLIN)
+    poll.register(sink.fileno(), 0)  # errors only
+    ready = dict(poll.poll())
+    if source.fileno() not in ready:
+        raise ClientGoneError("the client ended before it opened the client pipe")
+    os.set_blocking(source.fileno(), True)

@@ -7,15 +7,16 @@ is an action of the embedded world.
 
 import json
 import logging
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import msgspec
 
-from karma.errors import KarmaError
-from karma.world.core.scene import AgentPose, Scene
-from karma.world.core.state import Images
+from karma.errors import FileError, KarmaError
+from karma.world.core.scene import SCENES, AgentPose, Scene
+from karma.world.core.state import Images, scene_name
 from karma.world.event import WorldEvent
 from karma.world.player.answer import Writer
 from karma.world.player.fifo import Field, FieldType, read_message
@@ -23,6 +24,7 @@ from karma.world.sim import EmbeddedWorld
 
 log = logging.getLogger(__name__)
 
+VARIABLE = "KARMA_SCENES"  # folders of scene files, separated as in PATH
 _LARGEST_ID = 2**62  # msgpack ends at 2**63
 _NO_IMAGES = Images(rgb=False)
 _OLD_NAMES = ("renderClassImage", "renderObjectImage")  # the client sends the new ones beside them
@@ -50,7 +52,7 @@ class Player:
     """One client's world.
 
     Args:
-        scenes: name -> scene file, as `scenes.catalogue` gives it.
+        scenes: name -> scene file, as `catalogue` gives it.
         width: of the pictures, pixels.
         height: of the pictures, pixels.
         images: whether there are any until an action asks for them.
@@ -209,3 +211,33 @@ def _decoded(body: bytes) -> Any:
         return json.loads(body)  # which knows NaN and Infinity, as the client does
     except (ValueError, RecursionError) as error:
         raise MalformedError(f"the action is not JSON: {error}") from None
+
+
+# ----------------------------------------------------------------- scenes
+
+
+def folders(given: Sequence[str | Path], environment: Mapping[str, str]) -> list[Path]:
+    """Return the folders of scene files: those given, else those of $KARMA_SCENES."""
+    if given:
+        return [Path(folder) for folder in given]
+    value = environment.get(VARIABLE, "")
+    return [Path(folder) for folder in value.split(os.pathsep) if folder]
+
+
+def catalogue(more: Sequence[Path] = ()) -> dict[str, Path]:
+    """Return name -> scene file: ours, then those in further folders, which may replace ours.
+
+    A file's name is the scene's; the client itself appends `_physics` to `FloorPlan1`, so that is
+    how such a scene is listed.
+
+    Raises:
+        FileError: a folder is missing or holds no scene file.
+    """
+    found: dict[str, Path] = {}
+    for folder in (SCENES, *more):
+        files = sorted(folder.glob("*.json"))
+        if not files:
+            reason = "holds no scene file (*.json)" if folder.is_dir() else "no such folder"
+            raise FileError(folder, reason, fix=f"karma world import --out {folder}")
+        found.update((scene_name(path.stem), path) for path in files)
+    return found

@@ -11,7 +11,6 @@ import logging
 import os
 import tempfile
 from collections.abc import Mapping
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,21 +26,11 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-PICTURES = (
-    "frame", "depth_frame", "normals_frame", "flows_frame", "instance_segmentation_frame",
-    "semantic_segmentation_frame",
-)  # fmt: skip
-MORE_PICTURES = (
-    "third_party_camera_frames", "third_party_depth_frames", "third_party_normals_frames",
-    "third_party_flows_frames", "third_party_instance_segmentation_frames",
-    "third_party_semantic_segmentation_frames",
-)  # fmt: skip
 OURS = frozenset(  # arguments of the Controller that would look for a build, or that are set here
     {"local_executable_path", "local_build", "commit_id", "branch", "download_only", "start_unity",
      "include_private_scenes", "server_class", "gpu_device", "x_display", "server_timeout",
      "server_start_timeout", "host", "port", "agentControllerType"}
 )  # fmt: skip
-INSTALL = f"pip install ai2thor=={builds.VERSION}  (offline: --no-index --find-links WHEELS)"
 BLINDS = "Blinds are never moved: AI2-THOR 5.0.0 does not come back from it (issue 1213)"
 
 
@@ -84,12 +73,12 @@ class ThorWorld:
     ) -> None:
         if forbidden := sorted(settings.keys() & OURS):
             raise TypeError(f"ThorWorld has no argument {forbidden[0]!r}")
-        _check_package()
+        builds.check_package()
         self.build = builds.find(executable, platform)
         self._folder = Path(folder) if folder is not None else builds.home()
         self._display = display or os.environ.get("DISPLAY") or (*builds.screens(), ":0")[0]
-        self._limits = {"start_timeout_s": start_timeout_s, "step_timeout_s": step_timeout_s}
-        self._settings = {"headless": headless, **settings}
+        limits = {"start_timeout_s": start_timeout_s, "step_timeout_s": step_timeout_s}
+        self._settings = {"headless": headless, **limits, **settings}
         self._client: Client | None = None
         self._event: Any = None
         self._loss: WorldLost | None = None
@@ -172,18 +161,6 @@ class ThorWorld:
 
     # ------------------------------------------------------------- the player
 
-    def _launch(self, scene: str | None) -> "Client":
-        from karma.world.thor.client import Client
-
-        return Client(
-            self.build,
-            folder=_writable(self._folder),
-            display=self._display,
-            scene=scene,
-            **self._limits,
-            **self._settings,
-        )
-
     def _begin(self, scene: str | None) -> Any:
         try:
             return self._keep(self._begun(scene))
@@ -198,7 +175,12 @@ class ThorWorld:
             except WorldLost as loss:  # it died between two episodes: this one gets a fresh one
                 log.warning("%s", loss)
         self._drop()
-        self._client = self._launch(scene)
+        from karma.world.thor.client import Client
+
+        place = _writable(self._folder)
+        self._client = Client(
+            self.build, folder=place, display=self._display, scene=scene, **self._settings
+        )
         return self._client.last_event
 
     def _running(self) -> "Client":
@@ -267,34 +249,19 @@ class ThorWorld:
             actionReturn=None,
         )
         event.events = [event]
+        self._keep(event)
         if loud:
-            self._keep(event)
             raise RuntimeError(BLINDS)
-        return self._keep(event)
+        return event
 
 
 def _own_pictures(event: Any) -> None:
     """Replace the client's read-only, upside-down views by arrays of the event's own."""
-    for name in PICTURES:
-        picture = getattr(event, name, None)
-        if picture is not None:
-            setattr(event, name, np.array(picture, order="C"))
-    for name in MORE_PICTURES:
-        if pictures := getattr(event, name, None):
-            setattr(event, name, [np.array(one, order="C") for one in pictures])
-
-
-def _check_package() -> None:
-    try:
-        found = version("ai2thor")
-    except PackageNotFoundError:
-        found = ""
-    if found != builds.VERSION:
-        state = f"is {found}" if found else "is not installed"
-        raise KarmaError(
-            f"the package `ai2thor` {state}; this world needs {builds.VERSION}\n  To fix: "
-            + INSTALL
-        )
+    for name, value in tuple(vars(event).items()):
+        if name.endswith("frames"):
+            setattr(event, name, [np.array(one, order="C") for one in value])
+        elif name.endswith("frame") and value is not None:
+            setattr(event, name, np.array(value, order="C"))
 
 
 def _writable(folder: Path) -> Path:

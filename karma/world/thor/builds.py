@@ -7,8 +7,8 @@ import os
 import shlex
 import shutil
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
@@ -19,6 +19,7 @@ COMMIT = "f0825767cd50d69f666c7f282e54abfe58f1e917"  # the build that the packag
 VARIABLE = "KARMA_THOR_BUILD"
 SOURCE = "http://s3-us-west-2.amazonaws.com/ai2-thor-public/builds"  # for people; never opened here
 SIZE = "about half a gigabyte"
+INSTALL = f"pip install --no-index --find-links WHEELS ai2thor=={VERSION}"
 METADATA = '{"server_types": ["FIFO", "WSGI"]}'
 
 Platform = Literal["Linux64", "CloudRendering", "OSXIntel64"]
@@ -51,6 +52,26 @@ class Build:
     def make_run(self) -> str:
         """The command that makes it executable."""
         return f"chmod +x {shlex.quote(str(self.path))}"
+
+
+def package() -> str:
+    """Return which `ai2thor` is installed, in words where none is."""
+    try:
+        return version("ai2thor")
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def check_package() -> None:
+    """Refuse to go on without the package.
+
+    Raises:
+        KarmaError: it is missing, or another version; says what to do.
+    """
+    if (found := package()) != VERSION:
+        raise KarmaError(
+            f"the package `ai2thor` is {found}; this world needs {VERSION}\n  To fix: {INSTALL}"
+        )
 
 
 def home() -> Path:
@@ -93,51 +114,41 @@ def screens() -> list[str]:
     ]
 
 
-def find(
-    executable: str | Path | None = None,
-    platform: Platform | None = None,
-    environment: Mapping[str, str] = os.environ,
-) -> Build:
-    """Return the build to launch.
-
-    Args:
-        executable: a file, a build's folder, or the text of a command; None = $KARMA_THOR_BUILD,
-            else the client's cache.
-        platform: what it renders with; None = by its name, else Linux64.
-        environment: in which the variable is looked up.
+def find(executable: str | Path | None = None, platform: Platform | None = None) -> Build:
+    """Return the build to launch; as `locate`.
 
     Raises:
         KarmaError: there is none, or it cannot be run; says what to do.
     """
-    build = locate(executable, platform, environment)
+    build = locate(executable, platform)
     if not build.runs:
         raise KarmaError(f"{build.path}: not executable\n  To fix: {build.make_run}")
     return build
 
 
-def locate(
-    executable: str | Path | None = None,
-    platform: Platform | None = None,
-    environment: Mapping[str, str] = os.environ,
-) -> Build:
-    """Return the build that lies there, whether it can be run or not; otherwise as `find`."""
+def locate(executable: str | Path | None = None, platform: Platform | None = None) -> Build:
+    """Return the build that lies there, whether it can be run or not.
+
+    Args:
+        executable: a file, a build's folder, or the text of a command; None = $KARMA_THOR_BUILD,
+            else the client's cache.
+        platform: what it renders with; None = by its name, else Linux64.
+
+    Raises:
+        KarmaError: there is none; says what to do.
+    """
     if executable is not None:
         return _given(executable, platform, "argument")
-    if environment.get(VARIABLE):
-        return _given(environment[VARIABLE], platform, "environment")
+    if os.environ.get(VARIABLE):
+        return _given(os.environ[VARIABLE], platform, "environment")
     for one in candidates(platform):
         path = cached(one)
         if path.is_file():
             return Build(path=path, command=(str(path),), platform=one, origin="cache")
-    raise KarmaError(missing(candidates(platform)))
-
-
-def missing(platforms: tuple[Platform, ...]) -> str:
-    """Return what to tell a user who has no build."""
-    looked = "\n".join(f"    {cached(one)}" for one in platforms)
-    return (
+    looked = "\n".join(f"    {cached(one)}" for one in candidates(platform))
+    raise KarmaError(
         f"no Unity build of AI2-THOR {VERSION} is on this machine\n  Looked for, with ${VARIABLE} "
-        f"not set:\n{looked}\n  To fix: {fetch(platforms[0])}\n"
+        f"not set:\n{looked}\n  To fix: {fetch(candidates(platform)[0])}\n"
         f"  or, if it lies elsewhere: export {VARIABLE}=/path/to/its/executable"
     )
 

@@ -1,39 +1,42 @@
 """Run AI2-THOR's own client, kept from what it does to a lab without a network.
 
-`Client` is `ai2thor.controller.Controller` with a guard before the player and these differences:
-no look-up or download of builds (the executable is given), no pruning of other releases, no look at
-CUDA_VISIBLE_DEVICES, a DISPLAY that is always text, and `WorldLost` for a player that is gone.
+`Client` is `ai2thor.controller.Controller` with a guard before the player and these differences: a
+deadline for each wait, no look-up or download of builds (the executable is given), no pruning of
+other releases, no look at CUDA_VISIBLE_DEVICES, a DISPLAY that is always text, and `WorldLost` for
+a player that is gone.
 Needs the package `ai2thor` 5.0.0; imported only when a world starts.
 """
 
 import os
 import select
 import shlex
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from contextlib import suppress
-from difflib import get_close_matches
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import ai2thor.platform
 from ai2thor.controller import Controller
 from ai2thor.fifo_server import FifoServer
 
-from karma.errors import UnknownNameError, WorldLost
+from karma.errors import UnknownNameError, WorldLost, did_you_mean
 from karma.world.thor import guard
 from karma.world.thor.builds import Build
 
-T = TypeVar("T")
 LOOK_S = 0.1
+STALL_S = 0.8  # a message that stops half-way for longer is damage
+CODE_S = 0.3
 END_S = 2.0
+LONGEST = 1 << 28  # bytes of one field; more is taken for damage
 TAIL_BYTES = 600
 
 
 class Pipes(FifoServer):  # type: ignore[misc]
-    """AI2-THOR's end of the pipes, which also notices that the launched process is gone.
+    """AI2-THOR's end of the pipes: every wait has a deadline, and ends with the player.
 
     `failure` says why nothing more can be read or written; "" while all is well.
     """
@@ -41,65 +44,99 @@ class Pipes(FifoServer):  # type: ignore[misc]
     failure = ""
     client_pipe: Any
     server_pipe: Any
+    _heard_s: float | None = None  # when the last part of a message came
 
     def start(self) -> None:
-        """Make the pipes; opened at once, since the client's own open() waits for a writer."""
+        """Make the pipes; opened at once, since the client's own open() waits for the player."""
         super().start()
-        pipe = os.open(self.server_pipe_path, os.O_RDONLY | os.O_NONBLOCK)
-        self.server_pipe = os.fdopen(pipe, "rb", buffering=0)
+        self.server_pipe = _opened(self.server_pipe_path, os.O_RDONLY, "rb")
+        self.client_pipe = _opened(self.client_pipe_path, os.O_RDWR, "wb")
 
     def receive(self, timeout: float | None = None) -> Any:
         """Return the next event; whatever goes wrong here is the end of this player."""
-        try:
+        self._heard_s = None
+        with self._noted():
             return super().receive(timeout)
-        except BaseException as error:
-            self.failure = self._why(error)
-            raise
 
-    def _why(self, error: BaseException) -> str:
-        data = self.raw_metadata
-        if isinstance(data, dict) and data.get("sequenceId") == -1:
-            return f"the player {data.get('guard', 'died')}"
-        if isinstance(error, TimeoutError):
-            return "no answer in time; it hangs, or the time limit is too short"
-        if isinstance(error, OSError | KeyboardInterrupt):
-            return str(error) or type(error).__name__
-        return f"the player sent what makes no sense: {type(error).__name__}: {error}"
+    def stop(self) -> None:
+        """End the player by its guard, which takes along what it has started."""
+        if self.unity_proc is not None:
+            self.unity_proc.terminate()
+            with suppress(subprocess.TimeoutExpired):
+                self.unity_proc.wait(timeout=END_S)
+        super().stop()
+
+    @contextmanager
+    def _noted(self) -> Iterator[None]:
+        try:
+            yield
+        except TimeoutError:
+            self.failure = "no answer in time; it hangs, or the time limit is too short"
+            raise
+        except (OSError, KeyboardInterrupt) as error:
+            self.failure = str(error) or type(error).__name__
+            raise
+        except BaseException as error:
+            said = f"{type(error).__name__}: {error}"
+            self.failure = f"the player sent what makes no sense: {said}"
+            raise
 
     def _send_message(self, message_type: Any, body: bytes) -> None:
-        try:
-            if self.client_pipe is None:  # the client's own open() waits for a reader
-                pipe = os.open(self.client_pipe_path, os.O_WRONLY | os.O_NONBLOCK)
-                os.set_blocking(pipe, True)
-                self.client_pipe = os.fdopen(pipe, "wb")
-            super()._send_message(message_type, body)
-        except BaseException as error:
-            self.failure = f"nothing can be sent to it: {error}"
-            raise
+        data = memoryview(self._create_header(message_type, body) + body + self.eom_header)
+        self._heard_s, until_s = None, time.monotonic() + self.timeout
+        with self._noted():
+            while data:
+                self._await(self.client_pipe, until_s, writing=True)
+                data = data[os.write(self.client_pipe.fileno(), data) :]
 
     def _read_with_timeout(
         self, server_pipe: Any, message_size: int, timeout: float | None
     ) -> bytes:
-        """Return `message_size` bytes.
-
-        Raises:
-            TimeoutError: they did not come in time.
-            ConnectionError: the launched process is gone.
-        """
-        limit_s = time.monotonic() + (timeout or self.timeout)
+        """Return `message_size` bytes; errors as `_await`."""
+        if message_size > LONGEST:
+            raise ConnectionError(f"the player sent what is no message ({message_size} bytes)")
+        until_s = time.monotonic() + (timeout or self.timeout)
         parts = []
         while message_size > 0:
-            if select.select([server_pipe], [], [], LOOK_S)[0]:
-                part = os.read(server_pipe.fileno(), message_size)
-                if not part:
-                    raise ConnectionError("the launched process closed its pipe")
-                parts.append(part)
-                message_size -= len(part)
-            elif self.unity_proc is not None and self.unity_proc.poll() is not None:
-                raise ConnectionError(f"the launched process ended ({self.unity_proc.returncode})")
-            elif time.monotonic() > limit_s:
-                raise TimeoutError
+            self._await(server_pipe, until_s)
+            part = os.read(server_pipe.fileno(), message_size)
+            if not part:
+                raise ConnectionError(self.ended())
+            self._heard_s = time.monotonic()
+            parts.append(part)
+            message_size -= len(part)
         return b"".join(parts)
+
+    def _await(self, pipe: Any, until_s: float, *, writing: bool = False) -> None:
+        """Wait until a pipe can be read, or written.
+
+        Raises:
+            TimeoutError: not in time.
+            ConnectionError: the player is gone, or has stopped in the middle of a message.
+        """
+        reads, writes = ([], [pipe]) if writing else ([pipe], [])
+        while not any(select.select(reads, writes, [], LOOK_S)):
+            now_s = time.monotonic()
+            if self.unity_proc is not None and self.unity_proc.poll() is not None:
+                raise ConnectionError(self.ended())
+            if self._heard_s is not None and now_s - self._heard_s > STALL_S:
+                raise ConnectionError("the player stopped in the middle of a message")
+            if now_s > until_s:
+                raise TimeoutError
+
+    def ended(self) -> str:
+        """Return how the player has ended; of its exit code one hears a moment later."""
+        with suppress(subprocess.TimeoutExpired):
+            code = self.unity_proc.wait(timeout=CODE_S)
+            number = -code if code < 0 else code - 128
+            if number in set(signal.Signals):
+                return f"the player was killed by {signal.Signals(number).name}"
+            return f"the player ended with exit code {code}"
+        return "the player closed its pipe"
+
+
+def _opened(path: str, how: int, mode: str) -> Any:
+    return os.fdopen(os.open(path, how | os.O_NONBLOCK), mode, buffering=0)
 
 
 class Client(Controller):  # type: ignore[misc]
@@ -137,17 +174,15 @@ class Client(Controller):  # type: ignore[misc]
         self._log_from = _size(self.log_path)
         words = (sys.executable, "-I", "-S", guard.__file__, *build.command)
         try:
-            self._guarded(
-                "start",
-                lambda: super(Client, self).__init__(
+            with self._guarded("start"):
+                super().__init__(
                     local_executable_path=shlex.join(words),
                     x_display=display,
                     scene=scene,
                     server_timeout=step_timeout_s,
                     server_start_timeout=start_timeout_s,
                     **settings,
-                ),
-            )
+                )
         except BaseException:
             self.end()
             raise
@@ -164,19 +199,17 @@ class Client(Controller):  # type: ignore[misc]
 
     @property
     def reason(self) -> str:
-        """Why the player is not alive."""
-        return (self.server and self.server.failure) or "the launched process ended"
+        """Why the player is not alive; "" while it is, and before it was started."""
+        server = getattr(self, "server", None)
+        if server is None or server.unity_proc is None:
+            return ""
+        return server.failure or ("" if server.unity_proc.poll() is None else server.ended())
 
     @property
     def alive(self) -> bool:
         """Whether the player can still be talked to."""
         server = self.server
-        return (
-            server is not None
-            and not server.failure
-            and server.unity_proc is not None
-            and server.unity_proc.poll() is None
-        )
+        return server is not None and server.unity_proc is not None and not self.reason
 
     def prune_releases(self) -> None:
         """Delete nothing: what lies beside the build is the user's."""
@@ -190,7 +223,8 @@ class Client(Controller):  # type: ignore[misc]
             RuntimeError: `raise_for_failure` was asked for, and the action failed.
         """
         name = action.get("action") if isinstance(action, dict) else action
-        return self._guarded(str(name), lambda: super(Client, self).step(action, **arguments))
+        with self._guarded(str(name)):
+            return super().step(action, **arguments)
 
     def reset(self, scene: Any = None, **settings: Any) -> Any:
         """Load a scene in the running player.
@@ -203,7 +237,8 @@ class Client(Controller):  # type: ignore[misc]
         """
         if isinstance(scene, str):
             self._check(scene)
-        return self._guarded("reset", lambda: super(Client, self).reset(scene, **settings))
+        with self._guarded("reset"):
+            return super().reset(scene, **settings)
 
     def end(self) -> None:
         """Stop the player, whatever state it is in, and remove the pipes."""
@@ -211,20 +246,14 @@ class Client(Controller):  # type: ignore[misc]
         if server is None:
             return
         with suppress(OSError, ValueError):
-            if server.client_pipe is not None:
-                server.client_pipe.close()  # the guard ends its player and then itself
-                _wait(server.unity_proc)
-        with suppress(OSError, ValueError):
+            server.stop()
             self.stop()
-        _wait(server.unity_proc)
         server.tmp_dir.cleanup()
 
     def _check(self, scene: str) -> None:
         known = self.scenes_in_build
         if known and self.normalize_scene(scene) not in known:
-            near = get_close_matches(scene, sorted(known), n=1)
-            hint = f" Did you mean {near[0]!r}?" if near else ""
-            reason = f"{self._build_path}: no scene named {scene!r}.{hint}"
+            reason = f"{self._build_path}: no scene named {scene!r}.{did_you_mean(scene, known)}"
             raise UnknownNameError(
                 f"{reason} It has {len(known)} scenes, `world.scenes` lists them"
             )
@@ -251,24 +280,18 @@ class Client(Controller):  # type: ignore[misc]
         self.gpu_device = None  # else `vulkaninfo` and `nvidia-smi` are called
         super()._start_unity_thread(env, *arguments)
 
-    def _guarded(self, during: str, call: Callable[[], T]) -> T:
-        """Call, and turn the end of the player into WorldLost."""
+    @contextmanager
+    def _guarded(self, during: str) -> Iterator[None]:
+        """Turn the end of the player into WorldLost."""
         try:
-            return call()
+            yield
         except WorldLost:
             raise
         except Exception as error:
-            server = getattr(self, "server", None)
-            if server is None or not server.failure:
+            if not (reason := self.reason):
                 raise
             log, tail = self.log_path, _tail(self.log_path, self._log_from)
-            raise WorldLost(server.failure, during=during, log=log, tail=tail) from error
-
-
-def _wait(process: "subprocess.Popen[bytes] | None") -> None:
-    if process is not None:
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(timeout=END_S)
+            raise WorldLost(reason, during=during, log=log, tail=tail) from error
 
 
 def _size(path: Path) -> int:
