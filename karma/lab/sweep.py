@@ -6,8 +6,9 @@ from collections.abc import Iterable, Iterator, Sequence
 import msgspec
 
 from karma import registry
+from karma.bench.statistics import FEWEST_TASKS
 from karma.errors import KarmaError
-from karma.lab.intervals import FEWEST, Bootstrapped, Resampler, block_interval
+from karma.lab.intervals import Bootstrapped, Resampler, block_interval
 from karma.lab.simulate import BELADY, FIRST_TASKS, TraceReplay, simulator
 from karma.lab.trace import Trace
 from karma.memory.policies import make_policy
@@ -176,8 +177,8 @@ def _over(traces: Sequence[Trace]) -> str:
     """Return what the intervals are over, or why there are none."""
     if len(traces) == 1:
         return "bootstrap over blocks of tasks; they speak of this sequence only"
-    if len(traces) < FEWEST:
-        return f"none: {len(traces)} sequences say little of others, it takes {FEWEST}"
+    if len(traces) < FEWEST_TASKS:
+        return f"none: {len(traces)} sequences say little of others, it takes {FEWEST_TASKS}"
     return "bootstrap over sequences"
 
 
