@@ -5,7 +5,6 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import msgspec
 
-from karma import registry
 from karma.bench.statistics import FEWEST_TASKS
 from karma.errors import KarmaError
 from karma.lab.intervals import Bootstrapped, Resampler, block_interval
@@ -49,11 +48,6 @@ class Sweep(msgspec.Struct, frozen=True, kw_only=True):
     units: float  # distinct ones a sequence, mean
     interval: str  # what the intervals are over
     rows: list[PolicyRow]
-
-
-def registered(sizes: Iterable[int]) -> tuple[str, ...]:
-    """Return every registered policy at every size, and the bound."""
-    return sized([*registry.names("policies"), BELADY], sizes)
 
 
 def sized(policies: Iterable[str], sizes: Iterable[int]) -> tuple[str, ...]:
