@@ -5,8 +5,8 @@
     python scripts/measure_asked.py eval/requests/several.jsonl --every 3/4
 
 Each request is said to `karma.Agent` in its room, which it has toured. The oracle is
-`karma.tasks.asked`: goals over world state, and whether anything changed at all where nothing was
-to be done. Rows beside it: one that does nothing and says "done", and one that refuses all.
+`tests/support/asked.py`: goals over world state, and whether anything changed at all where nothing
+was to be done. Rows beside it: one that does nothing and says "done", and one that refuses all.
 """
 
 from collections import Counter
@@ -18,14 +18,22 @@ import msgspec
 import typer
 from measuring import counted
 from rich.progress import track
+from support.asked import (
+    VERDICTS,
+    AskedRequest,
+    Came,
+    SeveralRequests,
+    Verdict,
+    load_several,
+    verdict,
+)
 from support.judging import asking_resources, say
 
 from karma.contracts import Resources
 from karma.loading.models import Models
 from karma.offline import go_offline
-from karma.tasks.asked import VERDICTS, AskedRequest, Came, Verdict, verdict
 from karma.tasks.goals import parse_goal
-from karma.tasks.requests import SeveralRequests, load_said, load_several
+from karma.tasks.requests import load_said
 
 _UNDONE_BY = {  # what a later goal of the same thing takes back
     "HOLDON": "at", "ON": "at", "INSIDE": "at", "OPEN": "door", "CLOSED": "door",

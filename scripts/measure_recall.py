@@ -2,16 +2,16 @@
 
     python scripts/measure_recall.py [--shared ../shared/data/recall] [--draws 3] [--save FILE]
         [--embedder minilm | sentence:NAME]
-    python scripts/measure_recall.py --draw eval/recall/questions.jsonl
     python scripts/measure_recall.py --words karma/language/type_words.json
 
 Questions are our own, in words that no part of the project is trained on or embeds
-(`eval/recall/questions.jsonl`, drawn by --draw), and those of the reference data where they are
-there. R@1 in memories of 10 and 40 units, with 95 % intervals over words or tasks. `marks` says who
-is marked as handled: what the question tells of ("lived"), nobody ("none"), or others than what is
-meant ("against"). "before" are the figures that `eval/recall/before.json` kept of the recall as it
-was; --save writes such a file. The recall is that of an experiment's row without options. --words
-writes what types are called, on the training side, with vectors, for recall to read (minutes).
+(`eval/recall/questions.jsonl`; what drew them is in the history, at commit c96376b), and those of
+the reference data where they are there. R@1 in memories of 10 and 40 units, with 95 % intervals
+over words or tasks. `marks` says who is marked as handled: what the question tells of ("lived"),
+nobody ("none"), or others than what is meant ("against"). "before" are the figures that
+`eval/recall/before.json` kept of the recall as it was; --save writes such a file. The recall is
+that of an experiment's row without options. --words writes what types are called, on the training
+side, with vectors, for recall to read (minutes).
 """
 
 import os
@@ -21,21 +21,24 @@ from pathlib import Path
 
 import typer
 from measuring import table
+from recall_questions import (
+    CONTROLS,
+    DRAWS,
+    Asked,
+    InOrder,
+    Marks,
+    RecallQuestion,
+    ask,
+    read_alfred_l,
+    read_household,
+    read_questions,
+)
 
 from karma import registry
 from karma.bench.statistics import interval_text
 from karma.contracts import Recall
 from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
-from karma.lab.recall_drawing import draw_questions
-from karma.lab.recall_questions import (
-    Marks,
-    RecallQuestion,
-    read_alfred_l,
-    read_household,
-    read_questions,
-)
-from karma.lab.recall_scores import CONTROLS, DRAWS, Asked, InOrder, ask
 from karma.language.hints import write_words
 from karma.loading.models import Models, load_resources
 from karma.offline import go_offline
@@ -46,21 +49,16 @@ BEFORE = Path("eval/recall/before.json")
 SHARED = Path(os.environ.get("KARMA_SHARED", "../shared")) / "data" / "recall"
 SIZES = (10, 40)
 MARKS: tuple[Marks, ...] = ("lived", "none", "against")
-EACH = 200  # questions of a class
 
 
 def main(
-    draw: Path | None = None,
     words: Path | None = None,
     shared: Path = SHARED,
     draws: int = DRAWS,
     save: Path | None = None,
     embedder: str = Models().embedder,
 ) -> None:
-    """Draw questions, or ask them and print a table for each set."""
-    if draw:
-        write_atomic(draw, b"".join(map(to_json, draw_questions(EACH, unseen=True))))
-        return
+    """Ask all questions, and print a table for each set."""
     go_offline()
     if words:
         write_words(words, words_file(()), registry.load("embedders", "minilm")())

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from hint_figures import asked_words, figures
 from rich.progress import track
 
 from karma import registry
@@ -33,7 +34,6 @@ from karma.tasks.drawing.requests import KINDS, WITH_PAIRS
 from karma.tasks.drawing.rooms import is_authors_plan
 from karma.tasks.drawing.several import SEVERAL
 from karma.training.planner.held_out import DEVELOPMENT
-from karma.training.planner.hint_figures import asked_words, figures
 from karma.training.planner.hinted import KeptRows
 from karma.training.planner.packs import Data, PlannerRecipe, draw_pack
 from karma.training.planner.reading import read_goals, tell

@@ -1,6 +1,6 @@
 """The tasks of an experiment, ours, the authors' or ALFRED's, and the rooms that they bring."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -15,7 +15,6 @@ from karma.errors import FileError, KarmaError
 from karma.files import below, read_bytes, to_json
 from karma.tasks.authors import load_authors_tasks
 from karma.tasks.files import in_rooms, load_tasks
-from karma.world.core.scene import Scene
 from karma.world.importing.scenes import import_dump
 
 _NAMED = 50  # tasks in an error message
@@ -125,15 +124,20 @@ def scene_path(folder: Path, name: str) -> Path:
     return below(folder / "scenes", f"{name}.json")
 
 
+def placed(task: Task, names: Collection[str], folder: Path) -> Task:
+    """Return a task whose imported rooms lie in a run folder; ours have a name only."""
+
+    def place(scene: SceneRef) -> SceneRef:
+        known = scene.name in names
+        return replace(scene, path=str(scene_path(folder, scene.name))) if known else scene
+
+    return in_rooms(task, place)
+
+
 def _alfred_tasks(source: AlfredTasks, folder: Path) -> Loaded:
     """Load ALFRED's tasks and the rooms of their trials."""
     tasks, scenes = alfred_tasks(source)
-
-    def placed(scene: SceneRef) -> SceneRef:
-        known = scene.name in scenes
-        return replace(scene, path=str(scene_path(folder, scene.name))) if known else scene
-
-    return Loaded(tasks=tuple(in_rooms(task, placed) for task in tasks), scenes=scenes)
+    return Loaded(tasks=tuple(placed(task, scenes, folder) for task in tasks), scenes=scenes)
 
 
 def _authors_tasks(experiment: Experiment, folder: Path) -> Loaded:
@@ -144,14 +148,11 @@ def _authors_tasks(experiment: Experiment, folder: Path) -> Loaded:
     dump = import_dump(Path(experiment.scenes), layouts=layouts)
     scenes = {scene.name: scene for scene in dump if scene.name in plans}
     return Loaded(
-        tasks=tuple(_in_scene(task, scenes, folder) for task in raw),
+        tasks=tuple(
+            placed(task, scenes, folder)
+            if (name := task.scene.name) in scenes
+            else replace(task, notes=(*task.notes, f"no dump of {name}"))
+            for task in raw
+        ),
         scenes={name: to_json(scene) for name, scene in scenes.items()},
     )
-
-
-def _in_scene(task: Task, scenes: Mapping[str, Scene], folder: Path) -> Task:
-    name = task.scene.name
-    scene = scenes.get(name)
-    if scene is None:
-        return replace(task, notes=(*task.notes, f"no dump of {name}"))
-    return replace(task, scene=SceneRef(name=name, path=str(scene_path(folder, name))))

@@ -9,7 +9,7 @@ import msgspec
 
 from karma.bench.experiment_tasks import scene_path
 from karma.bench.suite import Do, Done
-from karma.contracts import SceneRef, Task
+from karma.contracts import SceneRef
 from karma.errors import FileError, KarmaError, ModelError, UnknownNameError
 from karma.files import write_atomic
 from karma.infer.manifest.manifest import read_manifest, resolve_planner
@@ -23,7 +23,6 @@ from karma.journal.provenance import (
     versions,
 )
 from karma.loading.models import Models, Row
-from karma.tasks.files import in_rooms
 
 
 class NodeFolder:
@@ -46,15 +45,6 @@ class NodeFolder:
         found = models_here(models, header.models)
         check_node(header, found, self._scenes, rows)
         return found
-
-    def placed(self, task: Task) -> Task:
-        """Return a task with its rooms where they lie on this node; ours have a name only."""
-
-        def place(scene: SceneRef) -> SceneRef:
-            known = scene.name in self._scenes
-            return replace(scene, path=str(scene_path(self.path, scene.name))) if known else scene
-
-        return in_rooms(task, place)
 
     def bringing(self, do: Do) -> Do:
         """Return what does a chain, and brings along what its episodes leave here."""

@@ -14,7 +14,7 @@ from karma.bench.days import Days
 from karma.bench.episode import run_episode
 from karma.bench.experiment import Experiment
 from karma.bench.experiment_file import Changes, DataFolders, read_experiment
-from karma.bench.experiment_tasks import load, scene_path
+from karma.bench.experiment_tasks import load, placed, scene_path
 from karma.bench.figures import added_up
 from karma.bench.nodes import NodeFolder
 from karma.bench.suite import Chain, Do, Done
@@ -105,7 +105,7 @@ class OurTasks:
         here = replace(
             self,
             folder=node.path,
-            tasks=tuple(map(node.placed, self.tasks)),
+            tasks=tuple(placed(task, self.scenes, node.path) for task in self.tasks),
             models=node.models(header, self.models, self.rows),
         )
         return node.bringing(loaded(here, Session()))

@@ -10,7 +10,7 @@ from karma.bench.our_tasks import OurTasks, our_tasks
 from karma.bench.precision import takes_another
 from karma.bench.suite import BenchmarkResults, Chain, Suite
 from karma.bench.worker_count import IN_FLIGHT, Suggestion, suggest_workers
-from karma.bench.workers import check_workers, perform
+from karma.bench.workers import check_far, perform
 from karma.contracts import Task
 from karma.errors import KarmaError
 from karma.infer.hosted.cassette import Cassette
@@ -138,8 +138,8 @@ class Run:
                 option, a cluster is to ask hosted models, another run is at work in the folder, or
                 several episodes in a row were not run.
         """
-        if workers > 1 or ray:
-            check_workers(self.suite.models, self._session.cassette, ray)
+        if ray:
+            check_far(self.suite.models, self._session.cassette)
         with locked(self.folder):
             self._claim()
             self._go_on()

@@ -220,6 +220,7 @@ def bootstrap(
     number: int,
     level: float = LEVEL,
     fewest: int = FEWEST_TASKS,
+    times: Floats | None = None,
 ) -> Resampled:
     """Return a statistic of sums over tasks, with its percentile interval over resampled tasks.
 
@@ -227,11 +228,12 @@ def bootstrap(
     so it is the same in every process; it reaches at least to the value itself.
 
     Args:
-        sums: shape (tasks, columns); the order of tasks does not matter.
+        sums: shape (tasks, columns); the order of tasks does not matter without `times`.
         statistic: of the sums over tasks.
         number: of observations behind it.
         level: of the interval.
         fewest: tasks that an interval takes; of fewer there is none.
+        times: resamples of these tasks, as `times_in` draws them; None: ours.
     """
     if not len(sums):
         return Resampled(estimate=Estimate(value=None), deviation=None)
@@ -241,10 +243,11 @@ def bootstrap(
             return Resampled(estimate=Estimate(value=None), deviation=None)
         if len(sums) < max(2, fewest):
             return Resampled(estimate=Estimate(value=value, number=number), deviation=None)
-        ordered = sums[np.lexsort(sums.T)]
-        drawn = statistic(_times(len(ordered)) @ ordered)
+        if times is None:
+            times, sums = _times(len(sums)), sums[np.lexsort(sums.T)]
+        drawn = statistic(times @ sums)
     drawn = drawn[np.isfinite(drawn)]
-    if len(drawn) < RESAMPLES / 2:
+    if len(drawn) < len(times) / 2:
         return Resampled(estimate=Estimate(value=value, number=number), deviation=None)
     tail = (1 - level) / 2
     low, high = (float(edge) for edge in np.quantile(drawn, [tail, 1 - tail]))
@@ -266,6 +269,12 @@ def _times(tasks: int) -> Floats:
     return times.astype(np.float64)
 
 
+def times_in(rng: np.random.Generator, tasks: int, resamples: int) -> Floats:
+    """Return how often each task is in each resample, shape (resamples, tasks)."""
+    drawn = rng.integers(tasks, size=(resamples, tasks))
+    return np.array([np.bincount(one, minlength=tasks) for one in drawn], dtype=np.float64)
+
+
 # ----------------------------------------------------------------- two arms
 
 
@@ -279,10 +288,10 @@ def mcnemar(only_first: int, only_second: int) -> float:
     >>> mcnemar(0, 0), mcnemar(6, 0), mcnemar(5, 5)
     (1.0, 0.03125, 1.0)
     """
-    number, fewer = only_first + only_second, min(only_first, only_second)
-    tail = sum(math.comb(number, count) for count in range(fewer + 1))
-    p: float = 2 * tail / 2**number
-    return min(1.0, p)
+    from scipy.stats import binomtest
+
+    pairs = only_first + only_second
+    return float(binomtest(only_first, pairs).pvalue) if pairs else 1.0
 
 
 def sign_flip(differences: Sequence[int]) -> float:

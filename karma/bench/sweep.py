@@ -15,18 +15,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
 from karma.bench.experiment_file import Changes, Setting, read_experiment
 from karma.bench.run import Run
-from karma.bench.sweep_folder import (
-    SweepData,
-    SweptCell,
-    read_sweep,
-    write_sweep,
-)
+from karma.bench.sweep_folder import SweepData, SweptCell, read_sweep, write_sweep
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.infer.checks.gguf import is_gguf
 from karma.infer.manifest.picture_pair import is_projector
@@ -42,17 +37,11 @@ _NO_GRID = Setting(key="grid", value=[])
 _LONGEST = 100  # letters of a cell's folder
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Cell:
-    """One combination."""
+class Cell(NamedTuple):
+    """One combination: how it is kept, and what it says otherwise."""
 
     kept: SweptCell
     changes: Changes
-
-    @property
-    def name(self) -> str:
-        """What it is called in the table."""
-        return self.kept.name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,7 +103,7 @@ class SweepRun:
     def data(self) -> SweepData:
         """What the folder says of it."""
         cells = tuple(
-            replace(cell.kept, failed=self.failed.get(cell.name, "")) for cell in self.cells
+            replace(cell.kept, failed=self.failed.get(cell.kept.name, "")) for cell in self.cells
         )
         return SweepData(name=self.experiment.name, cells=cells, folder=self.folder)
 
@@ -141,7 +130,7 @@ class SweepRun:
                 except UnwritableError:
                     raise
                 except KarmaError as error:
-                    self.failed[cell.name] = str(error)
+                    self.failed[cell.kept.name] = str(error)
                 write_sweep(self.data)
 
     def _is_older(self) -> bool:
@@ -167,17 +156,13 @@ class SweepRun:
         run = Run(self.path, place, changes=cell.changes, **self._opened)
         if opened is not None:
             opened(run)
-        many = workers
         if run.left and not workers and not ray:
-            many = run.suggest().number
-        for record in run.episodes(many, ray=ray):
+            workers = run.suggest().number
+        for record in run.episodes(workers, ray=ray):
             yield SweptEpisode(
-                cell=cell.name,
-                number=number,
-                record=record,
-                done=len(run.records),
+                cell=cell.kept.name, number=number, record=record, done=len(run.records),
                 total=run.total,
-            )
+            )  # fmt: skip
         if run.not_run:
             raise KarmaError(in_words(run.not_run))
 
@@ -210,19 +195,12 @@ def cells_of(
         cells += product(*given, *known)
     if cells == [()]:
         raise FileError(path, "grid: it sets nothing", fix='[[grid]] with models.planner = ["..."]')
-    return _named(list(dict.fromkeys(_hashable(cell) for cell in cells)), cells, changes)
+    said = {msgspec.json.encode([(one.key, one.value) for one in cell]): cell for cell in cells}
+    return _named(list(said.values()), changes)
 
 
-def _hashable(cell: Sequence[Setting]) -> bytes:
-    return msgspec.json.encode([(one.key, one.value) for one in cell])
-
-
-def _named(
-    keys: Sequence[bytes], cells: Sequence[tuple[Setting, ...]], changes: Changes
-) -> tuple[Cell, ...]:
-    """Return each different combination with a name, short where that tells them apart."""
-    by_key = {_hashable(cell): cell for cell in cells}
-    different = [by_key[key] for key in keys]
+def _named(different: Sequence[tuple[Setting, ...]], changes: Changes) -> tuple[Cell, ...]:
+    """Return combinations with a name each, short where that tells them apart."""
     short = _short_keys({one.key for cell in different for one in cell})
     brief = [{short[one.key]: _text(one.value, whole=False) for one in cell} for cell in different]
     found = []

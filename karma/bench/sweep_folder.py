@@ -1,7 +1,7 @@
 """The folder of a sweep: a run folder per cell below `cells/`, what tells them apart, one table."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from karma.bench.figures import COLUMNS, Figures, figures
@@ -47,23 +47,17 @@ class SweepData:
         return read_run(place) if (place / HEADER).exists() else None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _KeptSweep:
-    name: str
-    cells: tuple[SweptCell, ...]
-
-
 def read_sweep(folder: Path) -> SweepData:
     """Read what a sweep consists of.
 
     Raises:
         FileError: the file is torn, or a cell would lie elsewhere.
     """
-    kept = read_json(folder / SWEEP, _KeptSweep)
+    kept = read_json(folder / SWEEP, SweepData)
     for cell in kept.cells:
         if Path(cell.folder).name != cell.folder or cell.folder in ("", ".."):
             raise FileError(folder / SWEEP, f"{cell.folder!r} is no folder below {CELLS}")
-    return SweepData(name=kept.name, cells=kept.cells, folder=folder)
+    return replace(kept, folder=folder)
 
 
 def write_sweep(data: SweepData) -> None:

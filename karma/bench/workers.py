@@ -111,16 +111,10 @@ def imported(models: Models) -> tuple[str, ...]:
     return tuple(name for name, wanted in needed.items() if wanted)
 
 
-def check_workers(models: Models, cassette: Cassette, ray: str) -> None:
-    """Raise KarmaError for what several processes cannot do, or none on another machine.
-
-    Args:
-        models: of the run.
-        cassette: records hosted models or stands for them.
-        ray: address of a cluster; "" for processes here.
-    """
-    if ray and (models.hosted != Hosted() or cassette.mode != "off"):
-        raise KarmaError(  # keys and recordings do not travel
+def check_far(models: Models, cassette: Cassette) -> None:
+    """Raise KarmaError for what no other machine can do: keys and recordings do not travel."""
+    if models.hosted != Hosted() or cassette.mode != "off":
+        raise KarmaError(
             "hosted models and cassettes are for workers on this machine\n"
             "  To fix: --workers in place of --ray"
         )

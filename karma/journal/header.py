@@ -20,7 +20,7 @@ EPISODES, TIMINGS, RESULTS = "episodes.jsonl", "timings.jsonl", "results.json"
 TABLE = "table.md"
 CELLS = "cells"  # of a sweep's folder, see `karma.bench.sweep_folder`
 _WAITING = ("timeout_s", "retries")  # of an endpoint: a request that is given up leaves no record
-_ALWAYS = frozenset({HEADER, EPISODES, TIMINGS, RESULTS, NOT_RUN})
+ALWAYS = frozenset({HEADER, EPISODES, TIMINGS, RESULTS, NOT_RUN})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +76,7 @@ class Header:
     @property
     def names(self) -> frozenset[str]:
         """The files that such a run may write, but for those of its episodes."""
-        return _ALWAYS | {CONFIG, *(f"maps/{scene}.json" for scene in self.scenes)}
+        return ALWAYS | {CONFIG, *(f"maps/{scene}.json" for scene in self.scenes)}
 
     def apart(
         self, new: "Header", told: Config | None = None, now: Config | None = None
@@ -143,7 +143,7 @@ class BenchmarkHeader(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     @property
     def names(self) -> frozenset[str]:
         """The files that such a run may write."""
-        return _ALWAYS | {TABLE}
+        return ALWAYS | {TABLE}
 
     def apart(self, new: "BenchmarkHeader") -> list[str]:
         """Return what tells another header apart, in words."""

@@ -8,7 +8,7 @@ killed run left half done is not counted and is written again, so the files end 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, Self
 
 from karma.errors import FileError
 from karma.files import TEMPORARY, append_line, read_bytes, to_json, write_atomic
@@ -18,7 +18,6 @@ from karma.journal.header import (
     RESULTS,
     TABLE,
     TIMINGS,
-    BenchmarkHeader,
     Header,
 )
 from karma.journal.not_run import FILE as NOT_RUN
@@ -45,6 +44,22 @@ from karma.journal.steps import packed, steps_path
 from karma.journal.told import CONFIG, Config, read_config
 from karma.methods.picture_states import FOLDER as PICTURES
 from karma.methods.picture_states import picture_name
+
+
+class OwnHeader(Protocol):
+    """What a run of another kind than ours depends on."""
+
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """Read it; FileError where it is damaged, or another's."""
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The files that such a run may write."""
+
+    def apart(self, new: Any) -> list[str]:
+        """Return what tells another one apart, in words."""
+
 
 _NO_SCENES: Mapping[str, bytes] = {}
 
@@ -128,7 +143,7 @@ class RunFolder:
 
     def claim(
         self,
-        header: Header | BenchmarkHeader,
+        header: Header | OwnHeader,
         config: Config | None,
         *,
         fix: str,
@@ -269,7 +284,7 @@ class RunFolder:
 
     # ------------------------------------------------------------- parts
 
-    def _adopt(self, header: Header | BenchmarkHeader, config: Config | None) -> None:
+    def _adopt(self, header: Header | OwnHeader, config: Config | None) -> None:
         """Take over the same run as an earlier version left it, without a mark.
 
         Raises:
@@ -289,11 +304,12 @@ class RunFolder:
         names = {one.relative_to(self.path).as_posix() for one in there}
         self._owned.adopt(names | header.names, read_bytes(path))
 
-    def _apart(self, header: Header | BenchmarkHeader, config: Config | None) -> list[str]:
+    def _apart(self, header: Header | OwnHeader, config: Config | None) -> list[str]:
         """Return what tells the folder's run apart from another one."""
-        if isinstance(header, BenchmarkHeader):
-            return BenchmarkHeader.read(self.path).apart(header)
-        return Header.read(self.path).apart(header, read_config(self.path), config)
+        if isinstance(header, Header):
+            return Header.read(self.path).apart(header, read_config(self.path), config)
+        kind: type[Any] = type(header)
+        return list(kind.read(self.path).apart(header))
 
     def _write_steps(self, one: Finished) -> None:
         path = steps_path(self.path, *one.record.key)

@@ -1,17 +1,16 @@
 """A figure of the paper as data: a TOML file with `kind = "trace"`, run cell by cell, then drawn.
 
-A cell is a workload with a unit set, and a chain of the run: an episode for each policy. It is
-written to `cells/` when it is done, so that a run that was killed goes on where it was;
-`results.json` holds them all with what the paper claims of them, and has the same bytes whenever
-seed and tasks are the same.
+A cell is a workload with a unit set, and a chain of the run: an episode for each policy, so a run
+that was killed goes on with the cells that are not done. `results.json` holds them all with what
+the paper claims of them, and has the same bytes whenever seed and tasks are the same.
 """
 
 import hashlib
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, Self
 
 import msgspec
 
@@ -22,14 +21,14 @@ from karma.bench.run import Run
 from karma.bench.suite import NO_MODELS, Chain, Do, Done
 from karma.bench.workers import loaded
 from karma.errors import FileError, KarmaError
-from karma.files import read_bytes, read_json, read_toml, to_json, write_atomic
+from karma.files import read_bytes, read_json, read_toml, to_json
 from karma.infer.hosted.session import Session
 from karma.journal.folder import changed
-from karma.journal.header import RESULTS
+from karma.journal.header import ALWAYS, RESULTS
 from karma.journal.not_run import NotRun
 from karma.journal.owned_folder import HEADER, OwnedFolder, check_sealed
-from karma.journal.records import Key, PlayedTiming
-from karma.journal.run_folder import Finished
+from karma.journal.records import PlayedTiming
+from karma.journal.run_folder import Finished, RunFolder
 from karma.lab.exploration import Exploration, explore
 from karma.lab.paper_claims import CellResults, PaperClaim, claims_of, claims_text
 from karma.lab.simulate import BELADY
@@ -37,6 +36,8 @@ from karma.lab.sweep import Sweep, run_rows, size_of, sized, sweep_of
 from karma.lab.tasks import UNIT_SETS, Pool, UnitSet, alfred_pool, grammar_pool
 from karma.lab.workloads import WORKLOADS, Workload, costs_of, draw_errands, trace_of
 from karma.loading.models import Models, Row
+
+CLAIMS_FILE = "claims.md"
 
 
 class TraceFigure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -90,6 +91,21 @@ class FigureHeader(msgspec.Struct, frozen=True, kw_only=True):
     figure: str  # SHA-256 of the file
     tasks: str  # and of what is drawn from
 
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """Read what a figure depends on; FileError where it is damaged, or no figure's."""
+        return read_json(folder / HEADER, cls, fix="--out another folder")
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The files that such a run may write."""
+        drawn = (f"figure-{one}.{end}" for one in UNIT_SETS for end in ("png", "svg"))
+        return ALWAYS | {CLAIMS_FILE, *drawn}
+
+    def apart(self, new: "FigureHeader") -> list[str]:
+        """Return what tells another header apart, in words."""
+        return changed("figure", *map(msgspec.structs.asdict, (self, new)))
+
 
 class FigureCell(msgspec.Struct, frozen=True, kw_only=True):
     """One workload with one unit set."""
@@ -120,7 +136,7 @@ class PolicyRecord:
     row: str  # the cell's name
     task: str  # the policy
     seed: int
-    cell: FigureCell | None  # with this policy only; None: it is on the disk
+    cell: FigureCell  # with this policy only
 
 
 def figure_run(path: Path, folder: Path, *, fresh: bool = False) -> Run:
@@ -128,7 +144,7 @@ def figure_run(path: Path, folder: Path, *, fresh: bool = False) -> Run:
 
     Args:
         path: the TOML file.
-        folder: takes `cells/`, `results.json`, `claims.md` and the pictures.
+        folder: takes records, `results.json`, `claims.md` and the pictures.
         fresh: throw away what an earlier run left there.
 
     Raises:
@@ -140,6 +156,11 @@ def figure_run(path: Path, folder: Path, *, fresh: bool = False) -> Run:
     claims_of(figure.claims, [])  # a wrong name must not come to light minutes later
     if folder.exists():
         OwnedFolder(folder, "figure").look()  # before tasks are drawn, which takes seconds
+        if (folder / "cells").exists() and not fresh:
+            reason = "this folder holds a figure as an earlier version made it"
+            raise FileError(
+                folder, reason, fix=f"--out another folder, or karma eval {path} --fresh"
+            )
     pool = _pool(figure, path)
     header = FigureHeader(
         version=__version__,
@@ -171,20 +192,21 @@ class FigureSuite:
         return {f"{workload}-{units}": (workload, units) for workload, units in pairs}
 
     def files(self) -> "FigureFolder":
-        """Return the folder that takes the cells."""
-        return FigureFolder(self)
+        """Return the folder that takes the records."""
+        return FigureFolder(self.folder, steps=False, kind="figure", records=PolicyRecord)
 
     def chains(self, seeds: Sequence[int]) -> list[Chain]:
         """Return a chain for each cell."""
         return [Chain(row=cell, tasks=self.policies, seed=seeds[0]) for cell in self.cells()]
 
-    def added_up(self, records: Sequence[FigureCell]) -> dict[str, bytes]:
-        """Return the results of all cells."""
-        claims = claims_of(self.experiment.claims, [cell.results() for cell in records])
+    def added_up(self, records: Sequence[PolicyRecord]) -> dict[str, bytes]:
+        """Return the results of all cells, what the paper claims of them, and the pictures."""
+        cells = [_whole([one.cell for one in records if one.row == name]) for name in self.cells()]
+        claims = claims_of(self.experiment.claims, [cell.results() for cell in cells])
         results = Results(
-            figure=self.experiment, source=self.pool.source, cells=list(records), claims=claims
+            figure=self.experiment, source=self.pool.source, cells=cells, claims=claims
         )
-        return {RESULTS: to_json(results)}
+        return {RESULTS: to_json(results), **drawn(results)}
 
     def begin(self, session: Session) -> Callable[[Chain], Iterator[Done]]:
         """Return what plays a cell, policy by policy."""
@@ -216,82 +238,20 @@ class FigureSuite:
             yield Finished(record=record, timing=timing)
 
 
-class FigureFolder:
-    """The folder of a figure, to a run as `karma.journal.run_folder.RunFolder` is."""
-
-    def __init__(self, suite: FigureSuite) -> None:
-        self._suite, self.path = suite, suite.folder
-        self._owned = OwnedFolder(suite.folder, "figure")
-        self._open: dict[str, list[FigureCell]] = {}  # cells whose policies are not all done
-
-    def clear(self) -> None:
-        """Throw away what an earlier run left; FileError where what is there is no figure's."""
-        if self._owned.look():
-            self._owned.clear()
-
-    def claim(self, header: FigureHeader, config: None, *, fix: str, scenes: object) -> None:
-        """Make the folder the figure's, or see that it is; FileError where it holds another."""
-        place, data = self.path / HEADER, to_json(header, indent=2)
-        cells = map(_kept, self._suite.cells())
-        drawn = (
-            f"figure-{one}.{end}"
-            for one in self._suite.experiment.unit_sets
-            for end in ("png", "svg")
-        )
-        names = {HEADER, RESULTS, "claims.md", *cells, *drawn}
-        self._owned.look()
-        check_sealed(self.path)
-        if place.exists() and read_bytes(place) != data:
-            reason = "this folder holds another figure, or one of other tasks"
-            raise FileError(place, reason, fix=fix)
-        self._owned.begin(names, data)
-        self._owned.write(HEADER, data)
-
-    def done(self, together: object = ()) -> tuple[list[PolicyRecord], dict[Key, PlayedTiming]]:
-        """Return the policies of the cells that are done."""
-        self._open.clear()
-        seed = self._suite.experiment.seed
-        found = [
-            PolicyRecord(row=cell, task=policy, seed=seed, cell=None)
-            for cell in self._suite.cells()
-            if (self.path / _kept(cell)).exists()
-            for policy in self._suite.policies
-        ]
-        return found, {}
-
-    def reopen(self) -> None:
-        """Leave what is there: its end writes it anew."""
+class FigureFolder(RunFolder):
+    """The folder of a figure."""
 
     def put_aside(self, one: NotRun) -> None:
         """End the run: what keeps one policy from being run keeps all."""
         raise KarmaError(one.reason)
 
-    def commit(self, one: Finished) -> None:
-        """Write a cell when its last policy is done."""
-        cells = self._open.setdefault(one.record.row, [])
-        cells.append(one.record.cell)
-        if len(cells) == len(self._suite.policies):
-            whole = msgspec.structs.replace(
-                cells[0],
-                sweep=msgspec.structs.replace(
-                    cells[0].sweep, rows=[row for cell in cells for row in cell.sweep.rows]
-                ),
-                exploration=[found for cell in cells for found in cell.exploration],
-            )
-            write_atomic(self.path / _kept(one.record.row), to_json(whole))
 
-    def finish(
-        self, order: object, add_up: Callable[[Sequence[FigureCell]], Mapping[str, bytes]]
-    ) -> None:
-        """Write what all cells come to, and draw it."""
-        names = self._suite.cells()
-        found = [read_json(self.path / _kept(name), FigureCell) for name in names]
-        self._owned.seal(map(_kept, names), RESULTS, add_up(found)[RESULTS])
-        draw_figure(self.path)
-
-
-def _kept(cell: str) -> str:
-    return f"cells/{cell}.json"
+def _whole(cells: Sequence[FigureCell]) -> FigureCell:
+    """Return one cell with the policies of all."""
+    rows = [row for cell in cells for row in cell.sweep.rows]
+    explored = [found for cell in cells for found in cell.exploration]
+    sweep = msgspec.structs.replace(cells[0].sweep, rows=rows)
+    return msgspec.structs.replace(cells[0], sweep=sweep, exploration=explored)
 
 
 def read_figure(folder: Path) -> Results:
@@ -304,29 +264,27 @@ def read_figure(folder: Path) -> Results:
     return read_json(folder / RESULTS, Results, fix="karma eval FILE runs the figure")
 
 
-def draw_figure(folder: Path, into: Path | None = None) -> tuple[Path, ...]:
-    """Draw the results of a folder as PNG and SVG, and write its claims as Markdown.
-
-    Args:
-        folder: of the figure.
-        into: takes the files; None: the same folder.
-
-    Raises:
-        FileError: there are no results.
-    """
+def drawn(results: Results) -> dict[str, bytes]:
+    """Return the claims as Markdown, and the pictures as PNG and SVG, by their files' names."""
     from karma.lab import plot
 
-    results, into = read_figure(folder), into or folder
-    caption = caption_of(results)
+    found: dict[str, bytes] = {}
     if results.claims:
-        write_atomic(into / "claims.md", claims_text(results.claims, caption).encode())
+        found[CLAIMS_FILE] = claims_text(results.claims, caption_of(results)).encode()
+    for name, picture in pictures_of(results):
+        found |= {f"{name}.png": plot.png_of(picture), f"{name}.svg": plot.svg_of(picture)}
+    return found
+
+
+def pictures_of(results: Results) -> Iterator[tuple[str, Any]]:
+    """Yield the picture of each unit set, with what its file is called."""
+    from karma.lab import plot
+
     draw = plot.curves if results.figure.shows == "curves" else plot.exploration
-    made: list[Path] = []
     for unit_set in results.figure.unit_sets:
         mine = [cell.results() for cell in results.cells if cell.unit_set == unit_set]
-        picture = draw(mine, f"{results.figure.name}, {unit_set.upper()}", caption)
-        made += plot.save(picture, into / f"figure-{unit_set}")
-    return tuple(made)
+        title = f"{results.figure.name}, {unit_set.upper()}"
+        yield f"figure-{unit_set}", draw(mine, title, caption_of(results))
 
 
 def caption_of(results: Results) -> str:

@@ -4,15 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from karma.bench.statistics import Floats, Statistic, bootstrap, times_in
 from karma.seeds import stream
 
 RESAMPLES = 2000
-LEVEL = 0.95
-FEWEST = 6  # sequences, or blocks, that an interval takes; of fewer resamples pretend
-
-Vector = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,12 +37,7 @@ class Resampler:
     """
 
     def __init__(self, count: int, seed: int) -> None:
-        self.count = count
-        drawn = stream(seed, "lab", "bootstrap").integers(count, size=(RESAMPLES, count))
-        self._drawn = drawn
-        weights = np.zeros((RESAMPLES, count))
-        np.add.at(weights, (np.arange(RESAMPLES)[:, None], drawn), 1)
-        self._weights = weights
+        self._times = times_in(stream(seed, "lab", "bootstrap"), count, RESAMPLES)
 
     def mean(self, values: Sequence[float]) -> Bootstrapped:
         """Return the mean of a figure over sequences."""
@@ -54,28 +45,24 @@ class Resampler:
 
     def ratio(self, over: Sequence[float], under: Sequence[float]) -> Bootstrapped:
         """Return the sum of one figure over the sum of another (of means: the same)."""
-        a, b = np.asarray(over, float), np.asarray(under, float)
-        # einsum adds in one order on every machine; BLAS does not
-        tops = np.einsum("rs,s->r", self._weights, a, optimize=False)
-        bottoms = np.einsum("rs,s->r", self._weights, b, optimize=False)
-        keep = bottoms > 0
-        value = float(a.sum() / b.sum()) if b.sum() else float("nan")
-        return self._interval(value, tops[keep] / bottoms[keep])
+        return self._of([over, under], lambda sums: sums[:, 0] / sums[:, 1])
 
     def correlation(self, x: Sequence[float], y: Sequence[float]) -> Bootstrapped | None:
         """Return Pearson's r, None where one of the two never changes."""
         a, b = np.asarray(x, float), np.asarray(y, float)
         if len(a) < 3 or not a.std() or not b.std():
             return None
-        value = float(_correlations(a[None, :], b[None, :])[0])
-        drawn = _correlations(a[self._drawn], b[self._drawn])
-        return self._interval(value, drawn[np.isfinite(drawn)])
+        a, b = (a - a.mean()) / a.std(), (b - b.mean()) / b.std()
+        return self._of([np.ones(len(a)), a, b, a * a, b * b, a * b], _correlation)
 
-    def _interval(self, value: float, drawn: Vector) -> Bootstrapped:
-        if self.count < FEWEST or not len(drawn):
-            return Bootstrapped(value=_short(value))
-        low, high = np.quantile(drawn, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-        return Bootstrapped(value=_short(value), low=_short(float(low)), high=_short(float(high)))
+    def _of(self, columns: Sequence[Sequence[float] | Floats], of: Statistic) -> Bootstrapped:
+        sums = np.column_stack(columns).astype(np.float64)
+        found = bootstrap(sums, of, number=len(sums), times=self._times).estimate
+        value = float("nan") if found.value is None else _short(found.value)
+        if found.interval is None:
+            return Bootstrapped(value=value)
+        low, high = _short(found.interval.low), _short(found.interval.high)
+        return Bootstrapped(value=value, low=low, high=high)
 
 
 def block_interval(hits: Sequence[int], requests: Sequence[int], seed: int) -> Bootstrapped | None:
@@ -98,12 +85,11 @@ def block_interval(hits: Sequence[int], requests: Sequence[int], seed: int) -> B
     return Resampler(len(parts), seed).ratio([a for a, _ in parts], [b for _, b in parts])
 
 
-def _correlations(a: Vector, b: Vector) -> Vector:
-    a = a - a.mean(axis=1, keepdims=True)
-    b = b - b.mean(axis=1, keepdims=True)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        found = (a * b).sum(axis=1) / np.sqrt((a * a).sum(axis=1) * (b * b).sum(axis=1))
-    return np.asarray(found, float)
+def _correlation(sums: Floats) -> Floats:
+    """Return Pearson's r from sums of 1, a, b, their squares and their product."""
+    number, a, b, aa, bb, ab = sums.T
+    spread = (number * aa - a * a) * (number * bb - b * b)
+    return np.where(spread > 1e-9, (number * ab - a * b) / np.sqrt(spread), np.nan)
 
 
 def _short(value: float) -> float:

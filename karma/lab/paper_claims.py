@@ -6,6 +6,7 @@ are sure.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Literal, NamedTuple
 
 import msgspec
@@ -32,6 +33,15 @@ class CellResults(NamedTuple):
     exploration: Sequence[Exploration]
 
 
+class Checked(NamedTuple):
+    """What one cell shows of a claim, for one reading of a policy."""
+
+    policy: str
+    figures: list[tuple[str, str]]  # column and text
+    short: str  # the figure that decides
+    holds: Literal["yes", "no", "tie"]
+
+
 class PaperClaim(msgspec.Struct, frozen=True, kw_only=True):
     """One claim on one workload, for one reading of a policy."""
 
@@ -53,7 +63,12 @@ def claims_of(names: Sequence[str], cells: Sequence[CellResults]) -> list[PaperC
     for name in names:
         if name not in CLAIMS:
             raise KarmaError(f"no claim {name!r}; there are {', '.join(CLAIMS)}")
-    return [claim for name in names for cell in cells for claim in _CHECKS[name](cell)]
+    return [
+        PaperClaim(claim=name, workload=cell.workload, unit_set=cell.unit_set, **found._asdict())
+        for name in names
+        for cell in cells
+        for found in _CHECKS[name](cell)
+    ]
 
 
 def claims_text(claims: Sequence[PaperClaim], caption: str) -> str:
@@ -106,7 +121,7 @@ def _line(cells: Sequence[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def _split(cell: CellResults) -> Iterator[PaperClaim]:
+def _split(cell: CellResults) -> Iterator[Checked]:
     """Compare [9,1] with the other splits of ten lines, and with FIFO."""
     rows = {row.policy: row for row in cell.sweep.rows}
     for policy, row in rows.items():
@@ -121,10 +136,7 @@ def _split(cell: CellResults) -> Iterator[PaperClaim]:
         best = max(others, key=lambda other: sum(_rates(cell.sweep, other)))
         gains = [_gain(cell.sweep, row, other) for other in (*others, fifo)]
         steady = [_gain(cell.sweep, row, other, steady=True) for other in (*others, fifo)]
-        yield PaperClaim(
-            claim="split",
-            workload=cell.workload,
-            unit_set=cell.unit_set,
+        yield Checked(
             policy=family,
             figures=[
                 ("[9,1]", _percent(row.cold)),
@@ -148,7 +160,7 @@ def _verdict(gains: Sequence[Bootstrapped]) -> Literal["yes", "no", "tie"]:
     return "no" if below else "tie"
 
 
-def _ratio(cell: CellResults, claim: str, wanted: float, *, queues: bool) -> Iterator[PaperClaim]:
+def _ratio(cell: CellResults, wanted: float, *, queues: bool) -> Iterator[Checked]:
     """Compare 25 units with 5."""
     families: dict[str, dict[int, PolicyRow]] = {}
     for row in cell.sweep.rows:
@@ -158,10 +170,7 @@ def _ratio(cell: CellResults, claim: str, wanted: float, *, queues: bool) -> Ite
         ratio = _size_ratio(cell.sweep, sizes)
         if ratio is None or family.startswith("fifo") != queues or family == BELADY:
             continue
-        yield PaperClaim(
-            claim=claim,
-            workload=cell.workload,
-            unit_set=cell.unit_set,
+        yield Checked(
             policy=family,
             figures=[
                 ("5 units", _percent(sizes[SMALL].cold)),
@@ -181,22 +190,11 @@ def _size_ratio(sweep: Sweep, sizes: Mapping[int, PolicyRow]) -> Bootstrapped | 
     return _resampler(sweep).ratio(large, small) if sum(small) else None
 
 
-def _fifo_ratio(cell: CellResults) -> Iterator[PaperClaim]:
-    return _ratio(cell, "fifo-ratio", 4.6, queues=True)
-
-
-def _wtinylfu_ratio(cell: CellResults) -> Iterator[PaperClaim]:
-    return _ratio(cell, "wtinylfu-ratio", 3.9, queues=False)
-
-
-def _linear(cell: CellResults) -> Iterator[PaperClaim]:
+def _linear(cell: CellResults) -> Iterator[Checked]:
     for found in cell.exploration:
         if found.r is None or found.policy.startswith(BELADY):
             continue
-        yield PaperClaim(
-            claim="linear",
-            workload=cell.workload,
-            unit_set=cell.unit_set,
+        yield Checked(
             policy=found.policy,
             figures=[
                 ("r", _ratio_text(found.r, 3)),
@@ -215,7 +213,7 @@ def _at_least(figure: Bootstrapped, floor: float) -> Literal["yes", "no", "tie"]
     return "no" if figure.high is not None and figure.high < floor else "tie"
 
 
-def _headroom(cell: CellResults) -> Iterator[PaperClaim]:
+def _headroom(cell: CellResults) -> Iterator[Checked]:
     """Compare the best policy of ten lines with the bound."""
     rows = [
         row for row in cell.sweep.rows if row.size == 10 and family_of(row.policy) != "unbounded"
@@ -226,10 +224,7 @@ def _headroom(cell: CellResults) -> Iterator[PaperClaim]:
         return
     best = max(rows, key=lambda row: sum(_rates(cell.sweep, row)))
     gap = _gain(cell.sweep, bound, best)
-    yield PaperClaim(
-        claim="headroom",
-        workload=cell.workload,
-        unit_set=cell.unit_set,
+    yield Checked(
         policy=best.policy,
         figures=[
             ("best", _percent(best.cold)),
@@ -257,10 +252,10 @@ _BRACKETS = {
     "linear": "Pearson's r",
     "headroom": "the best policy, and points from there to Belady's bound",
 }
-_CHECKS: dict[str, Callable[[CellResults], Iterator[PaperClaim]]] = {
+_CHECKS: dict[str, Callable[[CellResults], Iterator[Checked]]] = {
     "split": _split,
-    "fifo-ratio": _fifo_ratio,
-    "wtinylfu-ratio": _wtinylfu_ratio,
+    "fifo-ratio": partial(_ratio, wanted=4.6, queues=True),
+    "wtinylfu-ratio": partial(_ratio, wanted=3.9, queues=False),
     "linear": _linear,
     "headroom": _headroom,
 }

@@ -1,13 +1,13 @@
 """Pictures of results: hit rates against tasks done, and against exploration saved."""
 
+import io
 import textwrap
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from karma.lab.paper_claims import FIFO, CellResults
 from karma.lab.simulate import BELADY
-from karma.lab.sweep import PolicyRow, Sweep, division_of, family_of, line_of
+from karma.lab.sweep import PolicyRow, division_of, family_of, line_of
 
 WIDTH_IN, HEIGHT_IN = 3.1, 2.5  # of a panel
 
@@ -58,41 +58,21 @@ def exploration(cells: Sequence[CellResults], title: str, caption: str) -> Any:
     return _finish(figure, title, caption)
 
 
-def sizes(sweep: Sweep, title: str, caption: str) -> Any:
-    """Draw the hit rate of each policy against the size of the memory, with intervals."""
-    figure, axes = _panels(1, 1, scale=2.2)
-    panel = axes[0][0]
-    for number, family in enumerate(dict.fromkeys(line_of(row.policy) for row in sweep.rows)):
-        rows = [row for row in sweep.rows if line_of(row.policy) == family and row.cold]
-        rows.sort(key=lambda row: row.size)
-        rates = [row.cold for row in rows if row.cold is not None]
-        look = {"color": "black", "linestyle": "--"} if family == BELADY else {}
-        look = look or {"color": f"C{number % 10}", "linestyle": "-" if number < 10 else ":"}
-        spread = [
-            [rate.value - (rate.low if rate.low is not None else rate.value) for rate in rates],
-            [(rate.high if rate.high is not None else rate.value) - rate.value for rate in rates],
-        ]
-        spread = [[max(0.0, one) for one in side] for side in spread]
-        panel.errorbar(
-            [row.size for row in rows], [rate.value for rate in rates], yerr=spread,
-            label=family, marker="o", markersize=3, capsize=2, linewidth=1, **look,
-        )  # fmt: skip
-    panel.set_xlabel("units")
-    panel.set_ylabel("hit rate")
-    panel.legend(fontsize=6, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return _finish(figure, title, caption)
+def png_of(figure: Any) -> bytes:
+    """Return a picture as PNG; equal pictures give equal bytes."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=130, metadata={"Software": None})
+    return file.getvalue()
 
 
-def save(figure: Any, stem: Path) -> tuple[Path, Path]:
-    """Write a picture as PNG and SVG, without a date, and let go of it."""
+def svg_of(figure: Any) -> bytes:
+    """Return a picture as SVG, without a date: equal pictures give equal bytes."""
     import matplotlib as mpl
 
-    stem.parent.mkdir(parents=True, exist_ok=True)
-    png, svg = Path(f"{stem}.png"), Path(f"{stem}.svg")
+    file = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "karma"}):
-        figure.savefig(png, dpi=130, metadata={"Software": None})
-        figure.savefig(svg, metadata={"Date": None, "Creator": None})
-    return png, svg
+        figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
+    return file.getvalue()
 
 
 # ------------------------------------------------------------- parts
@@ -140,15 +120,19 @@ def _line(panel: Any, row: PolicyRow, label: str, **look: Any) -> None:
         panel.fill_between(tasks, lows, highs, color=look["color"], alpha=0.12, linewidth=0)
 
 
-def _panels(lines: int, columns: int, *, scale: float = 1.0) -> tuple[Any, Any]:
+def _panels(lines: int, columns: int) -> tuple[Any, Any]:
+    figure = empty(WIDTH_IN * columns + 1.0, HEIGHT_IN * lines + 0.6)
+    return figure, figure.subplots(lines, columns, squeeze=False)
+
+
+def empty(width_in: float, height_in: float) -> Any:
     """Return a figure of its own, which no global state knows of."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    size = (scale * WIDTH_IN * columns + 1.0, scale * HEIGHT_IN * lines + 0.6)
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(figure)
-    return figure, figure.subplots(lines, columns, squeeze=False)
+    return figure
 
 
 def _finish(figure: Any, title: str, caption: str) -> Any:

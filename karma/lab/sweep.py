@@ -5,9 +5,9 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import msgspec
 
-from karma import registry
+from karma.bench.statistics import FEWEST_TASKS
 from karma.errors import KarmaError
-from karma.lab.intervals import FEWEST, Bootstrapped, Resampler, block_interval
+from karma.lab.intervals import Bootstrapped, Resampler, block_interval
 from karma.lab.simulate import BELADY, FIRST_TASKS, TraceReplay, simulator
 from karma.lab.trace import Trace
 from karma.memory.policies import make_policy
@@ -48,11 +48,6 @@ class Sweep(msgspec.Struct, frozen=True, kw_only=True):
     units: float  # distinct ones a sequence, mean
     interval: str  # what the intervals are over
     rows: list[PolicyRow]
-
-
-def registered(sizes: Iterable[int]) -> tuple[str, ...]:
-    """Return every registered policy at every size, and the bound."""
-    return sized([*registry.names("policies"), BELADY], sizes)
 
 
 def sized(policies: Iterable[str], sizes: Iterable[int]) -> tuple[str, ...]:
@@ -176,8 +171,8 @@ def _over(traces: Sequence[Trace]) -> str:
     """Return what the intervals are over, or why there are none."""
     if len(traces) == 1:
         return "bootstrap over blocks of tasks; they speak of this sequence only"
-    if len(traces) < FEWEST:
-        return f"none: {len(traces)} sequences say little of others, it takes {FEWEST}"
+    if len(traces) < FEWEST_TASKS:
+        return f"none: {len(traces)} sequences say little of others, it takes {FEWEST_TASKS}"
     return "bootstrap over sequences"
 
 

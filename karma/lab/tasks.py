@@ -5,20 +5,19 @@ A task is written down as two lists of object types, in the order of its plan:
 - R4: the object, the movable receptacle, the thing to switch on, and the receptacle.
 - M: what can be carried only: the object, the movable receptacle, and the knife if one is used.
 
-Slices count as what they were cut from. To be asked for in a world, a task also has its sentences
-and its goals; access traces need neither.
+Slices count as what they were cut from.
 """
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import msgspec
 
-from karma.contracts import Goal
 from karma.errors import FileError, KarmaError
 from karma.household.ids import root_type
 from karma.household.pieces import base_type
@@ -27,12 +26,10 @@ from karma.household.types import types_with
 from karma.household.uses import KNIVES
 from karma.seeds import stream
 from karma.tasks.demonstrations import read_demonstrations
-from karma.tasks.goals import parse_goal
 
 if TYPE_CHECKING:
     from karma.tasks.drawing.memories import KnownRoom
     from karma.tasks.drawing.phrases import Book
-    from karma.world.core.scene import Scene
 
 UnitSet = Literal["r4", "m"]
 UNIT_SETS: tuple[UnitSet, ...] = get_args(UnitSet)
@@ -52,9 +49,6 @@ class Errand:
         r4: types of all units.
         m: types of those that can be carried, and of the knife.
         subjects: the object and the movable receptacle.
-        kind: what sort of task it is.
-        sentences: ways to ask for it.
-        goals: what is to hold then.
     """
 
     scene: str
@@ -62,9 +56,6 @@ class Errand:
     r4: tuple[str, ...]
     m: tuple[str, ...]
     subjects: tuple[str, ...]
-    kind: str = ""
-    sentences: tuple[str, ...] = ()
-    goals: tuple[Goal, ...] = ()
 
     def units(self, unit_set: UnitSet) -> tuple[str, ...]:
         """Return the types of one of the two sets."""
@@ -166,17 +157,10 @@ class _Plan(msgspec.Struct, frozen=True):
     high_pddl: tuple[_PlanStep, ...]
 
 
-class _Annotation(msgspec.Struct, frozen=True):
-    task_desc: str
-    votes: tuple[int, ...] = ()
-
-
 class _Trial(msgspec.Struct, frozen=True):
     pddl_params: _Targets
     scene: _Scene
     plan: _Plan
-    task_type: str = ""
-    turk_annotations: tuple[_Annotation, ...] = ()
 
 
 def alfred_pool(paths: Iterable[Path]) -> Pool:
@@ -231,40 +215,13 @@ def _errand(trial: _Trial, path: Path) -> Errand:
         if wanted.object_sliced and step.planner_action.action == "PickupObject"
         if (kind := root_type(step.planner_action.object_id)) in KNIVES
     ]
-    kind, goals = _asked(trial)
     return Errand(
         scene=plan,
         room=room,
         r4=_distinct((*subjects, wanted.toggle_target, wanted.parent_target)),
         m=_distinct((*subjects, *knives)),
         subjects=subjects,
-        kind=kind,
-        sentences=_sentences(trial.turk_annotations),
-        goals=goals,
     )
-
-
-def _asked(trial: _Trial) -> tuple[str, tuple[Goal, ...]]:
-    """Return the kind of task and its goals.
-
-    As in ALFRED, "heat" is met by heat, be the sentence about cooking.
-    """
-    from karma.tasks.drawing.alfred import goals_of, truth_of
-
-    if not trial.task_type:
-        return "", ()
-    facts = truth_of(
-        {"task_type": trial.task_type, "pddl_params": msgspec.structs.asdict(trial.pddl_params)}
-    )
-    goals = goals_of(facts, facts.thing, "")
-    return facts.task, tuple(parse_goal(str(goal)) for goal in goals)
-
-
-def _sentences(annotations: Iterable[_Annotation]) -> tuple[str, ...]:
-    """Return the goal sentences that every voter found right; all if there is none."""
-    told = [one for one in annotations if one.task_desc.strip()]
-    agreed = [one for one in told if all(one.votes)]
-    return tuple(" ".join(one.task_desc.split()) for one in agreed or told)
 
 
 def _distinct(names: Iterable[str]) -> tuple[str, ...]:
@@ -274,7 +231,6 @@ def _distinct(names: Iterable[str]) -> tuple[str, ...]:
 # ------------------------------------------------------------- tasks of our own
 
 
-@lru_cache(maxsize=2)
 @lru_cache(maxsize=4)
 def grammar_pool(seed: int, *, scenes: int = GRAMMAR_SCENES, tasks: int = GRAMMAR_TASKS) -> Pool:
     """Return requests of our task grammar in generated rooms, each about a thing to carry.
@@ -288,40 +244,25 @@ def grammar_pool(seed: int, *, scenes: int = GRAMMAR_SCENES, tasks: int = GRAMMA
     from karma.tasks.drawing.rooms import room_of
     from karma.world.generation.generate import build_scene
 
-    rooms = (
-        (kind, f"{kind}_{number}", build_scene(kind, 2000 + number, seed))
-        for kind in ROOMS
-        for number in range(scenes)
-    )
-    known = ((kind, scene, room_of(scene, name, seed=seed)) for kind, name, scene in rooms)
-    return _grammar(known, our_book(), seed, tasks, f"our task grammar, seed {seed}")
-
-
-def _grammar(
-    rooms: Iterable[tuple[str, "Scene", "KnownRoom"]],
-    book: "Book",
-    seed: int,
-    tasks: int,
-    source: str,
-) -> Pool:
-    """Return requests in some rooms, each given as its kind, itself and what is known of it."""
     errands: list[Errand] = []
     places: dict[str, Counter[str]] = {}
     found: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
-    for kind, scene, room in rooms:
+    for kind, number in product(ROOMS, range(scenes)):
+        scene = build_scene(kind, 2000 + number, seed)
+        name = f"{kind}_{number}"
         types = {thing.id: thing.type for thing in scene.objects}
         movable = {t.id for t in scene.objects if "pickupable" in t.capabilities}
-        here = places[room.name] = Counter()
+        here = places[name] = Counter()
         for thing in scene.objects:
             if "receptacle" in thing.capabilities and thing.id not in movable:
                 here[thing.type] += 1
             if thing.id in movable and thing.parents and thing.parents[0] not in movable:
                 found[kind, thing.type][types[thing.parents[0]]] += 1
-        errands += _requests(room, book, kind, seed, tasks)
+        errands += _requests(room_of(scene, name, seed=seed), our_book(), kind, seed, tasks)
     if not errands:
         raise KarmaError("the rooms give no task; draw more of them")
     finds = Finds(places=places, found=found)
-    return Pool(source=source, errands=tuple(errands), finds=finds)
+    return Pool(source=f"our task grammar, seed {seed}", errands=tuple(errands), finds=finds)
 
 
 def _requests(
@@ -336,7 +277,7 @@ def _requests(
         steps = draw_task(rng, room, book, "simple")
         if not steps:
             continue
-        text, goals = steps[0].text, steps[0].goals
+        goals = steps[0].goals
         named = [word for goal in goals for word in goal.arguments if word[:1].isupper()]
         r4 = _distinct(named)
         carried = tuple(name for name in r4 if name in movable)
@@ -349,7 +290,4 @@ def _requests(
                 r4=r4,
                 m=_distinct((*carried, *knives)),
                 subjects=carried,
-                kind=steps[0].kind,
-                sentences=(f"{text[0].upper()}{text[1:]}.",),
-                goals=tuple(parse_goal(str(goal)) for goal in goals),
             )

@@ -13,8 +13,7 @@ house (a kitchen, a living room, a bedroom, a bathroom) and come closer to how h
 """  # noqa: E501
 
 from collections import defaultdict
-from collections.abc import Callable, Generator, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from typing import Literal, get_args
 
@@ -35,10 +34,9 @@ DAYS = 20  # until some habits change
 CHANGED = 0.2  # of the ranks then
 CHAINED = 0.5  # chance that a task is about a thing of the last ones
 LAST = 3  # of them
-TRIES = 50  # draws of one task that nobody takes, until the next is drawn
 
 Rng = np.random.Generator
-Draws = Generator[Errand, bool | None, None]  # is told whether a task is taken; None = it is
+Draws = Iterator[Errand]
 House = dict[str, tuple[Errand, ...]]  # room -> its tasks
 
 
@@ -57,21 +55,13 @@ def draw_errands(
     Raises:
         KarmaError: the pool has no task in some kind of room.
     """
-    return list(islice(draws(pool, workload, seed, number), length))
-
-
-def draws(pool: Pool, workload: Workload, seed: int, number: int) -> Draws:
-    """Yield the tasks of one sequence without end.
-
-    One that is sent False is drawn anew: from the same room, habits, or thing to be about.
-
-    Raises:
-        KarmaError: the pool has no task in some kind of room.
-    """
     rng = stream(seed, "lab", workload, str(number))
-    if workload == "type":
-        return _uniform(rng, pool.errands)
-    return _DRAWS[workload](rng, _house(rng, pool))
+    draw = (
+        _uniform(rng, pool.errands)
+        if workload == "type"
+        else _DRAWS[workload](rng, _house(rng, pool))
+    )
+    return list(islice(draw, length))
 
 
 def trace_of(errands: Sequence[Errand], workload: Workload, unit_set: UnitSet) -> Trace:
@@ -102,22 +92,13 @@ def _all(house: House) -> tuple[Errand, ...]:
     return tuple(errand for room in ROOMS for errand in house[room])
 
 
-def _taken(draw: Callable[[], Errand]) -> Generator[Errand, bool | None, Errand | None]:
-    """Yield draws until one is taken, and return it; None if `TRIES` were not."""
-    for _ in range(TRIES):
-        errand = draw()
-        if (yield errand) is not False:
-            return errand
-    return None
-
-
 def _one_of(rng: Rng, errands: Sequence[Errand]) -> Errand:
     return errands[int(rng.integers(len(errands)))]
 
 
 def _uniform(rng: Rng, errands: Sequence[Errand]) -> Draws:
     while True:
-        yield from _taken(partial(_one_of, rng, errands))
+        yield _one_of(rng, errands)
 
 
 def _any_of_house(rng: Rng, house: House) -> Draws:
@@ -129,7 +110,7 @@ def _in_phases(rng: Rng, house: House) -> Draws:
     while True:
         tasks = house[room]
         for _ in range(int(rng.geometric(1 / STAY))):
-            yield from _taken(partial(_one_of, rng, tasks))
+            yield _one_of(rng, tasks)
         others = [other for other in ROOMS if other != room]
         room = others[int(rng.integers(len(others)))]
 
@@ -147,7 +128,7 @@ def _by_habit(rng: Rng, house: House) -> Draws:
     while True:
         for _ in range(DAYS):
             for room in hours:
-                yield from _taken(partial(usual, room))
+                yield usual(room)
         for room in ROOMS:
             order = ranks[room]
             moved = rng.choice(len(order), size=round(CHANGED * len(order)), replace=False)
@@ -168,9 +149,8 @@ def _in_chains(rng: Rng, house: House) -> Draws:
             choices: Sequence[Errand] = about[before.scene, name]
         else:
             choices = every
-        taken = yield from _taken(partial(_one_of, rng, choices))
-        if taken is not None:
-            last = [*last, taken][-LAST:]
+        last = [*last, _one_of(rng, choices)][-LAST:]
+        yield last[-1]
 
 
 _DRAWS: dict[str, Callable[[Rng, House], Draws]] = {

@@ -8,8 +8,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from karma.bench.compare import Arm, arm_of, compare_kinds
-from karma.bench.counterfactual import OFF_ROW, reductions
-from karma.bench.figures import COLUMNS, Figures, figures_of
+from karma.bench.figures import COLUMNS, Figures, figures
 from karma.bench.metrics import episodes_of
 from karma.bench.results import check_same_rooms, split_name
 from karma.bench.sweep_folder import read_sweep
@@ -161,13 +160,13 @@ def comparison_of(
         notes: what is not on the page.
         out: where the page will lie; links lead from there.
     """
-    figures: list[Figures] = []
+    lines: list[Figures] = []
     against: dict[tuple[str, str], Against] = {}
     said = list(notes)
     for number, side in enumerate(sides):
         yield number / len(sides)
         mine = _figures(side)
-        figures += mine
+        lines += mine
         if side is reference:
             continue
         try:
@@ -175,7 +174,7 @@ def comparison_of(
         except KarmaError as error:
             said.append(f"{side.name}: no difference: {' '.join(str(error).split())}")
     result = Result(
-        name=title, figures=figures, reductions=(), paper_reductions=(), comparisons=(),
+        name=title, figures=lines, reductions=(), paper_reductions=(), comparisons=(),
         failures=(), published={},
     )  # fmt: skip
     records = [
@@ -219,8 +218,7 @@ def render_comparison(page: ComparisonPage) -> str:
 
 def _figures(side: Side) -> list[Figures]:
     """Return a side's figures as its own run's tables have them, under the side's name."""
-    episodes = episodes_of(side.run.records, side.run.timings)
-    lines = figures_of(side.run.records, episodes, reductions(episodes, reference=OFF_ROW))
+    lines = figures(side.run.records, side.run.timings)
     return [replace(line, row=side.name) for line in lines if line.row == side.row]
 
 

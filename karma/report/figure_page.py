@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from karma.bench.sheet import Sheet
 from karma.journal.formats import UNKNOWN, range_text
-from karma.lab.figure import Results, caption_of, draw_figure, read_figure
+from karma.lab.figure import Results, caption_of, pictures_of, read_figure
 from karma.lab.intervals import Bootstrapped
 from karma.lab.paper_claims import CLAIMS
+from karma.lab.plot import svg_of
 from karma.report.html import data_uri, fill
 
 READS = {
@@ -28,12 +28,10 @@ def figure_page(folder: Path) -> str:
         FileError: the folder has no results yet, or they are torn.
     """
     results = read_figure(folder)
-    with TemporaryDirectory() as place:
-        pictures = [
-            {"name": path.stem, "uri": data_uri("image/svg+xml", path.read_bytes())}
-            for path in draw_figure(folder, Path(place))
-            if path.suffix == ".svg"
-        ]
+    pictures = [
+        {"name": name, "uri": data_uri("image/svg+xml", svg_of(picture))}
+        for name, picture in pictures_of(results)
+    ]
     return fill(
         "figure.html.j2",
         title=results.figure.name,

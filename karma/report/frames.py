@@ -43,10 +43,6 @@ class Frames:
         """Return the number of different pictures."""
         return len(self._webp)
 
-    def webp(self, number: int) -> bytes:
-        """Return one as a WebP file."""
-        return self._webp[number].result()
-
     def uris(self) -> list[str]:
         """Return each as a data URI."""
         return [data_uri("image/webp", one.result()) for one in self._webp]

@@ -1,11 +1,11 @@
 """Pictures of a run of lived-in homes: success by kind, reliability, curves over settings."""
 
-import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from karma.benchmarks.lived.table import ALL, KINDS, OURS, LivedFigures, StaleShare
+from karma.lab.plot import empty, svg_of
 from karma.report.html import data_uri
 
 WIDTH = 0.8  # of all rows of one kind, beside each other
@@ -24,12 +24,7 @@ class LivedPicture:
 
     def uri(self) -> str:
         """Return it as an address that holds it."""
-        import matplotlib as mpl
-
-        file = io.BytesIO()
-        with mpl.rc_context({"svg.hashsalt": "karma"}):
-            self.figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
-        return data_uri("image/svg+xml", file.getvalue())
+        return data_uri("image/svg+xml", svg_of(self.figure))
 
 
 def lived_pictures(
@@ -61,7 +56,7 @@ def curves_picture(
 
 
 def _success(figures: Sequence[LivedFigures]) -> Any:
-    figure = _empty(15, 5)
+    figure = empty(15, 5)
     left, right = figure.subplots(1, 2, width_ratios=(4, 1))
     _bars(left, figures)
     _reliability(right, [one for one in figures if not one.brier_assumed and one.reliability])
@@ -71,7 +66,7 @@ def _success(figures: Sequence[LivedFigures]) -> Any:
 def _curves(
     figures: Sequence[LivedFigures], stale: Sequence[StaleShare], settings: Sequence[str]
 ) -> Any:
-    figure = _empty(16, 4.6)
+    figure = empty(16, 4.6)
     axes = figure.subplots(1, len(HARD) + 1)
     for axis, kind in zip(axes, HARD, strict=False):
         points = [
@@ -155,13 +150,3 @@ def _colour(number: int, rows: int) -> Any:
     import matplotlib as mpl
 
     return mpl.colormaps["tab10" if rows <= 10 else "tab20"](number % 20)
-
-
-def _empty(width: float, height: float) -> Any:
-    """Return a figure of its own, which no global state knows of."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure

@@ -92,19 +92,6 @@ class Replay:
     differing: tuple[int, ...]  # numbers of the moments whose action did not go as logged
 
 
-def replay(
-    story: EpisodeStory,
-    rooms: Rooms,
-    frames: Frames,
-    choice: FrameChoice,
-    shown: Collection[int] | None = None,
-    goals: Sequence[Sequence[str]] = (),
-) -> Replay:
-    """Return a story's replay, see `replaying`."""
-    *_, found = replaying(story, rooms, frames, choice, shown, goals)
-    return cast(Replay, found)
-
-
 def replaying(
     story: EpisodeStory,
     rooms: Rooms,

@@ -82,12 +82,6 @@ class EpisodeStory:
         entered = (moment.text for moment in self.moments if moment.kind == "enter")
         return tuple(dict.fromkeys((self.scene, *entered)))
 
-    def scene_of(self, moment: Moment) -> str:
-        """Return the room that the agent is in after a moment."""
-        if moment.kind == "enter":
-            return moment.text
-        return self.parts[moment.part].scene if moment.part >= 0 else self.scene
-
 
 def changes(before: Sequence[steps.Unit], after: Sequence[steps.Unit]) -> dict[str, Change]:
     """Return what became of each unit that is not as it was; those that left come last."""

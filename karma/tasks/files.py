@@ -6,7 +6,7 @@
 A sub-task of the kind "sequence" may name another room of the home: "scene": "bedroom_1".
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +14,7 @@ import msgspec
 
 from karma.contracts import Goal, Kind, SceneRef, SubTask, Task
 from karma.errors import FileError, KarmaError
-from karma.files import check_keys, lines_of, to_json, write_atomic
+from karma.files import check_keys, lines_of
 from karma.household.containment import fits_whole_or_cut
 from karma.household.ids import is_position, root_type
 from karma.household.types import RULES, WIDEST, RuleSet, object_type, types_with
@@ -23,9 +23,7 @@ from karma.world.alfred.ids import type_now
 from karma.world.core import scene
 
 
-class _SubTask(
-    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True
-):
+class _SubTask(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     instruction: str
     goals: tuple[str, ...]
     scene: str = ""
@@ -131,27 +129,6 @@ def in_rooms(task: Task, place: Callable[[SceneRef], SceneRef]) -> Task:
     """
     subtasks = (replace(sub, scene=sub.scene and place(sub.scene)) for sub in task.subtasks)
     return replace(task, scene=place(task.scene), subtasks=tuple(subtasks))
-
-
-def write_tasks(path: str | Path, tasks: Iterable[Task]) -> None:
-    """Write a task file, whole or not at all.
-
-    Raises:
-        FileError: the disk is full, or the place is no file.
-    """
-    write_atomic(Path(path), b"".join(to_json(_row(task)) for task in tasks))
-
-
-def _row(task: Task) -> _Task:
-    subtasks = (
-        _SubTask(
-            instruction=sub.instruction,
-            goals=tuple(str(goal).removesuffix(": 1") for goal in sub.goals),
-            scene="" if sub.scene in (None, task.scene) else sub.scene.source,
-        )
-        for sub in task.subtasks
-    )
-    return _Task(id=task.id, kind=task.kind, scene=task.scene.source, subtasks=tuple(subtasks))
 
 
 def _check_scene(name: str, where: str) -> None:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from support.made_records import plain
 from support.run_files import TASKS, files, lines_in, started, write_experiment
 from support.tiny import export_tiny
+from support.written_tasks import write_tasks
 from typer.testing import CliRunner
 
 from karma.bench.figures import figures
@@ -22,7 +23,7 @@ from karma.journal.header import EPISODES, RESULTS
 from karma.journal.records import read_records
 from karma.journal.run_folder import read_run
 from karma.seeds import stream
-from karma.tasks.files import load_tasks, write_tasks
+from karma.tasks.files import load_tasks
 
 
 def drawn(seeds, chances, row="KARMA"):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 from support.run_files import ROOT, files
 from support.tiny import export_tiny
+from support.written_tasks import write_tasks
 
 from karma.bench.run import Run
 from karma.errors import FileError
@@ -12,7 +13,7 @@ from karma.journal.header import EPISODES
 from karma.journal.records import read_records
 from karma.journal.run_folder import read_run
 from karma.journal.told import CONFIG
-from karma.tasks.files import load_tasks, with_whole, write_tasks
+from karma.tasks.files import load_tasks, with_whole
 
 SEQUENCES = ROOT / "eval" / "alfworld_r" / "tasks.jsonl"
 

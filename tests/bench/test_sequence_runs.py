@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 from support.run_files import ROOT, TASKS, copy, files, lines_in, started
 from support.tiny import export_tiny
+from support.written_tasks import write_tasks
 
 from karma.bench.needs import related_needs
 from karma.bench.results import result_of
@@ -16,7 +17,7 @@ from karma.errors import KarmaError
 from karma.journal.header import EPISODES, RESULTS
 from karma.journal.run_folder import read_run
 from karma.journal.steps import Enter, Start, read_steps, steps_path
-from karma.tasks.files import load_tasks, with_whole, write_tasks
+from karma.tasks.files import load_tasks, with_whole
 
 ROOMS = ("kitchen_1", "bedroom_1")
 

@@ -93,7 +93,7 @@ def test_cells_are_every_combination_and_several_grids_stand_side_by_side(tmp_pa
         '[[grid]]\nmodels.recall = "cosine"\nmodels.temperature = [0.5]\n'
         '[[grid]]\nmodels.recall = ["cosine"]\nseeds = [[0]]\n',
     )
-    assert [cell.name for cell in found] == [
+    assert [cell.kept.name for cell in found] == [
         "recall=stateful, seeds=[0]",
         "recall=stateful, seeds=[1,2]",
         "recall=cosine, seeds=[0]",
@@ -105,7 +105,7 @@ def test_cells_are_every_combination_and_several_grids_stand_side_by_side(tmp_pa
 
 def test_planners_of_one_name_are_told_apart(tmp_path):
     found = cells(tmp_path, '[[grid]]\nmodels.planner = ["one/p.gguf", "two/p.gguf"]\n')
-    assert [cell.name for cell in found] == ["planner=one/p.gguf", "planner=two/p.gguf"]
+    assert [cell.kept.name for cell in found] == ["planner=one/p.gguf", "planner=two/p.gguf"]
     assert len({cell.kept.folder for cell in found}) == 2
 
 

@@ -14,7 +14,7 @@ from karma import registry
 from karma.errors import KarmaError, UnknownNameError
 from karma.lab.intervals import Resampler, block_interval
 from karma.lab.simulate import best, simulate, simulate_with
-from karma.lab.sweep import registered, run_rows, size_of, sized, sweep_of
+from karma.lab.sweep import run_rows, size_of, sized, sweep_of
 from karma.lab.trace import Trace
 from karma.memory.policies import Fifo
 from karma.seeds import stream
@@ -234,10 +234,6 @@ def test_policies_take_their_sizes():
     )  # fmt: skip
     assert sized(["lru[7]", "lru"], [7]) == ("lru[7]",)
     assert size_of("wtinylfu-karma[23,2] W=5") == 25
-
-
-def test_registered_policies_and_the_bound_are_the_default():
-    assert registered([5]) == tuple(f"{n}[5]" for n in [*registry.names("policies"), "belady"])
 
 
 def test_policies_that_are_none_are_refused():

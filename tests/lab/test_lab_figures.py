@@ -10,9 +10,10 @@ from support.paths import ROOT
 from karma.bench.experiment_file import kind_of
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.files import read_toml
+from karma.journal.header import EPISODES, RESULTS, TIMINGS
 from karma.journal.owned_folder import MARK
 from karma.lab.exploration import Exploration, explore
-from karma.lab.figure import TraceFigure, draw_figure, figure_run, read_figure
+from karma.lab.figure import TraceFigure, drawn, figure_run, read_figure
 from karma.lab.intervals import Bootstrapped
 from karma.lab.paper_claims import CellResults, claims_of, claims_text
 from karma.lab.sweep import PolicyRow, Sweep, sized
@@ -151,7 +152,7 @@ def files(folder):
     return {
         str(path.relative_to(folder)): path.read_bytes()
         for path in folder.rglob("*")
-        if path.is_file()
+        if path.is_file() and path.name != TIMINGS
     }
 
 
@@ -164,9 +165,16 @@ def test_figure_that_was_killed_goes_on_to_the_same_bytes(small, tmp_path):
         for _ in range(kill_at):
             next(going)
         going.close()
-        kept = len(list((folder / "cells").glob("*.json"))) if (folder / "cells").exists() else 0
+        kept = kill_at // 5  # cells
         assert len(list(figure_run(small, folder).episodes())) == (2 - kept) * 5
         assert files(folder) == files(tmp_path / "whole")
+
+
+def test_figure_of_an_earlier_version_is_not_thrown_away_unless_fresh(small, tmp_path):
+    list(figure_run(small, tmp_path / "one").episodes())
+    (tmp_path / "one" / "cells").mkdir()
+    with pytest.raises(FileError, match="earlier version"):
+        figure_run(small, tmp_path / "one")
 
 
 def test_figure_by_two_workers_has_the_same_bytes(small, tmp_path):
@@ -180,17 +188,17 @@ def test_figure_that_was_edited_is_drawn_by_nobody(small, tmp_path):
     mark = (tmp_path / "one" / MARK).read_bytes()
     assert list(figure_run(small, tmp_path / "one").episodes()) == []
     assert (tmp_path / "one" / MARK).read_bytes() == mark
-    for place in (*(tmp_path / "one" / "cells").iterdir(), tmp_path / "one" / "results.json"):
+    for place in (tmp_path / "one" / EPISODES, tmp_path / "one" / RESULTS):
         whole = place.read_bytes()
         place.write_bytes(whole.replace(b"0", b"1", 1))
         for again in (
-            lambda: draw_figure(tmp_path / "one"),
+            lambda: read_figure(tmp_path / "one"),
             lambda: list(figure_run(small, tmp_path / "one").episodes()),
         ):
             with pytest.raises(FileError, match=f"{place.name}: is not as it was left"):
                 again()
         place.write_bytes(whole)
-    assert draw_figure(tmp_path / "one")
+    assert read_figure(tmp_path / "one")
 
 
 def test_figure_draws_and_states_its_claims(small, tmp_path):
@@ -208,11 +216,11 @@ def test_figure_draws_and_states_its_claims(small, tmp_path):
             for hits, most in zip(row.hits, bound.hits, strict=True)
         )
     assert {claim.claim for claim in results.claims} == {"split", "headroom"}
-    pictures = draw_figure(tmp_path / "out")
-    assert {path.name for path in pictures} == {"figure-m.png", "figure-m.svg"}
-    for path in pictures:
-        start = path.read_bytes()[:5]
-        assert start == (b"<?xml" if path.suffix == ".svg" else b"\x89PNG\r")
+    made = drawn(results)
+    assert set(made) == {"figure-m.png", "figure-m.svg", "claims.md"}
+    assert made == {name: (tmp_path / "out" / name).read_bytes() for name in made}
+    for name, start in (("figure-m.svg", b"<?xml"), ("figure-m.png", b"\x89PNG\r")):
+        assert made[name].startswith(start)
     assert "4 sequences of 60 tasks" in (tmp_path / "out" / "claims.md").read_text("utf-8")
 
 
@@ -229,7 +237,7 @@ def test_figure_of_exploration_has_a_line_for_each_policy(small, tmp_path):
 def test_folder_of_another_figure_is_refused_unless_fresh(small, tmp_path):
     list(figure_run(small, tmp_path / "out").episodes())
     small.write_text(small.read_text("utf-8") + "seed = 5\n", encoding="utf-8")
-    with pytest.raises(FileError, match="another figure"):
+    with pytest.raises(FileError, match="something else"):
         figure_run(small, tmp_path / "out")
     list(figure_run(small, tmp_path / "out", fresh=True).episodes())
     list(figure_run(small, tmp_path / "new").episodes())

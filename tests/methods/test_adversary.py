@@ -13,6 +13,7 @@ from collections import Counter
 from dataclasses import dataclass, replace
 
 import msgspec
+from support.asked import AskedRequest, states_of
 from support.judging import asking_resources, say
 from support.needs import need_models
 from support.paths import ROOT
@@ -26,7 +27,6 @@ from karma.household.types import object_types
 from karma.methods.guarded import joined, reader_of
 from karma.seeds import stream
 from karma.talk.replies import AgentReply
-from karma.tasks.asked import AskedRequest, states_of
 from karma.tasks.drawing.alfred import names_its_place, program_of, read_sentences
 from karma.training.planner.sources import Sources
 

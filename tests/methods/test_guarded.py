@@ -2,6 +2,7 @@
 
 import msgspec
 import pytest
+from support.asked import AskedRequest, verdict
 from support.needs import need_models
 from support.talking import AWAY, STORE, TAKE, WASH, agent_saying
 
@@ -10,7 +11,6 @@ from karma.agent.guard import cannot_serve, here_of, stopped
 from karma.agent.program import parse_program
 from karma.cli.conversation import CODES
 from karma.methods.guarded import reader_of
-from karma.tasks.asked import AskedRequest, verdict
 
 HERE = ("Apple", "Bowl", "CounterTop", "Fridge", "Mug", "Sink", "Faucet", "Microwave", "Toaster")
 CUT = "PickupObject(robot, 'Knife')\nSliceObject(robot, 'Apple')\n"

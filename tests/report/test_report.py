@@ -22,6 +22,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.chromium import chromium
 from support.paths import ROOT
+from support.replays import replay
 from support.report_run import AGENT, EVIL, EXPERT, KEYS, POURED, make_run
 from typer.testing import CliRunner
 
@@ -45,7 +46,7 @@ from karma.report.episodes import Replayer
 from karma.report.frames import Frames
 from karma.report.page import page_of, render
 from karma.report.plots import LEFT, WIDTH, Rate, success_plot
-from karma.report.replay import SIZE_PX, Rooms, frame_choice, replay
+from karma.report.replay import SIZE_PX, Rooms, frame_choice
 from karma.report.room import plan_of
 from karma.report.story import changes, told
 from karma.world.core import scene as scenes

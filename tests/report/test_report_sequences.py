@@ -11,6 +11,7 @@ from urllib.parse import quote
 import msgspec
 import pytest
 from support.chromium import chromium
+from support.replays import replay, scene_of
 from support.report_run import AGENT, EXPERT, SEQUENCE_KEYS, make_run
 from typer.testing import CliRunner
 
@@ -24,7 +25,7 @@ from karma.report.choice import LEAST, SHORT, TOGETHER, choose, choose_instructi
 from karma.report.episodes import Replayer
 from karma.report.frames import Frames
 from karma.report.page import page_of, render
-from karma.report.replay import Rooms, replay
+from karma.report.replay import Rooms
 from karma.report.story import changes, told
 
 ROOMS = ("kitchen_1", "bedroom_1", "kitchen_1", "bedroom_1")  # of the sequence of four
@@ -118,7 +119,7 @@ def test_story_that_breaks_off_at_a_door_has_no_instruction_behind_it():
         ]
     )
     assert story.moments[-1].part == 0
-    assert story.scene_of(story.moments[-1]) == "b"
+    assert scene_of(story, story.moments[-1]) == "b"
 
 
 # ----------------------------------------------------------------- the choice
@@ -262,7 +263,7 @@ def test_browser_steps_from_room_to_room(tab, made):
         if moment.kind == "enter":
             begun = number
         if moment.kind in ("enter", "outcome", "skill"):
-            room = story.scene_of(moment)
+            room = scene_of(story, moment)
             assert text(tab, "now").startswith(f"step {number + 1} of ")
             assert room in text(tab, "room-name").lower()
             assert room in tab.value("document.querySelector('#room svg').ariaLabel")

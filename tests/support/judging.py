@@ -12,8 +12,8 @@ from karma.errors import KarmaError
 from karma.loading.models import Models, load_resources
 from karma.talk.agent import Agent, asking
 from karma.talk.replies import AgentReply
-from karma.tasks.asked import AskedRequest, states_of
 from karma.tasks.goals import Goal, GoalTracker
+from support.asked import AskedRequest, states_of
 
 MAPS = Path("runs/maps-asked")
 

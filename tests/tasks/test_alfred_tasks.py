@@ -6,10 +6,11 @@ import msgspec
 import pytest
 from support.made_events import event, thing
 from support.paths import SHARED
+from support.written_tasks import write_tasks
 
 from karma.contracts import SceneRef
 from karma.tasks.alfred import goals_of, task_of
-from karma.tasks.files import load_tasks, write_tasks
+from karma.tasks.files import load_tasks
 from karma.tasks.goals import GoalTracker
 from karma.world.alfred.facts import gather, side_files
 from karma.world.alfred.goal import Deeds, conditions, noteworthy

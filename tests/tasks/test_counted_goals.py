@@ -6,10 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.made_events import event, goals, thing, unmet
+from support.written_tasks import write_tasks
 
 from karma.contracts import Goal
 from karma.errors import KarmaError
-from karma.tasks.files import load_tasks, write_tasks
+from karma.tasks.files import load_tasks
 from karma.tasks.goals import (
     ARITY,
     MOST,

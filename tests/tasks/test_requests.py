@@ -5,9 +5,10 @@ from hashlib import sha256
 from pathlib import Path
 
 import pytest
+from support.asked import load_several
 
 from karma.errors import FileError
-from karma.tasks.requests import load_said, load_several
+from karma.tasks.requests import load_said
 from karma.world.core import scene
 
 SETS = Path("eval/requests")

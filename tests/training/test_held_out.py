@@ -4,6 +4,7 @@ import re
 
 import pytest
 from support.paths import ROOT
+from support.sentence_forms import form_of, forms_of, nearest, templates_of, words_of
 
 from karma.agent.expert import ExpertView
 from karma.errors import ModelError
@@ -14,7 +15,6 @@ from karma.tasks.drawing.alfred import GoalFacts, Sentence, program_of, read_sen
 from karma.tasks.drawing.phrases import disjoint_book, our_book
 from karma.tasks.files import load_tasks
 from karma.tasks.requests import load_texts
-from karma.training.planner.forms import form_of, forms_of, nearest, templates_of, words_of
 from karma.training.planner.reading import read_goals, tell
 from karma.training.planner.sources import Sources
 

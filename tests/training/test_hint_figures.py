@@ -1,11 +1,11 @@
 """Figures of hints, over a file small enough to know every answer; and what texts may say."""
 
 import pytest
+from hint_figures import DEEDS, WAYS, AskedWord, asked_words, figures
 
 from karma import registry
 from karma.language.hints import WordFile, own_texts
 from karma.tasks.drawing.lexicon import held_out, lexicon, unseen_lexemes
-from karma.training.planner.hint_figures import DEEDS, WAYS, AskedWord, asked_words, figures
 from karma.training.planner.hinted import KeptRows, words_file
 
 FILE = WordFile(

@@ -4,6 +4,7 @@ import shutil
 
 import pytest
 from support.paths import ROOT
+from support.written_tasks import write_tasks
 
 from karma import registry
 from karma.agent.planner import Planner
@@ -30,7 +31,7 @@ from karma.memory.short_term import ShortTermMemory
 from karma.methods.expert import ExpertMethod
 from karma.methods.karma import KarmaMethod, KarmaSettings
 from karma.methods.lota.method import LotaGenerate
-from karma.tasks.files import load_tasks, with_whole, write_tasks
+from karma.tasks.files import load_tasks, with_whole
 from karma.tasks.goals import GoalTracker, WatchedWorld, parse_goal
 from karma.world.core.scene import SCENES
 from karma.world.home import Home

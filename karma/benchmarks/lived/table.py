@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from karma.bench.sheet import Sheet
-from karma.bench.statistics import rate
+from karma.bench.statistics import bootstrap, rate, times_in
 from karma.benchmarks.lived.experiment import LivedExperiment
 from karma.benchmarks.lived.records import LivedRecord, ServedRequest
 from karma.journal.formats import UNKNOWN, figure_text, range_text
@@ -215,13 +215,13 @@ def _resampled(
     over: ArrayLike, under: NDArray[np.float64], use: str
 ) -> tuple[float | None, float | None]:
     """Return the ends of the 95 % interval of a ratio of sums over resampled homes."""
-    number = len(under)
-    if number < 2 or not under.all():
+    if not len(under) or not under.all():
         return None, None
-    draws = stream(0, "lived", "resampled", use).integers(number, size=(_RESAMPLES, number))
-    drawn = np.asarray(over)[draws].sum(axis=1) / under[draws].sum(axis=1)
-    low, high = np.quantile(drawn, (0.025, 0.975))
-    return float(low), float(high)
+    times = times_in(stream(0, "lived", "resampled", use), len(under), _RESAMPLES)
+    sums = np.column_stack([np.asarray(over, float), under])
+    found = bootstrap(sums, lambda s: s[:, 0] / s[:, 1], number=len(under), times=times)
+    ends = found.estimate.interval
+    return (ends.low, ends.high) if ends else (None, None)
 
 
 def _reliability(said: Sequence[float], so: Sequence[float]) -> Iterator[tuple[float, float, int]]:

@@ -1,7 +1,7 @@
 """What no planner is trained on; everything that feeds training asks here.
 
-* Lexemes: words for things, states and deeds, in `held_out.toml`; `choosing` has the rule.
-* Sentence forms: about one template in twelve, by `Book.is_held_out`; `forms` says how far off.
+* Lexemes: words for things, states and deeds, in `held_out.toml`, which says where the rule is.
+* Sentence forms: about one template in twelve, by `Book.is_held_out`.
 * Sentences: what the test tasks and requests say, word for word.
 * Rooms: those that figures are taken in have seeds of their own; of AI2-THOR's floor plans, those
   of the authors' tasks.

@@ -47,31 +47,7 @@ FAMILIAR = 0.4  # share of held-out refusals that are made as those of training,
 class RefusedPhrases(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Patterns and words of `refusals.toml`, by what they are for."""
 
-    things: tuple[str, ...]
-    beings: tuple[str, ...]
-    places: tuple[str, ...]
-    names: tuple[str, ...]
-    topics: tuple[str, ...]
-    towns: tuple[str, ...]
-    numbers: tuple[str, ...]
-    talk: tuple[str, ...]
-    ask: tuple[str, ...]
-    tell: tuple[str, ...]
-    errands: tuple[str, ...]
-    deeds: tuple[str, ...]
-    beings_asks: tuple[str, ...]
-    harm: tuple[str, ...]
-    nots: tuple[str, ...]
-    kept: tuple[str, ...]
-    off: tuple[str, ...]
-    unclear: tuple[str, ...]
-    cut_off: tuple[str, ...]
-    nouns_only: tuple[str, ...]
-    letters: tuple[str, ...]
-    syllables: tuple[str, ...]
-    invented: tuple[str, ...]
-    heeded: tuple[str, ...]
-    verbs: tuple[str, ...]  # that a request may begin with
+    words: Mapping[str, tuple[str, ...]]  # "verbs": that a request may begin with
     near: Mapping[str, tuple[str, ...]]  # templates of the phrase book, by kind of request
 
 
@@ -92,11 +68,8 @@ def phrases() -> RefusedPhrases:
     What ends in a name is that thing: a baby bottle is a bottle.
     """
     found = read_toml(HERE / "refusals.toml", RefusedPhrases)
-    return msgspec.structs.replace(
-        found,
-        things=tuple(filter(_is_foreign, found.things)),
-        places=tuple(filter(_is_foreign, found.places)),
-    )
+    foreign = {name: tuple(filter(_is_foreign, found.words[name])) for name in ("things", "places")}
+    return msgspec.structs.replace(found, words={**found.words, **foreign})
 
 
 @cache
@@ -206,8 +179,8 @@ def _near() -> Mapping[str, tuple[str, ...]]:
 def _heeded(rng: Rng, scene: Situation, text: str) -> str:
     """Put words round a request that do not change what is asked."""
     for _ in range(TRIES):
-        pattern = pick(rng, phrases().heeded)
-        if "{ask}" in pattern and text.split()[0] not in phrases().verbs:
+        pattern = pick(rng, phrases().words["heeded"])
+        if "{ask}" in pattern and text.split()[0] not in phrases().words["verbs"]:
             continue
         told = _Slots(rng, scene, request=text).fill(pattern)
         if told is not None:
@@ -243,7 +216,7 @@ class _Slots(Mapping[str, str]):
 
 def _from(group: str) -> Drawer:
     """Return what draws one of a group's patterns."""
-    return lambda rng, scene: _Slots(rng, scene).fill(pick(rng, getattr(phrases(), group)))
+    return lambda rng, scene: _Slots(rng, scene).fill(pick(rng, phrases().words[group]))
 
 
 # ----------------------------------------------------------------- what patterns are filled with
@@ -273,7 +246,7 @@ def _place(rng: Rng, scene: Situation) -> str:
 
 
 def _foreign_thing(rng: Rng) -> str:
-    word = pick(rng, phrases().things)
+    word = pick(rng, phrases().words["things"])
     articles = ("the", "the", "my", "some") if word.endswith("s") else ("the", "the", "my", "a")
     return with_article(rng, word, pick(rng, articles))
 
@@ -282,7 +255,7 @@ def _request(rng: Rng, scene: Situation) -> str:
     """Draw a request that could be carried out and begins with a verb."""
     for _ in range(TRIES):
         ask = one_ask(rng, scene, pick_kind(rng))
-        if ask is not None and ask.text.split()[0] in phrases().verbs:
+        if ask is not None and ask.text.split()[0] in phrases().words["verbs"]:
             return ask.text
     raise LookupError("a request")
 
@@ -297,19 +270,19 @@ def _other(rng: Rng, scene: Situation, request: str | None) -> str:
 
 
 def _invented(rng: Rng) -> str:
-    return "".join(pick(rng, phrases().syllables) for _ in range(int(rng.integers(2, 4))))
+    return "".join(pick(rng, phrases().words["syllables"]) for _ in range(int(rng.integers(2, 4))))
 
 
 _DRAWN: Mapping[str, Callable[[Rng, Situation, str | None], str]] = {
     "x": lambda rng, scene, _: with_article(rng, _name(rng, scene, _any_type(rng, scene))),
     "x0": lambda rng, scene, _: _name(rng, scene, _any_type(rng, scene)),
     "r": lambda rng, scene, _: f"the {_name(rng, scene, _place(rng, scene))}",
-    "y": lambda rng, *_: pick(rng, phrases().things),
-    "being": lambda rng, *_: pick(rng, phrases().beings),
-    "name": lambda rng, *_: pick(rng, phrases().names),
-    "topic": lambda rng, *_: pick(rng, phrases().topics),
-    "town": lambda rng, *_: pick(rng, phrases().towns),
-    "n": lambda rng, *_: pick(rng, phrases().numbers),
+    "y": lambda rng, *_: pick(rng, phrases().words["things"]),
+    "being": lambda rng, *_: pick(rng, phrases().words["beings"]),
+    "name": lambda rng, *_: pick(rng, phrases().words["names"]),
+    "topic": lambda rng, *_: pick(rng, phrases().words["topics"]),
+    "town": lambda rng, *_: pick(rng, phrases().words["towns"]),
+    "n": lambda rng, *_: pick(rng, phrases().words["numbers"]),
     "w": lambda rng, *_: _invented(rng),
     "ask": lambda rng, scene, request: request or _request(rng, scene),
     "said": lambda rng, scene, request: request or _request(rng, scene),
@@ -351,7 +324,7 @@ def _no_such_thing(rng: Rng, scene: Situation) -> str | None:
 
 
 def _no_such_place(rng: Rng, scene: Situation) -> str | None:
-    known, place = _DRAWN["x"](rng, scene, None), f"the {pick(rng, phrases().places)}"
+    known, place = _DRAWN["x"](rng, scene, None), f"the {pick(rng, phrases().words['places'])}"
     return _template(rng, scene, "place", known, place)
 
 
@@ -395,7 +368,7 @@ def _foreign_group(*, held_out: bool) -> Group:
 
 
 def _letters(rng: Rng, _: Situation) -> str:
-    return pick(rng, phrases().letters)
+    return pick(rng, phrases().words["letters"])
 
 
 GROUPS: Mapping[str, Group] = {

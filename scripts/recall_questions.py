@@ -1,11 +1,11 @@
-"""Questions to a recall: what is asked, what is remembered, which units are right.
+"""Questions to a recall: what is asked and remembered, what is right, how often it comes first.
 
 A question tells of a few units: what was handled before it, or what is wanted and its rivals. The
 others are drawn from the things of a room of that kind, so that a memory can be of any size; what
 would be a right answer too is never drawn.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -13,7 +13,8 @@ from typing import Literal
 
 import msgspec
 
-from karma.contracts import MemoryUnit
+from karma.bench.statistics import Estimate, mean
+from karma.contracts import MemoryUnit, Recall, Recalled
 from karma.files import decode_json, read_bytes
 from karma.household.pieces import base_type
 from karma.household.places import HAND, ROOMS
@@ -26,6 +27,7 @@ from karma.world.core.scene import load
 Marks = Literal["lived", "none", "against"]  # see `marked`
 _PLANS = dict(zip((0, 2, 3, 4), ROOMS, strict=True))  # rooms by the hundreds of AI2-THOR's plans
 _ROOMS_EACH = 4  # shipped ones of a kind
+DRAWS = 3  # memories a question
 _SEEN_EACH = 5  # draws of the states and the place of each type of thing in a room
 
 
@@ -114,6 +116,89 @@ def rooms_of(kind: str) -> Sequence[KnownRoom]:
     """Return the shipped rooms of a kind."""
     names = [f"{kind}_{number}" for number in range(1, _ROOMS_EACH + 1)]
     return [room_of(load(name), name, keep=1.0) for name in names]
+
+
+# ----------------------------------------------------------------- how often a right unit is first
+
+
+class InOrder:
+    """A control row: units by an order that does not read the question.
+
+    Args:
+        by: "chance" shuffles them, "recency" has the last handled first, "handled" has what was
+            handled first, in any order.
+        seed: of the shuffles.
+    """
+
+    def __init__(self, by: str, *, seed: int = 0) -> None:
+        self._by, self._seed = by, seed
+
+    def recall(self, query: str, units: Sequence[MemoryUnit], k: int) -> list[Recalled]:
+        """Return the first k of that order, all with similarity 0."""
+        found = list(units)
+        if self._by == "recency":
+            found.reverse()
+        else:
+            ids = "/".join(unit.object_id for unit in units)
+            stream(self._seed, "recall", self._by, query, ids).shuffle(found)
+        if self._by != "chance":
+            found.sort(key=lambda unit: not unit.handled)
+        return [Recalled(unit=unit, similarity=0.0) for unit in found[:k]]
+
+
+CONTROLS = ("chance", "recency", "handled")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asked:
+    """One row of the table: R@1 by class."""
+
+    row: str
+    units: int
+    marks: Marks
+    by_kind: Mapping[str, Estimate]
+
+
+def ask(
+    rows: Mapping[tuple[str, Marks], Recall],
+    questions: Iterable[RecallQuestion],
+    units: int,
+    *,
+    draws: int = DRAWS,
+) -> list[Asked]:
+    """Ask every question over several memories, the same ones for all rows.
+
+    Args:
+        rows: (what it is called in the table, who is marked as handled) -> what is measured.
+        questions: of all classes.
+        units: size of the memories.
+        draws: memories a question.
+    """
+    hits: dict[tuple[str, Marks], dict[str, dict[str, list[float]]]] = {row: {} for row in rows}
+    for question in questions:
+        for number in range(draws):
+            memory = memory_of(question, units, number)
+            for row, recall in rows.items():
+                right = is_right(recall, question, marked(memory, question, row[1]))
+                for kind in question.kinds:
+                    of_kind = hits[row].setdefault(kind, {})
+                    of_kind.setdefault(question.group, []).append(float(right))
+    return [
+        Asked(
+            row=name,
+            units=units,
+            marks=marks,
+            by_kind={kind: mean(list(groups.values())) for kind, groups in by_kind.items()},
+        )
+        for (name, marks), by_kind in hits.items()
+    ]
+
+
+def is_right(recall: Recall, question: RecallQuestion, units: Sequence[MemoryUnit]) -> bool:
+    """Return whether the first unit, those skipped left out, is a right one."""
+    found = recall.recall(question.text, units, len(question.skipped) + 1)
+    first = next(one.unit.object_id for one in found if one.unit.object_id not in question.skipped)
+    return first in question.right
 
 
 # ----------------------------------------------------------------- files

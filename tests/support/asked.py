@@ -5,12 +5,14 @@ looks at the world, never at the agent's own goals.
 """
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
 
 from karma.contracts import Goal
 from karma.tasks.goals import parse_goal
+from karma.tasks.requests import load_lines
 
 Act = Literal["do", "partly", "ask", "refuse", "answer"]  # what is to come of it
 Came = Literal["done", "partly", "unfinished", "refused", "asked", "answered"]  # by the agent
@@ -81,3 +83,43 @@ def verdict(asked: AskedRequest, came: Came, *, met: bool, changed: bool) -> Ver
     if silent:
         return rightly
     return "right" if asked.act == "partly" and met else "wrong and said so"
+
+
+# ----------------------------------------------------------------- several in a sentence
+
+
+class WantedClause(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One request of a sentence: its words, and what must hold when it is done."""
+
+    clause: str
+    goals: tuple[str, ...] = ()
+    optional: str = ""  # words of the sentence that its clause may have
+    joins: bool = False  # it may stay in one clause with the request before it
+
+    def __post_init__(self) -> None:
+        """Raise KarmaError where a goal cannot be read."""
+        _ = self.wanted
+
+    @property
+    def wanted(self) -> tuple[Goal, ...]:
+        """What must hold when it is done."""
+        return tuple(parse_goal(goal) for goal in self.goals)
+
+
+class SeveralRequests(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A sentence and the requests in it, in the order in which they are to be done."""
+
+    id: str
+    kind: str
+    scene: str
+    text: str
+    requests: tuple[WantedClause, ...]
+
+
+def load_several(path: str | Path) -> tuple[SeveralRequests, ...]:
+    """Read sentences with their requests, one a line.
+
+    Raises:
+        FileError: a line is none, or has a goal that cannot be read; names the line.
+    """
+    return load_lines(path, SeveralRequests)
