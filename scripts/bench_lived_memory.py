@@ -27,18 +27,17 @@ DAY_S = 86_400.0
 KINDS = ("Cabinet", "Drawer", "Shelf", "CounterTop", "SideTable", "Desk")
 ROOMS = ("kitchen", "living", "bedroom", "bathroom")
 TYPES = [name for name, kind in object_types().items() if kind.can("pickupable")][:50]
-PLACES = {
-    place.place_id: place
-    for at in range(60)
-    for room in (ROOMS[at // 15],)
-    for place in (
-        KnownPlace(
-            place_id=f"{KINDS[at % 6]}|{at}", place_type=KINDS[at % 6], room=f"{room}_1",
-            room_kind=room, openable=False,
-        ),
-    )
-}  # fmt: skip
 SIZES = ((10, 10), (100, 100), (1_000, 100), (10_000, 1_000), (100_000, 100), (100_000, 10_000))
+
+
+def _place(at: int) -> KnownPlace:
+    kind, room = KINDS[at % 6], ROOMS[at // 15]
+    return KnownPlace(
+        place_id=f"{kind}|{at}", place_type=kind, room=f"{room}_1", room_kind=room, openable=False
+    )
+
+
+PLACES = {place.place_id: place for place in map(_place, range(60))}
 
 
 def drawn_moments(units: int, objects: int, days: float, seed: int) -> Iterator[HomeMoment]:

@@ -16,6 +16,7 @@ from pathlib import Path
 import msgspec
 import typer
 from measuring import table
+from support.errand_sequences import SCENES, Room, place_of
 
 from karma import Agent
 from karma.files import read_bytes, to_json, write_atomic
@@ -26,11 +27,7 @@ from karma.offline import go_offline
 from karma.seeds import stream
 from karma.talk.home import PastErrand
 from karma.talk.replies import AgentReply
-from karma.world.sim import EmbeddedWorld
 
-SCENES = [
-    f"{kind}_{n}" for n in (1, 2, 3, 4) for kind in ("kitchen", "living", "bedroom", "bathroom")
-]
 THINGS = 3
 COLUMNS = (
     "errands", "moved by people", "right", "said done and was not", "places searched", "steps",
@@ -75,20 +72,11 @@ def main(
 
 def errands(scene: str, seed: int) -> Iterator[list[tuple[str, str, str]]]:
     """Yield the errands of two days: words, type of the thing, type of the place."""
-    world = EmbeddedWorld()
-    objects = world.reset(scene).metadata["objects"]
-    count = Counter(one["objectType"] for one in objects)
-    kinds = sorted(
-        one["objectType"] for one in objects if one["pickupable"] and count[one["objectType"]] == 1
-    )
-    places = sorted(
-        {one["objectType"] for one in objects if one["receptacle"] and not one["pickupable"]}
-        - {"Floor"}
-    )
-    rng, rules = stream(seed, "people", scene), world.state.room.rules
+    room, rng = Room(scene, seed), stream(seed, "people", scene)
+    kinds, places = room.things, sorted(room.fixed - {"Floor"})
     things = [kinds[n] for n in rng.permutation(len(kinds))[:THINGS]]
     fits = {
-        kind: [p for p in places if object_types()[kind].fits(object_types()[p], rules)]
+        kind: [p for p in places if object_types()[kind].fits(object_types()[p], room.rules)]
         for kind in things
     }
     for _ in range(2):
@@ -97,13 +85,6 @@ def errands(scene: str, seed: int) -> Iterator[list[tuple[str, str, str]]]:
             to = fits[kind].pop(int(rng.integers(len(fits[kind]))))
             day.append((f"put the {name_of(kind)} {told_place(to)}", kind, to))
         yield day
-
-
-def place_of(agent: Agent, kind: str) -> str | None:
-    """Return the id of what the one thing of a type lies in, by the room itself."""
-    objects = agent._world.last_event.metadata["objects"]
-    parents = next(one for one in objects if one["objectType"] == kind)["parentReceptacles"]
-    return parents[0] if parents else None
 
 
 def forget(log: Path) -> None:

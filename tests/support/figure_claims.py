@@ -153,7 +153,7 @@ def margins() -> Iterator[Claim]:
     yield "spread over all that was asked in the room | {} | {} |", toured
     scored = in_table("table1", "LoTa-Bench (scored)", "composite", "success")
     memory_off = in_table("table1", "memory off", "composite", "success")
-    yield "LoTa-Bench (scored) solves {}, memory off {};", [scored, memory_off]
+    yield "LoTa-Bench (scored) solves {}, memory off {}.", [scored, memory_off]
     causes = [
         cell(TABLE1, "the first failed sub-task", ("KARMA", "all"), column)
         for column in ("failed", "planner", "refused", "recall", "world")
@@ -222,7 +222,7 @@ def agent() -> Iterator[Claim]:
 
 def goal_sentences() -> Iterator[Claim]:
     for name, behind, known_behind in (
-        ("alfred_goals", " (aimed at", "that stand word for word in the training split,"),
+        ("alfred_goals", "; **", "that stand word for word in the training split,"),
         ("alfred_goals_mapped", "; looked at", "that do;"),
     ):
         new, whole, known = (

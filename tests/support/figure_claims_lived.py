@@ -73,7 +73,7 @@ def stale_actions() -> Iterator[Claim]:
     of = ("ours", "append-only RAG", GRAPH, "last seen")
     yield (
         "{} % of all actions for requests (aimed at 5 %),"
-        " append-only {} %, the graph {} %, last seen {} %;",
+        " append-only {} %, the graph {} %, last seen {} %.",
         [stale(name, "stale actions") for name in of],
     )
     settings = [
