@@ -52,8 +52,11 @@ def answer(model, prompt):
     return first.state, (model.complete(prompt, max_tokens=12).text, bits)
 
 
-@pytest.mark.parametrize("name", ["nano", "llama3", "gemma3"])
-@pytest.mark.parametrize("how", [{}, {"kv": "f32"}, {"flash_attention": "on"}], ids=str)
+HOW = ({}, {"kv": "f32"}, {"flash_attention": "on"})
+CASES = [("nano", {}), *((name, how) for name in ("llama3", "gemma3") for how in HOW)]
+
+
+@pytest.mark.parametrize(("name", "how"), CASES, ids=str)
 def test_rooms_kept_and_loaded_answer_as_evaluated_ones_to_the_bit(made, tmp_path, name, how):
     path, rooms = made.get(name, NANO), ROOMS if name in made else ROOMS[:3]
     told = [answer(opened(path, **how, states=NOWHERE), room) for room in rooms]
