@@ -48,6 +48,17 @@ def mini() -> Path:
     return _brought("karma-mini")
 
 
+@pytest.fixture(scope="session")
+def server(tmp_path_factory):
+    """The base URL of llama-cpp-python's server with the nano planner; it wants the key."""
+    from support.hosted_server import KEY, llama_server
+    from support.needs import need_models
+
+    need_models("karma-nano")
+    with llama_server(tmp_path_factory.mktemp("server"), key=KEY) as url:
+        yield url
+
+
 def _brought(name: str) -> Path:
     entry = find_model(name)
     if not is_present(entry):

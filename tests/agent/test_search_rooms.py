@@ -95,7 +95,7 @@ def found_in(rooms):
 
 def test_nearly_all_that_can_be_carried_is_found_in_our_rooms():
     rooms = sorted(path.stem for path in SCENES.glob("*.json"))
-    shown, found = found_in(rooms if SAMPLE else rooms[::5])
+    shown, found = found_in(rooms if SAMPLE else rooms[::8])
     assert found >= 0.995 * shown - 1
 
 

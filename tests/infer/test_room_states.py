@@ -13,12 +13,11 @@ import time
 import numpy as np
 import pytest
 from support.paths import ROOT
+from support.tiny import opened
 
 from karma.contracts import Prompt
 from karma.infer.checks import memory
 from karma.infer.llama import kv_state
-from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.room_states import RoomStates, StateOptions
 from karma.testing import make_planner
 
@@ -37,12 +36,6 @@ def made(tmp_path_factory):
     """Models by family; gemma3 attends within a window, and has a cache for it."""
     folder = tmp_path_factory.mktemp("made")
     return {name: make_planner(folder / f"{name}.gguf", name) for name in ("llama3", "gemma3")}
-
-
-def opened(path, *, states=None, **options):
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    chosen = LlamaOptions(**{"threads": 1, **options})
-    return LlamaModel(path, sha256=sha256, options=chosen, states=states)
 
 
 def answer(model, prompt):
