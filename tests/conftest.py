@@ -13,7 +13,8 @@ from karma.infer.manifest.manifest import PLANNER, find_model, is_present, verif
 pytest_plugins = ("support.eb_alfred_experiment",)  # the fixture `experiment`
 
 # The same examples in every run, and no deadline: two cores are shared with other work.
-settings.register_profile("karma", derandomize=True, deadline=None, max_examples=100)
+EXAMPLES = int(os.environ.get("KARMA_EXAMPLES", "50"))  # where a test says no other number
+settings.register_profile("karma", derandomize=True, deadline=None, max_examples=EXAMPLES)
 settings.load_profile("karma")
 
 os.environ.setdefault(PLANNER, "karma-nano")  # small weights; who tests others names them
@@ -45,6 +46,17 @@ def smollm() -> Path:
 def mini() -> Path:
     """The tuned planner; skips where set-up could not make it."""
     return _brought("karma-mini")
+
+
+@pytest.fixture(scope="session")
+def server(tmp_path_factory):
+    """The base URL of llama-cpp-python's server with the nano planner; it wants the key."""
+    from support.hosted_server import KEY, llama_server
+    from support.needs import need_models
+
+    need_models("karma-nano")
+    with llama_server(tmp_path_factory.mktemp("server"), key=KEY) as url:
+        yield url
 
 
 def _brought(name: str) -> Path:

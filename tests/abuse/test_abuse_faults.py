@@ -1,7 +1,7 @@
 """Killed, without disk, memory or leave to write, or two at once: nothing is lost, nothing torn.
 
 One instant or limit of each kind, or as many as $KARMA_SAMPLE says. Without it runs of one worker
-under kills and a full disk are left to tests/bench/test_runs.py, a real bundle to tests/bundle.
+under kills and a full disk are left to tests/bench/test_runs.py, bundles to tests/bundle.
 """
 
 import random
@@ -10,7 +10,7 @@ import pytest
 from support.abuse import SAMPLE, SEED
 from support.abuse.faults import FAULTS
 
-ELSEWHERE = ("run killed", "run, disk full", "installation, disk full")
+ELSEWHERE = ("run killed", "run, disk full", "installation killed", "installation, disk full")
 
 
 @pytest.mark.parametrize("kind", [kind for kind in FAULTS if SAMPLE or kind not in ELSEWHERE])

@@ -41,14 +41,6 @@ def planted_key(monkeypatch):
     plant_key(monkeypatch)
 
 
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    """The base URL of llama-cpp-python's server; it wants the key."""
-    need_models("karma-nano")
-    with llama_server(tmp_path_factory.mktemp("server"), key=KEY) as url:
-        yield url
-
-
 def files_below(folder):
     return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 

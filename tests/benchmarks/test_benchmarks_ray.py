@@ -30,12 +30,12 @@ pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
 LIVED = """
 name = "tiny"
 benchmark = "lived"
-homes = {homes}
+homes = 1
 days = 1
 requests = 4
 first_home = 70
-settings = [{{ name = "usual", rooms = [2] }}]
-rows = [{{ name = "ours", design = "ours" }}, {{ name = "none", design = "none" }}]
+settings = [{ name = "usual", rooms = [2] }]
+rows = [{ name = "ours", design = "ours" }, { name = "none", design = "none" }]
 """
 EB = """
 name = "x"
@@ -161,17 +161,21 @@ def eb_run(tmp_path, monkeypatch, theirs):
     return opened
 
 
-def lived(tmp_path, name, homes=1):
-    path = tmp_path / f"homes_{homes}.toml"
-    path.write_text(LIVED.format(homes=homes))
+def lived(tmp_path, name):
+    path = tmp_path / "homes.toml"
+    path.write_text(LIVED)
     return Run(path, tmp_path / name)
 
 
-def test_lived_homes_leave_the_same_bytes_with_one_worker_two_and_a_cluster(cluster, tmp_path):
-    for name, how in (("a", {}), ("b", {"workers": 2}), ("c", {"workers": 0, "ray": cluster})):
-        assert len(list(lived(tmp_path, name).episodes(**how))) == 2
-        assert run_files(tmp_path / name) == run_files(tmp_path / "a")
-        assert (tmp_path / name / HEADER).read_bytes() == (tmp_path / "a" / HEADER).read_bytes()
+def test_lived_homes_leave_the_same_bytes_with_one_worker_and_on_a_cluster(cluster, tmp_path):
+    assert len(list(lived(tmp_path, "a").episodes())) == 2
+    told = ["eval", str(tmp_path / "homes.toml"), "--out", str(tmp_path / "b"), "--ray", cluster]
+    done = CliRunner().invoke(app, told)
+    assert done.exit_code == 0, done.output
+    assert f"on the Ray cluster at {cluster}: as many workers as it has room for" in done.output
+    assert "2 of 2: " in done.output
+    assert run_files(tmp_path / "a") == run_files(tmp_path / "b")
+    assert (tmp_path / "a" / HEADER).read_bytes() == (tmp_path / "b" / HEADER).read_bytes()
 
 
 def test_chain_that_kills_its_workers_is_done_again_and_then_ends_the_run(
@@ -247,16 +251,6 @@ def test_node_without_the_planner_is_refused_and_with_it_plays_the_same(
     whole = eb_run("one", said)
     list(whole.episodes())
     assert run_files(run.folder) == run_files(whole.folder)
-
-
-def test_command_plays_a_benchmark_on_a_cluster(cluster, tmp_path):
-    path = tmp_path / "tiny.toml"
-    path.write_text(LIVED.format(homes=1))
-    told = ["eval", str(path), "--out", str(tmp_path / "run"), "--ray", cluster]
-    done = CliRunner().invoke(app, told)
-    assert done.exit_code == 0, done.output
-    assert f"on the Ray cluster at {cluster}: as many workers as it has room for" in done.output
-    assert "2 of 2: " in done.output
 
 
 def test_paths_below_the_folders_of_another_machine_are_those_of_this_one(monkeypatch):

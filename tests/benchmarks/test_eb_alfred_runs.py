@@ -4,7 +4,7 @@ import re
 
 import pytest
 from support.eb_alfred import run_files
-from support.needs import need_models
+from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma.bench.run import Run
@@ -120,22 +120,22 @@ def test_commands_that_cannot_read_a_benchmarks_run_say_what_to_do(experiment, t
     assert f"karma table {folder}" in said
 
 
-NANO = """
+TINY = """
 [[rows]]
-name = "nano"
-prompt = { constrained = true, most_text = 0, most_actions = 2, examples = 0 }
+name = "tiny"
+prompt = {{ constrained = true, most_text = 0, most_actions = 2, examples = 0 }}
 [models]
-n_ctx = 4096
+planner = "{}"
+n_ctx = 6000
 beyond_training = true
 """
 
 
-@pytest.mark.model
 def test_planner_in_process_under_the_grammar_gives_equal_bytes_and_listed_actions(
     experiment, tmp_path
 ):
-    need_models("karma-nano")
-    path = experiment(NANO, only=["base/0", "spatial/0"])
+    planner = export_tiny(tmp_path / "tiny.gguf")
+    path = experiment(TINY.format(planner), only=["base/0", "spatial/0"])
     records, one = finished(path, tmp_path / "one")
     assert finished(path, tmp_path / "two", workers=2)[1] == one
     answers = [answer for record in records for answer in record.answers]
@@ -144,5 +144,5 @@ def test_planner_in_process_under_the_grammar_gives_equal_bytes_and_listed_actio
         (True, False, "")
     }
     table = one[TABLE].decode()
-    assert "context of 4096 tokens may be longer than what it was trained for" in table
-    assert "nano: answers are held to the JSON" in table
+    assert "context of 6000 tokens may be longer than what it was trained for" in table
+    assert "tiny: answers are held to the JSON" in table

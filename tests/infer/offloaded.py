@@ -4,26 +4,25 @@ The GPU is llama.cpp's RPC device on this machine, see `support.rpc_device`. Not
 `test_devices.py` runs these tests in a process of their own.
 """
 
-import hashlib
 import json
 
 import numpy as np
 import pytest
 from support.paths import ROOT
 from support.rpc_device import rpc_device
+from support.tiny import make_layers, opened
 from typer.testing import CliRunner
 
 from karma.cli import app
 from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.infer.llama import devices
-from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.picture_chat import PictureChat
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.picture_pair import PicturePair
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.vision.pictures import picture_url
-from karma.testing import make_llama, make_picture_model
+from karma.testing import make_picture_model
 
 PROMPT = Prompt(stable="#areas\nnode_1 Fridge Sink\n" * 12, changing="#task go\n#program\n")
 SPEC = ProgramSpec(
@@ -39,16 +38,7 @@ def gpu():
 
 @pytest.fixture(scope="module")
 def gguf(tmp_path_factory):
-    return make_llama(
-        tmp_path_factory.mktemp("m") / "made.gguf", layers=4, width=256, heads=4, kv_heads=2,
-        feed_forward=512, vocabulary=600,
-    )  # fmt: skip
-
-
-def opened(path, *, states=None, **options):
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    chosen = LlamaOptions(threads=1, **options)
-    return LlamaModel(path, sha256=sha256, options=chosen, states=states)
+    return make_layers(tmp_path_factory.mktemp("m"))
 
 
 def test_offloaded_model_has_its_weights_over_there_and_the_same_bits(gpu, gguf):

@@ -1,18 +1,17 @@
 """Where a GGUF is computed: devices found, layers placed, and an offloaded model at work."""
 
-import hashlib
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from support.paths import ROOT
+from support.tiny import make_layers, opened
 
 from karma.errors import ModelError
 from karma.infer.checks.memory import Footprint
 from karma.infer.llama import devices as found
 from karma.infer.llama.devices import devices, memory_mb, place
-from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
 from karma.testing import make_llama
 
@@ -23,15 +22,7 @@ SIZE = Footprint(  # 1,600 MB with 8,000 tokens, and 100 to compute
 
 @pytest.fixture(scope="module")
 def gguf(tmp_path_factory):
-    return make_llama(
-        tmp_path_factory.mktemp("m") / "made.gguf", layers=4, width=256, heads=4, kv_heads=2,
-        feed_forward=512, vocabulary=600,
-    )  # fmt: skip
-
-
-def opened(path, **options):
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    return LlamaModel(path, sha256=sha256, options=LlamaOptions(threads=1, **options))
+    return make_layers(tmp_path_factory.mktemp("m"))
 
 
 # ----------------------------------------------------------------- found

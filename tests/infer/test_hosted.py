@@ -22,12 +22,11 @@ from support.hosted_server import (
     chat,
     endpoint,
     free_port,
-    llama_server,
     need_loopback,
     plant_key,
     wire_server,
 )
-from support.needs import need_models, need_namespace
+from support.needs import need_namespace
 from support.paths import ROOT
 
 from karma.agent.program import SKILLS, parse_program
@@ -43,14 +42,6 @@ TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 @pytest.fixture(autouse=True)
 def planted_key(monkeypatch):
     plant_key(monkeypatch)
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    """The base URL of llama-cpp-python's server; it wants the key."""
-    need_models("karma-nano")
-    with llama_server(tmp_path_factory.mktemp("server"), key=KEY) as url:
-        yield url
 
 
 # ----------------------------------------------------------------- the roles, on the real server

@@ -11,7 +11,7 @@ from io import BytesIO
 import numpy as np
 import pytest
 from PIL import Image
-from support.hosted_server import chat, endpoint, llama_server, wire_server
+from support.hosted_server import chat, endpoint, plant_key, wire_server
 from support.needs import need_models
 from support.paths import ROOT
 
@@ -124,8 +124,7 @@ def test_run_that_looks_through_a_host_replays_the_same_bytes(tmp_path):
 
 
 @pytest.mark.model
-def test_server_takes_the_request_and_nonsense_is_read_as_nothing(tmp_path):
-    need_models("karma-nano")
-    with llama_server(tmp_path, key=None) as url:
-        eyes = HostedVision(endpoint(url, "nano-chat"))
-        assert eyes.read_states(picture(), "wash the mug", [seen_object("Mug")]) == {}
+def test_server_takes_the_request_and_nonsense_is_read_as_nothing(server, monkeypatch):
+    plant_key(monkeypatch)
+    eyes = HostedVision(endpoint(server, "nano-chat"))
+    assert eyes.read_states(picture(), "wash the mug", [seen_object("Mug")]) == {}

@@ -1,10 +1,12 @@
 """GBNF, regular expression and JSON schema admit exactly the programs of the automaton.
 
 Each is read by somebody else than who wrote it: llama.cpp's grammar sampler, Python's `re`, and a
-schema reader of the tests as well as llama.cpp's own conversion of schemas.
+schema reader of the tests as well as llama.cpp's own conversion of schemas. KARMA_SAMPLE sets how
+many programs.
 """
 
 import json
+import os
 import re
 
 import numpy as np
@@ -22,7 +24,7 @@ from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.programs.grammars import gbnf, regex
 from karma.infer.programs.schema import program_text, schema
 
-SAMPLES = 10_000
+SAMPLES = int(os.environ.get("KARMA_SAMPLE", "2000"))
 NODES = tuple(f"node_{number}" for number in range(1, 13))
 SPEC = ProgramSpec(
     skills=SKILLS,

@@ -13,12 +13,11 @@ import time
 import numpy as np
 import pytest
 from support.paths import ROOT
+from support.tiny import opened
 
 from karma.contracts import Prompt
 from karma.infer.checks import memory
 from karma.infer.llama import kv_state
-from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.room_states import RoomStates, StateOptions
 from karma.testing import make_planner
 
@@ -39,12 +38,6 @@ def made(tmp_path_factory):
     return {name: make_planner(folder / f"{name}.gguf", name) for name in ("llama3", "gemma3")}
 
 
-def opened(path, *, states=None, **options):
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    chosen = LlamaOptions(**{"threads": 1, **options})
-    return LlamaModel(path, sha256=sha256, options=chosen, states=states)
-
-
 def answer(model, prompt):
     """Where the state came from, and the answer with its first logits, to the bit."""
     first = model.complete(prompt, max_tokens=1)
@@ -52,8 +45,11 @@ def answer(model, prompt):
     return first.state, (model.complete(prompt, max_tokens=12).text, bits)
 
 
-@pytest.mark.parametrize("name", ["nano", "llama3", "gemma3"])
-@pytest.mark.parametrize("how", [{}, {"kv": "f32"}, {"flash_attention": "on"}], ids=str)
+HOW = ({}, {"kv": "f32"}, {"flash_attention": "on"})
+CASES = [("nano", {}), *((name, how) for name in ("llama3", "gemma3") for how in HOW)]
+
+
+@pytest.mark.parametrize(("name", "how"), CASES, ids=str)
 def test_rooms_kept_and_loaded_answer_as_evaluated_ones_to_the_bit(made, tmp_path, name, how):
     path, rooms = made.get(name, NANO), ROOMS if name in made else ROOMS[:3]
     told = [answer(opened(path, **how, states=NOWHERE), room) for room in rooms]

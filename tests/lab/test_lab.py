@@ -149,6 +149,7 @@ def test_bound_is_the_best_of_all_choices_between_tasks(tasks, capacity):
 
 
 @pytest.mark.parametrize("name", [n for n in registry.names("policies") if n != "unbounded"])
+@settings(max_examples=25)
 @given(tasks=TASKS, capacity=st.integers(1, 6))
 def test_no_policy_hits_more_than_the_bound_of_tasks(name, tasks, capacity):
     trace = Trace.of(tasks)
@@ -185,6 +186,7 @@ def test_window_alone_is_lru_under_caffeines_rule(tasks, size):
 
 
 @pytest.mark.parametrize("name", registry.names("policies"))
+@settings(max_examples=25)
 @given(tasks=TASKS)
 def test_memory_for_all_units_misses_first_uses_only(name, tasks):
     trace = Trace.of(tasks)

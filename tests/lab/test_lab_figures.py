@@ -3,6 +3,8 @@
 Covered: figures that are killed and go on, verdicts on made-up results, the command.
 """
 
+from shutil import copytree
+
 import pytest
 from support.lab_trials import many_trials, write_trials
 from support.paths import ROOT
@@ -141,11 +143,22 @@ checkpoints = [10, 60]
 
 
 @pytest.fixture
-def small(tmp_path):
-    tasks = write_trials(tmp_path / "t.jsonl.gz", many_trials())
+def small(tmp_path, whole):
+    """The experiment, for a test to change, over the same tasks."""
     path = tmp_path / "small.toml"
-    path.write_text(SMALL.format(tasks=tasks), encoding="utf-8")
+    path.write_text(whole.with_name("small.toml").read_text("utf-8"), encoding="utf-8")
     return path
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A finished figure, to be read or copied, with its experiment beside it."""
+    place = tmp_path_factory.mktemp("whole")
+    tasks = write_trials(place / "t.jsonl.gz", many_trials())
+    (place / "small.toml").write_text(SMALL.format(tasks=tasks), encoding="utf-8")
+    run = figure_run(place / "small.toml", place / "out")
+    assert len(list(run.episodes())) == run.total == 2 * 5
+    return place / "out"
 
 
 def files(folder):
@@ -156,9 +169,7 @@ def files(folder):
     }
 
 
-def test_figure_that_was_killed_goes_on_to_the_same_bytes(small, tmp_path):
-    run = figure_run(small, tmp_path / "whole")
-    assert len(list(run.episodes())) == run.total == 2 * 5
+def test_figure_that_was_killed_goes_on_to_the_same_bytes(small, whole, tmp_path):
     for kill_at in (2, 8):
         folder = tmp_path / f"killed-{kill_at}"
         going = figure_run(small, folder).episodes()
@@ -167,24 +178,23 @@ def test_figure_that_was_killed_goes_on_to_the_same_bytes(small, tmp_path):
         going.close()
         kept = kill_at // 5  # cells
         assert len(list(figure_run(small, folder).episodes())) == (2 - kept) * 5
-        assert files(folder) == files(tmp_path / "whole")
+        assert files(folder) == files(whole)
 
 
-def test_figure_of_an_earlier_version_is_not_thrown_away_unless_fresh(small, tmp_path):
-    list(figure_run(small, tmp_path / "one").episodes())
+def test_figure_of_an_earlier_version_is_not_thrown_away_unless_fresh(small, whole, tmp_path):
+    copytree(whole, tmp_path / "one")
     (tmp_path / "one" / "cells").mkdir()
     with pytest.raises(FileError, match="earlier version"):
         figure_run(small, tmp_path / "one")
 
 
-def test_figure_by_two_workers_has_the_same_bytes(small, tmp_path):
-    list(figure_run(small, tmp_path / "one").episodes())
+def test_figure_by_two_workers_has_the_same_bytes(small, whole, tmp_path):
     list(figure_run(small, tmp_path / "two").episodes(2))
-    assert files(tmp_path / "two") == files(tmp_path / "one")
+    assert files(tmp_path / "two") == files(whole)
 
 
-def test_figure_that_was_edited_is_drawn_by_nobody(small, tmp_path):
-    list(figure_run(small, tmp_path / "one").episodes())
+def test_figure_that_was_edited_is_drawn_by_nobody(small, whole, tmp_path):
+    copytree(whole, tmp_path / "one")
     mark = (tmp_path / "one" / MARK).read_bytes()
     assert list(figure_run(small, tmp_path / "one").episodes()) == []
     assert (tmp_path / "one" / MARK).read_bytes() == mark
@@ -201,8 +211,8 @@ def test_figure_that_was_edited_is_drawn_by_nobody(small, tmp_path):
     assert read_figure(tmp_path / "one")
 
 
-def test_figure_draws_and_states_its_claims(small, tmp_path):
-    list(figure_run(small, tmp_path / "out").episodes())
+def test_figure_draws_and_states_its_claims(whole, tmp_path):
+    copytree(whole, tmp_path / "out")
     results = read_figure(tmp_path / "out")
     assert [(cell.workload, cell.unit_set) for cell in results.cells] == [
         ("type", "m"),
@@ -234,8 +244,8 @@ def test_figure_of_exploration_has_a_line_for_each_policy(small, tmp_path):
     assert len(results.claims) == 2 * 4  # not of the bound
 
 
-def test_folder_of_another_figure_is_refused_unless_fresh(small, tmp_path):
-    list(figure_run(small, tmp_path / "out").episodes())
+def test_folder_of_another_figure_is_refused_unless_fresh(small, whole, tmp_path):
+    copytree(whole, tmp_path / "out")
     small.write_text(small.read_text("utf-8") + "seed = 5\n", encoding="utf-8")
     with pytest.raises(FileError, match="something else"):
         figure_run(small, tmp_path / "out")
@@ -261,10 +271,11 @@ def test_figures_that_make_no_sense_are_refused_at_once(small, tmp_path, change,
 
 
 def test_missing_tasks_are_an_error_or_said_aloud(small, tmp_path):
-    (tmp_path / "t.jsonl.gz").unlink()
-    with pytest.raises(FileError, match=r"t\.jsonl\.gz"):
+    text = small.read_text("utf-8").replace("/t.jsonl.gz", "/gone.jsonl.gz")
+    small.write_text(text, encoding="utf-8")
+    with pytest.raises(FileError, match=r"gone\.jsonl\.gz"):
         figure_run(small, tmp_path / "out")
-    text = small.read_text("utf-8").replace("sequences = 4", 'sequences = 2\notherwise = "grammar"')
+    text = text.replace("sequences = 4", 'sequences = 2\notherwise = "grammar"')
     small.write_text(text, encoding="utf-8")
     list(figure_run(small, tmp_path / "out").episodes())
     assert read_figure(tmp_path / "out").source.startswith("our task grammar")

@@ -1,6 +1,10 @@
-"""Answers cut anywhere, for any reason: nothing is carried out but whole programs."""
+"""Answers cut anywhere, for any reason: nothing is carried out but whole programs.
+
+KARMA_CUTS=1 cuts at every place.
+"""
 
 import json
+import os
 
 import pytest
 from support.hosted_server import endpoint, plant_key, wire_server
@@ -26,6 +30,7 @@ UNITS = tuple(
 ENDS = ("stop", "eos", "end_turn", None)
 CUTS = ("length", "max_tokens", "content_filter")
 FAULTS = ("abort", "error", "tool_calls", "anything", "")
+EVERY = bool(os.environ.get("KARMA_CUTS"))
 
 
 def asked(model, said="Do it", **decoding):
@@ -37,36 +42,43 @@ def asked(model, said="Do it", **decoding):
 
 
 def cuts_of(program):
-    """Where an answer is cut: each character around the end of a line, each fifth elsewhere."""
+    """Where an answer is cut: each character around the end of a line, some elsewhere."""
     ends = [at for at, char in enumerate(program) if char == "\n"]
     near = {at + step for at in [*ends, len(program)] for step in range(-2, 3)}
-    return sorted({*near, *range(1, len(program), 5)} & {*range(1, len(program) + 1)})
+    between = range(1, len(program), 1 if EVERY else 11)
+    return sorted({*near, *between} & {*range(1, len(program) + 1)})
+
+
+@pytest.fixture(scope="module")
+def server():
+    """A hosted model, and a list of what its server says next: text and reason."""
+    said = ["", ""]
+
+    def answer(path, body, headers):
+        message = {"role": "assistant", "content": said[0]}
+        choice = {"index": 0, "message": message, "finish_reason": said[1]}
+        return 200, {}, json.dumps({"choices": [choice]}).encode()
+
+    with pytest.MonkeyPatch.context() as patch, wire_server(answer) as (url, _):
+        plant_key(patch)
+        yield HostedLanguageModel(endpoint(url, "m", retries=0)), said
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("reason", [*ENDS, *CUTS, *FAULTS], ids=str)
-def test_answer_of_a_server_is_whole_or_it_is_a_fault(monkeypatch, program, reason):
-    plant_key(monkeypatch)
+def test_answer_of_a_server_is_whole_or_it_is_a_fault(server, program, reason):
+    model, heard = server
     whole = [line for line in program.splitlines() if line]
-    cut = [0]
-
-    def answer(path, body, headers):
-        message = {"role": "assistant", "content": program[: cut[0]]}
-        choice = {"index": 0, "message": message, "finish_reason": reason}
-        return 200, {}, json.dumps({"choices": [choice]}).encode()
-
-    with wire_server(answer) as (url, _):
-        model = HostedLanguageModel(endpoint(url, "m", retries=0))
-        for cut[0] in cuts_of(program):
-            said = program[: cut[0]]
-            lines = [line for line in said.splitlines() if line]
-            if reason in FAULTS:
-                with pytest.raises(ServerLost):
-                    asked(model)
-            elif reason in CUTS or lines != whole[: len(lines)]:
-                assert asked(model) == []
-            else:  # the model itself has ended it, with a whole line
-                assert asked(model) == lines
+    for cut in cuts_of(program):
+        heard[:] = program[:cut], reason
+        lines = [line for line in program[:cut].splitlines() if line]
+        if reason in FAULTS:
+            with pytest.raises(ServerLost):
+                asked(model)
+        elif reason in CUTS or lines != whole[: len(lines)]:
+            assert asked(model) == []
+        else:  # the model itself has ended it, with a whole line
+            assert asked(model) == lines
 
 
 @pytest.mark.parametrize(
@@ -77,11 +89,11 @@ def test_answer_of_a_local_model_is_whole_or_it_is_a_fault(said):
     file = resolve_planner("karma-nano")
     model = LlamaModel(file.path, sha256=file.sha256, name=file.name)
     request = PlanRequest(instruction=said, areas=AREAS, units=UNITS)
-    for level in ("types", "free"):
+    for level in ("types", "free"):  # some tokens, and each of the last where it is whole
         (plan,) = Planner(model, "compact", Decoding(attempts=1, constraint=level)).plan(request)
         whole, tokens = [str(call) for call in plan.calls], plan.completion.completion_tokens
         assert whole and plan.completion.finish == "stop"
-        for most in range(1, tokens + 1):
+        for most in {*range(1, tokens, 1 if EVERY else 7), tokens - 2, tokens - 1, tokens} - {0}:
             found = asked(model, said, constraint=level, max_tokens=most)
             assert found in ([], whole)
             assert not found or most >= tokens - 1  # but for a line break that ends it

@@ -15,7 +15,7 @@ from karma.contracts import MemoryUnit
 from karma.files import to_json
 from karma.world.sim import EmbeddedWorld
 
-SEQUENCES = int(os.environ.get("KARMA_SEQUENCES", "6"))  # in each room
+SEQUENCES = int(os.environ.get("KARMA_SEQUENCES", "3"))  # in each room
 DEEDS = 6
 ROOMS = ("handmade", "kitchen_1", "kitchen_2", "kitchen_3", "kitchen_4")
 

@@ -24,7 +24,7 @@ from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.vision.pictures import picture_url
 from karma.testing import FAMILIES, Size, make_picture_model, make_planner
 
-PROGRAMS = int(os.environ.get("KARMA_PROGRAMS", "200"))  # drawn of each family
+PROGRAMS = int(os.environ.get("KARMA_PROGRAMS", "60"))  # drawn of each family
 REQUEST = PlanRequest(
     instruction="Put the clean apple in the fridge",
     areas=(

@@ -17,6 +17,7 @@ from karma.infer.llama.gguf_merge import merge_adapter
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.options import LlamaOptions
 from karma.tasks.requests import load_texts
+from karma.testing import make_planner
 from karma.training.tuning import (
     ADAPTER,
     ADAPTER_CONFIG,
@@ -95,9 +96,15 @@ def test_the_loss_counts_answers_alone():
 
 
 @pytest.fixture(scope="module")
-def weights(smollm):
-    """Real weights, which take seconds to read: for copies."""
-    return base_model(smollm)
+def base(tmp_path_factory):
+    """A file of random weights, rounded as the real ones are."""
+    return export_tiny(tmp_path_factory.mktemp("base") / "tiny.gguf", dtype="Q8_0", layers=2)
+
+
+@pytest.fixture(scope="module")
+def weights(base):
+    """The same for training: for copies."""
+    return base_model(base)
 
 
 def test_leaving_out_the_prompts_logits_changes_no_loss(weights):
@@ -118,27 +125,27 @@ def test_leaving_out_the_prompts_logits_changes_no_loss(weights):
 
 
 @pytest.fixture(scope="module")
-def tuned(tmp_path_factory, smollm, weights):
-    """An adapter of a few steps on real weights: enough to be told from rounding."""
+def tuned(tmp_path_factory, base, weights):
+    """An adapter of a few steps: enough to be told from rounding."""
     pytest.importorskip("peft")
     folder = tmp_path_factory.mktemp("tuned")
-    tokenizer = read_gguf_tokenizer(smollm)
-    given = encode(read_examples(examples_file(folder, LINES)), tokenizer, end_token(smollm))
-    recipe = TuningRecipe(rank=2, alpha=4, steps=6, warmup=0, tokens=512, rate=2e-2, lowest=20)
+    tokenizer = read_gguf_tokenizer(base)
+    given = encode(read_examples(examples_file(folder, LINES)), tokenizer, end_token(base))
+    recipe = TuningRecipe(rank=2, alpha=4, steps=6, warmup=0, tokens=512, rate=2e-2, lowest=1)
     found = tune(deepcopy(weights), batches_of(given, 512, 0), folder, recipe,
                  watched=[given[:2]])  # fmt: skip
     assert 0 <= found["exact"] <= 1
     return folder
 
 
-def test_a_merged_file_says_what_base_and_adapter_say_together(tmp_path, smollm, weights, tuned):
+def test_a_merged_file_says_what_base_and_adapter_say_together(tmp_path, base, weights, tuned):
     import torch
     from peft import PeftModel
 
     files = (tuned / ADAPTER, tuned / ADAPTER_CONFIG)
-    merge_adapter(smollm, *files, tmp_path / "one.gguf", name="tuned")
+    merge_adapter(base, *files, tmp_path / "one.gguf", name="tuned")
     model = GgufModel(tmp_path / "one.gguf", LlamaOptions(threads=1))
-    plain = GgufModel(smollm, LlamaOptions(threads=1))
+    plain = GgufModel(base, LlamaOptions(threads=1))
     tokens = model.tokens("#task get the apple\n#program\nGoToObject(robot, '")
     adapted = PeftModel.from_pretrained(deepcopy(weights), str(tuned)).eval()
     with torch.no_grad():
@@ -155,18 +162,18 @@ def test_a_merged_file_says_what_base_and_adapter_say_together(tmp_path, smollm,
     assert "tokenizer.chat_template" not in model.metadata
 
 
-def test_what_cannot_be_merged_is_refused(tmp_path, smollm, tuned):
+def test_what_cannot_be_merged_is_refused(tmp_path, base, tuned):
     config = json.loads((tuned / ADAPTER_CONFIG).read_text())
     other = tmp_path / "config.json"
     other.write_text(json.dumps(config | {"use_dora": True}))
     with pytest.raises(ModelError, match="DoRA"):
-        merge_adapter(smollm, tuned / ADAPTER, other, tmp_path / "no.gguf", name="no")
-    tiny = export_tiny(tmp_path / "tiny.gguf")
+        merge_adapter(base, tuned / ADAPTER, other, tmp_path / "no.gguf", name="no")
+    other = make_planner(tmp_path / "other.gguf", "qwen2.5")
     with pytest.raises(ModelError, match=r"has no place|the adapter"):
-        merge_adapter(tiny or tmp_path / "tiny.gguf", tuned / ADAPTER, tuned / ADAPTER_CONFIG,
+        merge_adapter(other, tuned / ADAPTER, tuned / ADAPTER_CONFIG,
                       tmp_path / "no.gguf", name="no")  # fmt: skip
     torn = tmp_path / "torn.safetensors"
     torn.write_bytes((tuned / ADAPTER).read_bytes()[:100])
     with pytest.raises(FileError, match="no adapter"):
-        merge_adapter(smollm, torn, tuned / ADAPTER_CONFIG, tmp_path / "no.gguf", name="no")
+        merge_adapter(base, torn, tuned / ADAPTER_CONFIG, tmp_path / "no.gguf", name="no")
     assert not (tmp_path / "no.gguf").exists()

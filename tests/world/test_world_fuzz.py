@@ -1,6 +1,6 @@
 """No step, however wrong, does anything but what is documented: an event, or ValueError for misuse.
 
-20,000 steps; KARMA_FUZZ_STEPS sets another number.
+6,000 steps; KARMA_FUZZ_STEPS sets another number.
 """
 
 import math
@@ -15,7 +15,7 @@ from support.random_steps import random_step
 from karma.world.core import scene
 from karma.world.sim import MISUSE, EmbeddedWorld
 
-STEPS = int(os.environ.get("KARMA_FUZZ_STEPS", "20000"))
+STEPS = int(os.environ.get("KARMA_FUZZ_STEPS", "6000"))
 RUN = 50
 NAMES = sorted(path.stem for path in scene.SCENES.glob("*.json"))
 
