@@ -137,26 +137,30 @@ class Routes:
         for state, move in walls:
             self._after[floor.numbers[state], _MOVES.index(move)] = -1
         there = self._after >= 0
-        ends = np.concatenate(([0], there.sum(axis=1).cumsum()))
-        graph = csr_matrix((np.ones(ends[-1]), self._after[there], ends), shape=(size, size))
-        order, self._before = breadth_first_order(graph, floor.numbers[start])
-        self._order: list[int] = order.tolist()
-        steps = [0] * size
-        for number, before in zip(self._order[1:], self._before[order[1:]].tolist(), strict=True):
-            steps[number] = steps[before] + 1
-        self._steps = {floor.states[number]: steps[number] for number in self._order}
+        rows = np.concatenate(([0], there.sum(axis=1).cumsum()))
+        graph = csr_matrix((np.ones(rows[-1]), self._after[there], rows), shape=(size, size))
+        self._order, self._before = breadth_first_order(graph, floor.numbers[start])
+        ranks = np.zeros(size, dtype=np.intp)
+        ranks[self._order] = np.arange(len(self._order))
+        before = ranks[self._before[self._order[1:]]]
+        ends = [0, 1]  # ranks, each one past the last that is so many actions away
+        while ends[-1] < len(self._order):
+            ends.append(1 + int(np.searchsorted(before, ends[-1])))
+        self._steps = np.full(size, -1)
+        self._steps[self._order] = np.repeat(np.arange(len(ends) - 1), np.diff(ends))
 
     def __iter__(self) -> Iterator[State]:
         """Yield every state that can be reached, the nearest first."""
-        return iter(self._steps)
+        return (self._floor.states[number] for number in self._order.tolist())
 
     def cost(self, goal: State) -> int | None:
         """Return how many actions it takes to get to a state; None where no way leads."""
-        return self._steps.get(goal)
+        steps = int(self._steps[self._floor.numbers[goal]]) if goal in self._floor.numbers else -1
+        return steps if steps >= 0 else None
 
     def to(self, goal: State) -> list[str] | None:
         """Return the actions that lead to a state; None where no way does."""
-        if goal not in self._steps:
+        if self.cost(goal) is None:
             return None
         actions, number = list[str](), self._floor.numbers[goal]
         while (before := int(self._before[number])) >= 0:
@@ -314,9 +318,7 @@ class Walker:
                 views.append((view.cost + far, view.state, view))
         return [view for _, _, view in sorted(views, key=lambda ranked: ranked[:2])]
 
-    def _view(
-        self, cell: Cell, gap: float, target: Target, eye: float, routes: Routes
-    ) -> Stance:
+    def _view(self, cell: Cell, gap: float, target: Target, eye: float, routes: Routes) -> Stance:
         x, z = self._floor.metres(cell)
         ax, az = self._floor.aim(cell, target)
         dx, dz = ax - x, az - z

@@ -63,10 +63,9 @@ def looks(
             yield PlannedLook(place_id=place_id, believed=False)
 
 
-def look_cost(robot: HomeRobot, place_id: str) -> int:
+def look_cost(robot: HomeRobot, place_id: str) -> float:
     """Return how many actions a look at a place costs from here."""
-    spots = robot.map.spots[place_id]
-    return LOOK_ACTIONS + min(robot.map.cost(robot.at, spot) for spot in spots)
+    return LOOK_ACTIONS + robot.way(place_id)
 
 
 def by_habit(robot: HomeRobot, object_type: str | None) -> Iterator[str]:

@@ -279,7 +279,7 @@ class Server:
     def _take(self, seen: Sighting) -> bool:
         if seen.place_id == HAND:
             return self._robot.held == seen.object_id
-        taken = self._robot.take(seen.object_id, seen.place_id)
+        taken = self._robot.take(seen.object_id)
         if seen.place_id is not None:
             self._robot.close(seen.place_id)
         return taken
