@@ -915,7 +915,7 @@ class Event(Protocol):
         """RGB picture, or None when nothing was rendered."""
 
 
-class Surroundings(Protocol):
+class Stage(Protocol):
     """What a body acts in: all of a world that skills need."""
 
     @property
@@ -926,7 +926,7 @@ class Surroundings(Protocol):
         """Do one action; a refusal is in the event's metadata, misuse raises ValueError."""
 
 
-class World(Surroundings, Protocol):
+class World(Stage, Protocol):
     """Where the robot lives; speaks AI2-THOR 5.0.0."""
 
     def reset(self, scene: str) -> Event:

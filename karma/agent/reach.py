@@ -11,7 +11,7 @@ from karma.agent.perceive import place_of, refusal
 from karma.agent.refusals import RefusedError, explained, of_its_kind
 from karma.agent.sightings import Sightings, known
 from karma.agent.walk import Stance, Target, Walker
-from karma.contracts import Event, Knowledge, Known, Observation, SeenObject, Surroundings, Vec3
+from karma.contracts import Event, Knowledge, Known, Observation, SeenObject, Stage, Vec3
 from karma.household.pieces import base_type
 from karma.household.types import object_types, types_with
 from karma.household.uses import BASIN_OF, without_basin
@@ -48,7 +48,7 @@ class Reach:
 
     def __init__(
         self,
-        world: Surroundings,
+        world: Stage,
         knowledge: Knowledge,
         limits: SkillLimits,
         eyes: Eyes,

@@ -15,7 +15,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order
 
 from karma.agent.perceive import camera_of, cells_of, pose_of, scene_of
-from karma.contracts import CameraPose, Event, Pose, Surroundings, Vec3
+from karma.contracts import CameraPose, Event, Pose, Stage, Vec3
 
 Cell = tuple[int, int]  # steps along x and z from where the map was asked for
 State = tuple[int, int, int]  # cell and heading (0 = +z, 1 = +x, 2 = -z, 3 = -x)
@@ -177,7 +177,7 @@ class Walker:
         max_actions: of one skill; then `OutOfActionsError`.
     """
 
-    def __init__(self, world: Surroundings, *, max_actions: int) -> None:
+    def __init__(self, world: Stage, *, max_actions: int) -> None:
         self.world = world
         self.max_actions = max_actions
         self.actions = 0  # since `start`

@@ -24,7 +24,7 @@ UNTOLD = frozenset(("off", "closed", "heated"))  # words of `State` that no sigh
 
 
 class HomeRobot:
-    """Acts in a household and tells what it learns as moments; see `Surroundings`.
+    """Acts in a household and tells what it learns as moments; see `Stage`.
 
     Args:
         household: where it lives.

@@ -6,12 +6,12 @@ It is the robot's own map, made once per home, and all that its skills know from
 from collections.abc import Mapping
 
 from karma.contracts import Area, Known, Pose
-from karma.household.places import FLOOR
 from karma.memory.lived.setting import KnownPlace
 from karma.methods.lived.look_spots import look_poses
-from karma.world.core.scene import Scene, SceneObject
+from karma.world.core.scene import Scene
 from karma.world.core.state import Settings, begin
-from karma.world.houses import room_at
+from karma.world.houses import room_name
+from karma.world.residents import resting_places
 
 
 class HomeMap:
@@ -27,11 +27,18 @@ class HomeMap:
         self.spots: dict[str, tuple[Pose, ...]] = {}
         self._known: dict[str, Known] = {}
         state = begin(scene, Settings(grid_m=scene.grid_m))
-        for thing in filter(_is_place, scene.objects):
+        for place_id, place in resting_places(scene).items():
+            thing = state.objects[place_id]
             if poses := look_poses(state, thing):
-                self.places[thing.id] = self._place(thing)
-                self.spots[thing.id] = tuple(poses)
-                self._known[thing.id] = _known(thing)
+                self.places[place_id] = KnownPlace(
+                    place_id=place_id, place_type=thing.type, room=place.room,
+                    room_kind=place.kind, openable="openable" in thing.capabilities,
+                )  # fmt: skip
+                self.spots[place_id] = tuple(poses)
+                self._known[place_id] = Known(
+                    object_id=place_id, object_type=thing.type, position_m=thing.center,
+                    source="graph", box_center_m=thing.center, box_size_m=thing.size,
+                )  # fmt: skip
 
     def where(self, name: str) -> Known | None:
         """Return where a piece of furniture is, None of what else there is."""
@@ -43,8 +50,7 @@ class HomeMap:
 
     def room_at(self, x: float, z: float) -> str:
         """Return the room of a place, metres."""
-        room = room_at(self._scene, x, z)
-        return room.name if room is not None else self._scene.name
+        return room_name(self._scene, x, z)
 
     def in_rooms(self) -> Mapping[str, tuple[str, ...]]:
         """Return the ids of the places of each room."""
@@ -52,30 +58,3 @@ class HomeMap:
         for place_id, place in self.places.items():
             found.setdefault(place.room, []).append(place_id)
         return {room: tuple(ids) for room, ids in found.items()}
-
-    def _place(self, thing: SceneObject) -> KnownPlace:
-        room = self.room_at(thing.center[0], thing.center[2])
-        return KnownPlace(
-            place_id=thing.id,
-            place_type=thing.type,
-            room=room,
-            room_kind=room.rpartition("_")[0],
-            openable="openable" in thing.capabilities,
-        )
-
-
-def _is_place(thing: SceneObject) -> bool:
-    """Return whether things are looked for in or on something: furniture, not what is carried."""
-    can = thing.capabilities
-    return "receptacle" in can and "pickupable" not in can and thing.type != FLOOR
-
-
-def _known(thing: SceneObject) -> Known:
-    return Known(
-        object_id=thing.id,
-        object_type=thing.type,
-        position_m=thing.center,
-        source="graph",
-        box_center_m=thing.center,
-        box_size_m=thing.size,
-    )
