@@ -915,18 +915,22 @@ class Event(Protocol):
         """RGB picture, or None when nothing was rendered."""
 
 
-class World(Protocol):
-    """Where the robot lives; speaks AI2-THOR 5.0.0."""
+class Stage(Protocol):
+    """What a body acts in: all of a world that skills need."""
 
     @property
     def last_event(self) -> Event:
-        """The event of the last `reset` or `step`."""
-
-    def reset(self, scene: str) -> Event:
-        """Load a scene by name or path."""
+        """The event of the last action."""
 
     def step(self, action: str, **arguments: Any) -> Event:
         """Do one action; a refusal is in the event's metadata, misuse raises ValueError."""
+
+
+class World(Stage, Protocol):
+    """Where the robot lives; speaks AI2-THOR 5.0.0."""
+
+    def reset(self, scene: str) -> Event:
+        """Load a scene by name or path."""
 
     def stop(self) -> None:
         """Release what the world holds."""

@@ -11,7 +11,7 @@ from karma.agent.perceive import place_of, refusal
 from karma.agent.refusals import RefusedError, explained, of_its_kind
 from karma.agent.sightings import Sightings, known
 from karma.agent.walk import Stance, Target, Walker
-from karma.contracts import Event, Knowledge, Known, Observation, SeenObject, Vec3, World
+from karma.contracts import Event, Knowledge, Known, Observation, SeenObject, Stage, Vec3
 from karma.household.pieces import base_type
 from karma.household.types import object_types, types_with
 from karma.household.uses import BASIN_OF, without_basin
@@ -48,7 +48,7 @@ class Reach:
 
     def __init__(
         self,
-        world: World,
+        world: Stage,
         knowledge: Knowledge,
         limits: SkillLimits,
         eyes: Eyes,
@@ -230,10 +230,16 @@ class Reach:
         views = self._untried(target, tried, least_gap_m, past)
         for view in sorted(views, key=lambda view: view.gap_m) if nearest else views:
             tried.append(view)
-            if self.walker.walk(view.state) and self.walker.look(view.horizon_deg):
-                self.look()
+            if self.stand(view):
                 return True
         return False
+
+    def stand(self, view: Stance) -> bool:
+        """Go to a place and look from there; False where something is in the way."""
+        there = self.walker.walk(view.state) and self.walker.look(view.horizon_deg)
+        if there:
+            self.look()
+        return there
 
     def unseen(
         self, points: Sequence[Vec3], things: Sequence[SeenObject], *, since: int = 0
@@ -268,8 +274,7 @@ class Reach:
         for view in views:
             if unseen([point], [self.walker.camera_of(view)], things, reach_m=reach_m):
                 continue
-            if self.walker.walk(view.state) and self.walker.look(view.horizon_deg):
-                self.look()
+            if self.stand(view):
                 return True
         return False
 

@@ -5,20 +5,23 @@ LookDown); GetReachablePositions is asked once per scene and stands for the robo
 """
 
 import math
-from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import breadth_first_order
+
 from karma.agent.perceive import camera_of, cells_of, pose_of, scene_of
-from karma.contracts import CameraPose, Event, Pose, Vec3, World
+from karma.contracts import CameraPose, Event, Pose, Stage, Vec3
 
 Cell = tuple[int, int]  # steps along x and z from where the map was asked for
 State = tuple[int, int, int]  # cell and heading (0 = +z, 1 = +x, 2 = -z, 3 = -x)
 
 _AHEAD = ((0, 1), (1, 0), (0, -1), (-1, 0))
+_MOVES = ("MoveAhead", "RotateLeft", "RotateRight")
 _TURN = {"RotateRight": 1, "RotateLeft": -1}
 _HORIZONS = (-30.0, 0.0, 30.0, 60.0)
 _REPLANS = 20  # walls met on one walk before it is given up
@@ -66,6 +69,20 @@ class FloorMap:
         ]
         self.grid_m = min(steps, default=0.25)
         self.cells = {self.cell(cell): (cell[0], cell[2]) for cell in [*found, here]}
+        self._link()
+
+    def add(self, cell: Cell) -> None:
+        """Take note that a cell can be stood on."""
+        if cell not in self.cells:
+            self.cells[cell] = self.metres(cell)
+            self._link()
+
+    def _link(self) -> None:
+        """Number all states, and say which one each move leads to: (states, moves), -1 for none."""
+        self.states: list[State] = [(*cell, turn) for cell, turn in product(self.cells, range(4))]
+        self.numbers = {state: number for number, state in enumerate(self.states)}
+        after = [[self.numbers.get(_after(s, move), -1) for move in _MOVES] for s in self.states]
+        self.after = np.array(after, dtype=np.intp)
 
     def cell(self, point: Vec3) -> Cell:
         """Return the cell that a point lies in."""
@@ -103,15 +120,64 @@ class FloorMap:
         return aim[0], aim[1]
 
 
+class Routes:
+    """The shortest ways from one state to all others, in steps ahead and quarter turns.
+
+    Args:
+        floor: where the agent can stand.
+        start: on it.
+        walls: moves that the world refused.
+    """
+
+    def __init__(
+        self, floor: FloorMap, start: State, walls: Collection[tuple[State, str]] = ()
+    ) -> None:
+        self._floor, size = floor, len(floor.states)
+        self._after = floor.after.copy()
+        for state, move in walls:
+            self._after[floor.numbers[state], _MOVES.index(move)] = -1
+        there = self._after >= 0
+        rows = np.concatenate(([0], there.sum(axis=1).cumsum()))
+        graph = csr_matrix((np.ones(rows[-1]), self._after[there], rows), shape=(size, size))
+        self._order, self._before = breadth_first_order(graph, floor.numbers[start])
+        ranks = np.zeros(size, dtype=np.intp)
+        ranks[self._order] = np.arange(len(self._order))
+        before = ranks[self._before[self._order[1:]]]
+        ends = [0, 1]  # ranks, each one past the last that is so many actions away
+        while ends[-1] < len(self._order):
+            ends.append(1 + int(np.searchsorted(before, ends[-1])))
+        self._steps = np.full(size, -1)
+        self._steps[self._order] = np.repeat(np.arange(len(ends) - 1), np.diff(ends))
+
+    def __iter__(self) -> Iterator[State]:
+        """Yield every state that can be reached, the nearest first."""
+        return (self._floor.states[number] for number in self._order.tolist())
+
+    def cost(self, goal: State) -> int | None:
+        """Return how many actions it takes to get to a state; None where no way leads."""
+        steps = int(self._steps[self._floor.numbers[goal]]) if goal in self._floor.numbers else -1
+        return steps if steps >= 0 else None
+
+    def to(self, goal: State) -> list[str] | None:
+        """Return the actions that lead to a state; None where no way does."""
+        if self.cost(goal) is None:
+            return None
+        actions, number = list[str](), self._floor.numbers[goal]
+        while (before := int(self._before[number])) >= 0:
+            actions.append(_MOVES[self._after[before].tolist().index(number)])
+            number = before
+        return actions[::-1]
+
+
 class Walker:
     """The agent's body: walks, turns, looks, and counts the world's actions.
 
     Args:
-        world: a world that has been reset.
+        world: that has been reset.
         max_actions: of one skill; then `OutOfActionsError`.
     """
 
-    def __init__(self, world: World, *, max_actions: int) -> None:
+    def __init__(self, world: Stage, *, max_actions: int) -> None:
         self.world = world
         self.max_actions = max_actions
         self.actions = 0  # since `start`
@@ -120,7 +186,7 @@ class Walker:
         self._state: State = (0, 0, 0)
         self._horizon = 0.0
         self._walls: set[tuple[State, str]] = set()
-        self._known: tuple[Any, Mapping[State, _Route]] = (None, {})  # the last routes, and whence
+        self._known: tuple[Any, Routes] | None = None  # whence the last routes are, and they
 
     # ------------------------------------------------------------- acting
 
@@ -159,7 +225,7 @@ class Walker:
     def walk(self, goal: State) -> bool:
         """Walk the shortest way to a cell and heading, round what turns out to be in the way."""
         for _ in range(_REPLANS):
-            path = self._path(goal)
+            path = self.routes().to(goal)
             if path is None:
                 return False
             if self._follow(path):
@@ -169,9 +235,9 @@ class Walker:
     def walk_near(self, point: Vec3) -> bool:
         """Walk to the cell nearest to a point that can be walked to, with any heading."""
         for _ in range(_REPLANS):
-            routes = self._routes()
-            near = min(routes, key=lambda s: (self._floor.gap_m(s, point), routes[s][0], s))
-            if self._follow(self._trace(routes, near)):
+            routes = self.routes()
+            near = min(routes, key=lambda s: (self._floor.gap_m(s, point), routes.cost(s), s))
+            if self._follow(routes.to(near) or ()):
                 return True
         return False
 
@@ -227,12 +293,17 @@ class Walker:
         """Return all cells of the map: x, z in metres."""
         return self._floor.cells.values()
 
+    def cost(self, view: Stance) -> float:
+        """Return how many actions it takes to get into a view; infinite where no way leads."""
+        steps = self.routes().cost(view.state)
+        return math.inf if steps is None else steps + self._tilts(view.horizon_deg)
+
     def views(self, target: Target, *, reach_m: float, least_gap_m: float = 0.0) -> list[Stance]:
         """Return the ways to stand and look at a target, the cheapest first.
 
         Cells within `reach_m` of the target's box; if there are none, the nearest ones.
         """
-        routes = self._routes()
+        routes = self.routes()
         gaps = {
             cell: math.hypot(*self._floor.outside_m(cell, target))
             for cell in {state[:2] for state in routes}
@@ -247,9 +318,7 @@ class Walker:
                 views.append((view.cost + far, view.state, view))
         return [view for _, _, view in sorted(views, key=lambda ranked: ranked[:2])]
 
-    def _view(
-        self, cell: Cell, gap: float, target: Target, eye: float, routes: Mapping[State, "_Route"]
-    ) -> Stance:
+    def _view(self, cell: Cell, gap: float, target: Target, eye: float, routes: Routes) -> Stance:
         x, z = self._floor.metres(cell)
         ax, az = self._floor.aim(cell, target)
         dx, dz = ax - x, az - z
@@ -262,10 +331,14 @@ class Walker:
         odds = off / 15.0 + max(abs(horizon - pitch) - 15.0, 0.0) / 5.0
         odds += 1.0 if gap < 0.3 else 4.0 * max(gap - 1.0, 0.0)
         odds += 1.0 if min(self._floor.outside_m(cell, target)) > 0.05 else 0.0  # past a corner
-        tilts = abs(horizon - self._horizon) / 30.0
-        known = routes.get(state)
-        walk = known[0] if known else 1000  # a heading that walls keep out of reach
-        return Stance(state=state, horizon_deg=horizon, gap_m=gap, cost=walk + tilts + odds)
+        walk = routes.cost(state)
+        walk = 1000 if walk is None else walk  # a heading that walls keep out of reach
+        cost = walk + self._tilts(horizon) + odds
+        return Stance(state=state, horizon_deg=horizon, gap_m=gap, cost=cost)
+
+    def _tilts(self, horizon_deg: float) -> float:
+        """Return how many actions it takes to tilt the camera so."""
+        return abs(horizon_deg - self._horizon) / 30.0
 
     # ------------------------------------------------------------- map and routes
 
@@ -286,40 +359,15 @@ class Walker:
             turn = "RotateRight" if heading * 90.0 > pose.yaw_deg else "RotateLeft"
             self.do(turn, degrees=abs(heading * 90.0 - pose.yaw_deg))
         self._state = (*self._floor.cell(pose.position_m), heading % 4)
+        self._floor.add(self._state[:2])
         self._horizon = pose.horizon_deg
 
-    def _routes(self) -> Mapping[State, "_Route"]:
-        """Return every state that can be reached: its cost, the state before, and the action."""
+    def routes(self) -> Routes:
+        """Return the ways from here."""
         whence = (self._floor, self._state, frozenset(self._walls))
-        if self._known[0] != whence:
-            self._known = (whence, self._spread())
+        if self._known is None or self._known[0] != whence:
+            self._known = (whence, Routes(self._floor, self._state, self._walls))
         return self._known[1]
-
-    def _spread(self) -> dict[State, "_Route"]:
-        routes: dict[State, _Route] = {self._state: (0, None, "")}
-        waiting = deque([self._state])
-        while waiting:
-            state = waiting.popleft()
-            cost = routes[state][0] + 1
-            for action, after in _neighbours(state):
-                if after in routes or after[:2] not in self._floor.cells:
-                    continue
-                if (state, action) not in self._walls:
-                    routes[after] = (cost, state, action)
-                    waiting.append(after)
-        return routes
-
-    def _path(self, goal: State) -> list[str] | None:
-        routes = self._routes()
-        return self._trace(routes, goal) if goal in routes else None
-
-    def _trace(self, routes: Mapping[State, "_Route"], goal: State) -> list[str]:
-        actions = []
-        _, before, action = routes[goal]
-        while before is not None:
-            actions.append(action)
-            _, before, action = routes[before]
-        return actions[::-1]
 
     def _follow(self, actions: Iterable[str]) -> bool:
         """Do the actions; at the first refusal remember the wall and stop."""
@@ -332,17 +380,9 @@ class Walker:
         return True
 
 
-_Route = tuple[int, State | None, str]
-
-
 def _after(state: State, action: str) -> State:
     x, z, heading = state
     if action == "MoveAhead":
         dx, dz = _AHEAD[heading]
         return x + dx, z + dz, heading
     return x, z, (heading + _TURN[action]) % 4
-
-
-@lru_cache(maxsize=1 << 16)  # states of a room are a few thousand, and asked for at each step
-def _neighbours(state: State) -> tuple[tuple[str, State], ...]:
-    return tuple((a, _after(state, a)) for a in ("MoveAhead", "RotateLeft", "RotateRight"))

@@ -22,7 +22,7 @@ from karma.memory.lived.designs import DESIGNS
 from karma.memory.lived.said import is_of_past, types_meant
 from karma.memory.lived.setting import KnownPlace, MemorySetting
 from karma.methods.lived.body import HomeRobot
-from karma.methods.lived.home_map import HomeMap, LookSpot
+from karma.methods.lived.home_map import HomeMap
 from karma.methods.lived.recalling import fits
 from karma.methods.lived.search import nearest_next
 from karma.methods.lived.serve import Server
@@ -50,7 +50,6 @@ class TouredHome:
 
     map: HomeMap
     household: Household  # to be forked
-    at: LookSpot
     actions: int
     start: dict[str, Sighting]  # where all things were before
     moments: tuple[HomeMoment, ...]  # that the tour showed
@@ -76,7 +75,6 @@ def tour(spec: HomeSpec, seed: int, tracer: HomeTracer | None = None) -> TouredH
     return TouredHome(
         map=home,
         household=household,
-        at=robot.at,
         actions=robot.actions,
         start=start,
         moments=tuple(moments),
@@ -109,7 +107,7 @@ class HomeLife:
         self._map, self._start, self._people = home.map, home.start, spec.people(seed)
         self._household = home.household.fork()
         self._robot = HomeRobot(self._household, self._map, self._told)
-        self._robot.at, self._robot.actions = home.at, home.actions
+        self._robot.actions = home.actions
         self._memory = self._made(embedder)
         self._server = Server(self._robot, self._memory, row.settings(experiment.tokens))
         self._scheduled: list[HomeMoment] = []  # learnt on rounds and waits: the same for every row

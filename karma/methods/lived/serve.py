@@ -6,6 +6,7 @@ is gone is made anew from there, within a budget of places. Open loop (the paper
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import Literal
 
 from karma.contracts import (
@@ -279,7 +280,7 @@ class Server:
     def _take(self, seen: Sighting) -> bool:
         if seen.place_id == HAND:
             return self._robot.held == seen.object_id
-        taken = self._robot.take(seen.object_id, seen.place_id)
+        taken = self._robot.take(seen.object_id)
         if seen.place_id is not None:
             self._robot.close(seen.place_id)
         return taken
@@ -325,6 +326,7 @@ class Server:
         known = {target.object_id for target in targets}
         kinds = types_meant(said)
         facts = [target.fact for target in targets if target.fact is not None]
+        believed = {fact.sighting.place_id for fact in facts}
         kind = targets[0].object_type if targets else (kinds[0] if kinds else None)
         found: list[Sighting] = []
 
@@ -335,25 +337,21 @@ class Server:
 
         def is_it(moment: HomeMoment) -> bool:
             for seen in moment.seen:
-                if seen.object_id in known or (not known and self._looks_like(seen, said)):
+                alike = not known and fits(Fact(sighting=seen), said, self._places)
+                if seen.object_id in known or alike:
                     found.append(seen)
                     return True
             return False
 
-        for look in looks(self._robot, kind, facts, likely):
-            if budget <= 0 or (not self._settings.closed_loop and not look.believed):
+        for place_id in islice(looks(self._robot, kind, facts, likely), budget):
+            if not self._settings.closed_loop and place_id not in believed:
                 break
-            budget -= 1
-            if self._look_at(look.place_id, is_it, believed=look.believed):
+            if self._look_at(place_id, is_it, believed=place_id in believed):
                 return found[0]
             self.effort.repairs += 1
             if not self._settings.closed_loop:
                 break
         return None
-
-    def _looks_like(self, seen: Sighting, said: SaidThing) -> bool:
-        """Return whether a thing in view is as it was said, as far as one can see."""
-        return fits(Fact(sighting=seen), said, self._places)
 
     def _look_at(
         self, place_id: str, is_it: Callable[[HomeMoment], bool], *, believed: bool

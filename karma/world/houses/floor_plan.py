@@ -12,6 +12,12 @@ def room_at(scene: Scene, x: float, z: float) -> SceneRoom | None:
     return None
 
 
+def room_name(scene: Scene, x: float, z: float) -> str:
+    """Return the name of the room that a point is in; of the scene where it is in none."""
+    room = room_at(scene, x, z)
+    return room.name if room is not None else scene.name
+
+
 def rooms_reached(scene: Scene) -> frozenset[str]:
     """Return the names of the rooms that steps over the cells lead to from the agent's start."""
     grid = scene.grid_m

@@ -24,7 +24,7 @@ from karma.world.core.scene import Scene, SceneObject
 from karma.world.core.state import Performed, WorldState
 from karma.world.core.thing import is_inert
 from karma.world.event import WorldEvent
-from karma.world.houses.floor_plan import room_at
+from karma.world.houses.floor_plan import room_name
 from karma.world.residents.habits import HomeRates, Span, habits
 from karma.world.sim import EmbeddedWorld
 
@@ -94,7 +94,7 @@ class Household:
         self.watch: Callable[[Sequence[Deed]], None] | None = None  # shown each change, once made
         self.residents = tuple(_drawn(name, seed) for name in habits().people.names[:people])
         self._rooms = {one.name: _bedroom(scene) for one in self.residents}
-        self._places = _places(scene)
+        self._places = resting_places(scene)
         things = {one.id: one.type for one in scene.objects if _is_movable(one)}
         rng = stream(seed, "residents", "rates")
         self._rates = HomeRates.drawn(things, disturbance if people else 0.0, rng)
@@ -332,8 +332,7 @@ class Household:
         return thing.parents[0]
 
     def _room_at(self, thing: SceneObject) -> str:
-        room = room_at(self._scene, thing.center[0], thing.center[2])
-        return room.name if room is not None else self._scene.name
+        return room_name(self._scene, thing.center[0], thing.center[2])
 
     def _shut_holder(self, state: WorldState, thing: SceneObject) -> str | None:
         """Return the id of a closed receptacle that a thing is in."""
@@ -345,11 +344,11 @@ class Household:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _RestingPlace:
+class RestingPlace:
     """Furniture that things are brought to."""
 
     room: str
-    kind: str
+    kind: str  # of the room
 
 
 def states_of(thing: SceneObject) -> tuple[str, ...]:
@@ -388,15 +387,14 @@ def _is_movable(thing: SceneObject) -> bool:
     return "pickupable" in thing.capabilities and not is_inert(thing)
 
 
-def _places(scene: Scene) -> Mapping[str, _RestingPlace]:
-    """Return the furniture that people put things in or on, by id."""
+def resting_places(scene: Scene) -> Mapping[str, RestingPlace]:
+    """Return the furniture that things are put in or on, by id: what nobody carries away."""
     found = {}
     for thing in scene.objects:
         can = thing.capabilities
         if "receptacle" in can and "pickupable" not in can and thing.type != FLOOR:
-            room = room_at(scene, thing.center[0], thing.center[2])
-            name = room.name if room is not None else scene.name
-            found[thing.id] = _RestingPlace(room=name, kind=name.rpartition("_")[0])
+            room = room_name(scene, thing.center[0], thing.center[2])
+            found[thing.id] = RestingPlace(room=room, kind=room.rpartition("_")[0])
     return found
 
 

@@ -5,6 +5,7 @@ import pytest
 from karma.household.places import HAND
 from karma.methods.lived.body import HomeRobot
 from karma.world.residents import Household
+from karma.world.residents.household import ACTION_S
 from tests.support.lived import DAY_S, HOUR_S, small_home, small_map
 
 ROOMS = ((2, 4), (3, 11))
@@ -60,7 +61,7 @@ def test_deeds_in_its_room_are_witnessed_and_no_others(rooms, seed):
     robot.wait(2 * DAY_S)
     log = robot.household.log
     told = [one.deed for one in moments]
-    assert told == [one for one in log if one.room == robot.at.room]
+    assert told == [one for one in log if one.room == robot.room]
     assert 0 < len(told) < len(log)
     for moment in moments:
         carried = moment.deed.action == "PickupObject"
@@ -76,15 +77,19 @@ def test_what_is_not_watched_is_not_told():
     assert moments == []
 
 
-def test_a_walk_is_charged_as_the_shortest_way():
+def test_a_walk_is_charged_step_by_step_and_takes_its_time():
     robot, _ = robot_in()
-    spot = next(reversed(robot.map.spots.values()))[0]
-    cost, began_s = robot.map.cost(robot.at, spot), robot.time_s
+    place_id = [one for one, spots in robot.map.spots.items() if len(spots) == 1][-1]
+    (spot,) = robot.map.spots[place_id]
+    cost, before, began_s = robot.way(place_id), robot.actions, robot.time_s
     assert cost > 1
     assert robot.go(spot)
-    assert robot.actions == cost
-    assert robot.time_s > began_s
-    assert robot.at == spot
+    assert robot.actions - before == cost
+    assert robot.time_s - began_s == cost * ACTION_S
+    pose = robot.household.world.state.pose
+    assert pose.position_m == pytest.approx(spot.position_m)
+    assert (pose.yaw_deg, pose.horizon_deg) == (spot.yaw_deg, spot.horizon_deg)
+    assert robot.way(place_id) == 0
 
 
 def test_a_hand_takes_one_thing_and_puts_it_down():
@@ -97,9 +102,9 @@ def test_a_hand_takes_one_thing_and_puts_it_down():
     ]  # fmt: skip
     first, second = things[:2]
     robot.look_at(first.parents[0])
-    assert robot.take(first.id, first.parents[0])
+    assert robot.take(first.id)
     assert robot.held == first.id
-    assert not robot.take(second.id, second.parents[0])
+    assert not robot.take(second.id)
     assert robot.held == first.id
     in_hand = [one for moment in moments for one in moment.seen if one.object_id == first.id][-1]
     assert in_hand.place_id == HAND
