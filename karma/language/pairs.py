@@ -255,7 +255,13 @@ class Pairs:
             (n for n in range(number, number + 5) if self._s.low(n) in one.text.split()[-1:]),
             number,
         )
-        return self._s.low(last + 1) == "of" or bool(group.things or group.places)
+        if self._s.low(last + 1) == "of":
+            return True
+        for told in (group.places, group.things):
+            if told and said[-1] in request_words().marks:  # "the drawer on the left"
+                told[-1] = replace(told[-1], marks=(*told[-1].marks, said[-1]))
+                return True
+        return bool(group.things or group.places)
 
     def _names_together(self, group: _PairGroup, one: Mention) -> bool:
         """Read "the shaker with the salt" as what is called a salt shaker."""
@@ -309,7 +315,11 @@ class Pairs:
                 group.places[-1] = one  # "the top shelf of the fridge"
             return True
         of = self._s.low(number - 1) == "of" and self._s.low(number - 2) in words.regions
-        return bool(group.places) and (of or before in words.near | words.beside)
+        told = bool(group.places) and (of or before in words.near | words.beside)
+        carried = all(object_types()[kind].can("pickupable") for kind in one.types)
+        if told and not of and one.types and carried:  # "on the bed under the pillow"
+            self._s.unread.append(f"{before} {one.text}")
+        return told
 
     def _is_part(self, group: _PairGroup) -> bool:
         """Return whether the last place is a part of furniture."""
@@ -318,10 +328,24 @@ class Pairs:
 
     def _goes_with(self, number: int, one: Mention, before: str, group: _PairGroup) -> bool:
         """Return whether a phrase only adds to one before it: "the tall one", "or a pencil"."""
-        joint = self._s.low(number - 1)
-        adds = joint == "," and bool(group.things) and not group.places
-        if one.vague and one.text.split()[-1] == "one" and adds:
-            group.told = one.text == "one"  # "the tall one" is whole, "the one" goes on
+        joint, (*said, head) = self._s.low(number - 1), one.text.split()
+        only = joint == "," or (self._s.low(number) == "the" and not (before or one.other))
+        adds = only and joint not in ("and", "or", "but") and bool(group.things)
+        if one.vague and head in ("one", "ones") and adds:
+            group.told = not said  # "the tall one" is whole, "the one" goes on
+            seen = tuple(filter(None, (request_words().seen.get(word) for word in said)))
+            marks = tuple(word for word in said if word in request_words().marks)
+            last = group.things[-1]
+            group.things[-1] = replace(last, states=last.states + seen, marks=last.marks + marks)
+            return True
+        if group.told and before and one.types:
+            group.told = before == "between"
+            near = before in request_words().near | request_words().beside
+            if near and group.things:  # no look tells which is near what
+                last = group.things[-1]
+                group.things[-1] = replace(last, marks=(*last.marks, f"{before} {one.text}"))
+            else:
+                group.told_by(one, "")
             return True
         if before and joint == before and self._s.low(number - 2) == "or" and group.places:
             joint, before = "or", ""  # "in the sink or in the tub"
@@ -335,6 +359,8 @@ class Pairs:
             group.told = joint == "and"  # "between the door and the lamp"
             return True
         between, group.between = group.between, False
+        if between and listed:
+            self._s.unread.append("between")
         return group.told or (between and listed)
 
     def _beyond(self, number: int, one: Mention, before: str) -> list[str]:

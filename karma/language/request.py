@@ -15,7 +15,7 @@ from karma.errors import KarmaError
 from karma.household.deeds import able_to
 from karma.household.states import NEEDS
 from karma.household.types import Capability, object_types
-from karma.language.antecedents import of_what
+from karma.language.antecedents import left_out_of, of_what
 from karma.language.asides import Asides
 from karma.language.clauses import said
 from karma.language.lexicon import Lexicon
@@ -52,7 +52,8 @@ _TELL_ME = re.compile(
 )
 _NOT_SERVED = re.compile(  # what no skill or field has a place for
     r"\b(?:upside down|inside out|face (?:down|up)|on its side|half (?:of|the|an?)"
-    r"|otherwise|or else|if not)\b"
+    r"|half ?way|part(?:ly|ially|way| way)|slightly|ajar|a (?:little|bit|crack)(?= ?$)"
+    r"|all but (?:one|two|three|\d+)|every (?:other|second|third)|otherwise|or else|if not)\b"
 )
 _PARTING = re.compile(
     r"(?:and |so |ok(?:ay)?,? |thanks,? |well,? )*"
@@ -187,7 +188,7 @@ class RequestReader:
             return "NNS"  # "both watches"
         if self._is_thing(words, number):
             return "NN"
-        if word.tag == "JJR" and word.text.lower() in request_words().dropped:
+        if word.tag == "JJR" and word.text.lower() in request_words().marks:
             return "JJ"  # "the lower shelf"
         return self._tag_of_name(words, number, follows)
 
@@ -337,7 +338,7 @@ def _read(s: SaidSentence) -> Request:
         errand=_errand(s, next((one.thing for one in asides.conditions if one.thing), None)),
         deeds=tuple(deeds),
         forbidden=tuple(of_what(one, deeds) for one in asides.forbidden),
-        exclusions=tuple(asides.exclusions),
+        exclusions=tuple(left_out_of(one, deeds) for one in asides.exclusions),
         times=tuple(asides.times),
         conditions=tuple(asides.conditions),
         unread=tuple(dict.fromkeys(s.unread)),
@@ -504,7 +505,8 @@ def _rest(s: SaidSentence) -> list[str]:
     sides = {n for n in range(len(s.words)) if s.low(n) in words.regions and s.low(n + 1) == "of"}
     passed = s.gone | s.told_so_words
     denied = [s.low(n) for n in range(len(s.words)) if n not in passed and s.low(n) in _DENIES]
-    return denied + _NOT_SERVED.findall(s.text.lower()) + [
+    left = " ".join(s.low(n) for n in range(len(s.words)) if n not in passed and s.low(n).isalnum())
+    return denied + _NOT_SERVED.findall(left) + [
         s.low(n) for n in s.left()
         if n not in s.taken | sides and s.words[n].dep != "relcl" and s.low(n) not in small
         and (s.tag(n) not in _SMALL_TAGS or s.low(n) in _AGAIN)

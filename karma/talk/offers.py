@@ -57,6 +57,10 @@ def with_offer(
     """
     if refused.kind in ("time", "condition") and asked.errand:
         return replace(taken, offer=asked.errand)
+    if refused.kind == "alike":
+        marks = "|".join(map(re.escape, refused.words))
+        said = re.sub(rf" (?:(?:on|to) the )?(?:{marks})\b(?: one$)?", "", clause)
+        return replace(taken, offer=re.sub(r"\bthe same\b", "the", said))
     if slip is not None:
         word, right = slip
         return replace(taken, offer=re.sub(rf"\b{re.escape(word)}\b", right, clause))
