@@ -150,7 +150,9 @@ def _meant_by(
     if one.text == "one" and deed.verb.endswith(" out") and held:  # of "how many are in it?"
         return [replace(meant, at=held[-1].types, number=1, every=False)]
     if one.text == "one" and last and not one.other:  # "put one on the desk": of those
-        return _so_many([thing for thing in last if thing in able] or [meant], 1)
+        some = _so_many([thing for thing in last if thing in able] or [meant], 1)
+        # "light the one on the shelf"
+        return [replace(two, at=one.at, states=one.states, marks=one.marks) for two in some]
     if one.text in ("it", "this", "that"):
         return [replace(meant, at=())]
     return [replace(one, text=meant.text, types=meant.types, vague=False)]  # "the other one"

@@ -307,7 +307,8 @@ class Asides:
             return None
         if found:
             found[-1], end = self._left_where(found[-1], number, end)
-        if not found or not all(map(_is_known, found)):
+        contrast = self.s.low(number + size - 1) == "not" and not self._of_all(number)
+        if not found or not (contrast or all(map(_is_known, found))):
             self.s.unread.append(self.s.phrase(number, end))
         self.exclusions += found
         joined = self.s.low(number - 1) in ("but", "and", "just", ",")
@@ -322,12 +323,12 @@ class Asides:
         at += self.s.low(at) in request_words().be
         orders = [n for n in range(number) if self.s.is_order(n)]
         moved = any(self.pairs.deed_at(n)[0] == "put" for n in orders)
-        own = one.vague or not moved or self.pairs.has_place(range(number))
+        own = (one.vague and not one.states) or not moved or self.pairs.has_place(range(number))
         if not (own and self.pairs.has_place((at,))):
             return one, end
         end = self.nouns.run_end(at + 1)
         place = self.nouns.all_of(range(at + 1, end))
-        return (replace(one, at=place[0].types) if place else one), end
+        return (replace(one, at=place[0].types, marks=place[0].marks) if place else one), end
 
     def _marker(self, number: int) -> int:
         """Return how many words rule out what follows: "instead of", "rather than", "except"."""

@@ -165,8 +165,10 @@ class Nouns:
 
     def _is_state(self, begin: int, at: int, stop: int) -> bool:
         """Return whether a word says how the thing before it is to be: "the apple cold"."""
-        ends = self._s.low(at + 1) in ("", ",", ".", ";", "!", "and", "please") or at + 1 >= stop
-        if not ends or self._s.low(at) not in deed_states():
+        ends = (
+            self._s.low(at + 1) in ("", ",", ".", ";", "!", "?", "and", "please") or at + 1 >= stop
+        )
+        if not ends or self._s.low(at) not in deed_states().keys() | request_words().seen.keys():
             return False
         if at == begin:
             return self._s.tag(at - 1).startswith("NN")

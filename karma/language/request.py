@@ -53,7 +53,8 @@ _TELL_ME = re.compile(
 _NOT_SERVED = re.compile(  # what no skill or field has a place for
     r"\b(?:upside down|inside out|face (?:down|up)|on its side|half (?:of|the|an?)"
     r"|half ?way|part(?:ly|ially|way| way)|slightly|ajar|a (?:little|bit|crack)(?= ?$)"
-    r"|all but (?:one|two|three|\d+)|every (?:other|second|third)|otherwise|or else|if not)\b"
+    r"|whichever|all but (?:one|two|three|\d+)|every (?:other|second|third)"
+    r"|otherwise|or else|if not)\b"
 )
 _PARTING = re.compile(
     r"(?:and |so |ok(?:ay)?,? |thanks,? |well,? )*"
@@ -130,7 +131,7 @@ class RequestReader:
         older: Sequence[Mention],
     ) -> Iterator[Request]:
         told = (without_lead(one, is_deed, _is_time) for one in sentences_of(text) or [text])
-        meant = as_meant(" ".join(told))
+        meant = as_meant(" ".join(told), self._holds)
         if not re.search(r"\w", meant) and re.search(r"\w", text):  # nothing but courtesy
             yield Request(text=text, form="talk", whole=text)
         if self._is_english(re.findall(r"[^\W\d_]+", meant)):
@@ -250,6 +251,11 @@ class RequestReader:
         found = without_courtesy(sentence, is_deed, self._names)
         found = in_order(found, base_of_deed)
         return f"{found}." if found != sentence and found[-1:].isalnum() else found
+
+    def _holds(self, name: str) -> bool:
+        """Return whether something may be put in or on a thing, as far as is known."""
+        kinds = self._lexicon.named(name)
+        return not kinds or any(able_to(kind, "receptacle") for kind in kinds)
 
     def _names(self, words: str) -> bool:
         """Return whether words name a thing, or hold a deed: they may not be left out."""

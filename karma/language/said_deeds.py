@@ -296,7 +296,7 @@ class SentenceDeeds:
             state = "done"  # "get that mug scrubbed"
         if lemma in ("leave", "keep", "let") and found:
             placed = self.pairs.has_place(range(number + 1, end))
-            alone = _LEFT_ALONE.search(" ".join(tail)) or (lemma == "leave" and not placed)
+            alone = _LEFT_ALONE.search(" ".join(tail)) or (lemma != "let" and not placed)
             others = any(self.s.is_order(n) for n in range(number))
             stays_open = state == "open"  # behind another order, too: "... and leave it open"
             if state and lemma != "let" and (stays_open or not others):

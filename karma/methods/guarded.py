@@ -38,7 +38,7 @@ from karma.household.pieces import is_piece
 from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import ENDS, OPPOSITES, SAID_AS
 from karma.household.types import object_types
-from karma.household.uses import BASINS, BIN, BURNER, LAMPS
+from karma.household.uses import BASINS, BIN, BURNER, KNOB, LAMPS
 from karma.language.clauses import context_left_out, said
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
@@ -184,7 +184,7 @@ def guarded(
     yield from _in_turn(episode, subtask, asked, skills, came)
     if came.tried:
         came.told += [
-            Check(text=f"that it is the {one.text}", found="unseen")
+            Check(text=f"whether that is the {' '.join(one.marks)} one", found="unseen")
             for one in asked.mentions if one.marks
         ]  # fmt: skip
         for result in put_back(asked, skills):
@@ -196,7 +196,9 @@ def _not_told_apart(episode: Carrier, asked: Request, skills: Skills) -> Refused
     """Return that one of several known things is told by words that no look shows: "the red"."""
     here = episode.here(skills)
     for one in asked.mentions:
-        if one.marks and len(_alike(episode, skills, meant_by(one, here), one)) > 1:
+        kinds = one.at if one.anything else meant_by(one, here)
+        told = replace(one, at=()) if one.anything else one
+        if one.marks and len(_alike(episode, skills, kinds, told)) > 1:
             return RefusedRequest(kind="alike", by="guard", words=one.marks)
     return None
 
@@ -208,7 +210,7 @@ def _alike(episode: Carrier, skills: Skills, kinds: Collection[str], thing: Ment
     seen = (
         one.object_id for one in _of_kinds(episode, skills, wholes) if not is_piece(one.object_type)
     )
-    known = dict.fromkeys((*seen, *episode.places(wholes)))
+    known = dict.fromkeys((*seen, *_on_map(episode, wholes)))
     return [one for one in known if one not in sights or _told_so(episode, skills, one, thing)]
 
 
@@ -328,6 +330,8 @@ def _the_same(
         return
     own = {**own, **place}
     only = {**own, kind_of(before): before} if before and kind_of(before) in kinds else own
+    if before and thing.other and len(kinds) > 1:  # "the other lamp"
+        subtask = _of_one(subtask, asked, kind_of(before))
     yield from episode.planned(subtask, skills, came, only)
     for result in came.programs[-1].results if came.programs else ():
         used = [one for one in result.object_ids if kind_of(one) in kinds]
@@ -483,7 +487,7 @@ def _told_apart(
 def _lies_told(asked: Request, thing: Mention) -> bool:
     """Return whether the place behind a thing says which is meant, not where it is done to it."""
     deed, kinds = deed_kind(asked.deeds[0].deed), object_types()
-    carried = any(kinds[kind].can("pickupable") for kind in thing.types)
+    carried = any(kinds[kind].can("pickupable") or kind in LAMPS for kind in thing.types)
     done_at = {*map(kind_of, deed.put_in or deed_kind("wash").put_in)} - {BIN}
     relative = asked.whole[thing.end :].lower().lstrip().startswith(("that", "which"))
     there = asked.deeds[0].deed in ("put", "take") or not done_at & {*map(kind_of, thing.at)}
@@ -503,8 +507,7 @@ def _the_other(
         meant = {one for one in episode.handled() if kind_of(one) in kinds}
         meant = {one for one in meant if _holds_already(episode, skills, one, asked.deeds[0], {})}
     if not meant and _is_definite(asked, thing):  # "the other egg": not the last one
-        meant = {one for one in episode.handled() if kind_of(one) in kinds and one in known}
-        meant = {*[one for one in episode.handled() if one in meant][-1:]}
+        meant = _meant_before(episode, thing, skills)
     if not meant:
         return None
     meant |= {name for name in known if root_id(name) in map(root_id, meant)}  # a cracked egg
@@ -518,6 +521,13 @@ def _the_other(
         )
         return ""
     return one
+
+
+def _meant_before(episode: Carrier, thing: Mention, skills: Skills) -> set[str]:
+    """Return what was handled last of a kind, which "the other egg" is not."""
+    kinds = {kind_of(kind) for kind in meant_by(thing, episode.here(skills))}
+    last = [one for one in episode.handled() if kind_of(one) in kinds]
+    return {*(last or [one for one in episode.chosen.values() if kind_of(one) in kinds])[-1:]}
 
 
 def _each(
@@ -536,7 +546,7 @@ def _each(
     wanted = thing.number
     done: list[str] = []
     failed: list[str] = []
-    others: set[str] = set()  # that are not as they are told
+    others = _meant_before(episode, thing, skills) if thing.other else set()  # not as they are told
     while (wanted is None or len(done) < wanted) and len(failed) < _IN_VAIN:
         if done and deed.deed == "take" and not _is_taken_out(asked):
             came.told.append(Check(text="I can hold one thing at a time", found="otherwise"))
@@ -553,25 +563,15 @@ def _each(
             break
         told = thing.anything or _told_so(episode, skills, one, thing)
         if not told or _left_aside(episode, asked, [kind_of(one)], skills) & {one}:
-            (others.add if told or _states_told(thing, [kind_of(one)]) else failed.append)(one)
+            told = told or bool(thing.at or _states_told(thing, [kind_of(one)]))
+            (others.add if told else failed.append)(one)
             continue
         if _holds_already(episode, skills, one, deed, {}):
             done.append(one)
             continue
-        kind = kind_of(one)
-        single = replace(
-            thing, types=(kind,), text=spoken(kind).lower(), number=None, every=False,
-            anything=False, at=(), states=(),
-        )  # fmt: skip
-        request = replace(asked, deeds=(replace(deed, things=(single,)),))
-        text = said(request.deeds[0])
         step = Came()
-        yield from episode.planned(
-            replace(subtask, instruction=text, whole=text, asked=request),
-            skills,
-            step,
-            {**place, kind: one},
-        )
+        single = _of_one(subtask, asked, kind_of(one))
+        yield from episode.planned(single, skills, step, {**place, kind_of(one): one})
         came.programs += [program for program in step.programs if program.results]
         (done if step.finished else failed).append(one)
     if not (done or failed) and _is_ended(deed, thing):
@@ -580,6 +580,18 @@ def _each(
         came.told.append(Check(text=f"nothing that I have seen is {said_so}", found="seen"))
         return
     _tell_count(came, thing, done, failed)
+
+
+def _of_one(subtask: SubTask, asked: Request, kind: str) -> SubTask:
+    """Return a request that is made of one thing of a type, as it is planned."""
+    deed = asked.deeds[0]
+    single = replace(
+        deed.things[0], types=(kind,), text=spoken(kind).lower(), number=None, every=False,
+        anything=False, at=(), states=(),
+    )  # fmt: skip
+    request = replace(asked, deeds=(replace(deed, things=(single,)),))
+    text = said(request.deeds[0])
+    return replace(subtask, instruction=text, whole=text, asked=request)
 
 
 def _is_taken_out(asked: Request) -> bool:
@@ -640,11 +652,16 @@ def _next(
 ) -> str | None:
     """Return a thing that is known and was not tried."""
     sights = sorted(episode.sights(skills))
-    for one in (*sights, *(one for one in episode.places(kinds) if one not in sights)):
-        fresh = kind_of(type_of(one)) in kinds and one not in tried
+    for one in (*sights, *_on_map(episode, kinds)):
+        fresh = kind_of(type_of(one)) in kinds and type_of(one) != KNOB and one not in tried
         if fresh and _told_so(episode, skills, one, thing):
             return one
     return None
+
+
+def _on_map(episode: Carrier, kinds: Collection[str]) -> list[str]:
+    """Return the ids of the furniture of some kinds, each whole once: no knobs, no basins."""
+    return [one for one in episode.places(kinds) if type_of(one) in kinds]
 
 
 def _told_so(episode: Carrier, skills: Skills, object_id: str, thing: Mention) -> bool:

@@ -313,8 +313,9 @@ def _whether(q: AskedQuestion) -> MemoryAnswer | None:
         told = _told_last(q, thing, -1.0, STATE_TOLD) if q.state else None
         said = told and f"You told me {q.knows.ago(told.at_s)}: {told.said.rstrip('.!')}."
         return MemoryAnswer(lines=(said,)) if said else _not_seen(q)
-    if q.state and not places:
-        return _state_told(q, thing, found)
+    lying = [one for one in found if _is_there(q, one[0], places)]
+    if q.state and (lying or not places):  # "is the mug on the table dirty?"
+        return _state_told(q, thing, lying if places else found)
     if "there" in q.words[:3] or places or had or q.has("here"):
         there = [one for one in found if _is_there(q, one[0], places)]
         if (thing.number or 0) > 1:
