@@ -351,7 +351,8 @@ class SentenceDeeds:
         lemma, needs = self.s.words[number].lemma, request_words().needs
         if who in ("you", "u", "ya"):
             return self._order(number, end) if helpers & _MODALS else []
-        if who in ("i", "we") or (lemma in needs and self._is_a_person(subject, number)):
+        wants = lemma in ("want", "need") or (lemma in needs and helpers & {"would", "'d"})
+        if who in ("i", "we") or (wants and self._is_a_person(subject, number)):
             wishes = lemma in needs and not helpers & {"n't", "not", "did"}
             return self._wishes(number) if wishes else []
         return self._need(number, end, subject)

@@ -506,7 +506,7 @@ def _the_other(
     if not meant:  # "another book", said after one was put away
         meant = {one for one in episode.handled() if kind_of(one) in kinds}
         meant = {one for one in meant if _holds_already(episode, skills, one, asked.deeds[0], {})}
-    if not meant and _is_definite(asked, thing):  # "the other egg": not the last one
+    if not meant:  # "the other egg", "another mug": not the last one
         meant = _meant_before(episode, thing, skills)
     if not meant:
         return None
