@@ -340,6 +340,7 @@ class Mention:
     besides: tuple[str, ...] = ()  # types that are called so where none of `types` is at hand
     holding: tuple[str, ...] = ()  # types of what lies in or on it: "the plate with the potato"
     states: tuple[str, ...] = ()  # of `household.states`, that it is told by: "that is open"
+    marks: tuple[str, ...] = ()  # words it is told by and that no look shows: "red", "second"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -457,6 +458,7 @@ class Skill:
 RefusalKind = Literal[
     "deed", "thing", "place", "language", "negated", "impossible", "unclear",
     "time", "condition", "question", "statement", "incomplete", "astray", "which",
+    "alike",
 ]  # fmt: skip
 REFUSAL_KINDS: tuple[RefusalKind, ...] = get_args(RefusalKind)[:7]  # that a planner may give
 

@@ -142,15 +142,21 @@ class _Eyes:
 
     def sight(self, thing: str) -> SeenObject | None:
         """Return the latest knowledge of a thing: what was seen or touched of it."""
-        return self.experience.seen.get(thing)
+        return self.experience.seen.get(self.now(thing))
+
+    def now(self, thing: str) -> str:
+        """Return what a thing is by now: what is left of an egg that was cracked."""
+        left = f"{thing}|{type_of(thing)}Cracked_0"
+        return left if left in self.experience.seen else thing
 
     def in_view(self, thing: str) -> SeenObject | None:
         """Return the latest sight that had a thing in view or in the hand."""
-        view = self.experience.views.get(thing)
+        now = self.now(thing)
+        view = self.experience.views.get(now)
         if view is None:
             return None
         sights = (*view.seen, *((view.held,) if view.held else ()))
-        return next((one for one in sights if one.object_id == thing), None)
+        return next((one for one in sights if one.object_id == now), None)
 
     def judged(
         self, end: _End, holds: Callable[[SeenObject], bool]
@@ -187,7 +193,7 @@ def _changed(end: _End, eyes: _Eyes) -> Check:
     text = _text(end)
     if not end.happened:
         return Check(text=text, found="unseen")
-    gone = eyes.experience.effects.get(thing, ())
+    gone = eyes.experience.effects.get(eyes.now(thing), ())
     pieces = [name for name in eyes.experience.seen if is_part(name, thing)]
     if word in ("sliced", "broken") and pieces:
         shown = any(eyes.in_view(name) is not None for name in pieces)

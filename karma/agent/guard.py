@@ -81,6 +81,8 @@ def _unknown(deed: SaidDeed, here: Collection[str]) -> RefusedRequest | None:
             return _refused("place" if one.types else "thing", (one.text,))
         needs = (deed_kind(deed.deed).takes, "pickupable" if deed.deed == "fill" else "")
         able = any(all(able_to(kind, need) for need in needs if need) for kind in kinds)
+        if deed.deed == "coffee" and not {*kinds} & {COFFEE_CUP, "Cup"}:
+            return _refused("impossible", (f"fill the {one.text} with coffee",))
         if not able:  # a plant cannot be brought to the tap
             return _refused("impossible", (f"{deed.verb} the {one.text}",))
     return _unknown_place(deed, deed.place, here) if deed.place is not None else None

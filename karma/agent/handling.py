@@ -10,9 +10,10 @@ from karma.agent.sightings import known, means
 from karma.agent.walk import Stance
 from karma.contracts import Known, SeenObject, Vec3
 from karma.household.containment import goes_in
-from karma.household.ids import part_id
+from karma.household.ids import part_id, root_id
 from karma.household.pieces import is_piece
 from karma.household.places import NEAR_M
+from karma.household.saying import preposition
 from karma.household.states import OPPOSITES
 from karma.household.types import object_types
 from karma.household.uses import BASIN_OF
@@ -122,7 +123,9 @@ class Handling:
         for one in self._log.in_view.values():
             gap = _off_m(other.position_m, one)
             takes = gap <= NEAR_M and goes_in(held.object_type, one.object_type)
-            if takes and one.object_id in self._log.within_reach:
+            inside = root_id(one.object_id) == root_id(other.object_id)
+            inside = inside and preposition(one.object_type) == "in"  # beside a sink, not in it
+            if takes and not inside and one.object_id in self._log.within_reach:
                 is_under = on is not None and one.object_id in on.parent_ids
                 ranked.append((not is_under, gap, one.object_id))
         return [known(self._log.in_view[name], "seen") for _, _, name in sorted(ranked)]

@@ -23,6 +23,7 @@ _WITH_WORDS: Mapping[RefusalKind, str] = {
     "unclear": "I am not sure what is meant by {words}.",
     "time": "I cannot wait: {words}. I do things at once or not at all.",
     "condition": "I cannot tell whether that is so: {words}.",
+    "alike": "I know of more than one, and cannot tell which is meant by {words}.",
 }
 _ALONE: Mapping[RefusalKind, str] = {
     "deed": "I have no skill for that.",
@@ -39,6 +40,7 @@ _ALONE: Mapping[RefusalKind, str] = {
     "incomplete": "Something is missing.",
     "astray": "I would not have done what was said.",
     "which": "That cannot be taken back, and I know of more than one.",
+    "alike": "I know of more than one, and cannot tell which is meant.",
 }
 
 

@@ -33,6 +33,7 @@ _QUESTIONS: Mapping[RefusalKind, str] = {
     "statement": "Is there something that I should do?",
     "condition": "Should I do it anyway?",
     "which": "Which one?",
+    "alike": "Will any of them do?",
     "astray": "Say it in other words, please, or one thing at a time.",
     "impossible": "Which other thing or place would do?",
 }

@@ -41,6 +41,14 @@ def of_what(forbidden: SaidDeed, deeds: Sequence[SaidDeed]) -> SaidDeed:
     return forbidden
 
 
+def left_out_of(one: Mention, deeds: Sequence[SaidDeed]) -> Mention:
+    """Return what is left out as one of the things it is left out of: "but not the one on it"."""
+    things = [thing for deed in deeds for thing in deed.things if thing.types]
+    if one.types or not (one.at or one.states) or not things:
+        return one
+    return replace(one, text=things[-1].text, types=things[-1].types, vague=False)
+
+
 def with_antecedents(
     deeds: Sequence[SaidDeed],
     before: Sequence[Mention],
@@ -138,8 +146,13 @@ def _meant_by(
     meant = (able or named)[-1]
     if deed.verb.endswith(" out") and len(able) > 1 and any(map(_holds, meant.types)):
         meant = able[-2]  # "put it in the box", "take it out": not the box
+    held = [thing for thing in named if any(map(_holds, thing.types)) and thing not in last]
+    if one.text == "one" and deed.verb.endswith(" out") and held:  # of "how many are in it?"
+        return [replace(meant, at=held[-1].types, number=1, every=False)]
     if one.text == "one" and last and not one.other:  # "put one on the desk": of those
-        return _so_many([thing for thing in last if thing in able] or [meant], 1)
+        some = _so_many([thing for thing in last if thing in able] or [meant], 1)
+        # "light the one on the shelf"
+        return [replace(two, at=one.at, states=one.states, marks=one.marks) for two in some]
     if one.text in ("it", "this", "that"):
         return [replace(meant, at=())]
     return [replace(one, text=meant.text, types=meant.types, vague=False)]  # "the other one"
@@ -156,6 +169,7 @@ def _told_otherwise(meant: Mention, told: Sequence[str], *, every: bool) -> Ment
     return replace(
         meant, text=" ".join((*told, name)), start=-1, end=-1, at=(), states=(), number=None,
         every=every, other=meant.start >= 0 and not every,
+        marks=tuple(one for one in told if one in request_words().marks),
     )  # fmt: skip
 
 

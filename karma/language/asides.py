@@ -43,6 +43,11 @@ _HELPERS = ("do", "does", "should", "must", "may", "could", "would", "did", "ca"
 _NOUN_TAGS = ("DT", "PRP$", "NN", "NNS", "NNP")
 
 
+def _is_known(one: Mention) -> bool:
+    """Return whether it is known what is left out: not of "all except one", "but the second"."""
+    return bool(one.types or one.at or one.states or one.other) and not one.marks
+
+
 @dataclass(slots=True)
 class Asides:
     """Reads them, in the order of its methods."""
@@ -298,12 +303,32 @@ class Asides:
             return self._negated(number)
         end = self.nouns.run_end(number + size)
         found = self.nouns.all_of(range(number + size, end))
-        if not found:
+        if not found and self.s.low(number) == "not":
             return None
+        if found:
+            found[-1], end = self._left_where(found[-1], number, end)
+        contrast = self.s.low(number + size - 1) == "not" and not self._of_all(number)
+        if not found or not (contrast or all(map(_is_known, found))):
+            self.s.unread.append(self.s.phrase(number, end))
         self.exclusions += found
         joined = self.s.low(number - 1) in ("but", "and", "just", ",")
         self.s.drop(number - (joined and number - 1 not in self.s.taken), end)
         return end
+
+    def _left_where(self, one: Mention, number: int, end: int) -> tuple[Mention, int]:
+        """Return what is left out with the place that it is told by, and where that ends."""
+        states = tuple(request_words().seen.get(word, "") for word in one.text.split()[:-1])
+        one = replace(one, states=tuple(filter(None, states))) if one.vague else one
+        at = end + (self.s.low(end) in ("that", "which", "already", "still"))
+        at += self.s.low(at) in request_words().be
+        orders = [n for n in range(number) if self.s.is_order(n)]
+        moved = any(self.pairs.deed_at(n)[0] == "put" for n in orders)
+        own = (one.vague and not one.states) or not moved or self.pairs.has_place(range(number))
+        if not (own and self.pairs.has_place((at,))):
+            return one, end
+        end = self.nouns.run_end(at + 1)
+        place = self.nouns.all_of(range(at + 1, end))
+        return (replace(one, at=place[0].types, marks=place[0].marks) if place else one), end
 
     def _marker(self, number: int) -> int:
         """Return how many words rule out what follows: "instead of", "rather than", "except"."""
@@ -314,7 +339,7 @@ class Asides:
             deed = pair in ("and not", "but not") and self.s.tag(number + 2) in ("VB", "VBG")
             return 0 if deed else 2 + (third in links)
         if first in ("except", "excluding", "besides"):
-            return 1
+            return 1 + (second in links)
         if first == "but" and self._of_all(number) and self.s.tag(number + 1) in _NOUN_TAGS:
             return 1
         if first == "not" and self.s.low(number - 1) in (",", "and", "but"):

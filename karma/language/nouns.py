@@ -17,7 +17,7 @@ _STARTS = frozenset((
 ))  # fmt: skip
 _NEAREST = ("nearest", "closest", "more", "most", "least", "other", "lower", "upper")
 _ALONE = frozenset((
-    "everything", "anything", "whatever", "this", "that", "these", "those", "all", "both", "one",
+    "everything", "anything", "whatever", "this", "that", "these", "those", "all", "both", "one", "another",
 ))  # fmt: skip
 _DESCRIBED = frozenset(("something", "anything", "thing", "things", "what", "item", "object"))
 _LEAST_DESCRIBED = 3  # words
@@ -165,8 +165,10 @@ class Nouns:
 
     def _is_state(self, begin: int, at: int, stop: int) -> bool:
         """Return whether a word says how the thing before it is to be: "the apple cold"."""
-        ends = self._s.low(at + 1) in ("", ",", ".", ";", "!", "and", "please") or at + 1 >= stop
-        if not ends or self._s.low(at) not in deed_states():
+        ends = (
+            self._s.low(at + 1) in ("", ",", ".", ";", "!", "?", "and", "please") or at + 1 >= stop
+        )
+        if not ends or self._s.low(at) not in deed_states().keys() | request_words().seen.keys():
             return False
         if at == begin:
             return self._s.tag(at - 1).startswith("NN")
@@ -235,7 +237,7 @@ class Nouns:
         lows = self._s.lows(begin, end)
         number, every, start = self._counted(begin, end)
         start_at, end_at = self._s.words[begin].start, self._s.words[end - 1].end
-        other = bool({"other", "another"} & set(lows))
+        other = bool({"other", "another", "remaining"} & set(lows))
         compared = (n for n in range(begin, end - 1) if self._s.tag(n) in ("JJR", "JJS"))
         self._s.unread += [self._s.low(n) for n in compared if self._s.low(n) not in _NEAREST]
         bare = Mention(text=" ".join(lows), start=start_at, end=end_at, other=other)
@@ -350,8 +352,17 @@ class Nouns:
         plural = self._s.tag(end - 1) in ("NNS", "NNPS") and one
         if plural and head not in lists.own_plurals and singular(text) != text:
             every = self._types((*words[:-1], singular(head)), start) == types
-        besides = self._besides(words, types)
-        return replace(bare, text=text, types=types, every=every, besides=besides)
+        besides, marks = self._besides(words, types), self._marks(words)
+        return replace(bare, text=text, types=types, every=every, besides=besides, marks=marks)
+
+    def _marks(self, words: Sequence[str]) -> tuple[str, ...]:
+        """Return the words ahead of a name that say which one is meant: "the second drawer"."""
+        marks, whole = request_words().marks, self._s.lexicon.named_whole
+        names = (
+            n for n, one in enumerate(words) if one not in marks and whole(" ".join(words[n:]))
+        )
+        name = next(names, len(words) - 1)
+        return tuple(one for one in words[:name] if one in marks)
 
     def _without_type(self, words: Sequence[str], bare: Mention) -> Mention | None:
         """Return what a phrase means that no type is called by; None: where it is, a room."""
@@ -387,7 +398,9 @@ class Nouns:
                 return self._s.lexicon.nearest(" ".join(words), fixed, 1) or fixed
             if found:
                 return found
-            known = word in request_words().dropped or word in word_lists().qualifiers
+            known = (
+                word in request_words().dropped | request_words().marks | word_lists().qualifiers
+            )
             known = known or word in deed_states() or word in request_words().pieces
             compound = compound or (self._s.tag(start + first) == "NN" and not known)
             tag = self._s.tag(min(start + first, len(self._s.words) - 1))

@@ -68,14 +68,14 @@ class _PairGroup:
     near: bool = False
     at: tuple[str, ...] = ()  # of things that are named afterwards
     told: bool = False  # what follows says which thing is meant: "the one between ..."
-    between: bool = False  # the next thing belongs to the place
     held: bool = False  # "in it" says what was just said: "with a pen in it"
 
     def told_by(self, place: Mention, deed: str) -> None:
         """Take a place that says which thing is meant."""
         if self.things:
             last = self.things[-1]
-            self.things[-1] = replace(last, at=place.types, states=last.states + place.states)
+            states, marks = last.states + place.states, last.marks + place.marks
+            self.things[-1] = replace(last, at=place.types, states=states, marks=marks)
         elif deed in ("wash", "look"):
             self.things.append(place)
         else:
@@ -93,7 +93,8 @@ class _PairGroup:
         """Return the things, and where they go; other places say which things are meant."""
         things, place = self.things, self._goal()
         if len(self.places) > 1 and things:
-            things = [*things[:-1], replace(things[-1], at=self.places[0].types)]
+            first, marks = self.places[0], things[-1].marks + self.places[0].marks
+            things = [*things[:-1], replace(things[-1], at=first.types, marks=marks)]
         if self.at:
             things = [replace(one, at=one.at or self.at) for one in things]
         if deed not in ("put", "take", "") and place is not None:
@@ -255,7 +256,13 @@ class Pairs:
             (n for n in range(number, number + 5) if self._s.low(n) in one.text.split()[-1:]),
             number,
         )
-        return self._s.low(last + 1) == "of" or bool(group.things or group.places)
+        if self._s.low(last + 1) == "of":
+            return True
+        for told in (group.places, group.things):
+            if told and said[-1] in request_words().marks:  # "the drawer on the left"
+                told[-1] = replace(told[-1], marks=(*told[-1].marks, said[-1]))
+                return True
+        return bool(group.things or group.places)
 
     def _names_together(self, group: _PairGroup, one: Mention) -> bool:
         """Read "the shaker with the salt" as what is called a salt shaker."""
@@ -309,7 +316,14 @@ class Pairs:
                 group.places[-1] = one  # "the top shelf of the fridge"
             return True
         of = self._s.low(number - 1) == "of" and self._s.low(number - 2) in words.regions
-        return bool(group.places) and (of or before in words.near | words.beside)
+        told = bool(group.places) and (of or before in words.near | words.beside)
+        if told and not of and one.types and all(map(_is_carried, one.types)):
+            last = group.places[-1]
+            if last.types and all(map(_is_carried, last.types)):  # "on a plate near the bread"
+                group.places[-1] = replace(last, marks=(*last.marks, f"{before} {one.text}"))
+            else:  # "on the bed under the pillow"
+                self._s.unread.append(f"{before} {one.text}")
+        return told
 
     def _is_part(self, group: _PairGroup) -> bool:
         """Return whether the last place is a part of furniture."""
@@ -318,10 +332,26 @@ class Pairs:
 
     def _goes_with(self, number: int, one: Mention, before: str, group: _PairGroup) -> bool:
         """Return whether a phrase only adds to one before it: "the tall one", "or a pencil"."""
-        joint = self._s.low(number - 1)
-        adds = joint == "," and bool(group.things) and not group.places
-        if one.vague and one.text.split()[-1] == "one" and adds:
-            group.told = one.text == "one"  # "the tall one" is whole, "the one" goes on
+        joint, (*said, head) = self._s.low(number - 1), one.text.split()
+        only = joint == "," or (self._s.low(number) == "the" and not (before or one.other))
+        ends = self._nouns.end(number, len(self._s.words))
+        goes_on = bool(group.places) and self.has_place((ends,))  # "the blue one on the desk"
+        adds = only and joint not in ("and", "or", "but") and bool(group.things) and not goes_on
+        if one.vague and head in ("one", "ones") and adds:
+            group.told = not said  # "the tall one" is whole, "the one" goes on
+            seen = tuple(filter(None, (request_words().seen.get(word) for word in said)))
+            marks = tuple(word for word in said if word in request_words().marks)
+            last = group.things[-1]
+            group.things[-1] = replace(last, states=last.states + seen, marks=last.marks + marks)
+            return True
+        if group.told and before and one.types:
+            group.told = before == "between"
+            near = before in request_words().near | request_words().beside
+            if near and group.things:  # no look tells which is near what
+                last = group.things[-1]
+                group.things[-1] = replace(last, marks=(*last.marks, f"{before} {one.text}"))
+            else:
+                group.told_by(one, "")
             return True
         if before and joint == before and self._s.low(number - 2) == "or" and group.places:
             joint, before = "or", ""  # "in the sink or in the tub"
@@ -334,8 +364,7 @@ class Pairs:
         if group.told and not before and listed and one.types:
             group.told = joint == "and"  # "between the door and the lamp"
             return True
-        between, group.between = group.between, False
-        return group.told or (between and listed)
+        return group.told
 
     def _beyond(self, number: int, one: Mention, before: str) -> list[str]:
         """Return what is said of a place and cannot be served: "on top of the fridge"."""
@@ -398,12 +427,14 @@ class Pairs:
     ) -> None:
         """Take a place where something is to go."""
         self._s.unread += self._beyond(number, one, before)
+        if group.near:  # "next to the toaster, on the counter"
+            group.places.clear()
         group.near = before in request_words().near | (request_words().beside - {"under", "over"})
         if deed == "put" and before in _BELOW and {*one.types} & {*BASINS, *BASIN_OF}:
             one, group.near = replace(one, types=BELOW_SINKS), False
         elif deed == "put" and before in _BELOW and _has_no_room_below(one):
             self._s.unread.append(f"{before} {one.text}")  # nothing is put there
-        group.between = before == "between"
+        self._s.unread += ["between"] if before == "between" else []
         group.places.append(one)
 
     def preposition(self, number: int, least: int) -> str:
@@ -453,6 +484,10 @@ class Pairs:
         """Return whether a place is named among some words."""
         to = request_words().destinations
         return any(self._s.low(n) in to and self._s.begins_noun(n + 1) for n in body)
+
+
+def _is_carried(kind: str) -> bool:
+    return object_types()[kind].can("pickupable")
 
 
 def _has_no_room_below(one: Mention) -> bool:

@@ -15,7 +15,7 @@ from karma.errors import KarmaError
 from karma.household.deeds import able_to
 from karma.household.states import NEEDS
 from karma.household.types import Capability, object_types
-from karma.language.antecedents import of_what
+from karma.language.antecedents import left_out_of, of_what
 from karma.language.asides import Asides
 from karma.language.clauses import said
 from karma.language.lexicon import Lexicon
@@ -52,6 +52,8 @@ _TELL_ME = re.compile(
 )
 _NOT_SERVED = re.compile(  # what no skill or field has a place for
     r"\b(?:upside down|inside out|face (?:down|up)|on its side|half (?:of|the|an?)"
+    r"|half ?way|part(?:ly|ially|way| way)|slightly|ajar|a (?:little|bit|crack)(?= ?$)"
+    r"|whichever|all but (?:one|two|three|\d+)|every (?:other|second|third)"
     r"|otherwise|or else|if not)\b"
 )
 _PARTING = re.compile(
@@ -129,7 +131,7 @@ class RequestReader:
         older: Sequence[Mention],
     ) -> Iterator[Request]:
         told = (without_lead(one, is_deed, _is_time) for one in sentences_of(text) or [text])
-        meant = as_meant(" ".join(told))
+        meant = as_meant(" ".join(told), self._holds)
         if not re.search(r"\w", meant) and re.search(r"\w", text):  # nothing but courtesy
             yield Request(text=text, form="talk", whole=text)
         if self._is_english(re.findall(r"[^\W\d_]+", meant)):
@@ -187,7 +189,7 @@ class RequestReader:
             return "NNS"  # "both watches"
         if self._is_thing(words, number):
             return "NN"
-        if word.tag == "JJR" and word.text.lower() in request_words().dropped:
+        if word.tag == "JJR" and word.text.lower() in request_words().marks:
             return "JJ"  # "the lower shelf"
         return self._tag_of_name(words, number, follows)
 
@@ -249,6 +251,11 @@ class RequestReader:
         found = without_courtesy(sentence, is_deed, self._names)
         found = in_order(found, base_of_deed)
         return f"{found}." if found != sentence and found[-1:].isalnum() else found
+
+    def _holds(self, name: str) -> bool:
+        """Return whether something may be put in or on a thing, as far as is known."""
+        kinds = self._lexicon.named(name)
+        return not kinds or any(able_to(kind, "receptacle") for kind in kinds)
 
     def _names(self, words: str) -> bool:
         """Return whether words name a thing, or hold a deed: they may not be left out."""
@@ -337,7 +344,7 @@ def _read(s: SaidSentence) -> Request:
         errand=_errand(s, next((one.thing for one in asides.conditions if one.thing), None)),
         deeds=tuple(deeds),
         forbidden=tuple(of_what(one, deeds) for one in asides.forbidden),
-        exclusions=tuple(asides.exclusions),
+        exclusions=tuple(left_out_of(one, deeds) for one in asides.exclusions),
         times=tuple(asides.times),
         conditions=tuple(asides.conditions),
         unread=tuple(dict.fromkeys(s.unread)),
@@ -504,7 +511,8 @@ def _rest(s: SaidSentence) -> list[str]:
     sides = {n for n in range(len(s.words)) if s.low(n) in words.regions and s.low(n + 1) == "of"}
     passed = s.gone | s.told_so_words
     denied = [s.low(n) for n in range(len(s.words)) if n not in passed and s.low(n) in _DENIES]
-    return denied + _NOT_SERVED.findall(s.text.lower()) + [
+    left = " ".join(s.low(n) for n in range(len(s.words)) if n not in passed and s.low(n).isalnum())
+    return denied + _NOT_SERVED.findall(left) + [
         s.low(n) for n in s.left()
         if n not in s.taken | sides and s.words[n].dep != "relcl" and s.low(n) not in small
         and (s.tag(n) not in _SMALL_TAGS or s.low(n) in _AGAIN)

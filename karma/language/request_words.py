@@ -43,6 +43,7 @@ class RequestWords(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     needs_place: frozenset[str]
     small_verbs: frozenset[str]
     dropped: frozenset[str]
+    marks: frozenset[str]
     never_mind: frozenset[str]
     rooms: frozenset[str]
     own_plurals: frozenset[str]

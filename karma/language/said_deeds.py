@@ -7,6 +7,7 @@ from itertools import pairwise
 
 from karma.contracts import Form, Mention, SaidDeed
 from karma.household.containment import hangs_on
+from karma.household.types import object_types
 from karma.household.uses import BIN, FAUCET, LAMPS, TAPS
 from karma.language.antecedents import sharing, with_antecedents
 from karma.language.asides import Asides
@@ -240,7 +241,7 @@ class SentenceDeeds:
             if self.s.low(n) in ("on", "off") and last and n not in self.s.taken:
                 self.s.unread.append(self.s.low(n))
         me = self._for_me(number, end)
-        if text == "read" and me:
+        if text == "read" and request_words().me & {*self.s.lows(number + 1, end)}:
             deed = ""  # aloud
         deed, pairs = self._meant(_of_taps(deed, pairs), text, pairs, coffee=said, me=me)
         if not deed:
@@ -269,11 +270,11 @@ class SentenceDeeds:
                 return "", pairs
             case "throw" if first.place and first.place.types and BIN not in first.place.types:
                 return "put", pairs
-            case "clear" if first.things:
+            case "clear" | "empty" if first.things and _holds_things(first.things[0]):
                 at = first.things[0]
                 every = replace(at, text=f"everything on the {at.text}", types=(), anything=True,
                                 every=True, at=at.types)  # fmt: skip
-                return "put", [replace(first, things=(every,))]
+                return ("put" if deed == "clear" else "take"), [replace(first, things=(every,))]
             case "go":
                 return "go", [Pair(things=(first.place,))] if first.place else pairs
             case "take" if text in _FINDS:
@@ -295,7 +296,7 @@ class SentenceDeeds:
             state = "done"  # "get that mug scrubbed"
         if lemma in ("leave", "keep", "let") and found:
             placed = self.pairs.has_place(range(number + 1, end))
-            alone = _LEFT_ALONE.search(" ".join(tail)) or (lemma == "leave" and not placed)
+            alone = _LEFT_ALONE.search(" ".join(tail)) or (lemma != "let" and not placed)
             others = any(self.s.is_order(n) for n in range(number))
             stays_open = state == "open"  # behind another order, too: "... and leave it open"
             if state and lemma != "let" and (stays_open or not others):
@@ -350,7 +351,8 @@ class SentenceDeeds:
         lemma, needs = self.s.words[number].lemma, request_words().needs
         if who in ("you", "u", "ya"):
             return self._order(number, end) if helpers & _MODALS else []
-        if who in ("i", "we"):
+        wants = lemma in ("want", "need") or (lemma in needs and helpers & {"would", "'d"})
+        if who in ("i", "we") or (wants and self._is_a_person(subject, number)):
             wishes = lemma in needs and not helpers & {"n't", "not", "did"}
             return self._wishes(number) if wishes else []
         return self._need(number, end, subject)
@@ -364,6 +366,14 @@ class SentenceDeeds:
         if deeds:
             self.s.taken.update(range(begin, number + 1))
         return deeds
+
+    def _is_a_person(self, subject: int, verb: int) -> bool:
+        """Return whether somebody else wants a thing so: "Mary wants the mug washed"."""
+        s = self.s
+        person = s.low(subject) in _PERSONS or s.tag(subject) in ("NN", "NNS", "NNP")
+        named = s.lexicon.named(s.low(subject)) or s.low(subject) in request_words().vague
+        thing = s.begins_noun(verb + 1) and s.tag(verb + 1) != "VBG"
+        return person and not named and thing
 
     def _wished(self, begin: int) -> Iterator[range]:
         """Yield the parts of a wish: each has things, and what is to become of them."""
@@ -649,6 +659,13 @@ def _carried(deed: str, pairs: list[Pair], place: Mention, *, me: bool) -> tuple
     if deed == "take" and me:
         return "take", [Pair(things=tuple(replace(one, at=place.types) for one in things))]
     return "put", pairs
+
+
+def _holds_things(one: Mention) -> bool:
+    """Return whether things lie in or on what is to be cleared, and no liquid: a cabinet, a box."""
+    kinds = [object_types()[kind] for kind in one.types]
+    holds = all(kind.can("receptacle") for kind in kinds)
+    return bool(kinds) and holds and not any(kind.can("canFillWithLiquid") for kind in kinds)
 
 
 def _has_its_place(deed: SaidDeed) -> bool:

@@ -27,7 +27,7 @@ _FILLERS = (
     "at your (?:earliest )?convenience", "if you (?:don't|do not|wouldn't) mind",
     "if (?:it's|it is) no(?:t too much)? trouble", "if possible", "if you (?:can|could)",
     "(?:when|if) you (?:have|get) (?:time|a (?:moment|minute|second|chance))", "no need to hurry",
-    "for me", "one more thing:?",
+    "for me", "one more thing:?", r"(?:love|darling|honey|sweetheart|sweetie)(?=\W*$)",
 )  # fmt: skip
 _FILLER = re.compile(
     rf"(?<![\w'])(?:{'|'.join(_FILLERS)})(?![\w'])[,!.]*(?:\s*\bbut\b)?", re.IGNORECASE
@@ -69,9 +69,11 @@ _BACK = (
     "make (?:that|it)", r"actually,?\s+no",
 )  # fmt: skip
 _TAKEN_BACK = re.compile(
-    rf"[\s,.;:-]*[,.;:-]\s*(?:(?:oh|er)[, ]+)?(?:{'|'.join(_BACK)})\b[\s,:.-]*", re.IGNORECASE
+    rf"[\s,.;:-]*[,.;:-]\s*(?:(?:oh|er)[, ]+)?(?:(?:{'|'.join(_BACK)})\b[\s,:.-]*)+",
+    re.IGNORECASE,
 )
 _PREPOSITION = r"(?:in|on|into|onto|to|at|under|near|from|beside|next to|inside|behind|off)"
+_HAS_PLACE = re.compile(rf"\b{_PREPOSITION}\b", re.IGNORECASE)
 _DETERMINER = r"(?:the|a|an|my|your|our|his|her|both|all|every|each|one|two|three|four|that|this)"
 
 
@@ -89,8 +91,12 @@ def _spoken() -> Sequence[tuple[re.Pattern[str], str]]:
     return [(re.compile(form, re.IGNORECASE), instead) for form, instead in forms]
 
 
-def as_meant(text: str) -> str:
+def as_meant(text: str, holds: Callable[[str], bool] = bool) -> str:
     r"""Return a text without what people did not mean to say.
+
+    Args:
+        text: what is said.
+        holds: whether a thing of a name can be where something is put.
 
     >>> as_meant("put the tomato, no wait, the apple into the fridge")
     'put the apple into the fridge'
@@ -106,7 +112,7 @@ def as_meant(text: str) -> str:
     said = _MARK.sub(lambda mark: "" if mark.start() == 0 else ". ", said)
     for form, instead in _spoken():
         said = form.sub(instead, said)
-    said = _OTHERWISE.sub("", _corrected(said))
+    said = _OTHERWISE.sub("", _corrected(said, holds))
     said = _ROBOT.sub("", _FILLER.sub(" ", said).strip())
     said = _DOUBLED.sub(r"\1", said)
     said = _ORDER.sub(lambda found: "" if found.start() == 0 else "then ", said)
@@ -137,26 +143,38 @@ def _beforehand(text: str) -> str:
     return f"{first}, then {found['then'][0].lower()}{found['then'][1:]}"
 
 
-def _corrected(text: str) -> str:
+def _corrected(text: str, holds: Callable[[str], bool]) -> str:
     """Return a text without what is taken back in it."""
     for _ in range(4):
         found = _TAKEN_BACK.search(text)
         if found is None or found.start() == 0:
             return text
         before, after = text[: found.start()], text[found.end() :]
-        cut = _cut_back(before, after)
+        cut = _cut_back(before, after, holds)
         if cut is None:
             return text
+        place = re.search(rf"\b{_PREPOSITION}\b.*", before[cut:], re.IGNORECASE)
+        first = re.match(r"[^,.;!?]*", after)
+        named = re.match(rf"{_DETERMINER}\b", before[cut:], re.IGNORECASE)
+        if named and place and first and not _HAS_PLACE.search(first[0]):
+            after = f"{first[0].rstrip()} {place[0]}{after[first.end() :]}"
         after = re.sub(rf"^([^,.;]*),\s*(?={_PREPOSITION}\b)", r"\1 ", after)
         text = f"{before[:cut].rstrip()} {after}"
     return text
 
 
-def _cut_back(before: str, after: str) -> int | None:
-    """Return where what is taken back begins: at the word of the kind that the correction has."""
+def _cut_back(before: str, after: str, holds: Callable[[str], bool]) -> int | None:
+    """Return where what is taken back begins: at the word of the kind that the correction has.
+
+    What cannot hold anything stands for no place: "the mug on the desk, I mean the pen".
+    """
+    name = re.match(rf"{_DETERMINER} (?P<name>[\w ]+?)(?=$|[,.;!?]| {_PREPOSITION} | and )", after)
     for kind in (_PREPOSITION, _DETERMINER):
         if re.match(rf"{kind}\b", after, re.IGNORECASE):
             places = [one.start() for one in re.finditer(rf"\b{kind}\b", before, re.IGNORECASE)]
+            behind = re.compile(rf"\b{_PREPOSITION}\s+$", re.IGNORECASE)
+            if name and not holds(name["name"].lower()) and kind == _DETERMINER:
+                places = [one for one in places if not behind.search(before[:one])] or places
             return places[-1] if places else None
     clause = re.search(r"[.;]\s*[^.;]*$", before)
     return clause.start() + 1 if clause else 0

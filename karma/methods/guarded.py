@@ -38,7 +38,7 @@ from karma.household.pieces import is_piece
 from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import ENDS, OPPOSITES, SAID_AS
 from karma.household.types import object_types
-from karma.household.uses import BASINS, BURNER, LAMPS
+from karma.household.uses import BASINS, BIN, BURNER, KNOB, LAMPS
 from karma.language.clauses import context_left_out, said
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
@@ -46,16 +46,16 @@ from karma.language.request_words import request_words
 from karma.methods.attempts import Programs
 from karma.methods.putting_back import put_back
 
+_PUT = SaidDeed(verb="put", deed="put", start=-1)
 _PLACES = 12  # of a kind that are looked over
-_DONE_SOMEWHERE = ("wash", "fill", "heat", "cook", "cool", "toast", "empty")  # "in the sink"
-_LOST = (
-    "throw",
-    "fling",
-    "break",
-)  # deeds after which nobody can look whether it was the right one
+_MADE_SO = frozenset(("heated", "cooled", "cooked", "sliced", "filled"))  # "the hot potato"
 _IN_VAIN = 2  # things of a plural that may fail before the rest is left
 _SWITCHED = (*LAMPS, "LightSwitch", "Television")  # "everything" that is switched off
-_SHOWN_BY = {"clean": "dirty", "empty": "filled"}  # a look shows the other; so with "off"
+_SHOWN_BY = {
+    "clean": "dirty",
+    "empty": "filled",
+    "unbroken": "broken",
+}  # a look shows the other; so with "off"
 _SHOWS = frozenset(("on", "off", "opened", "closed", "sliced"))  # states that are so for any deed
 
 
@@ -166,7 +166,7 @@ def guarded(
     """
     if subtask.asked is None:
         episode.decided.clear()
-    refused = cannot_serve(asked, episode.here(skills))
+    refused = cannot_serve(asked, episode.here(skills)) or _not_told_apart(episode, asked, skills)
     if refused is not None:
         yield refusal(refused)
         return
@@ -183,9 +183,35 @@ def guarded(
         subtask = replace(subtask, asked=asked, instruction=asked.errand or subtask.instruction)
     yield from _in_turn(episode, subtask, asked, skills, came)
     if came.tried:
+        came.told += [
+            Check(text=f"whether that is the {' '.join(one.marks)} one", found="unseen")
+            for one in asked.mentions if one.marks
+        ]  # fmt: skip
         for result in put_back(asked, skills):
             came.add(result)
             yield result
+
+
+def _not_told_apart(episode: Carrier, asked: Request, skills: Skills) -> RefusedRequest | None:
+    """Return that one of several known things is told by words that no look shows: "the red"."""
+    here = episode.here(skills)
+    for one in asked.mentions:
+        kinds = one.at if one.anything else meant_by(one, here)
+        told = replace(one, at=()) if one.anything else one
+        if one.marks and len(_alike(episode, skills, kinds, told)) > 1:
+            return RefusedRequest(kind="alike", by="guard", words=one.marks)
+    return None
+
+
+def _alike(episode: Carrier, skills: Skills, kinds: Collection[str], thing: Mention) -> list[str]:
+    """Return the ids of what is known of some kinds, and may be what a mention tells of."""
+    wholes = {*map(kind_of, kinds)}
+    sights = episode.sights(skills)
+    seen = (
+        one.object_id for one in _of_kinds(episode, skills, wholes) if not is_piece(one.object_type)
+    )
+    known = dict.fromkeys((*seen, *_on_map(episode, wholes)))
+    return [one for one in known if one not in sights or _told_so(episode, skills, one, thing)]
 
 
 def _in_turn(
@@ -193,12 +219,12 @@ def _in_turn(
 ) -> Iterator[Plan | SkillResult]:
     """Do what was asked, each thing of a plural in its turn."""
     alone = len(asked.deeds) == 1 and len(asked.deeds[0].things) == 1
-    if alone and _is_several(asked.deeds[0].things[0]):
+    if alone and _is_sought(asked.deeds[0]):
+        yield from _find(episode, asked, skills, came)
+    elif alone and _is_several(asked.deeds[0].things[0]):
         yield from _each(episode, subtask, asked, skills, came)
     elif [one.deed for one in asked.deeds] == ["go"]:
         yield from _go(episode, asked.deeds[0], skills, came)
-    elif alone and _is_sought(asked.deeds[0]):
-        yield from _find(episode, asked.deeds[0].things[0], skills, came)
     elif alone:
         yield from _the_same(episode, subtask, asked, skills, came)
     else:
@@ -235,27 +261,30 @@ def _is_several(one: Mention) -> bool:
 
 
 def _is_sought(deed: SaidDeed) -> bool:
-    """Return whether a deed is to find one thing, wherever it is."""
-    return deed.deed == "find" and deed.place is None and not deed.things[0].at
+    """Return whether a deed is to find things, wherever they are."""
+    thing = deed.things[0]
+    return deed.deed == "find" and deed.place is None and not (thing.at or thing.anything)
 
 
 def _find(
-    episode: Carrier, thing: Mention, skills: Skills, came: Came
+    episode: Carrier, asked: Request, skills: Skills, came: Came
 ) -> Iterator[Plan | SkillResult]:
-    """Look for a thing, which takes no planner: go to it, or search for it."""
+    """Look for things, which takes no planner: of a plural for all that there are."""
+    thing, found = asked.deeds[0].things[0], list[str]()
     came.searched = True
-    for kind in dict.fromkeys(map(kind_of, meant_by(thing, episode.here(skills)))):
-        result = skills.run(SkillCall(skill="Explore", objects=(kind,)))
-        yield result
-        ids = [one for one in result.object_ids if kind_of(one) == kind]
-        sight = episode.sights(skills).get(ids[-1]) if ids else None
-        if result.ok and sight is not None:
-            where = told_place(place_of(sight)) if sight.pickupable else "here"
-            came.nothing_to_do = True
-            came.told.append(Check(text=f"the {name_of(ids[-1])} is {where}", found="seen"))
-            return
-    came.short = True
-    came.told.append(Check(text=f"I found no {thing.text}", found="otherwise"))
+    wanted = None if thing.every else thing.number or 1
+    while wanted is None or len(found) < wanted:
+        one = yield from _one_more(episode, asked, {*found}, skills, came)
+        if one is None or one in found:
+            break
+        found.append(one)
+        sight = episode.sights(skills).get(one)
+        where = told_place(place_of(sight)) if sight is not None and sight.pickupable else "here"
+        came.told.append(Check(text=f"the {name_of(one)} is {where}", found="seen"))
+    came.nothing_to_do, came.short = bool(found), len(found) < (wanted or 1)
+    if came.short:
+        more = f"more than {len(found)}: " if found else "no "
+        came.told.append(Check(text=f"I found {more}{thing.text}", found="otherwise"))
 
 
 def _go(
@@ -296,12 +325,33 @@ def _the_same(
         came.nothing_to_do = True
         came.told.append(Check(text=f"the {name_of(before)}: that is so already", found="seen"))
         return
+    place = yield from _place_told(episode, asked, skills, came)
+    if place is None:
+        return
+    own = {**own, **place}
     only = {**own, kind_of(before): before} if before and kind_of(before) in kinds else own
+    if before and thing.other and len(kinds) > 1:  # "the other lamp"
+        subtask = _of_one(subtask, asked, kind_of(before))
     yield from episode.planned(subtask, skills, came, only)
     for result in came.programs[-1].results if came.programs else ():
         used = [one for one in result.object_ids if kind_of(one) in kinds]
         if used and result.ok and thing.start >= 0:  # else "it" of an earlier text
             episode.chosen.setdefault(key, used[0])
+
+
+def _place_told(
+    episode: Carrier, asked: Request, skills: Skills, came: Came
+) -> Generator[Plan | SkillResult, None, dict[str, str] | None]:
+    """Return the place that words tell of, type -> id; {}: any will do, None: there is none."""
+    place, told = asked.deeds[0].place, replace(asked, deeds=(_PUT,))
+    kinds = [] if place is None else [*map(kind_of, meant_by(place, episode.here(skills)))]
+    if place is None or place.every or not _is_told(told, place, kinds):
+        return {}
+    alike = _alike(episode, skills, kinds, replace(place, text="", states=(), at=()))
+    if len(alike) < 2 and not object_types()[kinds[0]].can("pickupable"):
+        return {}
+    one = yield from _the_one_told(episode, asked, place, kinds, skills, came)
+    return {kind_of(one): one} if one else None
 
 
 def _piece_of(sights: Collection[str], object_id: str) -> str:
@@ -314,19 +364,14 @@ def _told_apart_by_words(
     episode: Carrier, asked: Request, kinds: Collection[str], skills: Skills, came: Came
 ) -> Generator[Plan | SkillResult, None, str | None]:
     """Return the one of several that words tell of; "" where none is, None: any will do."""
-    deed, thing = asked.deeds[0], asked.deeds[0].things[0]
+    thing = asked.deeds[0].things[0]
     found: str | None = None
-    found = _told_by_its_state(episode, thing, kinds, skills)
-    if found == "" and not (deed.deed in _LOST or thing.states):
-        found = None
-    elif found == "":
-        yield refusal(RefusedRequest(kind="unclear", by="guard", words=(thing.text,)))
-    if found is None and thing.at and BURNER in kinds:
+    if thing.at and BURNER in kinds:
         found = _under(episode, thing, skills)
         if not found:
             yield refusal(RefusedRequest(kind="unclear", by="guard", words=(thing.text,)))
-    if found is None and _lies_told(deed):
-        found = yield from _the_one_there(episode, thing, kinds, skills, came)
+    elif _is_told(asked, thing, kinds) or _left_aside(episode, asked, kinds, skills):
+        found = yield from _the_one_told(episode, asked, thing, kinds, skills, came)
     if found is None and _is_one_of_some(asked):
         found, alike = _told_apart(episode, skills, kinds)
         if alike:
@@ -337,14 +382,60 @@ def _told_apart_by_words(
     return found
 
 
-def _told_by_its_state(
-    episode: Carrier, thing: Mention, kinds: Collection[str], skills: Skills
-) -> str | None:
-    """Return the thing that was seen so: "the empty roll"; "" for none, None: no state is told."""
-    states = _states_told(thing, kinds)
-    sights = sorted(episode.sights(skills).items()) if states else ()
-    fits = (one for one, sight in sights if kind_of(one) in kinds and _is_all(states, sight))
-    return next(fits, "") if states else None
+def _is_told(asked: Request, thing: Mention, kinds: Collection[str]) -> bool:
+    """Return whether words tell which thing is meant: where it is, or how it is by now.
+
+    "A clean plate" and "the hot potato" may be made so; "the clean plate" is one that is.
+    """
+    made = _MADE_SO | {deed_kind(asked.deeds[0].deed).leaves}
+    made |= set() if _is_definite(asked, thing) else {"clean", "cleaned", "empty"}
+    return _lies_told(asked, thing) or bool({*_states_told(thing, kinds)} - made)
+
+
+def _is_definite(asked: Request, thing: Mention) -> bool:
+    said = asked.whole[thing.start :].lower()
+    return thing.start < 0 or said.startswith(("the ", "my ", "that ", "this "))
+
+
+def _the_one_told(
+    episode: Carrier, asked: Request, thing: Mention, kinds: Collection[str], skills: Skills,
+    came: Came,
+) -> Generator[Plan | SkillResult, None, str]:  # fmt: skip
+    """Return the thing that is as it is told, looked for there and then anywhere; "" for none."""
+    wholes = list(kinds)
+    one = _next(episode, skills, wholes, _left_aside(episode, asked, kinds, skills), thing)
+    places = [] if one else episode.places({kind_of(kind) for kind in thing.at})
+    for place in places[:_PLACES]:
+        came.searched = True
+        yield skills.run(SkillCall(skill="GoToObject", objects=(place,)))
+        for sight in (one for one in [episode.sights(skills).get(place)] if one):
+            yield skills.look_over(sight)
+        one = _next(episode, skills, wholes, _left_aside(episode, asked, kinds, skills), thing)
+        if one is not None:
+            break
+    while one is None:
+        tried = {name for name in episode.sights(skills) if kind_of(name) in kinds}
+        found = yield from _another(skills, wholes, tried, came)
+        if found is None:
+            came.short = True
+            where = " or ".join(spoken(kind).lower() for kind in thing.at)
+            text = f"I found no {thing.text}{f' at the {where}' if where else ''}"
+            came.told.append(Check(text=text, found="otherwise"))
+            return ""
+        one = _next(episode, skills, wholes, _left_aside(episode, asked, kinds, skills), thing)
+    return one
+
+
+def _left_aside(
+    episode: Carrier, asked: Request, kinds: Collection[str], skills: Skills
+) -> set[str]:
+    """Return the ids of known things that a request leaves out: "but not the one on the desk"."""
+    told = [one for one in asked.exclusions if one.at or one.states]
+    return {
+        name for name in episode.sights(skills) if kind_of(name) in kinds
+        for one in told
+        if kind_of(name) in map(kind_of, one.types) and _told_so(episode, skills, name, one)
+    }  # fmt: skip
 
 
 def _states_told(thing: Mention, kinds: Collection[str]) -> tuple[str, ...]:
@@ -373,10 +464,10 @@ def _under(episode: Carrier, thing: Mention, skills: Skills) -> str:
 def _is_one_of_some(asked: Request) -> bool:
     """Return whether something is done for good to one thing that words say nothing else of."""
     deed = asked.deeds[0]
-    thing, said = deed.things[0], asked.whole[deed.things[0].start :].lower()
+    thing = deed.things[0]
     bare = not (thing.at or thing.other or thing.told or thing.vague or thing.holding)
     bare = bare and not stated(asked)  # "the cooked one"
-    return deed.deed in FOR_GOOD and bare and said.startswith(("the ", "my ", "that ", "this "))
+    return deed.deed in FOR_GOOD and bare and thing.start >= 0 and _is_definite(asked, thing)
 
 
 def _told_apart(
@@ -393,28 +484,14 @@ def _told_apart(
     return last, places if last is None and len(places) > 1 else ()
 
 
-def _lies_told(deed: SaidDeed) -> bool:
+def _lies_told(asked: Request, thing: Mention) -> bool:
     """Return whether the place behind a thing says which is meant, not where it is done to it."""
-    thing, kinds = deed.things[0], object_types()
-    carried = any(kinds[kind].can("pickupable") for kind in thing.types)
-    return bool(thing.at) and carried and deed.deed not in _DONE_SOMEWHERE
-
-
-def _the_one_there(
-    episode: Carrier, thing: Mention, kinds: Collection[str], skills: Skills, came: Came
-) -> Generator[Plan | SkillResult, None, str | None]:
-    """Return the thing at the place that it is told by; "" for none, None: none is known yet."""
-    one = _next(episode, skills, list(kinds), set(), thing)
-    elsewhere = {name for name in episode.sights(skills) if kind_of(name) in kinds}
-    if one is not None or not elsewhere:
-        return one
-    one = yield from _another(skills, list(kinds), elsewhere, came)
-    if one is not None and _told_so(episode, skills, one, thing):
-        return one
-    came.short = True
-    places = " or ".join(spoken(kind).lower() for kind in thing.at)
-    came.told.append(Check(text=f"I found no {thing.text} at the {places}", found="otherwise"))
-    return ""
+    deed, kinds = deed_kind(asked.deeds[0].deed), object_types()
+    carried = any(kinds[kind].can("pickupable") or kind in LAMPS for kind in thing.types)
+    done_at = {*map(kind_of, deed.put_in or deed_kind("wash").put_in)} - {BIN}
+    relative = asked.whole[thing.end :].lower().lstrip().startswith(("that", "which"))
+    there = asked.deeds[0].deed in ("put", "take") or not done_at & {*map(kind_of, thing.at)}
+    return bool(thing.at) and carried and (there or relative)
 
 
 def _the_other(
@@ -424,11 +501,16 @@ def _the_other(
     thing, whole = asked.deeds[0].things[0], asked.whole or asked.text
     meant = {one for (text, _), one in episode.chosen.items() if text == whole}
     meant = {one for one in (*meant, *episode.mine.values()) if kind_of(one) in kinds}
+    pieces = thing.text.split()[-1] in request_words().pieces
+    known = set() if pieces else {name for name in episode.sights(skills) if kind_of(name) in kinds}
     if not meant:  # "another book", said after one was put away
         meant = {one for one in episode.handled() if kind_of(one) in kinds}
         meant = {one for one in meant if _holds_already(episode, skills, one, asked.deeds[0], {})}
+    if not meant:  # "the other egg", "another mug": not the last one
+        meant = _meant_before(episode, thing, skills)
     if not meant:
         return None
+    meant |= {name for name in known if root_id(name) in map(root_id, meant)}  # a cracked egg
     one = _next(episode, skills, list(kinds), meant, thing)
     if one is None:
         one = yield from _another(skills, list(kinds), meant, came)
@@ -441,6 +523,13 @@ def _the_other(
     return one
 
 
+def _meant_before(episode: Carrier, thing: Mention, skills: Skills) -> set[str]:
+    """Return what was handled last of a kind, which "the other egg" is not."""
+    kinds = {kind_of(kind) for kind in meant_by(thing, episode.here(skills))}
+    last = [one for one in episode.handled() if kind_of(one) in kinds]
+    return {*(last or [one for one in episode.chosen.values() if kind_of(one) in kinds])[-1:]}
+
+
 def _each(
     episode: Carrier, subtask: SubTask, asked: Request, skills: Skills, came: Came
 ) -> Iterator[Plan | SkillResult]:
@@ -451,12 +540,15 @@ def _each(
     if thing.anything:
         kinds, found = yield from _whatever(episode, deed, skills, came)
         kinds = _not_ruled_out(asked, kinds)
+    place = yield from _place_told(episode, asked, skills, came)
+    if place is None:
+        return
     wanted = thing.number
     done: list[str] = []
     failed: list[str] = []
-    others: set[str] = set()  # that are not as they are told
+    others = _meant_before(episode, thing, skills) if thing.other else set()  # not as they are told
     while (wanted is None or len(done) < wanted) and len(failed) < _IN_VAIN:
-        if done and deed.deed == "take":
+        if done and deed.deed == "take" and not _is_taken_out(asked):
             came.told.append(Check(text="I can hold one thing at a time", found="otherwise"))
             came.short = True
             thing = replace(thing, number=len(found) or thing.number)
@@ -469,23 +561,17 @@ def _each(
             one = yield from _one_more(episode, asked, tried, skills, came)
         if one is None or one in tried:
             break
-        if not (thing.anything or _told_so(episode, skills, one, thing)):
-            (others.add if _states_told(thing, [kind_of(one)]) else failed.append)(one)
+        told = thing.anything or _told_so(episode, skills, one, thing)
+        if not told or _left_aside(episode, asked, [kind_of(one)], skills) & {one}:
+            told = told or bool(thing.at or _states_told(thing, [kind_of(one)]))
+            (others.add if told else failed.append)(one)
             continue
         if _holds_already(episode, skills, one, deed, {}):
             done.append(one)
             continue
-        kind = kind_of(one)
-        single = replace(
-            thing, types=(kind,), text=spoken(kind).lower(), number=None, every=False,
-            anything=False, at=(), states=(),
-        )  # fmt: skip
-        request = replace(asked, deeds=(replace(deed, things=(single,)),))
-        text = said(request.deeds[0])
         step = Came()
-        yield from episode.planned(
-            replace(subtask, instruction=text, whole=text, asked=request), skills, step, {kind: one}
-        )
+        single = _of_one(subtask, asked, kind_of(one))
+        yield from episode.planned(single, skills, step, {**place, kind_of(one): one})
         came.programs += [program for program in step.programs if program.results]
         (done if step.finished else failed).append(one)
     if not (done or failed) and _is_ended(deed, thing):
@@ -494,6 +580,24 @@ def _each(
         came.told.append(Check(text=f"nothing that I have seen is {said_so}", found="seen"))
         return
     _tell_count(came, thing, done, failed)
+
+
+def _of_one(subtask: SubTask, asked: Request, kind: str) -> SubTask:
+    """Return a request that is made of one thing of a type, as it is planned."""
+    deed = asked.deeds[0]
+    single = replace(
+        deed.things[0], types=(kind,), text=spoken(kind).lower(), number=None, every=False,
+        anything=False, at=(), states=(),
+    )  # fmt: skip
+    request = replace(asked, deeds=(replace(deed, things=(single,)),))
+    text = said(request.deeds[0])
+    return replace(subtask, instruction=text, whole=text, asked=request)
+
+
+def _is_taken_out(asked: Request) -> bool:
+    """Return whether things are only to leave a place: "take everything out of the fridge"."""
+    me = request_words().me & {*asked.text.lower().split()}
+    return bool(asked.deeds[0].things[0].at) and not me
 
 
 def _is_ended(deed: SaidDeed, thing: Mention) -> bool:
@@ -520,7 +624,8 @@ def _one_more(
 
 def _not_ruled_out(asked: Request, kinds: Iterable[str]) -> list[str]:
     """Return the kinds of wholes that a request does not leave out."""
-    ruled_out = {kind_of(kind) for one in asked.exclusions for kind in one.types}
+    whole = (one for one in asked.exclusions if not (one.at or one.states))
+    ruled_out = {kind_of(kind) for one in whole for kind in one.types}
     return [kind for kind in dict.fromkeys(map(kind_of, kinds)) if kind not in ruled_out]
 
 
@@ -546,11 +651,17 @@ def _next(
     episode: Carrier, skills: Skills, kinds: Sequence[str], tried: set[str], thing: Mention
 ) -> str | None:
     """Return a thing that is known and was not tried."""
-    for object_id, sight in sorted(episode.sights(skills).items()):
-        fresh = kind_of(sight.object_type) in kinds and object_id not in tried
-        if fresh and _told_so(episode, skills, object_id, thing):
-            return object_id
+    sights = sorted(episode.sights(skills))
+    for one in (*sights, *_on_map(episode, kinds)):
+        fresh = kind_of(type_of(one)) in kinds and type_of(one) != KNOB and one not in tried
+        if fresh and _told_so(episode, skills, one, thing):
+            return one
     return None
+
+
+def _on_map(episode: Carrier, kinds: Collection[str]) -> list[str]:
+    """Return the ids of the furniture of some kinds, each whole once: no knobs, no basins."""
+    return [one for one in episode.places(kinds) if type_of(one) in kinds]
 
 
 def _told_so(episode: Carrier, skills: Skills, object_id: str, thing: Mention) -> bool:
@@ -589,6 +700,8 @@ def _holds_already(
 def is_so(state: str, sight: SeenObject) -> bool:
     """Return whether a look shows a thing in a state."""
     shown = _SHOWN_BY.get(state) or (OPPOSITES.get(state) if state in ("off", "closed") else None)
+    if state == "unbroken" and is_piece(sight.object_type):
+        return False
     return state in sight.states or (shown is not None and shown not in sight.states)
 
 

@@ -67,7 +67,7 @@ from karma.talk.history import (
 )
 from karma.talk.home import KeptHome, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
-from karma.talk.offers import with_offer
+from karma.talk.offers import corrected, with_offer
 from karma.talk.other_rooms import of_room, room_said
 from karma.talk.questions import answered, of_another
 from karma.talk.remembering import MemoryAnswer, Remembering
@@ -211,6 +211,7 @@ class Agent:
         self._done: list[SubTaskRecord] = []
         self._before: list[_Before] = []
         self._question = ""  # what was asked last; "" after anything else
+        self._asked = ""  # the request that was made last
         self.replies: list[AgentReply] = []
 
     def _wait(self, seconds: float) -> None:
@@ -303,6 +304,7 @@ class Agent:
             found = [_Clause(text) for one in cut for text, _ in clauses_of(one)]
             return found or [_Clause(instruction)]
         instruction = of_another(instruction, self._question, reader)
+        instruction = corrected(instruction, self._asked, reader)
         seen = {name: sight for name, (sight, _) in self._episode.last_seen().items()}
         plain = in_plain_words(instruction, self.home.past, reader, seen)
         requests = context_left_out(reader.read(plain.text, *self._spoken_of(reader, ahead)))
@@ -343,6 +345,7 @@ class Agent:
         self._episode.clock_s = self.home.clock_s
         self._episode.mine = {**owned(self.home.past), **said.means}
         self._episode.told = self._remembering().told()
+        self._asked = clause if asked is not None and asked.form == "errand" else ""
         subtask = SubTask(instruction=clause, whole=clause if asked else whole, asked=asked)
         taken: list[Understanding] = []
         plans: list[Plan] = []

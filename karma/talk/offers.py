@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from karma.agent.understood import Understanding
 from karma.contracts import RefusedRequest, Request
+from karma.language.request import RequestReader
 from karma.language.request_words import request_words
 
 _YES = re.compile(
@@ -15,6 +16,11 @@ _YES = re.compile(
 _AGREES = re.compile(
     r"\b(?:yes|yeah|yep|yup|sure|ok|okay|exactly|correct|right|please|do it|do that|do so|go ahead"
     r"|of course)\b",
+    re.IGNORECASE,
+)
+_CORRECTS = re.compile(
+    r"\W*(?:(?:actually|sorry|oops|oh|wait|but|no|not that(?: one)?)\b[,.! ]*)*"
+    r"\b(?:no|not that(?: one)?|i (?:meant|mean|said))\b[,.:! ]*(?P<rest>\S.*)",
     re.IGNORECASE,
 )
 _COMPLAINTS = {"dirty": "wash", "on": "turn off", "opened": "close", "filled": "empty"}
@@ -39,6 +45,23 @@ def is_no(text: str) -> bool:
                         r"|not now|don't)\b\W*)+", text, re.IGNORECASE) is not None  # fmt: skip
 
 
+def corrected(text: str, last: str, reader: RequestReader) -> str:
+    """Return "no, on the desk" and "I meant the cup" as the request before them, corrected.
+
+    Args:
+        text: what is said.
+        last: the request that was made last, "" where it was none.
+        reader: of English.
+    """
+    found = _CORRECTS.match(text) if last else None
+    if found is None:
+        return text
+    whole = any(one.form != "incomplete" for one in reader.read(found["rest"]))
+    if whole and found["rest"].lower().split()[0] not in request_words().destinations:
+        return text
+    return f"{last.rstrip('.!? ')}, no, {found['rest']}"
+
+
 def with_offer(
     taken: Understanding,
     clause: str,
@@ -57,6 +80,10 @@ def with_offer(
     """
     if refused.kind in ("time", "condition") and asked.errand:
         return replace(taken, offer=asked.errand)
+    if refused.kind == "alike":
+        marks = "|".join(map(re.escape, refused.words))
+        said = re.sub(rf" (?:(?:on|to) the )?(?:{marks})\b(?: one$)?", "", clause)
+        return replace(taken, offer=re.sub(r"\bthe same\b", "the", said))
     if slip is not None:
         word, right = slip
         return replace(taken, offer=re.sub(rf"\b{re.escape(word)}\b", right, clause))

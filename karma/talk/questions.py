@@ -14,7 +14,7 @@ from karma.agent.perceive import place_of
 from karma.contracts import Mention, Request, SeenObject
 from karma.household.containment import has_door
 from karma.household.ids import type_of
-from karma.household.pieces import base_type
+from karma.household.pieces import base_type, is_piece
 from karma.household.places import HAND, NEAR_M
 from karma.household.saying import name_of, told_place
 from karma.household.states import NEEDS
@@ -103,6 +103,8 @@ def _how_many(q: AskedQuestion) -> MemoryAnswer | None:
     found = [one for one in q.knows.of(q.things[0]) if is_at(one[0], q.at if q.about else ())]
     if q.state:
         found = [one for one in found if is_so(q.state, one[0])]
+    if q.things[0].text.split()[-1] in request_words().pieces:
+        found = [one for one in found if is_piece(one[0].object_type)]
     if not found:
         return MemoryAnswer(
             lines=("None that I have seen.",), known=False, look=_looking(q.things[0])
@@ -311,8 +313,9 @@ def _whether(q: AskedQuestion) -> MemoryAnswer | None:
         told = _told_last(q, thing, -1.0, STATE_TOLD) if q.state else None
         said = told and f"You told me {q.knows.ago(told.at_s)}: {told.said.rstrip('.!')}."
         return MemoryAnswer(lines=(said,)) if said else _not_seen(q)
-    if q.state and not places:
-        return _state_told(q, thing, found)
+    lying = [one for one in found if _is_there(q, one[0], places)]
+    if q.state and (lying or not places):  # "is the mug on the table dirty?"
+        return _state_told(q, thing, lying if places else found)
     if "there" in q.words[:3] or places or had or q.has("here"):
         there = [one for one in found if _is_there(q, one[0], places)]
         if (thing.number or 0) > 1:

@@ -76,7 +76,7 @@ class RequestReply:
     def asks(self) -> bool:
         """Whether an answer is waited for, in place of doing it."""
         refused = next((plan.refused for plan in reversed(self.plans) if plan.refused), None)
-        return refused is not None and refused.kind in ("incomplete", "unclear", "which")
+        return refused is not None and refused.kind in ("incomplete", "unclear", "which", "alike")
 
     def __repr__(self) -> str:
         return "\n".join(line.text for line in lines_of(self))

@@ -317,6 +317,13 @@ def test_what_is_only_told_beside_an_errand_is_context(reader):
         ("put the cup upside down in the sink", ("upside down",)),
         ("cut the tomato in half", ()),
         ("if the lamp is on turn it off, otherwise turn it on", ("otherwise",)),
+        ("close the curtains a bit", ("halfway",)),
+        ("put the racket on the bed under the pillow", ("under pillow",)),
+        ("put the pepper between the plate and the potato", ("between",)),
+        ("put the books on the shelf except one", ("except one",)),
+        ("close all of the drawers but the first", ("but the first",)),
+        ("put all but one of the eggs in the bowl", ("all but one",)),
+        ("read the newspaper to me", ("read",)),
     ],
 )
 def test_what_the_world_has_no_way_for_is_not_passed_over(reader, text, unread):
@@ -367,6 +374,60 @@ def test_one_that_is_told_otherwise_is_another(reader):
     assert deeds(added) == ["slice Apple"]
     (dishes,) = reader.read("wash the dishes")
     assert dishes.deeds[0].things[0].every
+
+
+@pytest.mark.parametrize(
+    ("text", "left_out"),
+    [
+        ("wash every cloth except the one in the drawer", ("Cloth", "Drawer", "")),
+        ("put all the books on the bed but not the one on the desk", ("Book", "Desk", "")),
+        ("wash all the plates but not the dirty ones", ("Plate", "", "dirty")),
+        ("put the dirty bowl, not the clean one, in the sink", ("Bowl", "", "clean")),
+        ("put everything except the mug in the sink", ("Mug", "", "")),
+    ],
+)
+def test_what_is_left_out_may_be_told_by_its_place_or_state(reader, text, left_out):
+    (request,) = reader.read(text)
+    (one,) = request.exclusions
+    assert (one.types[0], "".join(one.at[:1]), "".join(one.states[:1])) == left_out
+    assert not request.deeds[0].things[0].at
+
+
+@pytest.mark.parametrize(
+    ("text", "marks"),
+    [
+        ("put the book in the second drawer", ("second",)),
+        ("open the cabinet on the right", ("right",)),
+        ("wash the red mug", ("red",)),
+        ("put everything in the left drawer on the desk", ("left",)),
+        ("wash a mug, the one near the toaster", ("near toaster",)),
+        ("put the spoon in the drawer", ()),
+        ("put the bowl on the coffee table", ()),
+    ],
+)
+def test_words_that_no_look_shows_are_kept_with_what_they_tell_of(reader, text, marks):
+    (request,) = reader.read(text)
+    named = [word for one in request.mentions for word in one.marks]
+    assert tuple(dict.fromkeys(named)) == marks
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("Mary wants the mug washed", ["wash Mug"]),
+        ("my wife would like the mug on the desk", ["put Mug > Desk"]),
+        ("she said the egg should be in the fridge", ["put Egg > Fridge"]),
+        ("could the cup be washed?", ["wash Cup"]),
+        ("go and stand by the window", ["go Window"]),
+        ("put the apple in the bowl, sorry, I meant the tomato", ["put Tomato > Bowl"]),
+        ("put one watch on the desk and keep the other one", ["put Watch x1 > Desk"]),
+        ("put the plates in the sink, the dirty ones only", ["put Plate all > Sink"]),
+    ],
+)
+def test_what_others_want_and_what_is_corrected_is_an_errand(reader, text, wanted):
+    (request,) = reader.read(text)
+    assert deeds(request) == wanted
+    assert not request.unread
 
 
 def test_it_may_stand_for_what_was_said_before(reader):

@@ -256,6 +256,61 @@ def test_another_is_none_of_those_that_were_put_there_before(tmp_path):
     assert sum(parents is not None and "Bed|" in parents[0] for parents in books) == 2
 
 
+@pytest.mark.parametrize(
+    ("scene", "turns", "changed"),
+    [
+        ("living_2", ["put the watch that is on the side table on the shelf"], ["Watch on Shelf"]),
+        ("bathroom_2", ["wash every cloth except the one in the drawer"], ["Cloth on Bathtub"]),
+        ("kitchen_3", ["wash the mug that's in the sink, not the other one"], ["Mug clean"]),
+        ("bedroom_1", ["put a book on the shelf", "put the other books on the bed"],
+         ["Book on Bed", "Book on Bed", "Book on Shelf"]),
+        ("bedroom_3", ["sit the teddy bear on the bed", "no, on the armchair"],
+         ["TeddyBear on ArmChair"]),
+        ("living_1", ["turn off the floor lamp", "turn off the other lamp"],
+         ["DeskLamp off", "FloorLamp off"]),
+        ("kitchen_2", ["put the dirty mug next to the sink"], ["Mug on CounterTop"]),
+        ("kitchen_1", ["fill the kettle with coffee", "put the egg in the second drawer",
+                       "wash the bowl by the clean plate", "find all the mugs"], []),
+    ],
+)  # fmt: skip
+def test_what_words_tell_apart_is_what_is_changed(tmp_path, scene, turns, changed):
+    """By the world's true state: the one that was meant, no other of its kind."""
+    need_models("karma-nano")
+    from karma.talk.agent import Agent
+
+    agent = Agent(scene, planner="karma-nano", folder=tmp_path / "run", maps=tmp_path / "maps")
+    before = agent._world.last_event.metadata["objects"]
+    for turn in turns:
+        agent.do(turn)
+    after = {one["objectId"]: one for one in agent._world.last_event.metadata["objects"]}
+    found = [how for one in before for how in _how_it_changed(one, after[one["objectId"]])]
+    assert sorted(found) == changed
+
+
+def _how_it_changed(was, now):
+    """Yield where a thing has come to lie, and whether it was cleaned or turned off."""
+    kind = was["objectType"]
+    if was["parentReceptacles"] != now["parentReceptacles"]:
+        yield f"{kind} on {now['parentReceptacles'][0].split('|')[0]}"
+    elif was["isDirty"] and not now["isDirty"]:
+        yield f"{kind} clean"
+    if was["isToggled"] and not now["isToggled"]:
+        yield f"{kind} off"
+
+
+def test_all_furniture_of_a_kind_has_its_turn(tmp_path):
+    need_models("karma-nano")
+    from karma.talk.agent import Agent
+
+    agent = Agent("bedroom_4", planner="karma-nano", folder=tmp_path / "a", maps=tmp_path / "b")
+    assert "8 of 8: drawers" in repr(agent.do("open all the drawers"))
+    things = agent._world.last_event.metadata["objects"]
+    assert all(one["isOpen"] for one in things if one["objectType"] == "Drawer")
+    assert agent.do("close all of them but the first").status == "asked"
+    asked = agent.do("close the top drawer")
+    assert (asked.status, asked.offer) == ("asked", "close the drawer")
+
+
 def test_each_thing_that_they_stand_for_is_carried(tmp_path):
     """Neither has a place of its own in the text, so one was once taken for the other."""
     need_models("karma-nano")
