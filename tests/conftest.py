@@ -12,7 +12,7 @@ from karma.infer.manifest.manifest import PLANNER, find_model, is_present, verif
 
 pytest_plugins = ("support.eb_alfred_experiment",)  # the fixture `experiment`
 
-# The same examples in every run, and no deadline: two cores are shared with other work.
+# The same examples in every run of a tree, and no deadline: two cores are shared with other work.
 EXAMPLES = int(os.environ.get("KARMA_EXAMPLES", "50"))  # where a test says no other number
 settings.register_profile("karma", derandomize=True, deadline=None, max_examples=EXAMPLES)
 settings.load_profile("karma")

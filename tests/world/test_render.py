@@ -101,7 +101,7 @@ def ray_box(origin, rays, low, high):
 slabs = st.lists(
     st.tuples(
         st.floats(-1.6, 1.6), st.floats(0.2, 2.2), st.floats(0.7, 1.7),
-        st.floats(0.1, 0.59), st.floats(0.02, 0.055), st.floats(0.1, 0.6),
+        st.floats(0.1, 0.59), st.floats(0.02, 0.055), st.floats(0.1, 0.59),
     ),
     min_size=1,
     max_size=6,
