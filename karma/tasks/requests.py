@@ -14,14 +14,14 @@ from karma.files import read_bytes
 from karma.tasks.goals import parse_goal
 
 
-class Said(msgspec.Struct, frozen=True, kw_only=True):
+class SaidLine(msgspec.Struct, frozen=True, kw_only=True):
     """One line: what is said, and what names it."""
 
     id: str
     text: str
 
 
-class SaidRequest(Said, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class SaidRequest(SaidLine, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One thing said to a robot that knows a room, with nothing or something handled before."""
 
     kind: str  # how it is said; of one to be refused, why
@@ -39,7 +39,7 @@ class SaidRequest(Said, frozen=True, kw_only=True, forbid_unknown_fields=True):
         return tuple(parse_goal(goal) for goal in self.goals)
 
 
-_Row = TypeVar("_Row", bound=Said)
+_Row = TypeVar("_Row", bound=SaidLine)
 
 
 def load_said(path: str | Path) -> tuple[SaidRequest, ...]:
@@ -57,7 +57,7 @@ def load_texts(path: str | Path) -> tuple[str, ...]:
     Raises:
         FileError: a line has no text; names the line.
     """
-    return tuple(one.text for one in load_lines(path, Said))
+    return tuple(one.text for one in load_lines(path, SaidLine))
 
 
 def load_lines(path: str | Path, row: type[_Row]) -> tuple[_Row, ...]:
