@@ -59,7 +59,7 @@ def taking(**groups: type) -> Callable[[Callable[..., None]], Callable[..., None
 def _parameters(kind: type) -> Iterator[inspect.Parameter]:
     types = get_type_hints(kind)
     for one in fields(kind):
-        annotation = cast("Any", Annotated)[types[one.name], one.metadata["option"]]
+        annotation = cast("Any", Annotated)[types[one.name], one.metadata.get("option")]
         usual = inspect.Parameter.empty if one.default is ... else one.default
         yield inspect.Parameter(
             one.name, inspect.Parameter.KEYWORD_ONLY, default=usual, annotation=annotation

@@ -51,7 +51,7 @@ class _Lines(Progress):
             console.print(said, highlight=False, soft_wrap=True)
 
 
-class _Left(ProgressColumn):
+class _TimeLeft(ProgressColumn):
     """Says how long it will still take, while that is known and not over."""
 
     max_refresh = 0.5
@@ -76,7 +76,7 @@ def bar(*columns: ProgressColumn, passing: bool = False) -> Progress:
     return shown(
         TextColumn("{task.description}"),
         BarColumn(),
-        *(columns or (MofNCompleteColumn(), TimeElapsedColumn(), _Left())),
+        *(columns or (MofNCompleteColumn(), TimeElapsedColumn(), _TimeLeft())),
         console=console,
         transient=passing,
         disable=passing and not console.is_terminal,

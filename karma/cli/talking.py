@@ -25,7 +25,7 @@ _UNITS_S = {"m": 60.0, "h": 3600.0, "d": 86_400.0}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RunOptions:
+class RequestOptions:
     """The room, the home, the planner, and what it is told and asked."""
 
     scene: str = option("", "A scene's name or file; default the home's, else kitchen_1.")
@@ -78,7 +78,7 @@ class RunOptions:
     out: Path | None = option(None, "Run folder; default the next in runs/talks.")
 
 
-@taking(given=RunOptions, kept=Kept, computed=Computed)
+@taking(given=RequestOptions, kept=Kept, computed=Computed)
 def run_command(
     instruction: Annotated[
         str | None, typer.Argument(help="What to do, in plain words; without it, a conversation.")
@@ -89,7 +89,7 @@ def run_command(
     ] = None,
     json: Json = None,
     *,
-    given: RunOptions,
+    given: RequestOptions,
     kept: Kept,
     computed: Computed,
 ) -> None:
