@@ -102,10 +102,10 @@ class Search:
     def _places(self, name: str, positions: Sequence[str | Vec3]) -> Iterator[Vec3 | SeenObject]:
         """Yield where to look next, until everything was looked at."""
         yield from self._nodes(positions)
-        yield from self._containers(name, only_likely=True)
+        yield from iter(lambda: self._next_container(name, only_likely=True), None)
         yield from self._nearest_next(self._cover(self._reach.limits.look_again_m))
-        yield from self._containers(name, only_likely=False)
-        yield from self._surfaces(name)
+        yield from iter(lambda: self._next_container(name, only_likely=False), None)
+        yield from iter(lambda: self._next_surface(name), None)
 
     def _is_searched(self, name: str) -> bool:
         """Return whether the log leaves nothing to look at."""
@@ -178,11 +178,6 @@ class Search:
         here = self._walker.position
         return [(here[0], 0.0, here[1]), *cover(self._walker.cells(), [here], within_m)]
 
-    def _containers(self, name: str, *, only_likely: bool) -> Iterator[SeenObject]:
-        """Yield the containers that were not looked into, while there are any."""
-        while (container := self._next_container(name, only_likely=only_likely)) is not None:
-            yield container
-
     def _next_container(self, name: str, *, only_likely: bool) -> SeenObject | None:
         """Return the container to look into next: closed, that may hold the thing, and near."""
         types = object_types()
@@ -211,12 +206,8 @@ class Search:
         has_door = object_types()[sight.object_type].can("openable")
         return bool({"closed", "opened"} & set(states)) if states else has_door
 
-    def _surfaces(self, name: str) -> Iterator[SeenObject]:
-        """Yield the furniture without doors that may hold a thing, the nearest next."""
-        while (surface := self._next_surface(name)) is not None:
-            yield surface
-
     def _next_surface(self, name: str) -> SeenObject | None:
+        """Return the nearest furniture without doors, not looked at, that may hold a thing."""
         types = object_types()
         wanted = types.get(type_of(name))
         if wanted is None or not wanted.can("pickupable"):
