@@ -6,7 +6,7 @@ the body, `sightings` keeps the log, `naming` knows what a name means, `reach` b
 reach and acts on it, `search` looks for things, `handling` and `switching` are the skills proper.
 """
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -15,7 +15,7 @@ from karma.agent.handling import Handling
 from karma.agent.program import OUR_SKILLS, SKILLS
 from karma.agent.reach import Reach, SkillLimits
 from karma.agent.refusals import RefusedError
-from karma.agent.search import Search
+from karma.agent.search import Search, best_next
 from karma.agent.switching import Switching
 from karma.agent.walk import OutOfActionsError
 from karma.contracts import (
@@ -104,6 +104,14 @@ class Skills:
             return self._take_note(name, self._search.look_from(name, area.position_m))
 
         return self._counted(call, look, max_actions)
+
+    def look_everywhere(self) -> Iterator[SkillResult]:
+        """Look around from every place of the map, the nearest next; nothing is opened."""
+        walker = self._reach.walker
+        for area in best_next(
+            self._reach.knowledge.areas(), lambda one: (walker.gap(one.position_m), one.name)
+        ):
+            yield self.look_from("", area)
 
     def look_into(
         self, name: str, container: SeenObject, *, max_actions: int | None = None

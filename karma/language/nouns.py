@@ -374,7 +374,8 @@ class Nouns:
             return replace(bare, text=text, told=True)
         if head in lists.anything and len(words) <= 2:
             all_ = bare.every or head in ("everything", "all", "whatever", "lot")
-            return replace(bare, text=text, anything=all_, vague=not all_, every=all_)
+            seen = tuple(lists.seen[word] for word in words[:-1] if all_ and word in lists.seen)
+            return replace(bare, text=text, anything=all_, vague=not all_, every=all_, states=seen)
         if head in lists.vague or text in lists.vague:
             return replace(bare, text=text, vague=True)
         return None if head in lists.rooms else replace(bare, text=text)

@@ -725,8 +725,11 @@ def _another(
 def _whatever(
     episode: Carrier, deed: SaidDeed, skills: Skills, came: Came
 ) -> Generator[SkillResult, None, tuple[list[str], list[str]]]:
-    """Look at a place; returns the kinds and ids of what can be carried there."""
+    """Look at a place, or everywhere; returns the kinds and ids of what is meant there."""
     thing = deed.things[0]
+    came.searched = True
+    if not thing.at and (thing.states or deed.deed in ("on", "off")):
+        yield from skills.look_everywhere()
     if thing.states and not thing.at:
         return _all_that_are_so(episode, deed, skills)
     if deed.deed in ("on", "off") and not thing.at:
@@ -737,7 +740,6 @@ def _whatever(
             if kind_of(sight.object_type) in kinds
         ]  # fmt: skip
         return kinds, there
-    came.searched = True
     places = {kind_of(kind) for kind in here_of(thing.at, episode.here(skills))}
     for name in episode.places(places)[:_PLACES] or sorted(places)[:1]:
         yield skills.run(SkillCall(skill="GoToObject", objects=(name,)))
