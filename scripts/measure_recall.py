@@ -21,7 +21,7 @@ from pathlib import Path
 
 import typer
 from measuring import table
-from recall_questions import (
+from support.recall_questions import (
     CONTROLS,
     DRAWS,
     Asked,

@@ -9,8 +9,6 @@ vessel, refused, and asked for again (`tests/support/errand_sequences.py`). Rows
     home        the same, kept on the disk and read again before each errand
     map only    the map alone: what the others are held against
     neither     no memory at all
-
-A sequence that memory makes dearer is printed, and whether the way alone explains it.
 """
 
 from collections import Counter
@@ -74,7 +72,7 @@ def main(
     row: Annotated[list[str] | None, typer.Option(help=f"Beside {REFERENCE!r}.")] = None,
     lines: Annotated[bool, typer.Option(help="Print all that was done.")] = False,
 ) -> None:
-    """Do all sequences in all rows, and print what memory saved and cost."""
+    """Do all sequences in all rows; print what memory saved, where it cost more, and why."""
     go_offline()
     wanted = [name for name in ROWS if name == REFERENCE or name in (row or ROWS)]
     resources, found, unexplained = given_planner(MAPS), list[Rows](), 0

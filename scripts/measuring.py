@@ -7,7 +7,8 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # what tests start, we start
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tests"))  # what tests start, we start
 
 CHILDREN = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}  # their environment
 Clock = Callable[[], float]

@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from hint_figures import asked_words, figures
+from measuring import ROOT
 from rich.progress import track
+from support.hint_figures import asked_words, figures
 
 from karma import registry
 from karma.files import read_json, to_json
@@ -44,7 +45,6 @@ from karma.world.core.scene import Scene
 from karma.world.importing.dump import read_layouts
 from karma.world.importing.scenes import import_dump
 
-ROOT = Path(__file__).parents[1]
 SHARED = Path(os.environ.get("KARMA_SHARED", ROOT.parent / "shared"))
 LOCKED = ROOT / "eval" / "locked" / "tasks.jsonl"
 REQUESTS = ROOT / "eval" / "requests"

@@ -4,7 +4,15 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from recall_questions import CONTROLS, InOrder, ask, is_right, marked, memory_of, read_questions
+from support.recall_questions import (
+    CONTROLS,
+    InOrder,
+    ask,
+    is_right,
+    marked,
+    memory_of,
+    read_questions,
+)
 
 from karma.files import read_json
 from karma.household.pieces import base_type

@@ -1,7 +1,7 @@
 """Figures of hints, over a file small enough to know every answer; and what texts may say."""
 
 import pytest
-from hint_figures import DEEDS, WAYS, AskedWord, asked_words, figures
+from support.hint_figures import DEEDS, WAYS, AskedWord, asked_words, figures
 
 from karma import registry
 from karma.language.hints import WordFile, own_texts
