@@ -24,7 +24,7 @@ from karma.world.sim import EmbeddedWorld
 
 
 def test_hostile_files_of_every_kind_are_refused_by_name_and_leave_nothing(tmp_path):
-    all_held(files, 260, tmp_path)
+    all_held(files, 520, tmp_path)
 
 
 # ----------------------------------------------------------------- the user's own files

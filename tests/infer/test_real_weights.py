@@ -184,7 +184,7 @@ def test_answer_is_heard_piece_by_piece_and_the_pieces_are_the_answer(real):
 
 def test_letters_of_several_tokens_are_heard_whole(tmp_path):
     model = LlamaModel(make_planner(tmp_path / "tiny.gguf", "llama3"), chat=False)
-    for seed in range(8):
+    for seed in range(20):
         heard = []
         drawn = {"max_tokens": 40, "temperature": 1.5, "seed": seed}
         said = model.complete(QUESTION, listen=heard.append, **drawn)
