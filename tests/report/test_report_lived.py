@@ -198,6 +198,10 @@ def test_stale_shares_are_those_of_the_table_with_intervals_around_them(run):
     figures = {(one.row, one.setting): one for one in run.benchmark.results(run.records).figures}
     for one in stale_shares(run.records):
         assert one.share == figures[one.row, one.setting].stale_share
+        assert (one.low, one.high) == (None, None)  # two homes say nothing of others
+    six = [replace(one, home=one.home + 10 * copy) for copy in range(3) for one in run.records]
+    for one in stale_shares(six):
+        assert one.share == pytest.approx(figures[one.row, one.setting].stale_share)
         assert one.low <= one.share <= one.high
 
 
