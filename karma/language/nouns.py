@@ -17,7 +17,8 @@ _STARTS = frozenset((
 ))  # fmt: skip
 _NEAREST = ("nearest", "closest", "more", "most", "least", "other", "lower", "upper")
 _ALONE = frozenset((
-    "everything", "anything", "whatever", "this", "that", "these", "those", "all", "both", "one", "another",
+    "everything", "anything", "whatever", "this", "that", "these", "those", "all", "both", "one",
+    "another",
 ))  # fmt: skip
 _DESCRIBED = frozenset(("something", "anything", "thing", "things", "what", "item", "object"))
 _LEAST_DESCRIBED = 3  # words
