@@ -372,6 +372,8 @@ def _told_apart_by_words(
             yield refusal(RefusedRequest(kind="unclear", by="guard", words=(thing.text,)))
     elif _is_told(asked, thing, kinds) or _left_aside(episode, asked, kinds, skills):
         found = yield from _the_one_told(episode, asked, thing, kinds, skills, came)
+    elif _states_told(thing, kinds):  # "a clean plate": one that is so already, or is made so
+        found = _next(episode, skills, list(kinds), set(), thing)
     if found is None and _is_one_of_some(asked):
         found, alike = _told_apart(episode, skills, kinds)
         if alike:
