@@ -178,7 +178,6 @@ STARTERS = {
     "karma/world/thor/guard.py": "the build, which is no Python",
     "karma/bundle/install.py": "a file of Python's own modules, in a temporary folder",
     "karma/bundle/wheels.py": "-I: pip",
-    "karma/training/planner/choosing.py": "git",
     "karma/infer/manifest/brought.py": "pip, where it is asked to bring a model",
 }
 

@@ -12,7 +12,7 @@ from karma.agent.perceive import place_of
 from karma.agent.program import CHANGES, DOOR_AFTER, PUTS, SWITCH_AFTER
 from karma.contracts import Check, Experience, Found, SeenObject, SkillCall, SkillResult
 from karma.household.ids import is_part, root_id, type_of
-from karma.household.pieces import base_type, goes_by
+from karma.household.pieces import EGG, base_type, goes_by, piece_type
 from karma.household.places import HAND
 from karma.household.saying import name_of, preposition, told_place
 from karma.household.states import SAID_AS
@@ -146,8 +146,8 @@ class _Eyes:
 
     def now(self, thing: str) -> str:
         """Return what a thing is by now: what is left of an egg that was cracked."""
-        left = f"{thing}|{type_of(thing)}Cracked_0"
-        return left if left in self.experience.seen else thing
+        left = f"{thing}|{piece_type(EGG)}_0"
+        return left if type_of(thing) == EGG and left in self.experience.seen else thing
 
     def in_view(self, thing: str) -> SeenObject | None:
         """Return the latest sight that had a thing in view or in the hand."""
