@@ -305,7 +305,8 @@ def home_show(name: Name) -> None:
 
     home = opened(name)
     people = f", {home.card.people} people" if home.card.people else ""
-    tell(f"{home.folder}: {home.scene}{people}, {len(home.past)} requests")
+    count = f"{len(home.past)} request{'s' * (len(home.past) != 1)}"
+    tell(f"{home.folder}: {home.scene}{people}, {count}")
     for one in home.past[-10:]:
         tell(f"  {age(home.clock_s - one.at_s)}: {one.said} ({one.status})")
 

@@ -32,6 +32,7 @@ from karma.contracts import (
     SkillResult,
     SubTask,
 )
+from karma.household.containment import has_door
 from karma.household.deeds import FOR_GOOD, able_to, deed_kind
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import is_piece
@@ -51,11 +52,8 @@ _PLACES = 12  # of a kind that are looked over
 _MADE_SO = frozenset(("heated", "cooled", "cooked", "sliced", "filled"))  # "the hot potato"
 _IN_VAIN = 2  # things of a plural that may fail before the rest is left
 _SWITCHED = (*LAMPS, "LightSwitch", "Television")  # "everything" that is switched off
-_SHOWN_BY = {
-    "clean": "dirty",
-    "empty": "filled",
-    "unbroken": "broken",
-}  # a look shows the other; so with "off"
+# a look shows the other; so with "off"
+_SHOWN_BY = {"clean": "dirty", "empty": "filled", "unbroken": "broken"}
 _SHOWS = frozenset(("on", "off", "opened", "closed", "sliced"))  # states that are so for any deed
 
 
@@ -278,7 +276,11 @@ def _find(
         if one is None or one in found:
             break
         found.append(one)
+        if not object_types()[kind_of(type_of(one))].can("pickupable"):  # known by the map
+            yield skills.run(SkillCall(skill="GoToObject", objects=(one,)))
         sight = episode.sights(skills).get(one)
+        if sight is not None and not (sight.pickupable or has_door(sight.object_type)):
+            yield skills.look_over(sight)
         where = told_place(place_of(sight)) if sight is not None and sight.pickupable else "here"
         came.told.append(Check(text=f"the {name_of(one)} is {where}", found="seen"))
     came.nothing_to_do, came.short = bool(found), len(found) < (wanted or 1)

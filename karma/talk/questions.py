@@ -202,7 +202,12 @@ def _nothing_there(
     if empty:
         return None if q.knows.of(place) else _not_seen(q)
     shut = " I have not looked into it." if unopened else ""
-    return MemoryAnswer(lines=(f"I have seen nothing {where}.{shut}",), known=False)
+    unseen = q.knows.is_here and not ids
+    return MemoryAnswer(
+        lines=(f"I have seen nothing {where}.{shut}{f' {_OFFER}' if unseen else ''}",),
+        known=False,
+        look=_looking(place) if unseen else "",
+    )
 
 
 def _what_is_beside(q: AskedQuestion) -> MemoryAnswer | None:
@@ -348,18 +353,28 @@ def _state_told(
     q: AskedQuestion, thing: Mention, found: Sequence[tuple[SeenObject, float]], state: str = ""
 ) -> MemoryAnswer:
     """Return whether what was seen of a thing shows a state; of several, which do."""
-    several = (thing.every or (thing.number or 0) > 1) and len(found) > 1
+    plural = thing.every or (thing.number or 0) > 1
+    several = plural and len(found) > 1
     some = found if several else found[:1]
     so = [one for one in some if is_so(state or q.state, one[0])]
-    yes = len(so) == len(some)
+    yes = bool(so) if q.has("any", "either") else len(so) == len(some)
     word = state or next(w for w in reversed(q.words) if w in request_words().seen)
     sight, when = (so if yes else [one for one in some if one not in so])[0]
     name = name_of(sight.object_id)
     if not sight.states:  # nothing was read of it: that shows neither
         line = f"I have not seen whether the {name} is {word}."
         return MemoryAnswer(lines=(line,), known=False, look=_looking(thing))
+    if plural and not so:
+        none = (
+            f"none of the {len(some)} that I have seen is"
+            if several
+            else f"the one {name} that I have seen is not"
+        )
+        return MemoryAnswer(lines=(f"No, {none} {word}; {q.knows.seen(sight, when, STATE_TOLD)}.",))
     if yes:
-        whole = f"all {len(some)} that I have seen are" if several else f"the {name} is"
+        every = several and len(so) == len(some)
+        count = "both" if len(some) == 2 else f"all {len(some)}"
+        whole = f"{count} that I have seen are" if every else f"the {name} is"
         return MemoryAnswer(
             lines=(f"Yes, {whole} {word}; {q.knows.seen(sight, when, STATE_TOLD)}.",)
         )
@@ -476,7 +491,8 @@ def _not_seen(q: AskedQuestion) -> MemoryAnswer | None:
     on_map = any(kind in q.knows.furniture for kind in thing.types)
     said = f"I have not seen any {thing.text} {'here' if q.knows.is_here else 'there'}."
     if on_map:
-        said = f"The {thing.text} is in {q.knows.room}; how it is I have not seen."
+        they = ("are", "they are") if thing.every or len(q.knows.of(thing)) > 1 else ("is", "it is")
+        said = f"The {thing.text} {they[0]} in {q.knows.room}; how {they[1]} I have not seen."
     return MemoryAnswer(
         lines=(f"{said} {_OFFER}" if q.knows.is_here else said,),
         known=False,

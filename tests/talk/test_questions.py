@@ -3,6 +3,7 @@
 import pytest
 from support.talking import AWAY, STORE, TAKE, WASH, agent_saying
 
+from karma import Agent
 from karma.talk.remembering import age
 
 
@@ -236,3 +237,20 @@ def test_how_many_were_not_seen_are_looked_for_by_their_name(tmp_path):
     answer = agent.do("how many apples are there?").parts[0].answer
     assert (answer.known, answer.look) == (False, "find the apple")
     assert agent.do(answer.look)
+
+
+def test_what_was_not_looked_at_is_offered_and_looking_answers_it(tmp_path):
+    """A desk that only the map knows: to look there is no deed of finding it on the map."""
+    agent = Agent("living_1", planner="karma-nano", folder=tmp_path / "run", maps=tmp_path)
+    asked = "what is lying on the desk right now?"
+    first = agent.do(asked).parts[0].answer
+    assert first.lines[0].startswith("I have seen nothing on the desk. Say")
+    reply = agent.do(first.look)
+    assert reply.status == "done"
+    assert reply.parts[0].results
+    assert agent.do(asked).parts[0].answer.lines[0].startswith("On the desk: the pen")
+    some = "are any of the drawers open?"
+    assert "none of the 3 that I have seen is open" in str(agent.do(some))
+    assert agent.do("open a drawer")
+    assert agent.do(some).parts[0].answer.lines[0].startswith("Yes, the drawer is open")
+    assert agent.do("are the drawers open?").parts[0].answer.lines[0].startswith("No, the drawer")
