@@ -45,10 +45,11 @@ from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory
 from karma.methods.attempts import Programs, after_answer, after_run, as_left, carried_out, lost
 from karma.methods.experience import shut_away, units_of
-from karma.methods.guarded import Came, guarded, joined, reader_of
+from karma.methods.guarded import guarded, joined, reader_of
 from karma.methods.options import settings_of
 from karma.methods.perception import BoxSource, Kind, Perception, detector_of
 from karma.methods.tour import explore_room, position_of
+from karma.methods.which_thing import Came
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

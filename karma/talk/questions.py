@@ -23,7 +23,7 @@ from karma.household.uses import BASIN_OF, BASINS, BELOW_SINKS
 from karma.journal.formats import plural
 from karma.language.request import RequestReader
 from karma.language.request_words import request_words
-from karma.methods.guarded import is_so
+from karma.methods.which_thing import is_so
 from karma.talk.asking import ASKING, AskedQuestion, can_hold
 from karma.talk.history import habits, looked_into, moves, owned
 from karma.talk.home import PLACE_TOLD, STATE_TOLD, PastErrand
