@@ -7,15 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from karma.bench.sheet import Sheet, to_latex, to_markdown
 from karma.cli.shared import Json, console, refuse_options, sheet_table, tell, write_json
 from karma.errors import KarmaError
-from karma.journal.formats import UNKNOWN, figure_text, percent_text
-from karma.journal.header import TABLE
-from karma.journal.owned_folder import write_beside
 
 if TYPE_CHECKING:
     from karma.bench.compare import Comparison, Split
+    from karma.bench.sheet import Sheet
 
 
 def compare_command(
@@ -74,9 +71,10 @@ def table_command(
     from karma.bench.margins import margin_sheet, margins
     from karma.bench.published import load_published
     from karma.bench.results import result_of, unfinished
+    from karma.bench.sheet import to_latex, to_markdown
     from karma.bench.sweep_folder import read_sweep
     from karma.cli.sweeps import print_sweep
-    from karma.journal.owned_folder import kind_in
+    from karma.journal.owned_folder import kind_in, write_beside
     from karma.journal.run_folder import read_run
 
     match kind_in(run):
@@ -145,6 +143,9 @@ def _write_benchmark(runs: Sequence[Path], folder: Path, json: Path | None) -> N
         KarmaError: the run has no episodes yet; or see `read_results`.
     """
     from karma.bench.benchmark_runs import read_results, written
+    from karma.bench.sheet import to_markdown
+    from karma.journal.header import TABLE
+    from karma.journal.owned_folder import write_beside
 
     results = read_results(*runs)
     if not results.figures:
@@ -155,9 +156,11 @@ def _write_benchmark(runs: Sequence[Path], folder: Path, json: Path | None) -> N
     write_json(json, results.figures)
 
 
-def _side_by_side(one: "Comparison") -> Sheet:
+def _side_by_side(one: "Comparison") -> "Sheet":
     """Return every metric of two arms."""
+    from karma.bench.sheet import Sheet
     from karma.bench.statistics import interval_text
+    from karma.journal.formats import figure_text
 
     seeds = ", ".join(map(str, one.seeds))
     return Sheet(
@@ -182,9 +185,11 @@ def _side_by_side(one: "Comparison") -> Sheet:
     )
 
 
-def _by_kind(comparisons: "Sequence[Comparison]") -> Sheet:
+def _by_kind(comparisons: "Sequence[Comparison]") -> "Sheet":
     """Return the success rates of two arms by kind of task."""
+    from karma.bench.sheet import Sheet
     from karma.bench.statistics import interval_text
+    from karma.journal.formats import figure_text
 
     return Sheet(
         title="SR by kind of task",
@@ -206,6 +211,8 @@ def _by_kind(comparisons: "Sequence[Comparison]") -> Sheet:
 
 def _remarks(one: "Comparison") -> str:
     """Return where the arms differ, and how many more seeds would make them surer."""
+    from karma.journal.formats import figure_text, percent_text
+
     lines = [
         f"agree on success: {percent_text(one.agreement)} % of pairs; same first program: "
         f"{percent_text(one.same_programs)} % of sub-tasks; McNemar p = {figure_text(one.p, 3)}, "
@@ -225,5 +232,7 @@ def _remarks(one: "Comparison") -> str:
 
 
 def _splits(splits: "tuple[Split, ...]") -> str:
+    from karma.journal.formats import UNKNOWN
+
     words = (f"{one.task} (seed {', '.join(map(str, one.seeds))})" for one in splits)
     return "; ".join(words) or UNKNOWN

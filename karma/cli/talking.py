@@ -300,13 +300,13 @@ def home_new(
 
 def home_show(name: Name) -> None:
     """Say what was done in a home, the last ten requests."""
+    from karma.journal.formats import plural
     from karma.talk.home import opened
     from karma.talk.remembering import age
 
     home = opened(name)
     people = f", {home.card.people} people" if home.card.people else ""
-    count = f"{len(home.past)} request{'s' * (len(home.past) != 1)}"
-    tell(f"{home.folder}: {home.scene}{people}, {count}")
+    tell(f"{home.folder}: {home.scene}{people}, {plural(len(home.past), 'request')}")
     for one in home.past[-10:]:
         tell(f"  {age(home.clock_s - one.at_s)}: {one.said} ({one.status})")
 

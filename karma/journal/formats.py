@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-from karma.household.saying import plural_of
 from karma.infer.hosted.cost import Ledger, Spent
 
 COST_DIGITS = 6
@@ -54,6 +53,8 @@ def plural(number: int, word: str) -> str:
     >>> plural(1, "task"), plural(2, "task")
     ('1 task', '2 tasks')
     """
+    from karma.household.saying import plural_of  # with it numpy, which few commands need
+
     return f"{number} {word if number == 1 else plural_of(word)}"
 
 
