@@ -291,7 +291,8 @@ def _lies_told(asked: Request, thing: Mention) -> bool:
     done_at = {*map(kind_of, deed.put_in or deed_kind("wash").put_in)} - {BIN}
     relative = asked.whole[thing.end :].lower().lstrip().startswith(("that", "which"))
     there = asked.deeds[0].deed in ("put", "take") or not done_at & {*map(kind_of, thing.at)}
-    return bool(thing.at) and carried and (there or relative)
+    holds = any(kinds[place].can("receptacle") for place in thing.at)  # not "from the tap"
+    return holds and carried and (there or relative)
 
 
 def _the_other(
