@@ -32,7 +32,7 @@ from karma.household.pieces import is_piece
 from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import OPPOSITES
 from karma.household.types import object_types
-from karma.household.uses import BASINS, BIN, BURNER, KNOB, LAMPS
+from karma.household.uses import BASINS, BURNER, KNOB, LAMPS
 from karma.language.request_words import request_words
 from karma.methods.attempts import Programs
 
@@ -288,7 +288,7 @@ def _lies_told(asked: Request, thing: Mention) -> bool:
     """Return whether the place behind a thing says which is meant, not where it is done to it."""
     deed, kinds = deed_kind(asked.deeds[0].deed), object_types()
     carried = any(kinds[kind].can("pickupable") or kind in LAMPS for kind in thing.types)
-    done_at = {*map(kind_of, deed.put_in or deed_kind("wash").put_in)} - {BIN}
+    done_at = {*map(kind_of, deed.put_in or deed_kind("wash").put_in)}
     relative = asked.whole[thing.end :].lower().lstrip().startswith(("that", "which"))
     there = asked.deeds[0].deed in ("put", "take") or not done_at & {*map(kind_of, thing.at)}
     holds = any(kinds[place].can("receptacle") for place in thing.at)  # not "from the tap"
