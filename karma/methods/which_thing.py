@@ -215,6 +215,10 @@ def _the_one_told(
     while one is None:
         tried = {name for name in episode.sights(skills) if kind_of(name) in kinds}
         found = yield from another(skills, wholes, tried, came)
+        if found is None and (one := _only_one(episode, asked, thing, kinds, skills)):
+            where = " or ".join(told_place(kind) for kind in thing.at)
+            came.told.append(Check(text=f"the {name_of(one)} was {where}", found="unseen"))
+            return one
         if found is None:
             came.short = True
             where = " or ".join(spoken(kind).lower() for kind in thing.at)
@@ -223,6 +227,17 @@ def _the_one_told(
             return ""
         one = next_known(episode, skills, wholes, left_aside(episode, asked, kinds, skills), thing)
     return one
+
+
+def _only_one(
+    episode: Carrier, asked: Request, thing: Mention, kinds: Collection[str], skills: Skills
+) -> str:
+    """Return the one thing there is that "from the desk" can be said of; "" for several."""
+    comes_from = asked.whole[thing.end :].lower().lstrip().startswith("from ")
+    if not comes_from or asked.deeds[0].deed in FOR_GOOD:
+        return ""
+    known = _alike(episode, skills, kinds, replace(thing, at=()))
+    return known[0] if len(known) == 1 else ""
 
 
 def left_aside(

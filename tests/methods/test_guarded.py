@@ -175,6 +175,13 @@ def test_it_stands_for_what_was_spoken_of_before(tmp_path):
         ("living_1", "switch off everything except the television", "done", "3 of 3"),
         ("kitchen_1", "clean all the dirty things", "done", "4 of 4"),
         ("kitchen_1", "fill the pot with water from the tap", "done", "the pot is in the sink"),
+        ("kitchen_1", "throw the egg in the bin", "done", "the egg is in the garbage can"),
+        (
+            "kitchen_1",
+            "move the plate from the counter to the sink",
+            "done",
+            "was on the counter top: not seen",
+        ),
         ("kitchen_2", "wash the pan if it is dirty", "done", "that is not so"),
         ("kitchen_2", "if the pan is clean, put it in the sink", "done", "pan is in the sink"),
         ("kitchen_1", "if the plate is clean, put it in the sink", "done", "that is not so"),
