@@ -105,7 +105,7 @@ def understood(
 
 
 def sureness(plan: Plan) -> str:
-    """Return how sure a planner is of its answer, and by which measure.
+    """Return how sure a planner is of its answer, and by which measure; "" where it is not told.
 
     >>> from karma.contracts import Certainty, Completion, Prompt
     >>> said = Completion(text="", finish="stop", prompt_tokens=1, reused_tokens=0,
@@ -121,7 +121,7 @@ def sureness(plan: Plan) -> str:
         return f"{chance:.2f} that this should be {what} (calibrated)"
     certainty, tokens = plan.completion.certainty, plan.completion.completion_tokens
     if certainty is None:
-        return "the planner does not tell"
+        return ""
     if tokens is None:
         return f"{math.exp(certainty.mean_logprob):.2f} per token by the planner (not calibrated)"
     whole = math.exp(certainty.mean_logprob * tokens)

@@ -214,10 +214,10 @@ def lines_of(part: RequestReply, most: int = ROWS) -> list[Line]:
 
 def lines_before(one: Understanding, most: int = ROWS) -> list[Line]:
     """Return what is said before anything is done, in at most so many rows."""
-    sure = Line("sure", f"  sure: {one.sure}")
+    sure = [Line("sure", f"  sure: {one.sure}")] if one.sure else []
     if one.refused:
         why = [Line("failed", f"  not done: {one.refused}"), Line("asked", f"  {one.question}")]
-        return [sure, *why] if most > len(why) else why[:most]
+        return [*sure, *why] if most > len(why) else why[:most]
     meant = [Line("meant" if said.things else "asked", f"  {said}") for said in one.meant]
     if one.unnamed:
         meant.append(Line("meant", f"  not named, but used: {', '.join(one.unnamed)}"))
@@ -226,7 +226,7 @@ def lines_before(one: Understanding, most: int = ROWS) -> list[Line]:
     rows = wrap(f"I will {_few(one.deeds, 8)}", _WIDTH, max_lines=max(most // 3, 1))
     doing = [Line("meant", f"  {row}") for row in rows]
     room = most - len(doing) - 1
-    return [*_cut(meant, room), *doing, sure] if room > 0 else doing
+    return [*_cut(meant, room), *doing, *sure] if room > 0 else doing
 
 
 def lines_again(one: Understanding) -> list[Line]:

@@ -43,7 +43,7 @@ def test_understanding_comes_before_the_first_action_and_says_things_places_deed
     ]
     assert told.deeds == ("take the apple", "open the fridge", "put the apple in the fridge",
                           "close the fridge")  # fmt: skip
-    assert told.sure == "the planner does not tell"
+    assert told.sure == ""  # a planner that is told what to say has no certainty
 
 
 def test_place_of_a_thing_is_where_it_is_remembered(tmp_path):
