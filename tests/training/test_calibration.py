@@ -111,7 +111,7 @@ def test_drawn_requests_are_of_both_sorts_and_of_all_kinds_and_none_is_of_traini
 
 def test_held_out_refusals_share_no_pattern_with_training():
     trained = {text for group in ("talk", "ask", "tell", "errands", "deeds", "harm", "kept")
-               for text in getattr(phrases(), group)}  # fmt: skip
+               for text in phrases().words[group]}  # fmt: skip
     unseen = {text for texts in unseen_refusals().values() for text in texts}
     assert set(unseen_refusals()) == set(REFUSAL_KINDS)
     assert not trained & unseen

@@ -131,10 +131,10 @@ def test_houses_of_procthors_form_are_lived_in(name):
 def test_things_that_find_no_room_are_said(tmp_path, whole):
     assert "did not find room" not in (whole.folder / "table.md").read_text()
     text = (
-        SMALL.replace("rooms = [2] }", "rooms = [2], things = 300 }")
+        SMALL.replace("rooms = [2] }", "rooms = [2], things = 1000 }")
         .replace('{ name = "ours", design = "ours" },', "")
         .replace('{ name = "KARMA, FIFO", design = "karma-fifo" },', "")
     )
     text = text.replace("homes = 2", "homes = 1")
     table = (played(tmp_path, text=text).folder / "table.md").read_text()
-    assert "usual: things = 300 did not find room; homes have" in table
+    assert "usual: things = 1,000 did not find room; homes have" in table
