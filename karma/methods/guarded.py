@@ -49,6 +49,7 @@ from karma.methods.which_thing import (
     is_all,
     is_so,
     left_aside,
+    left_behind,
     meant_before,
     next_known,
     not_told_apart,
@@ -244,6 +245,7 @@ def _the_same(
     if before and thing.other and len(kinds) > 1:  # "the other lamp"
         subtask = _of_one(subtask, asked, kind_of(before))
     yield from episode.planned(subtask, skills, came, only)
+    came.told += left_behind(episode, asked, kinds, skills)
     for result in came.programs[-1].results if came.programs else ():
         used = [one for one in result.object_ids if kind_of(one) in kinds]
         if used and result.ok and thing.start >= 0:  # else "it" of an earlier text

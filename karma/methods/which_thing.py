@@ -169,7 +169,7 @@ def told_apart_by_words(
             yield refusal(RefusedRequest(kind="unclear", by="guard", words=(thing.text,)))
     elif _is_told(asked, thing, kinds) or left_aside(episode, asked, kinds, skills):
         found = yield from _the_one_told(episode, asked, thing, kinds, skills, came)
-    elif states_told(thing, kinds):  # "a clean plate": one that is so already, or is made so
+    elif thing.at or states_told(thing, kinds):  # "a clean plate": one that is so, or is made so
         found = next_known(episode, skills, list(kinds), set(), thing)
     if found is None and _is_one_of_some(asked):
         found, alike = _told_apart(episode, skills, kinds)
@@ -256,9 +256,9 @@ def states_told(thing: Mention, kinds: Collection[str]) -> tuple[str, ...]:
     """Return the states that a thing is told by: "the empty roll", "the mug that is dirty"."""
     words = thing.text.lower().split()[:-1]
     said = [request_words().seen[word] for word in words if word in request_words().seen]
-    fills = any(object_types()[kind].can("canFillWithLiquid") for kind in kinds)
+    ends = any(object_types()[kind].can("canBeUsedUp") for kind in kinds)
     states = (*said[:1], *thing.states)
-    return tuple("used up" if one == "empty" and not fills else one for one in states)
+    return tuple("used up" if one == "empty" and ends else one for one in states)
 
 
 def is_all(states: Sequence[str], sight: SeenObject) -> bool:
@@ -304,10 +304,32 @@ def _lies_told(asked: Request, thing: Mention) -> bool:
     deed, kinds = deed_kind(asked.deeds[0].deed), object_types()
     carried = any(kinds[kind].can("pickupable") or kind in LAMPS for kind in thing.types)
     done_at = {*map(kind_of, deed.put_in or deed_kind("wash").put_in)}
-    relative = asked.whole[thing.end :].lower().lstrip().startswith(("that", "which"))
+    relative = _is_relative(asked, thing)
     there = asked.deeds[0].deed in ("put", "take") or not done_at & {*map(kind_of, thing.at)}
     holds = any(kinds[place].can("receptacle") for place in thing.at)  # not "from the tap"
-    return holds and carried and (there or relative)
+    return holds and carried and (relative or (there and not _goes_along(asked, thing)))
+
+
+def _is_relative(asked: Request, thing: Mention) -> bool:
+    return asked.whole[thing.end :].lower().lstrip().startswith(("that", "which"))
+
+
+def _goes_along(asked: Request, thing: Mention) -> bool:
+    """Return whether a thing may go in what is carried: "the watch in the bowl on the shelf"."""
+    carries = any(object_types()[place].can("pickupable") for place in thing.at)
+    return asked.deeds[0].place is not None and carries and not _is_relative(asked, thing)
+
+
+def left_behind(
+    episode: Carrier, asked: Request, kinds: Collection[str], skills: Skills
+) -> list[Check]:
+    """Return that nothing lies in what it was to go along in, where that is so."""
+    thing = asked.deeds[0].things[0]
+    sights = episode.sights(skills).values()
+    along = (one for one in sights if kind_of(one.object_type) in kinds and _lies_at(one, thing.at))
+    if not _goes_along(asked, thing) or any(along):
+        return []
+    return [Check(text=f"the {thing.text} is {told_place(thing.at[0])}", found="otherwise")]
 
 
 def _the_other(
@@ -365,10 +387,13 @@ def _on_map(episode: Carrier, kinds: Collection[str]) -> list[str]:
 
 def told_so(episode: Carrier, skills: Skills, object_id: str, thing: Mention) -> bool:
     """Return whether a thing is at the place, and in the states, that it is told by."""
-    sight = episode.sights(skills).get(object_id)
+    sights = episode.sights(skills)
+    sight = sights.get(object_id)
     if thing.at and (sight is None or not _lies_at(sight, thing.at)):
         return False
     states = states_told(thing, [kind_of(object_id)])
+    if "empty" in states and any(object_id in one.parent_ids for one in sights.values()):
+        return False
     return not states or (sight is not None and is_all(states, sight))
 
 

@@ -178,6 +178,12 @@ def test_it_stands_for_what_was_spoken_of_before(tmp_path):
         ("kitchen_1", "throw the egg in the bin", "done", "the egg is in the garbage can"),
         (
             "kitchen_1",
+            "put the spoon in the bowl on the side table",
+            "done",
+            "the spoon is in the bowl",
+        ),
+        (
+            "kitchen_1",
             "move the plate from the counter to the sink",
             "done",
             "was on the counter top: not seen",
