@@ -10,6 +10,7 @@ from karma.errors import FileError
 from karma.files import read_bytes, to_json
 
 TURNS = "turns.json"
+SAID = "said"  # the task of a conversation, and its kind
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,7 +12,7 @@ from karma.bench.sheet import Sheet
 from karma.bench.tables import Result, sheets, size_words
 from karma.journal.formats import UNKNOWN, figure_text
 from karma.journal.run_folder import RunData
-from karma.journal.turns import Turn, read_turns
+from karma.journal.turns import SAID, Turn, read_turns
 from karma.report.choice import episode_key
 from karma.report.episodes import EpisodeReplay
 from karma.report.failing import endings
@@ -48,7 +48,7 @@ class Page:
     same: int  # of those, as logged
     first_task: str  # the first that failed, in the page's order; "" if none did
     first: EpisodeReplay | None  # the first episode that failed and can be stepped through
-    judged: bool  # whether any episode is; none of a conversation is
+    is_talk: bool  # which nobody judges
     turns: tuple[Turn, ...]  # of a conversation
 
 
@@ -195,7 +195,7 @@ def page_of(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> P
         same=actions - sum(len(one.replay.differing) for one in replays),
         first_task=failed[0].task if failed else "",
         first=next(to_step, None),
-        judged=any(not record.unjudged for record in records),
+        is_talk=all(record.kind == SAID for record in records),
         turns=read_turns(run.folder),
     )
 

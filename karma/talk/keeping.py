@@ -22,11 +22,10 @@ from karma.journal.provenance import header_of
 from karma.journal.records import EpisodeRecord, SubTaskRecord
 from karma.journal.run_folder import Finished, RunFolder
 from karma.journal.steps import StepLog
-from karma.journal.turns import Turn, turns_file
+from karma.journal.turns import SAID, Turn, turns_file
 from karma.loading.models import Models, Row
 
 TALKS = Path("runs/talks")
-SAID = "said"  # the task, and its kind
 _FIX = "--out another folder"
 
 

@@ -1,14 +1,21 @@
 """The page of a conversation: the replay and what was said, and nothing that only judges."""
 
 import re
+from dataclasses import replace
 
 import pytest
 from report.test_report import Text
+from support.run_files import write_experiment
 from support.talking import STORE, agent_saying
 from typer.testing import CliRunner
 
+from karma.bench.results import result_of
+from karma.bench.run import Run
 from karma.cli import app
+from karma.journal.run_folder import read_run
 from karma.journal.turns import TURNS, read_turns
+from karma.report.frames import Frames
+from karma.report.page import page_of, render
 
 
 @pytest.fixture
@@ -47,6 +54,23 @@ def test_page_of_a_conversation_opens_at_the_replay_and_judges_nothing(talked):
     assert "A conversation of 3 turns" in said
     assert "the apple is in the fridge: seen" in said
     assert "SR:" not in said
+
+
+def test_run_whose_tasks_nobody_can_be_judged_by_is_no_conversation(tmp_path):
+    path = write_experiment(
+        tmp_path / "x.toml",
+        "karma-nano",
+        rows='[[rows]]\nname = "expert"\nmethod = "expert"\n',
+        only=["simple-11"],
+        more="",
+    )
+    run = Run(path, tmp_path / "run")
+    list(run.episodes())
+    found = read_run(run.folder)
+    records = tuple(replace(one, unjudged="no such thing here") for one in found.records)
+    page = page_of(replace(found, records=records), result_of(found, {}), [])
+    assert not page.is_talk
+    assert "A conversation" not in render(page, Frames())
 
 
 def test_damaged_turns_are_named(talked):
