@@ -1,7 +1,7 @@
 """Puts the data folders `models/` and `eval/` into the wheel; all else stands in pyproject.toml.
 
 They lie at the top of the checkout, where no package is, and go to `karma/shipped/`, where
-`karma/places.py` finds them. Models are those of the manifest that the repository holds: never what
+`karma/files.py` finds them. Models are those of the manifest that the repository holds: never what
 somebody brought (`models/weights/`), nor what only training reads.
 """
 

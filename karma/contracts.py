@@ -553,7 +553,7 @@ class Decoding:
     max_tokens: int = 512
     answer_seconds: float | None = None  # by the clock, reading the prompt counted; None: no bound
     attempts: int = 4  # per request; later ones quote the error
-    inspected: bool = True  # see `karma.agent.inspector`
+    inspected: bool = True  # see `karma.agent.planning.inspector`
     refusing: bool = False  # the planner has learnt to refuse requests, or is told how to
 
 

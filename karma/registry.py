@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any
 
 from karma.errors import UnknownNameError, did_you_mean
-from karma.places import repair
+from karma.files import repair
 
 # how an implementation is made, positional arguments and keywords; which methods are called of it
 _MADE: Mapping[str, tuple[int, Sequence[str]]] = MappingProxyType(

@@ -34,7 +34,7 @@ import typer
 from measuring import CHILDREN, table, taken
 from support.hosted_server import NANO, free_port, real_server, wire_server
 
-from karma.bench.run import Run
+from karma.bench.engine.run import Run
 from karma.files import to_json
 from karma.infer.hosted.cassette import FILE, Cassette, canonical, key_of
 

@@ -37,8 +37,8 @@ from karma.infer.llama.room_states import StateOptions
 from karma.infer.llama.under_way import UnderWay
 from karma.infer.manifest.manifest import resolve_planner
 from karma.infer.programs.automaton import ProgramAutomaton
-from karma.offline import go_offline
-from karma.testing import make_llama
+from karma.offline.guard import go_offline
+from karma.train.testing import make_llama
 
 NANO = "nano"  # the planner that ships
 CLASSES = {  # shapes of Qwen 2.5 0.5B and 1.5B, Llama 3.2 3B, Llama 3.1 8B

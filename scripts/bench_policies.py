@@ -7,8 +7,8 @@ One Zipf(1) trace over 1,000 objects, best of three, seconds of the processor:
 - touch: the policy's own `touch`, one call a request; its ratio is to the LRU.
 - memory: `ShortTermMemory.find` and `remember`, one request after another, as a caller of the
   public interface would do it; on the first tenth of the trace.
-- lab: `karma.lab.simulate` over the same trace; its ratio is to the memory. It must hit as often
-  as the memory, or the run fails.
+- simulator: `karma.bench.suites.policies.simulate` over the same trace; its ratio is to the memory.
+  It must hit as often as the memory, or the run fails.
 """
 
 from collections import OrderedDict
@@ -19,12 +19,12 @@ import typer
 from measuring import table, taken
 
 from karma import registry
+from karma.bench.suites.policies.simulate import simulate
+from karma.bench.suites.policies.trace import Trace
 from karma.contracts import MemoryUnit
-from karma.lab.simulate import simulate
-from karma.lab.trace import Trace
 from karma.memory.policies import make_policy
 from karma.memory.short_term import ShortTermMemory
-from karma.offline import go_offline
+from karma.offline.guard import go_offline
 from karma.seeds import stream
 
 KINDS = 1000

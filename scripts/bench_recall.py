@@ -20,12 +20,12 @@ import numpy as np
 import typer
 from measuring import in_turns, table
 
+from karma.agent.loading.models import Models, load_resources
 from karma.contracts import MemoryUnit, Recall
-from karma.loading.models import Models, load_resources
+from karma.language.lexemes import lexicon
 from karma.memory.index import UnitIndex
-from karma.offline import go_offline
+from karma.offline.guard import go_offline
 from karma.seeds import stream
-from karma.tasks.drawing.lexicon import lexicon
 
 DIMENSION, K = 384, 3
 STATES = ((), ("cleaned",), ("dirty",), ("sliced",), ("cleaned", "sliced"), ("filled",))

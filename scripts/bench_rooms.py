@@ -15,11 +15,11 @@ from tempfile import TemporaryDirectory
 import typer
 from measuring import table
 
-from karma.bench.run import Run
-from karma.journal.header import EPISODES
-from karma.journal.run_folder import read_run
-from karma.offline import go_offline
-from karma.testing import make_llama
+from karma.agent.journal.header import EPISODES
+from karma.agent.journal.run_folder import read_run
+from karma.bench.engine.run import Run
+from karma.offline.guard import go_offline
+from karma.train.testing import make_llama
 
 TASKS = Path("eval/alfworld_r/tasks.jsonl")
 WAYS = {  # what is done: its [run]

@@ -26,18 +26,18 @@ import typer
 from measuring import in_turns, table, taken
 from support.naive_scoring import PLACES, THINGS, Naive, lines, tokens_of
 
-from karma.bench.experiment_file import beside
-from karma.benchmarks.alfred.experiment import draw_tasks
-from karma.benchmarks.alfred.lota_planner import LotaPromptOptions, followed, score_prompt
-from karma.benchmarks.alfred.players import ExpertPlayer
-from karma.benchmarks.alfred.trial_rooms import read_rooms
+from karma.bench.engine.experiment_file import beside
+from karma.bench.suites.alfred.experiment import draw_tasks
+from karma.bench.suites.alfred.lota_planner import LotaPromptOptions, followed, score_prompt
+from karma.bench.suites.alfred.players import ExpertPlayer
+from karma.bench.suites.alfred.trial_rooms import read_rooms
 from karma.contracts import Choice
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.scoring import SkillScorer
-from karma.offline import go_offline
+from karma.offline.guard import go_offline
 from karma.seeds import stream
-from karma.testing import make_llama
+from karma.train.testing import make_llama
 from karma.world.eb_alfred.actions import read_types, skills_of
 from karma.world.eb_alfred.environment import Environment
 from karma.world.eb_alfred.protocol import LOTA_ALFRED

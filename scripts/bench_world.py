@@ -22,9 +22,9 @@ os.environ["OMP_NUM_THREADS"] = "1"  # one core, before numpy is imported
 import typer
 from measuring import resident_mb, table, taken
 
-from karma.children import forking, starting
 from karma.files import to_json
-from karma.offline import go_offline
+from karma.offline.children import forking, starting
+from karma.offline.guard import go_offline
 from karma.world.core import scene as scenes
 from karma.world.core.scene import Scene
 from karma.world.importing.scenes import import_dump

@@ -13,16 +13,16 @@ from typing import Annotated
 import typer
 
 from karma import registry
-from karma.agent.doubt import FEATURES
+from karma.agent.loading.planner_files import hints_for
+from karma.agent.planning.doubt import FEATURES
+from karma.bench.drawing.phrases import our_book
+from karma.bench.drawing.rooms import generated_rooms
 from karma.files import to_json, write_atomic
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.manifest.manifest import resolve_planner
-from karma.loading.planner_files import hints_for
-from karma.offline import go_offline
+from karma.offline.guard import go_offline
 from karma.seeds import stream
-from karma.tasks.drawing.phrases import our_book
-from karma.tasks.drawing.rooms import generated_rooms
-from karma.training.planner.calibration import (
+from karma.train.planner.calibration import (
     Judged,
     Scored,
     brier,

@@ -25,7 +25,7 @@ from pathlib import Path
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from karma.errors import KarmaError
-from karma.offline import go_offline
+from karma.offline.guard import go_offline
 from karma.world.thor.backend import ThorWorld
 from karma.world.thor.builds import PLATFORMS
 from karma.world.thor.export import Failures, dumped, export_recording, export_scenes

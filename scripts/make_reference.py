@@ -12,7 +12,7 @@ import warnings
 from pathlib import Path
 
 import karma
-from karma.offline import go_offline
+from karma.offline.guard import go_offline
 
 
 def modules() -> dict[str, str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 from karma.files import to_json, write_atomic
-from karma.offline import go_offline
+from karma.offline.guard import go_offline
 from karma.world.core.scene import SCENES, check
 from karma.world.generation.generate import build_scene
 from karma.world.generation.rooms import rooms

@@ -29,11 +29,11 @@ from support.asked import (
 )
 from support.judging import asking_resources, say
 
+from karma.agent.goals.goals import parse_goal
+from karma.agent.loading.models import Models
+from karma.agent.loading.said_requests import load_said
 from karma.contracts import Resources
-from karma.loading.models import Models
-from karma.offline import go_offline
-from karma.tasks.goals import parse_goal
-from karma.tasks.requests import load_said
+from karma.offline.guard import go_offline
 
 _UNDONE_BY = {  # what a later goal of the same thing takes back
     "HOLDON": "at", "ON": "at", "INSIDE": "at", "OPEN": "door", "CLOSED": "door",

@@ -23,7 +23,7 @@ from karma.files import read_bytes, to_json, write_atomic
 from karma.household.ids import type_of
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types
-from karma.offline import go_offline
+from karma.offline.guard import go_offline
 from karma.seeds import stream
 from karma.talk.home import PastErrand
 from karma.talk.replies import AgentReply

@@ -30,7 +30,7 @@ from support.errand_sequences import (
     given_planner,
 )
 
-from karma.offline import go_offline
+from karma.offline.guard import go_offline
 
 REFERENCE = "map only"
 MAPS = Path("runs/maps-short")  # of the rooms as after the first visit

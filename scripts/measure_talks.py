@@ -32,9 +32,9 @@ from rich.progress import track
 from support.judging import MAPS, asking_resources
 from support.talk_judge import VERDICTS, Talk, TalkJudge, Turn, Verdict, read_talks
 
+from karma.agent.loading.models import Models
 from karma.contracts import Resources
-from karma.loading.models import Models
-from karma.offline import go_offline
+from karma.offline.guard import go_offline
 from karma.talk.agent import Agent
 
 _LEANS = ("yes", "no", "says", "in")  # on what was done before

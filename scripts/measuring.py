@@ -48,7 +48,7 @@ def cell(value: object) -> str:
 
 def counted(name: str, each: Sequence[bool]) -> str:
     """Return how many are so, with the share and its 95 % interval."""
-    from karma.bench.statistics import interval_text, rate
+    from karma.bench.figures.statistics import interval_text, rate
 
     return f"{name}: {sum(each)} of {len(each)} {interval_text(rate([[float(x)] for x in each]))}"
 

@@ -4,7 +4,7 @@
     python scripts/planner_data.py evaluate ../shared/data/alfred/valid_seen.jsonl.gz
     python scripts/planner_data.py tasks runs/drawn --seed 1
 
-What it reads, and what stays out, says `karma.training.planner.sources`.
+What it reads, and what stays out, says `karma.train.planner.sources`.
 """
 
 import gzip
@@ -22,25 +22,25 @@ from rich.progress import track
 from support.hint_figures import asked_words, figures
 
 from karma import registry
+from karma.agent.loading.alfred_sentences import read_sentences
+from karma.agent.loading.planner_files import hints_for
+from karma.bench.drawing.phrases import disjoint_book, our_book
+from karma.bench.drawing.requests import KINDS, WITH_PAIRS
+from karma.bench.drawing.rooms import is_authors_plan
+from karma.bench.drawing.several import SEVERAL
 from karma.files import read_json, to_json
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.manifest.manifest import resolve_planner
 from karma.language.hints import WordFile
-from karma.loading.planner_files import hints_for
-from karma.offline import go_offline
+from karma.offline.guard import go_offline
 from karma.seeds import stream
-from karma.tasks.drawing.alfred import read_sentences
-from karma.tasks.drawing.phrases import disjoint_book, our_book
-from karma.tasks.drawing.requests import KINDS, WITH_PAIRS
-from karma.tasks.drawing.rooms import is_authors_plan
-from karma.tasks.drawing.several import SEVERAL
-from karma.training.planner.held_out import DEVELOPMENT
-from karma.training.planner.hinted import KeptRows
-from karma.training.planner.packs import Data, PlannerRecipe, draw_pack
-from karma.training.planner.reading import read_goals, tell
-from karma.training.planner.samples import TrainingExample, draw_alfred
-from karma.training.planner.sources import Sources, held_out_packs
-from karma.training.planner.task_files import draw_tasks, fresh_rooms
+from karma.train.planner.held_out import DEVELOPMENT
+from karma.train.planner.hinted import KeptRows
+from karma.train.planner.packs import Data, PlannerRecipe, draw_pack
+from karma.train.planner.reading import read_goals, tell
+from karma.train.planner.samples import TrainingExample, draw_alfred
+from karma.train.planner.sources import Sources, held_out_packs
+from karma.train.planner.task_files import draw_tasks, fresh_rooms
 from karma.world.core.scene import Scene
 from karma.world.importing.dump import read_layouts
 from karma.world.importing.scenes import import_dump

@@ -12,8 +12,8 @@ import pytest
 from support.needs import need_models
 from support.paths import ROOT
 
-from karma.children import child_command, run_child
-from karma.testing import make_picture_model, make_planner
+from karma.offline.children import child_command, run_child
+from karma.train.testing import make_picture_model, make_planner
 from karma.world.player import command
 
 NAMES = (
@@ -47,14 +47,14 @@ world = ThorWorld(command())
 world.reset("kitchen_1")
 """
 IN_PYTHON = """from pathlib import Path
-from karma.bench.run import Run
+from karma.bench.engine.run import Run
 import llama_cpp, sys
 sys.path.insert(0, "")  # as notebooks have it; what this process needs is loaded
 if __name__ == "__main__":
     print(len(list(Run(Path("expert.toml"), Path("out")).episodes(2))))
 """
 FORKED = """import multiprocessing
-from karma.offline import go_offline
+from karma.offline.guard import go_offline
 if __name__ == "__main__":
     go_offline()
     multiprocessing.RLock()  # starts the tracker of resources
@@ -173,7 +173,7 @@ def test_child_takes_modules_from_where_the_variable_names_but_never_from_this_f
 
 # Where a process may be started, and how it is kept from the folder.
 STARTERS = {
-    "karma/children.py": "all others call it",
+    "karma/offline/children.py": "all others call it",
     "karma/world/thor/client.py": "-I -S: the guard of a build, a file of Python's own modules",
     "karma/world/thor/guard.py": "the build, which is no Python",
     "karma/bundle/install.py": "a file of Python's own modules, in a temporary folder",
@@ -189,7 +189,7 @@ def test_processes_are_started_in_one_place_and_the_few_others_are_known():
             names = [one.name for one in getattr(node, "names", ())] if _imports(node) else []
             if {"subprocess", "multiprocessing"} & set(names) or _is_executable(node):
                 found.add(str(path.relative_to(ROOT)))
-    assert found == STARTERS.keys() | {"karma/bench/pool.py"}  # asks who its parent is
+    assert found == STARTERS.keys() | {"karma/bench/engine/pool.py"}  # asks who its parent is
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "scripts").glob("*.py")), ids=lambda p: p.name)
@@ -218,4 +218,4 @@ def _is_executable(node):
 def test_child_is_a_file_of_ours_with_nothing_of_the_folder_in_its_path():
     words = child_command("json:dumps", "1")
     assert words[1:3] == ["-E", "-P"]
-    assert Path(words[3]) == ROOT / "karma" / "child.py"
+    assert Path(words[3]) == ROOT / "karma" / "offline" / "child.py"

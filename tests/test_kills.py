@@ -13,13 +13,13 @@ from support.abuse.faults import Child
 from support.needs import need_models
 from support.run_files import lines_in
 
+from karma.bench.suites.lived.body import HomeRobot
+from karma.bench.suites.lived.home_map import HomeMap
 from karma.infer.embed.minilm import MiniLm
 from karma.memory.lived import ageing, likely
 from karma.memory.lived.episodes import EpisodeLog
 from karma.memory.lived.setting import MemorySetting
 from karma.memory.lived.true_memory import LOG, TrueMemory
-from karma.methods.lived.body import HomeRobot
-from karma.methods.lived.home_map import HomeMap
 from karma.talk.agent import Agent
 from karma.world.houses import build_home
 from karma.world.residents import Household

@@ -12,9 +12,9 @@ from support.needs import CUT_OFF, need_models, need_namespace
 from support.paths import ROOT
 from support.tiny import export_tiny
 
-from karma.bench.episode import run_episode
-from karma.methods.expert import ExpertMethod
-from karma.tasks.files import load_tasks
+from karma.agent.goals.files import load_tasks
+from karma.bench.engine.episode import run_episode
+from karma.bench.rows.expert import ExpertMethod
 from karma.world.sim import EmbeddedWorld
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"

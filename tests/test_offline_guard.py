@@ -18,9 +18,9 @@ from pathlib import Path
 import pytest
 from support.paths import ROOT
 
-from karma import offline
 from karma.errors import KarmaError
-from karma.offline import NetworkRefused
+from karma.offline import guard as offline
+from karma.offline.guard import NetworkRefused
 
 ELSEWHERE = ("192.0.2.1", 80)  # a block that documentation has to itself
 
@@ -160,7 +160,7 @@ def test_threads_are_guarded(refusals):
 
 def test_switches_are_set_over_what_was_there(tmp_path):
     program = (
-        "import os, karma.offline as o; o.go_offline();"
+        "import os, karma.offline.guard as o; o.go_offline();"
         "print([k for k, v in o.SWITCHES.items() if os.environ[k] != v], os.environ['MPLBACKEND'])"
     )
     assert python(program, tmp_path, HF_HUB_OFFLINE="0", MPLBACKEND="svg")[1] == "[] svg\n"
@@ -168,21 +168,23 @@ def test_switches_are_set_over_what_was_there(tmp_path):
 
 def test_hub_libraries_know_that_they_are_offline(tmp_path):
     program = (
-        "from karma.offline import go_offline; go_offline()\n"
+        "from karma.offline.guard import go_offline; go_offline()\n"
         "from huggingface_hub import constants; print(constants.HF_HUB_OFFLINE)\n"
     )
     assert python(program, tmp_path, HF_HUB_OFFLINE="0")[1] == "True\n"
 
 
 def test_importing_karma_arms_nothing(tmp_path):
-    program = "import os, karma.cli, karma.offline as o; print(o.is_armed(), 'HF_HUB_OFFLINE' in "
+    program = (
+        "import os, karma.cli, karma.offline.guard as o; print(o.is_armed(), 'HF_HUB_OFFLINE' in "
+    )
     assert python(program + "os.environ)", tmp_path)[1] == "False False\n"
 
 
 def test_leave_reaches_declared_hosts_only(tmp_path):
     program = (
         "import socket, sys\n"
-        "from karma.offline import *\n"
+        "from karma.offline.guard import *\n"
         "go_offline(allow_network=True)\n"
         "allow_host('192.0.2.1')\n"
         "one = socket.socket()\n"  # the question alone: no test really calls
@@ -196,7 +198,7 @@ def test_leave_reaches_declared_hosts_only(tmp_path):
 
 def test_leave_for_a_name_covers_the_addresses_it_has(tmp_path):
     program = (
-        "import socket, sys, karma.offline as o\n"
+        "import socket, sys, karma.offline.guard as o\n"
         "o._getaddrinfo = lambda *a, **k: [(2, 1, 6, '', ('192.0.2.7', 80))]  # a name server\n"
         "o.go_offline(allow_network=True)\n"
         "o.allow_host('Models.Example')\n"
@@ -278,15 +280,14 @@ def test_planted_call_fails_the_run_and_is_named(kind, tmp_path):
 
 
 def test_player_is_guarded(tmp_path):
-    program = (
-        "import karma.world.player.main as m, karma.offline as o; m.main([]); print(o.is_armed())"
-    )
+    program = "import karma.world.player.main as m, karma.offline.guard as o; m.main([])"
+    program += "; print(o.is_armed())"
     assert python(program, tmp_path)[1] == "True\n"
 
 
 def test_log_names_every_question(tmp_path):
     program = (
-        "import socket; from karma.offline import go_offline; go_offline()\n"
+        "import socket; from karma.offline.guard import go_offline; go_offline()\n"
         "socket.getaddrinfo('localhost', 80)\n"
         "try: socket.getaddrinfo('example.org', 80)\n"
         "except Exception: pass\n"

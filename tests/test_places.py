@@ -6,7 +6,7 @@ import pytest
 from support.paths import ROOT
 
 from karma.errors import FileError
-from karma.places import find_experiment, is_checkout, repair, shipped
+from karma.files import find_experiment, is_checkout, repair, shipped
 
 
 def test_checkout_uses_its_own_folders():

@@ -3,8 +3,8 @@
 import msgspec
 import pytest
 
-from karma.benchmarks.lived.experiment import LivedExperiment
-from karma.lab.figure import TraceFigure
+from karma.bench.suites.lived.experiment import LivedExperiment
+from karma.bench.suites.policies.figure import TraceFigure
 
 LIVED = {"name": "x", "benchmark": "lived", "rows": [{"name": "r", "design": "last-seen"}]}
 FIGURE = {"kind": "trace", "name": "x", "policies": ["lru[2]"]}

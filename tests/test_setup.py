@@ -14,8 +14,8 @@ import pytest
 from support.paths import ROOT
 
 from karma.bundle import wheels
+from karma.files import cache
 from karma.infer.manifest.manifest import find_model
-from karma.places import cache
 
 PYTHON = """#!/usr/bin/env bash
 case "$*" in

@@ -10,9 +10,9 @@ from packaging.requirements import Requirement
 
 from karma.bundle.wheels import kept_wheels
 from karma.errors import KarmaError
+from karma.files import cache
 from karma.infer.manifest.manifest import check, find_model, read_manifest
-from karma.offline import DEFAULTS, LOG, OFFLINE, SWITCHES, is_armed, network_allowed
-from karma.places import cache
+from karma.offline.guard import DEFAULTS, LOG, OFFLINE, SWITCHES, is_armed, network_allowed
 from karma.world.thor.checks import CheckResult
 
 NEEDED = ("karma-nano", "minilm")  # what `karma run` can do with, where karma-mini is not here

@@ -11,7 +11,7 @@ from importlib.metadata import Distribution
 from pathlib import Path
 
 from karma.errors import FileError, KarmaError
-from karma.places import cache
+from karma.files import cache
 
 BUILT = ".karma-llama"  # set-up's note, in the virtual environment, about llama.cpp's wheel
 EPOCH = "315532800"  # 1980-01-01, the first day that a zip can name

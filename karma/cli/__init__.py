@@ -23,7 +23,7 @@ from karma.cli import (
     worlds,
 )
 from karma.cli.shared import clear_errors
-from karma.offline import go_offline
+from karma.offline.guard import go_offline
 
 app = typer.Typer(
     no_args_is_help=True,

@@ -16,10 +16,10 @@ from karma.cli.tasks import warn_of_tasks
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
-    from karma.bench.experiment_file import Changes
-    from karma.bench.figures import Figures
-    from karma.bench.run import Run
-    from karma.journal.owned_folder import Kind
+    from karma.agent.journal.owned_folder import Kind
+    from karma.bench.engine.experiment_file import Changes
+    from karma.bench.engine.run import Run
+    from karma.bench.figures.columns import Figures
 
 
 OTHERWISE, PASSED = "What is done otherwise than the file says", "Whether it passes"
@@ -71,7 +71,7 @@ class EvalOptions:
         Raises:
             KarmaError: a setting cannot be read.
         """
-        from karma.bench.experiment_file import Changes, Setting, seeds_of, setting_of
+        from karma.bench.engine.experiment_file import Changes, Setting, seeds_of, setting_of
 
         settings = [setting_of(text) for text in self.sets or ()]
         if self.only:
@@ -110,13 +110,13 @@ def eval_command(
     Exit code 0: every episode was run, whatever its success; 1: an error, or some were not run;
     4: all run, and success is below --fail-under; 130: stopped.
     """
-    from karma.bench.experiment_file import kind_of
-    from karma.bench.figures import plain
-    from karma.bench.floors import SuccessFloor, check_floors
-    from karma.bench.run import Run
-    from karma.bench.sweep import SweepRun
-    from karma.journal.not_run import in_words
-    from karma.places import find_experiment
+    from karma.agent.journal.not_run import in_words
+    from karma.bench.engine.experiment_file import kind_of
+    from karma.bench.engine.run import Run
+    from karma.bench.engine.sweep import SweepRun
+    from karma.bench.figures.columns import plain
+    from karma.bench.figures.floors import SuccessFloor, check_floors
+    from karma.files import find_experiment
 
     file = find_experiment(file)
     folder = given.out or Path("runs") / file.stem
@@ -166,12 +166,12 @@ def eval_command(
 
 def _done(run: "Run", workers: int, ray: str, tasks: bool) -> "Sequence[Figures]":
     """Do what is left of a run, print what it shows, and return its figures."""
-    from karma.bench.figures import figures
-    from karma.bench.precision import reached
+    from karma.agent.journal.formats import spent_text
+    from karma.agent.journal.not_run import in_words
+    from karma.agent.journal.records import spent_by
+    from karma.bench.figures.columns import figures
+    from karma.bench.figures.precision import reached
     from karma.cli import show
-    from karma.journal.formats import spent_text
-    from karma.journal.not_run import in_words
-    from karma.journal.records import spent_by
 
     warn_of_tasks(run)
     try:
@@ -201,7 +201,7 @@ def _done(run: "Run", workers: int, ray: str, tasks: bool) -> "Sequence[Figures]
 
 def _kept(run: "Run") -> str:
     """Return how far a run is that has ended early, and how it goes on."""
-    from karma.journal.records import read_records
+    from karma.agent.journal.records import read_records
 
     done = len(read_records(run.records_path))
     return f"{done} of {run.total} episodes; the same command (without --fresh) goes on"
@@ -221,9 +221,9 @@ def _do_episodes(run: "Run", workers: int, ray: str) -> None:
 
 def _do_benchmark(run: "Run", workers: int, ray: str, json: Path | None) -> None:
     """Do a benchmark's episodes that are missing, and print its tables."""
-    from karma.bench.sheet import to_markdown
-    from karma.journal.header import TABLE
-    from karma.journal.not_run import in_words
+    from karma.agent.journal.header import TABLE
+    from karma.agent.journal.not_run import in_words
+    from karma.bench.figures.sheet import to_markdown
 
     workers = workers_for(run, workers, ray)
     with console.status(""):
@@ -243,8 +243,8 @@ def _do_figure(file: Path, folder: Path, fresh: bool, workers: int, ray: str) ->
     """Run an experiment that replays traces instead of doing episodes."""
     from rich.markdown import Markdown
 
-    from karma.journal.header import RESULTS
-    from karma.lab.figure import figure_run
+    from karma.agent.journal.header import RESULTS
+    from karma.bench.suites.policies.figure import figure_run
 
     with bar() as progress:
         line = progress.add_task("policies", total=None)

@@ -33,7 +33,7 @@ class BuildOptions:
 def bundle_build(*, given: BuildOptions, json: Json = None) -> None:
     """Write a bundle: wheels, models, scenes, experiments, licences."""
     from karma.bundle.build import PROJECT, BundleSpec, build
-    from karma.places import cache
+    from karma.files import cache
 
     begin, extras = monotonic(), given.extras or given.thor is not None
     spec = BundleSpec(

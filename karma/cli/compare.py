@@ -11,8 +11,8 @@ from karma.cli.shared import Json, console, refuse_options, sheet_table, tell, w
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
-    from karma.bench.compare import Comparison, Split
-    from karma.bench.sheet import Sheet
+    from karma.bench.figures.compare import Comparison, Split
+    from karma.bench.figures.sheet import Sheet
 
 
 def compare_command(
@@ -26,8 +26,8 @@ def compare_command(
     json: Json = None,
 ) -> None:
     """Say how runs or rows differ on the same tasks and seeds, and how sure that is."""
-    from karma.bench.compare import compare_kinds
-    from karma.bench.results import arms_named, set_apart, unfinished
+    from karma.bench.figures.compare import compare_kinds
+    from karma.bench.figures.results import arms_named, set_apart, unfinished
 
     if not 0 < half_width < 0.5:
         raise KarmaError(f"--half-width {half_width}: it is between 0 and 0.5")
@@ -65,17 +65,17 @@ def table_command(
     json: Json = None,
 ) -> None:
     """Write a run's tables as Markdown, LaTeX and CSV, beside the published figures."""
-    from karma.bench import tables
-    from karma.bench.counterfactual import LOTA_ROW, OFF_ROW
-    from karma.bench.figures import plain
-    from karma.bench.margins import margin_sheet, margins
-    from karma.bench.published import load_published
-    from karma.bench.results import result_of, unfinished
-    from karma.bench.sheet import to_latex, to_markdown
-    from karma.bench.sweep_folder import read_sweep
+    from karma.agent.journal.owned_folder import kind_in, write_beside
+    from karma.agent.journal.run_folder import read_run
+    from karma.bench.engine.sweep_folder import read_sweep
+    from karma.bench.figures import tables
+    from karma.bench.figures.columns import plain
+    from karma.bench.figures.counterfactual import LOTA_ROW, OFF_ROW
+    from karma.bench.figures.margins import margin_sheet, margins
+    from karma.bench.figures.published import load_published
+    from karma.bench.figures.results import result_of, unfinished
+    from karma.bench.figures.sheet import to_latex, to_markdown
     from karma.cli.sweeps import print_sweep
-    from karma.journal.owned_folder import kind_in, write_beside
-    from karma.journal.run_folder import read_run
 
     match kind_in(run):
         case "benchmark":
@@ -142,10 +142,10 @@ def _write_benchmark(runs: Sequence[Path], folder: Path, json: Path | None) -> N
     Raises:
         KarmaError: the run has no episodes yet; or see `read_results`.
     """
-    from karma.bench.benchmark_runs import read_results, written
-    from karma.bench.sheet import to_markdown
-    from karma.journal.header import TABLE
-    from karma.journal.owned_folder import write_beside
+    from karma.agent.journal.header import TABLE
+    from karma.agent.journal.owned_folder import write_beside
+    from karma.bench.engine.benchmark_runs import read_results, written
+    from karma.bench.figures.sheet import to_markdown
 
     results = read_results(*runs)
     if not results.figures:
@@ -158,9 +158,9 @@ def _write_benchmark(runs: Sequence[Path], folder: Path, json: Path | None) -> N
 
 def _side_by_side(one: "Comparison") -> "Sheet":
     """Return every metric of two arms."""
-    from karma.bench.sheet import Sheet
-    from karma.bench.statistics import interval_text
-    from karma.journal.formats import figure_text
+    from karma.agent.journal.formats import figure_text
+    from karma.bench.figures.sheet import Sheet
+    from karma.bench.figures.statistics import interval_text
 
     seeds = ", ".join(map(str, one.seeds))
     return Sheet(
@@ -187,9 +187,9 @@ def _side_by_side(one: "Comparison") -> "Sheet":
 
 def _by_kind(comparisons: "Sequence[Comparison]") -> "Sheet":
     """Return the success rates of two arms by kind of task."""
-    from karma.bench.sheet import Sheet
-    from karma.bench.statistics import interval_text
-    from karma.journal.formats import figure_text
+    from karma.agent.journal.formats import figure_text
+    from karma.bench.figures.sheet import Sheet
+    from karma.bench.figures.statistics import interval_text
 
     return Sheet(
         title="SR by kind of task",
@@ -211,7 +211,7 @@ def _by_kind(comparisons: "Sequence[Comparison]") -> "Sheet":
 
 def _remarks(one: "Comparison") -> str:
     """Return where the arms differ, and how many more seeds would make them surer."""
-    from karma.journal.formats import figure_text, percent_text
+    from karma.agent.journal.formats import figure_text, percent_text
 
     lines = [
         f"agree on success: {percent_text(one.agreement)} % of pairs; same first program: "
@@ -232,7 +232,7 @@ def _remarks(one: "Comparison") -> str:
 
 
 def _splits(splits: "tuple[Split, ...]") -> str:
-    from karma.journal.formats import UNKNOWN
+    from karma.agent.journal.formats import UNKNOWN
 
     words = (f"{one.task} (seed {', '.join(map(str, one.seeds))})" for one in splits)
     return "; ".join(words) or UNKNOWN

@@ -61,7 +61,7 @@ def say(agent: "Agent", instruction: str, view: AnswerView | None = None) -> "Ag
         instruction: what.
         view: hears the agent's answers, and shows them while they come.
     """
-    from karma.agent.understood import Understanding
+    from karma.agent.planning.understood import Understanding
     from karma.contracts import Plan, SkillResult
     from karma.talk.replies import (
         Line,

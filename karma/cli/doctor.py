@@ -10,13 +10,13 @@ from rich.box import HORIZONTALS
 from rich.markup import escape
 from rich.table import Table
 
+from karma.agent.journal.formats import UNKNOWN, figure_text
 from karma.cli.options import Computed, taking
 from karma.cli.shared import Json, console, write_json
 from karma.errors import KarmaError
-from karma.journal.formats import UNKNOWN, figure_text
 
 if TYPE_CHECKING:
-    from karma.bench.model_doctor import ModelSeen
+    from karma.bench.engine.model_doctor import ModelSeen
     from karma.world.thor.checks import CheckResult
 
 MARKS = {"ok": "[green]ok[/]", "note": "[yellow]note[/]", "problem": "[red]problem[/]"}
@@ -44,7 +44,7 @@ def doctor_offline(json: Json = None) -> None:
 
 def _offline(json: Path | None) -> None:
     from karma.bundle import conditions
-    from karma.offline import DEFAULTS, SWITCHES
+    from karma.offline.guard import DEFAULTS, SWITCHES
     from karma.world.thor.checks import CheckResult
 
     with console.status("looking; models are hashed ..."):
@@ -92,9 +92,9 @@ def doctor_models(
 
     Each is opened as a run does and asked a little. Exit code 1 if one cannot be opened.
     """
-    from karma.bench.experiment_file import read_experiment
-    from karma.bench.model_doctor import examine
-    from karma.loading.models import Models
+    from karma.agent.loading.models import Models
+    from karma.bench.engine.experiment_file import read_experiment
+    from karma.bench.engine.model_doctor import examine
 
     models = Models() if experiment is None else read_experiment(experiment).models
     chosen = {**computed.keys, **({} if planner is None else {"planner": planner})}
@@ -168,7 +168,7 @@ def doctor_thor(
 
 def _try(executable: str | None, platform: Any, display: str | None, scene: str) -> dict[str, Any]:
     """Start the player, load one scene, do one step; return what came of it, seconds each."""
-    from karma.agent.perceive import object_count
+    from karma.agent.seeing.perceive import object_count
     from karma.world.thor.backend import ThorWorld
 
     result: dict[str, Any] = {"scene": scene}

@@ -8,10 +8,10 @@ from rich.markup import escape
 from rich.progress import DownloadColumn
 from rich.table import Table
 
+from karma.agent.journal.formats import UNKNOWN
 from karma.cli.progress import bar
 from karma.cli.shared import Json, console, tell, write_json
 from karma.errors import ModelError
-from karma.journal.formats import UNKNOWN
 
 if TYPE_CHECKING:
     from karma.infer.manifest.manifest import ModelEntry
@@ -151,8 +151,8 @@ def models_add(
 
 def _try(entry: "ModelEntry", folder: Path) -> None:
     """Open what is to be added as a run would, and ask it a little."""
-    from karma.bench.model_doctor import tried
-    from karma.journal.formats import figure_text
+    from karma.agent.journal.formats import figure_text
+    from karma.bench.engine.model_doctor import tried
 
     try:
         seen = tried(entry, folder)
@@ -220,10 +220,10 @@ def models_tune(
 
     On processors some 42 tokens a second and core; a GPU is used where torch finds one.
     """
+    from karma.agent.journal.formats import figure_text
     from karma.infer.llama.gguf_merge import merge_adapter
     from karma.infer.manifest.manifest import find_model, is_gguf_path, verify
-    from karma.journal.formats import figure_text
-    from karma.training.tuning import ADAPTER, ADAPTER_CONFIG, TuningRecipe, tune_file
+    from karma.train.tuning import ADAPTER, ADAPTER_CONFIG, TuningRecipe, tune_file
 
     weights = Path(base) if is_gguf_path(base) else verify(find_model(base))[0]
     recipe = TuningRecipe(

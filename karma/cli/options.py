@@ -122,8 +122,8 @@ class Kept:
 
     def hosted(self, planner: str, model: str, **settings: str) -> "Hosted":
         """Return where the planner is, if it is a hosted one."""
+        from karma.agent.loading.models import OPENAI
         from karma.infer.hosted.session import Hosted
-        from karma.loading.models import OPENAI
 
         if planner != OPENAI and not (self.base_url or model):
             return Hosted()

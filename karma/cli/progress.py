@@ -20,7 +20,7 @@ from rich.text import Text
 from karma.cli.shared import console, tell
 
 if TYPE_CHECKING:
-    from karma.bench.run import Run
+    from karma.bench.engine.run import Run
 
 _LINE_S = 10.0  # between lines of a log
 

@@ -57,7 +57,7 @@ def report_command(
     given: ReportOptions,
 ) -> None:
     """Write a run as one HTML page: tables, plots, and episodes to step through."""
-    from karma.journal.owned_folder import benchmark_in, kind_in
+    from karma.agent.journal.owned_folder import benchmark_in, kind_in
 
     run = Path(runs[0])
     kind = kind_in(run) if len(runs) == 1 else "sweep"
@@ -93,7 +93,7 @@ def report_command(
 
 def _write_lived(run: Path, out: Path | None, home: str, day: int | None, row: str) -> None:
     """Write the page of a run of lived-in homes, with one day to watch."""
-    from karma.report.lived_page import chosen_day, lived_again, read_lived, render_lived
+    from karma.bench.report.lived_page import chosen_day, lived_again, read_lived, render_lived
 
     found = read_lived(run)
     record = chosen_day(found, home, day, row)
@@ -108,7 +108,7 @@ def _write_lived(run: Path, out: Path | None, home: str, day: int | None, row: s
 
 
 def _write_figure(run: Path, out: Path | None) -> None:
-    from karma.report.figure_page import figure_page
+    from karma.bench.report.figure_page import figure_page
 
     path = write_for(run, out, PAGE, figure_page(run).encode())
     tell(f"page: {path}")
@@ -122,7 +122,7 @@ def _write_comparison(
     published: Path | None,
 ) -> None:
     """Write the page of several runs; with a choice of episodes also their own pages."""
-    from karma.report.comparison import (
+    from karma.bench.report.comparison import (
         ComparisonPage,
         chosen_reference,
         comparison_of,
@@ -154,7 +154,7 @@ def _write_comparison(
 
 
 def _is_old(page: Path, run: Path) -> bool:
-    from karma.journal.header import EPISODES
+    from karma.agent.journal.header import EPISODES
 
     return not page.exists() or page.stat().st_mtime < (run / EPISODES).stat().st_mtime
 
@@ -166,14 +166,14 @@ def _write_run(
     published: Path | None,
     words: str = "",
 ) -> None:
-    from karma.bench.published import load_published
-    from karma.bench.results import result_of
-    from karma.journal.run_folder import read_run
-    from karma.report.choice import choose
-    from karma.report.episodes import EpisodeReplay, Replayer
-    from karma.report.frames import Frames
-    from karma.report.page import page_of, render
-    from karma.report.replay import frame_choice
+    from karma.agent.journal.run_folder import read_run
+    from karma.bench.figures.published import load_published
+    from karma.bench.figures.results import result_of
+    from karma.bench.report.choice import choose
+    from karma.bench.report.episodes import EpisodeReplay, Replayer
+    from karma.bench.report.frames import Frames
+    from karma.bench.report.page import page_of, render
+    from karma.bench.report.replay import frame_choice
 
     found = read_run(run)
     if not found.records:

@@ -19,10 +19,10 @@ from karma import registry
 from karma.cli.wide_tables import parts_of
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
-from karma.offline import settle
+from karma.offline.guard import settle
 
 if TYPE_CHECKING:
-    from karma.bench.sheet import Sheet
+    from karma.bench.figures.sheet import Sheet
 
 _HARMLESS = frozenset("\n\t\u200d")  # the last joins the parts of one sign
 _PLAIN = str.maketrans("→–—…✓·×", ">--.*.x")  # where the terminal has ASCII only
@@ -125,7 +125,7 @@ def write_json(place: Path | None, figures: object) -> None:
 
 def write_for(run: Path, out: Path | None, name: str, data: bytes) -> Path:
     """Write what shows a run where it is wanted, else into the run's folder; return where."""
-    from karma.journal.owned_folder import write_beside
+    from karma.agent.journal.owned_folder import write_beside
 
     if out is None:
         return write_beside(run, name, data)

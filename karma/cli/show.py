@@ -7,11 +7,11 @@ from rich.box import HORIZONTALS
 from rich.markup import escape
 from rich.table import Table
 
-from karma.bench.figures import COLUMNS, Figures, without_repeats
-from karma.bench.precision import Precision, Reached
-from karma.bench.tables import left_out_of
-from karma.journal.formats import UNKNOWN, figure_text
-from karma.journal.records import EpisodeRecord
+from karma.agent.journal.formats import UNKNOWN, figure_text
+from karma.agent.journal.records import EpisodeRecord
+from karma.bench.figures.columns import COLUMNS, Figures, without_repeats
+from karma.bench.figures.precision import Precision, Reached
+from karma.bench.figures.tables import left_out_of
 
 _FEW = 30  # episodes of a row
 _NAME_WIDTH = 18  # of a row's name: the table of a run fits into 80 columns

@@ -13,10 +13,10 @@ from karma.cli.tasks import warn_of_tasks
 from karma.files import write_atomic
 
 if TYPE_CHECKING:
-    from karma.bench.figures import Figures
-    from karma.bench.floors import SuccessFloor
-    from karma.bench.sweep import SweepRun
-    from karma.bench.sweep_folder import SweepData
+    from karma.bench.engine.sweep import SweepRun
+    from karma.bench.engine.sweep_folder import SweepData
+    from karma.bench.figures.columns import Figures
+    from karma.bench.figures.floors import SuccessFloor
 
 BELOW = 4  # exit code: done, and a success rate is below --fail-under
 
@@ -30,7 +30,7 @@ def export_command(
     ] = None,
 ) -> None:
     """Write a run's episodes for other programs: one line each, with every metric."""
-    from karma.bench.export import exported
+    from karma.bench.engine.export import exported
 
     name = {"junit": "junit.xml"}.get(to, f"episodes.{to}")
     console.print(escape(f"written: {write_for(run, out, name, exported(run, to))}"))
@@ -54,7 +54,7 @@ def do_sweep(
     write_junit(sweep.folder, junit)
     if sweep.failed:
         raise typer.Exit(1)
-    from karma.bench.sweep_folder import figures_by_cell
+    from karma.bench.engine.sweep_folder import figures_by_cell
 
     end_below([(cell.name, lines) for cell, lines in figures_by_cell(sweep.data)], floors)
 
@@ -72,9 +72,9 @@ def _do_cells(sweep: "SweepRun", workers: int, ray: str) -> None:
 
 def print_sweep(data: "SweepData", json: Path | None) -> None:
     """Print a sweep's table and what failed; also write its figures where that is wanted."""
-    from karma.bench.figures import plain
-    from karma.bench.sweep_folder import figures_by_cell, sweep_sheet
-    from karma.journal.header import TABLE
+    from karma.agent.journal.header import TABLE
+    from karma.bench.engine.sweep_folder import figures_by_cell, sweep_sheet
+    from karma.bench.figures.columns import plain
 
     console.print(sheet_table(sweep_sheet(data)))
     for cell in data.cells:
@@ -94,7 +94,7 @@ def print_sweep(data: "SweepData", json: Path | None) -> None:
 def write_junit(folder: Path, junit: Path | None) -> None:
     """Write a run's test cases where that is wanted."""
     if junit is not None:
-        from karma.bench.export import to_junit
+        from karma.bench.engine.export import to_junit
 
         write_atomic(junit, to_junit(folder))
         console.print(escape(f"test cases: {junit}"))
@@ -104,7 +104,7 @@ def end_below(
     figures: "Sequence[tuple[str, Sequence[Figures]]]", floors: "list[SuccessFloor]"
 ) -> None:
     """End with code 4 where a run, or a cell of a sweep by its name, is below a floor."""
-    from karma.bench.floors import below
+    from karma.bench.figures.floors import below
 
     said = [
         f"{cell}: {words}" if cell else words

@@ -16,8 +16,8 @@ from karma.cli.shared import STOPPED, Json, console, readable, tell, write_json
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
+    from karma.agent.loading.presets import Preset
     from karma.contracts import Mention, Request, SaidDeed
-    from karma.loading.presets import Preset
     from karma.talk.agent import Agent
 
 
@@ -101,11 +101,11 @@ def run_command(
     something refused; 4: something was not done, or in part; 130: stopped. Of requests that are
     piped into a conversation the first that occurs of 130, 1, 4, 3.
     """
+    from karma.agent.loading.models import Models
     from karma.contracts import SceneRef
     from karma.infer.hosted.session import Session
     from karma.infer.llama.room_states import StateOptions
     from karma.infer.manifest.manifest import default_planner
-    from karma.loading.models import Models
     from karma.talk.agent import ANSWER_SECONDS, Agent
     from karma.talk.home import SCENE
 
@@ -205,7 +205,7 @@ def _later_s(later: str, home: str, people: int | None) -> float:
 
 def _close(agent: "Agent") -> None:
     """Say what is remembered, what it cost, and where the run is."""
-    from karma.journal.formats import spent_text
+    from karma.agent.journal.formats import spent_text
 
     kinds = ", ".join(dict.fromkeys(unit.object_type for unit in agent.memory)) or "nothing"
     tell(f"remembers now: {kinds}", style="dim")
@@ -215,7 +215,7 @@ def _close(agent: "Agent") -> None:
 
 
 def _preset(name: str) -> "Preset":
-    from karma.loading.presets import preset
+    from karma.agent.loading.presets import preset
 
     try:
         return preset(name)
@@ -231,7 +231,7 @@ def read_command(
     json: Json = None,
 ) -> None:
     """Say what a request asks for: form, deeds, things, what it rules out, times, conditions."""
-    from karma.methods.guarded import reader_of
+    from karma.agent.guarded import reader_of
 
     found = reader_of(None).read(readable(text))
     for request in found:
@@ -300,7 +300,7 @@ def home_new(
 
 def home_show(name: Name) -> None:
     """Say what was done in a home, the last ten requests."""
-    from karma.journal.formats import plural
+    from karma.agent.journal.formats import plural
     from karma.talk.home import opened
     from karma.talk.remembering import age
 

@@ -12,8 +12,8 @@ from karma.cli.shared import Json, tell, write_json
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
-    from karma.bench.run import Run
-    from karma.bench.task_check import TaskFinding
+    from karma.bench.engine.run import Run
+    from karma.bench.engine.task_check import TaskFinding
 
 _NAMED = 5  # tasks in a warning
 
@@ -33,8 +33,8 @@ def tasks_check(
     from tempfile import TemporaryDirectory
 
     from karma import registry
-    from karma.bench.task_check import findings, quick_findings
-    from karma.tasks.files import load_tasks, task_lines
+    from karma.agent.goals.files import load_tasks, task_lines
+    from karma.bench.engine.task_check import findings, quick_findings
 
     tasks, make = load_tasks(file), registry.load("worlds", world)
     lines = task_lines(file)
@@ -74,7 +74,7 @@ def warn_of_tasks(run: "Run", told: set[tuple[str, ...]] | None = None) -> None:
         told: the tasks that were spoken of before, and takes these; silent about those.
     """
     from karma import registry
-    from karma.bench.task_check import quick_findings
+    from karma.bench.engine.task_check import quick_findings
 
     if run.records or not run.left:
         return

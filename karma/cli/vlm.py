@@ -7,10 +7,10 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from karma.agent.journal.formats import figure_text
 from karma.cli.progress import bar
 from karma.cli.shared import Json, console, write_json
 from karma.files import write_atomic
-from karma.journal.formats import figure_text
 
 
 def vlm_eval(
@@ -29,8 +29,8 @@ def vlm_eval(
     """Score a vision model on frames of rooms that its training never saw."""
     from karma.infer.llama.vision import LlamaVision
     from karma.infer.vision.transformers import TransformersVision
-    from karma.training.vision.page import page
-    from karma.training.vision.score import Clock, examine, held_out_rooms, score
+    from karma.train.vision.page import page
+    from karma.train.vision.score import Clock, examine, held_out_rooms, score
 
     with console.status(escape(f"loading {model} ...")):
         pair = model.removeprefix("llama:")

@@ -10,11 +10,11 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from karma.agent.journal.formats import figure_text, percent_text
 from karma.cli.progress import bar
 from karma.cli.shared import Json, console, tell, write_json
 from karma.errors import FileError, KarmaError
 from karma.files import below, to_json, write_atomic
-from karma.journal.formats import figure_text, percent_text
 
 if TYPE_CHECKING:
     from karma.world.alfred.facts import Files

@@ -19,8 +19,18 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from karma.agent.prompt import GOALS
-from karma.agent.understood import Understanding, misspelt, understood
+from karma.agent.goals.goals import GoalTracker
+from karma.agent.guarded import reader_of
+from karma.agent.journal.part import EpisodePart, TimeLog
+from karma.agent.journal.records import SubTaskRecord
+from karma.agent.journal.steps import LoggedWorld, StepLog
+from karma.agent.karma import KarmaMethod, Remembered
+from karma.agent.loading.models import Models, Row, load_resources
+from karma.agent.loading.names import check_options
+from karma.agent.loading.presets import preset as preset_of
+from karma.agent.loading.worlds import world_maker
+from karma.agent.planning.prompt import GOALS
+from karma.agent.planning.understood import Understanding, misspelt, understood
 from karma.contracts import (
     Listener,
     Mention,
@@ -41,18 +51,9 @@ from karma.infer.hosted.session import Session
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.manifest import default_planner, resolve_planner
-from karma.journal.part import EpisodePart, TimeLog
-from karma.journal.records import SubTaskRecord
-from karma.journal.steps import LoggedWorld, StepLog
 from karma.language.clauses import clauses_of, context_left_out
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader, asked_last, check_length
-from karma.loading.models import Models, Row, load_resources
-from karma.loading.names import check_options
-from karma.loading.presets import preset as preset_of
-from karma.loading.worlds import world_maker
-from karma.methods.guarded import reader_of
-from karma.methods.karma import KarmaMethod, Remembered
 from karma.talk.history import (
     deeds_of,
     found_elsewhere,
@@ -74,7 +75,6 @@ from karma.talk.remembering import MemoryAnswer, Remembering
 from karma.talk.replies import AgentReply, RequestReply, as_it_ends, turns_of
 from karma.talk.telling import told_of
 from karma.talk.views import Memory, RoomMap
-from karma.tasks.goals import GoalTracker
 
 if TYPE_CHECKING:
     from karma.world.event import WorldEvent

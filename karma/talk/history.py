@@ -8,8 +8,8 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from karma.agent.perceive import place_of
-from karma.agent.program import DEEDS, PUTS
+from karma.agent.planning.program import DEEDS, PUTS
+from karma.agent.seeing.perceive import place_of
 from karma.contracts import Mention, Request, SaidDeed, SeenObject, SkillResult
 from karma.household.ids import type_of
 from karma.household.pieces import base_type

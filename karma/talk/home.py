@@ -16,12 +16,12 @@ from weakref import finalize
 
 import msgspec
 
-from karma.agent.perceive import digest_of
+from karma.agent.journal.folder import locked
+from karma.agent.journal.steps import Action
+from karma.agent.seeing.perceive import digest_of
 from karma.contracts import Event, MemoryChange, SceneRef, World
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.files import LARGEST_LOG, append_line, read_bytes, read_json, to_json, write_atomic
-from karma.journal.folder import locked
-from karma.journal.steps import Action
 from karma.language.clock import HOUR_S
 
 HOMES = Path("runs/homes")

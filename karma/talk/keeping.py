@@ -12,18 +12,18 @@ from weakref import finalize
 
 import msgspec
 
+from karma.agent.journal.folder import locked
+from karma.agent.journal.header import Header
+from karma.agent.journal.part import TimeLog
+from karma.agent.journal.provenance import header_of
+from karma.agent.journal.records import EpisodeRecord, SubTaskRecord
+from karma.agent.journal.run_folder import Finished, RunFolder
+from karma.agent.journal.steps import StepLog
+from karma.agent.journal.turns import SAID, Turn, turns_file
+from karma.agent.loading.models import Models, Row
 from karma.contracts import Resources, SceneRef, SubTask, Task, Tour
 from karma.errors import FileError
 from karma.files import read_bytes
-from karma.journal.folder import locked
-from karma.journal.header import Header
-from karma.journal.part import TimeLog
-from karma.journal.provenance import header_of
-from karma.journal.records import EpisodeRecord, SubTaskRecord
-from karma.journal.run_folder import Finished, RunFolder
-from karma.journal.steps import StepLog
-from karma.journal.turns import SAID, Turn, turns_file
-from karma.loading.models import Models, Row
 
 TALKS = Path("runs/talks")
 _FIX = "--out another folder"

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 
+from karma.agent.journal.formats import plural
 from karma.household.containment import has_door
 from karma.household.deeds import DEED_KINDS
 from karma.household.ids import type_of
@@ -10,7 +11,6 @@ from karma.household.pieces import base_type
 from karma.household.places import HAND
 from karma.household.saying import name_of, told_place
 from karma.household.uses import without_basin
-from karma.journal.formats import plural
 from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed
 from karma.talk.asking import AskedQuestion

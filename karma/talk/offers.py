@@ -3,7 +3,7 @@
 import re
 from dataclasses import replace
 
-from karma.agent.understood import Understanding
+from karma.agent.planning.understood import Understanding
 from karma.contracts import RefusedRequest, Request
 from karma.language.request import RequestReader
 from karma.language.request_words import request_words

@@ -10,7 +10,9 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from karma.agent.perceive import place_of
+from karma.agent.journal.formats import plural
+from karma.agent.seeing.perceive import place_of
+from karma.agent.which_thing import is_so
 from karma.contracts import Mention, Request, SeenObject
 from karma.household.containment import has_door
 from karma.household.ids import type_of
@@ -20,10 +22,8 @@ from karma.household.saying import name_of, told_place
 from karma.household.states import NEEDS
 from karma.household.types import ObjectType, object_types
 from karma.household.uses import BASIN_OF, BASINS, BELOW_SINKS
-from karma.journal.formats import plural
 from karma.language.request import RequestReader
 from karma.language.request_words import request_words
-from karma.methods.which_thing import is_so
 from karma.talk.asking import ASKING, AskedQuestion, can_hold
 from karma.talk.history import habits, looked_into, moves, owned
 from karma.talk.home import PLACE_TOLD, STATE_TOLD, PastErrand

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from karma.agent.perceive import place_of
+from karma.agent.seeing.perceive import place_of
 from karma.contracts import MemoryUnit, Mention, SeenObject
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import base_type, is_piece

@@ -11,13 +11,13 @@ from itertools import count
 from textwrap import wrap
 from typing import Literal
 
-from karma.agent.afterwards import taken_back
-from karma.agent.understood import Understanding
+from karma.agent.body.afterwards import taken_back
+from karma.agent.journal.records import SubTaskRecord
+from karma.agent.journal.turns import Turn
+from karma.agent.planning.understood import Understanding
 from karma.contracts import Check, Found, Plan, Request, SkillResult
 from karma.household.pieces import base_type
 from karma.infer.hosted.cost import Spent
-from karma.journal.records import SubTaskRecord
-from karma.journal.turns import Turn
 from karma.talk.remembering import MemoryAnswer
 
 Status = Literal["done", "answered", "partly", "unfinished", "refused", "asked"]

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from karma.agent.perceive import place_of
+from karma.agent.experience import unit_of
+from karma.agent.seeing.perceive import place_of
 from karma.contracts import MemoryChange, Mention, Request, SeenObject
 from karma.household.deeds import deed_kind
 from karma.household.places import HAND
@@ -11,7 +12,6 @@ from karma.household.saying import name_of, told_place
 from karma.household.states import ENDS, SAID_AS
 from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed, deed_verbs, request_words
-from karma.methods.experience import unit_of
 from karma.talk.history import can_lie_in, habits_in, is_owning
 from karma.talk.home import PLACE_TOLD, STATE_TOLD
 from karma.talk.offers import offer_against

@@ -4,7 +4,7 @@ import pytest
 from support.abuse import all_held
 from support.abuse.answers import answers, showing
 
-from karma.agent.program import parse_program
+from karma.agent.planning.program import parse_program
 from karma.errors import ProgramError
 
 

@@ -10,15 +10,15 @@ from support.abuse.files import a_gguf, files
 from support.household import kitchen
 from typer.testing import CliRunner
 
+from karma.agent.goals.goals import _near
+from karma.agent.journal.owned_folder import MARK, OwnedFolder
+from karma.agent.karma import KarmaSettings
+from karma.agent.options import settings_of
 from karma.cli import app
 from karma.errors import FileError, ModelError, UnwritableError
 from karma.files import TEMPORARY, below, read_toml, unpack, write_atomic
 from karma.infer.checks.gguf import read_header
 from karma.infer.checks.template import try_template
-from karma.journal.owned_folder import MARK, OwnedFolder
-from karma.methods.karma import KarmaSettings
-from karma.methods.options import settings_of
-from karma.tasks.goals import _near
 from karma.world.core import scene as scenes
 from karma.world.sim import EmbeddedWorld
 

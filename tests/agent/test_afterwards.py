@@ -5,7 +5,7 @@ from dataclasses import replace
 from support.household import bring
 from support.talking import STORE, TAKE, WASH, agent_saying
 
-from karma.agent.afterwards import checked, taken_back
+from karma.agent.body.afterwards import checked, taken_back
 from karma.contracts import Experience, SkillCall, SkillResult
 
 
@@ -81,7 +81,7 @@ def _nothing():
 
 def _experience_with(agent, name, parents):
     """What an agent knows that last saw a thing elsewhere."""
-    from karma.agent.perceive import observe
+    from karma.agent.seeing.perceive import observe
 
     view = observe(agent._world.last_event, touched=[name])
     sight = next(one for one in (*view.seen, *view.touched) if one.object_id == name)

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from karma.agent.doubt import FEATURES, LogisticDoubt, far_words, read_doubt, weakest_hint
-from karma.agent.planner import Planner
+from karma.agent.planning.doubt import FEATURES, LogisticDoubt, far_words, read_doubt, weakest_hint
+from karma.agent.planning.planner import Planner
 from karma.contracts import (
     Certainty,
     Completion,

@@ -2,9 +2,9 @@
 
 import pytest
 
-from karma.agent.eyes import GivenBoxes, PictureEyes
-from karma.agent.perceive import observe, truth_of
-from karma.agent.skills import Skills
+from karma.agent.body.skills import Skills
+from karma.agent.seeing.eyes import GivenBoxes, PictureEyes
+from karma.agent.seeing.perceive import observe, truth_of
 from karma.contracts import SkillCall
 from karma.infer.vision.metadata import BlindVision, MetadataVision
 from karma.world.sim import EmbeddedWorld

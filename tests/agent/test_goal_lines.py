@@ -6,14 +6,17 @@ The last part is about programs for a request as its words were read, without an
 import numpy as np
 import pytest
 
-from karma.agent.expert import ExpertView
-from karma.agent.goal_lines import GOAL_LINES, as_lines, asked_lines, program_for
-from karma.agent.guard import cannot_serve, kept_open, stopped
-from karma.agent.inspector import narrowed
-from karma.agent.plain_programs import plain_program
-from karma.agent.planner import Planner
-from karma.agent.program import SKILLS, parse_program
-from karma.agent.prompt import GOALS
+from karma.agent.goals.goals import parse_goal
+from karma.agent.loading.examples import bank_file, read_bank
+from karma.agent.loading.said_requests import load_said
+from karma.agent.planning.expert import ExpertView
+from karma.agent.planning.goal_lines import GOAL_LINES, as_lines, asked_lines, program_for
+from karma.agent.planning.guard import cannot_serve, kept_open, stopped
+from karma.agent.planning.inspector import narrowed
+from karma.agent.planning.plain_programs import plain_program
+from karma.agent.planning.planner import Planner
+from karma.agent.planning.program import SKILLS, parse_program
+from karma.agent.planning.prompt import GOALS
 from karma.contracts import Area, Decoding, MemoryUnit, PlanRequest, ProgramSpec, WorkedExample
 from karma.household.ids import short_type
 from karma.household.types import object_types
@@ -22,9 +25,6 @@ from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.scripted import ScriptedModel
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
-from karma.loading.examples import bank_file, read_bank
-from karma.tasks.goals import parse_goal
-from karma.tasks.requests import load_said
 
 AREAS = (
     Area(name="node_1", position_m=(0.0, 0.9, 0.0), contains=("CounterTop", "Fridge", "Sink")),

@@ -4,13 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from karma.agent.inspector import mend, objection
-from karma.agent.program import SKILLS, parse_program
+from karma.agent.planning.inspector import mend, objection
+from karma.agent.planning.program import SKILLS, parse_program
+from karma.bench.drawing.memories import KnownRoom
+from karma.bench.drawing.phrases import our_book
 from karma.contracts import Area, SkillCall
 from karma.seeds import stream
-from karma.tasks.drawing.memories import KnownRoom
-from karma.tasks.drawing.phrases import our_book
-from karma.training.planner.samples import draw
+from karma.train.planner.samples import draw
 
 
 def lines(calls):

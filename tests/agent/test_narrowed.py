@@ -7,19 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from karma.agent.expert import solve
-from karma.agent.inspector import hand_of, narrowed, objection
-from karma.agent.planner import program_spec
-from karma.agent.program import OUR_SKILLS, SKILLS, parse_program
-from karma.agent.prompt import compact
+from karma.agent.planning.expert import solve
+from karma.agent.planning.inspector import hand_of, narrowed, objection
+from karma.agent.planning.planner import program_spec
+from karma.agent.planning.program import OUR_SKILLS, SKILLS, parse_program
+from karma.agent.planning.prompt import compact
+from karma.bench.drawing import rooms
+from karma.bench.drawing.phrases import our_book
+from karma.bench.drawing.requests import WITH_PAIRS, one_ask, pick_kind
 from karma.contracts import HandSpec, ProgramSpec
 from karma.household.types import object_types
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.seeds import stream
-from karma.tasks.drawing import rooms
-from karma.tasks.drawing.phrases import our_book
-from karma.tasks.drawing.requests import WITH_PAIRS, one_ask, pick_kind
-from karma.training.planner.samples import draw, draw_facts, program_text, situation, view_of
+from karma.train.planner.samples import draw, draw_facts, program_text, situation, view_of
 
 SAMPLE = int(os.environ.get("KARMA_SAMPLE", "0")) or 200  # of the 2,000 and 10,000
 ROOM = (

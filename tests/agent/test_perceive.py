@@ -2,7 +2,7 @@
 
 import pytest
 
-from karma.agent.perceive import observe, place_of, refusal, truth_of
+from karma.agent.seeing.perceive import observe, place_of, refusal, truth_of
 from karma.household.places import HAND
 from karma.world.sim import EmbeddedWorld
 

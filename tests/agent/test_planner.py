@@ -6,10 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from karma.agent.expert import ExpertView, NamedThing, solve
-from karma.agent.planner import Planner, grounded, program_spec
-from karma.agent.program import SKILLS, parse_program
-from karma.agent.prompt import compact
+from karma.agent.goals.goals import parse_goal
+from karma.agent.planning.expert import ExpertView, NamedThing, solve
+from karma.agent.planning.planner import Planner, grounded, program_spec
+from karma.agent.planning.program import SKILLS, parse_program
+from karma.agent.planning.prompt import compact
 from karma.contracts import (
     REFUSAL_KINDS,
     Area,
@@ -26,7 +27,6 @@ from karma.errors import ModelError
 from karma.household.places import landmark_types
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.scripted import ScriptedModel
-from karma.tasks.goals import parse_goal
 
 GOOD = "GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
 BAD = "FlyToObject(robot, 'Apple')\n"

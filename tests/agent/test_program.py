@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from karma.agent.program import MAX_LINES, MAX_NAME, SKILLS, parse_program, parse_refusal
+from karma.agent.planning.program import MAX_LINES, MAX_NAME, SKILLS, parse_program, parse_refusal
 from karma.contracts import REFUSAL_KINDS, RefusedRequest, SkillCall
 from karma.errors import ProgramError
 

@@ -14,7 +14,7 @@ from statistics import median
 
 from support.paths import ROOT
 
-from karma.agent.prompt import PROFILES, render
+from karma.agent.planning.prompt import PROFILES, render
 from karma.contracts import FailedProgram, MemoryUnit, PlanRequest, SeenObject
 from karma.memory.scene_graph import SceneGraph
 from karma.seeds import stream

@@ -2,9 +2,9 @@
 
 import pytest
 
-from karma.agent.planner import Planner
-from karma.agent.program import OUR_SKILLS, SKILLS, parse_program
-from karma.agent.reading import astray, left_undone, put_right, reading_of
+from karma.agent.planning.planner import Planner
+from karma.agent.planning.program import OUR_SKILLS, SKILLS, parse_program
+from karma.agent.planning.reading import astray, left_undone, put_right, reading_of
 from karma.contracts import Area, Decoding, PlanRequest
 from karma.infer.scripted import ScriptedModel
 

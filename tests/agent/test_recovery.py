@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from karma.agent.program import parse_program
-from karma.agent.recovery import program_of, recover_program
+from karma.agent.planning.program import parse_program
+from karma.agent.planning.recovery import program_of, recover_program
 from karma.contracts import Completion, RefusedRequest
 from karma.errors import ProgramError
 

@@ -6,11 +6,11 @@ import re
 import pytest
 from support.household import kitchen, look, on, thing
 
-from karma.agent.perceive import reason_of
-from karma.agent.reach import SkillLimits
-from karma.agent.refusals import contents, explained
-from karma.agent.sightings import Sightings
-from karma.agent.skills import Skills
+from karma.agent.body.reach import SkillLimits
+from karma.agent.body.refusals import contents, explained
+from karma.agent.body.sightings import Sightings
+from karma.agent.body.skills import Skills
+from karma.agent.seeing.perceive import reason_of
 from karma.contracts import Area, Fixture, Known, SeenObject, SkillCall
 from karma.files import to_json
 from karma.world.sim import EmbeddedWorld

@@ -2,8 +2,8 @@
 
 import pytest
 
-from karma.agent.planner import Planner
-from karma.agent.refused_requests import nearness, sentence, with_words
+from karma.agent.planning.planner import Planner
+from karma.agent.planning.refused_requests import nearness, sentence, with_words
 from karma.contracts import (
     REFUSAL_KINDS,
     Decoding,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from karma.agent.perceive import camera_of, pose_of, truth_of
-from karma.agent.projection import placed, region_of, silhouette_of
+from karma.agent.seeing.perceive import camera_of, pose_of, truth_of
+from karma.agent.seeing.projection import placed, region_of, silhouette_of
 from karma.contracts import CameraPose
 from karma.world.sim import EmbeddedWorld
 

@@ -4,13 +4,13 @@ import msgspec
 import pytest
 from support.household import kitchen, on
 
-from karma.agent.reach import SkillLimits
-from karma.agent.skills import Skills
-from karma.bench.days import drawn
+from karma.agent.body.reach import SkillLimits
+from karma.agent.body.skills import Skills
+from karma.agent.tour import floor_of, position_of
+from karma.bench.tasks.days import drawn
 from karma.contracts import Known, SceneRef, SkillCall, Task
 from karma.files import to_json
 from karma.memory.scene_graph import SceneGraph
-from karma.methods.tour import floor_of, position_of
 from karma.world.sim import EmbeddedWorld
 
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean
 
-from karma.agent.skills import Skills
-from karma.bench.days import drawn
-from karma.children import forking, starting
+from karma.agent.body.skills import Skills
+from karma.agent.tour import explore_room, position_of
+from karma.bench.tasks.days import drawn
 from karma.contracts import SceneRef, SkillCall, Task
 from karma.files import to_json
-from karma.methods.tour import explore_room, position_of
+from karma.offline.children import forking, starting
 from karma.world.core.scene import SCENES
 from karma.world.importing.scenes import import_dump
 from karma.world.sim import EmbeddedWorld

@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from karma.agent.planner import grounded
-from karma.agent.program import parse_program
-from karma.agent.several import with_turns
-from karma.agent.skills import Skills
+from karma.agent.body.skills import Skills
+from karma.agent.planning.planner import grounded
+from karma.agent.planning.program import parse_program
+from karma.agent.planning.several import with_turns
 from karma.household.pieces import base_type
 from karma.world.core import scene
 from karma.world.sim import EmbeddedWorld

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from karma.agent.program import SKILLS, parse_program
-from karma.agent.reach import SkillLimits
-from karma.agent.skills import Skills
+from karma.agent.body.reach import SkillLimits
+from karma.agent.body.skills import Skills
+from karma.agent.planning.program import SKILLS, parse_program
 from karma.contracts import Area, Known, SkillCall
 from karma.world.core import scene
 from karma.world.sim import EmbeddedWorld

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from karma.agent.eyes import PictureEyes
-from karma.agent.perceive import camera_of, pixels_of
-from karma.agent.skills import Skills
-from karma.agent.tracking import TrackedBoxes, words_by_type
+from karma.agent.body.skills import Skills
+from karma.agent.seeing.eyes import PictureEyes
+from karma.agent.seeing.perceive import camera_of, pixels_of
+from karma.agent.seeing.tracking import TrackedBoxes, words_by_type
 from karma.contracts import Detection, SkillCall
 from karma.household.ids import type_of
 from karma.household.types import object_types

@@ -4,13 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from karma.agent.guard import stopped
-from karma.agent.inspector import objection
-from karma.agent.program import parse_program
-from karma.agent.trimming import trimmed
+from karma.agent.guarded import reader_of
+from karma.agent.planning.guard import stopped
+from karma.agent.planning.inspector import objection
+from karma.agent.planning.program import parse_program
+from karma.agent.planning.trimming import trimmed
 from karma.contracts import SkillCall
 from karma.language.clauses import clauses_of
-from karma.methods.guarded import reader_of
 
 HERE = ("Apple", "Bread", "CounterTop", "DeskLamp", "DiningTable", "Fridge", "Mug", "Pen")
 TAKE = "GoToObject(robot, '{0}')\nPickupObject(robot, '{0}')\n"

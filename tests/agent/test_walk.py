@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from karma.agent.walk import FloorMap, Routes
+from karma.agent.body.walk import FloorMap, Routes
 
 AHEAD = ((0, 1), (1, 0), (0, -1), (-1, 0))
 CELLS = st.sets(st.tuples(st.integers(0, 5), st.integers(0, 5)), min_size=1, max_size=30)

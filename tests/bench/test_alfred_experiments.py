@@ -9,16 +9,16 @@ from support.run_files import files
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
-from karma.bench.alfred_tasks import AlfredTasks, alfred_tasks
-from karma.bench.experiment_file import read_experiment
-from karma.bench.experiment_tasks import load
-from karma.bench.figures import figures
-from karma.bench.run import Run
+from karma.agent.goals.goals import GoalTracker
+from karma.bench.engine.experiment_file import read_experiment
+from karma.bench.engine.experiment_tasks import load
+from karma.bench.engine.run import Run
+from karma.bench.figures.columns import figures
+from karma.bench.rows.expert import ExpertEpisode
+from karma.bench.tasks.alfred_tasks import AlfredTasks, alfred_tasks
 from karma.cli import app
 from karma.errors import FileError
 from karma.files import decode_json
-from karma.methods.expert import ExpertEpisode
-from karma.tasks.goals import GoalTracker
 from karma.world.alfred.facts import gather, side_files
 from karma.world.alfred.goal import Deeds, conditions
 from karma.world.alfred.replay import fitted

@@ -11,12 +11,12 @@ from support.made_records import answer, episode, plain, sub, write_run
 from support.paths import ROOT
 from typer.testing import CliRunner
 
-from karma.bench.compare import Arm, compare, compare_kinds
-from karma.bench.metrics import episodes_of
+from karma.agent.journal.header import RESULTS
+from karma.agent.journal.records import EpisodeTiming, SubTaskTiming
+from karma.bench.figures.compare import Arm, compare, compare_kinds
+from karma.bench.figures.metrics import episodes_of
 from karma.cli import app
 from karma.errors import KarmaError
-from karma.journal.header import RESULTS
-from karma.journal.records import EpisodeTiming, SubTaskTiming
 
 
 def arm(name, records, timings=None):

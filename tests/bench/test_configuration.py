@@ -9,14 +9,14 @@ from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma import registry
-from karma.bench.configuration import configuration
-from karma.bench.experiment import Experiment
-from karma.bench.experiment_file import Changes, setting_of
-from karma.bench.run import Run
+from karma.agent.journal.told import CONFIG, all_apart, read_config, rows_apart
+from karma.agent.loading.models import Models, Row
+from karma.bench.engine.configuration import configuration
+from karma.bench.engine.experiment import Experiment
+from karma.bench.engine.experiment_file import Changes, setting_of
+from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import FileError, KarmaError
-from karma.journal.told import CONFIG, all_apart, read_config, rows_apart
-from karma.loading.models import Models, Row
 
 ROW = '[[rows]]\nname = "expert"\nmethod = "expert"\n[[rows]]\nname = "idle"\nmethod = "idle"\n'
 

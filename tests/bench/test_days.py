@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from karma.bench.days import Days, done_already, drawn
+from karma.agent.goals.files import load_tasks
+from karma.agent.goals.goals import parse_goal
+from karma.agent.tour import explore_room
+from karma.bench.tasks.days import Days, done_already, drawn
 from karma.contracts import SubTask, Task
-from karma.methods.tour import explore_room
-from karma.tasks.files import load_tasks
-from karma.tasks.goals import parse_goal
 from karma.world.sim import EmbeddedWorld
 
 TASKS = {task.id: task for task in load_tasks(Path("eval/alfred_l/tasks.jsonl"))}

@@ -8,8 +8,11 @@ import pytest
 
 import karma
 from karma import registry
-from karma.agent.planner import Planner
-from karma.bench.episode import run_episode
+from karma.agent.goals.goals import parse_goal
+from karma.agent.karma import KarmaMethod, KarmaSettings
+from karma.agent.planning.planner import Planner
+from karma.bench.engine.episode import run_episode
+from karma.bench.rows.expert import ExpertMethod
 from karma.contracts import MemoryUnit, Outcome, SceneRef, SubTask, Task
 from karma.errors import (
     FileError,
@@ -27,10 +30,7 @@ from karma.infer.hosted.cassette import CassetteError
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
 from karma.memory.recall import CosineRecall
-from karma.methods.expert import ExpertMethod
-from karma.methods.karma import KarmaMethod, KarmaSettings
-from karma.offline import NetworkRefused
-from karma.tasks.goals import parse_goal
+from karma.offline.guard import NetworkRefused
 from karma.world.sim import EmbeddedWorld
 
 AWAY = (

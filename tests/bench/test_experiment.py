@@ -13,13 +13,7 @@ from support.paths import ROOT
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
-from karma.bench.figures import figures
-from karma.bench.run import Run
-from karma.cli import app, show
-from karma.errors import FileError, KarmaError
-from karma.files import append_line, decode_json, to_json
-from karma.infer.hosted.cost import Spent
-from karma.journal.records import (
+from karma.agent.journal.records import (
     AnswerTiming,
     EpisodeRecord,
     EpisodeTiming,
@@ -30,6 +24,12 @@ from karma.journal.records import (
     untimed,
     waited,
 )
+from karma.bench.engine.run import Run
+from karma.bench.figures.columns import figures
+from karma.cli import app, show
+from karma.errors import FileError, KarmaError
+from karma.files import append_line, decode_json, to_json
+from karma.infer.hosted.cost import Spent
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 

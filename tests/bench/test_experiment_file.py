@@ -10,9 +10,11 @@ from support.paths import ROOT
 from support.run_files import TASKS
 from typer.testing import CliRunner
 
-from karma.bench.configuration import header_of
-from karma.bench.experiment import Experiment
-from karma.bench.experiment_file import (
+from karma.agent.journal.provenance import prompt_hashes
+from karma.agent.journal.told import without_places
+from karma.bench.engine.configuration import header_of
+from karma.bench.engine.experiment import Experiment
+from karma.bench.engine.experiment_file import (
     Changes,
     Setting,
     beside,
@@ -21,11 +23,9 @@ from karma.bench.experiment_file import (
     seeds_of,
     setting_of,
 )
-from karma.bench.experiment_tasks import load
+from karma.bench.engine.experiment_tasks import load
 from karma.cli import app
 from karma.errors import FileError, KarmaError
-from karma.journal.provenance import prompt_hashes
-from karma.journal.told import without_places
 
 TEXT = f"""
 name = "x"

@@ -8,12 +8,12 @@ from support.hosted_server import chat, plant_key, real_server, wire_server
 from support.paths import ROOT
 from typer.testing import CliRunner
 
-from karma.bench.run import Run
+from karma.agent.journal.records import read_records
+from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import ModelError
 from karma.infer.hosted.cassette import Cassette
-from karma.journal.records import read_records
-from karma.testing import make_planner
+from karma.train.testing import make_planner
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 FREE = "Of course! GoToObject(robot, 'Fridge') comes first."

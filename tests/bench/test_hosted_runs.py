@@ -22,15 +22,15 @@ from support.needs import need_models
 from support.paths import ROOT
 from typer.testing import CliRunner
 
-from karma.bench.run import Run
+from karma.agent.journal.records import read_records
+from karma.agent.journal.run_folder import read_run
+from karma.agent.loading.models import Models
+from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import FileError, KarmaError
 from karma.files import to_json
 from karma.infer.hosted.cassette import Begin, Cassette, line_key_of
 from karma.infer.hosted.session import Endpoint, Hosted
-from karma.journal.records import read_records
-from karma.journal.run_folder import read_run
-from karma.loading.models import Models
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 DEMO = ROOT / "eval" / "hosted_demo.toml"

@@ -19,18 +19,18 @@ from support.made_records import (
     write_run,
 )
 
-from karma.bench.counterfactual import LOTA_ROW, OFF_ROW, paired, reduced, reductions
-from karma.bench.failures import CAUSES, count, failures
-from karma.bench.figures import figures
-from karma.bench.figures import plain as plain_figures
-from karma.bench.metrics import METRICS, actions, episodes_of, explorations
-from karma.bench.needs import needs, related_needs
-from karma.bench.results import result_of
+from karma.agent.journal.records import AnswerTiming, EpisodeTiming, SubTaskTiming
+from karma.agent.journal.run_folder import read_run
+from karma.agent.journal.steps import Ended, Enter, Instruction, Start, Unit
+from karma.bench.figures.columns import figures
+from karma.bench.figures.columns import plain as plain_figures
+from karma.bench.figures.counterfactual import LOTA_ROW, OFF_ROW, paired, reduced, reductions
+from karma.bench.figures.failures import CAUSES, count, failures
+from karma.bench.figures.metrics import METRICS, actions, episodes_of, explorations
+from karma.bench.figures.needs import needs, related_needs
+from karma.bench.figures.results import result_of
 from karma.contracts import RefusedRequest, Tour
 from karma.infer.hosted.cost import Spent
-from karma.journal.records import AnswerTiming, EpisodeTiming, SubTaskTiming
-from karma.journal.run_folder import read_run
-from karma.journal.steps import Ended, Enter, Instruction, Start, Unit
 
 CUT, KEEP = "STATE(Apple, sliced): 1", "INSIDE(Apple, Fridge): 1"
 HOLD = "HOLDON(robot, Mug): 1"

@@ -14,16 +14,16 @@ from support.tiny import export_tiny
 from support.written_tasks import write_tasks
 from typer.testing import CliRunner
 
-from karma.bench.figures import figures
-from karma.bench.precision import Precision, reached, takes_another
-from karma.bench.run import Run
+from karma.agent.goals.files import load_tasks
+from karma.agent.journal.header import EPISODES, RESULTS
+from karma.agent.journal.records import read_records
+from karma.agent.journal.run_folder import read_run
+from karma.bench.engine.run import Run
+from karma.bench.figures.columns import figures
+from karma.bench.figures.precision import Precision, reached, takes_another
 from karma.cli import app
 from karma.errors import FileError, KarmaError
-from karma.journal.header import EPISODES, RESULTS
-from karma.journal.records import read_records
-from karma.journal.run_folder import read_run
 from karma.seeds import stream
-from karma.tasks.files import load_tasks
 
 
 def drawn(seeds, chances, row="KARMA"):
@@ -145,7 +145,7 @@ def test_precision_that_makes_no_sense_is_refused(width, seeds):
 
 
 COIN = """
-from karma.methods.expert import ExpertEpisode
+from karma.bench.rows.expert import ExpertEpisode
 from karma.contracts import Outcome
 from karma.seeds import stream
 

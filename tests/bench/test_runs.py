@@ -19,23 +19,31 @@ from support.run_files import ONLY, ROOT, TASKS, copy, files, lines_in, started,
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
-from karma.bench.figures import added_up
-from karma.bench.run import Run
+from karma.agent.goals.goals import GoalTracker, WatchedWorld, parse_goal
+from karma.agent.journal.folder import locked
+from karma.agent.journal.header import EPISODES, FORMAT, RESULTS, TIMINGS, Header, Machine
+from karma.agent.journal.owned_folder import HEADER, MARK, OwnedFolder, read_mark
+from karma.agent.journal.records import EpisodeRecord, EpisodeTiming, SubTaskTiming, read_records
+from karma.agent.journal.run_folder import Finished, RunFolder, read_run
+from karma.agent.journal.steps import (
+    Action,
+    Ended,
+    Instruction,
+    Start,
+    read_steps,
+    slug,
+    steps_path,
+)
+from karma.agent.journal.told import CONFIG
+from karma.agent.seeing.picture_states import FOLDER as PICTURES
+from karma.agent.seeing.picture_states import picture_name
+from karma.bench.engine.run import Run
+from karma.bench.figures.columns import added_up
 from karma.cli import app
 from karma.contracts import SubTask
 from karma.errors import FileError, KarmaError
 from karma.files import TEMPORARY
-from karma.journal.folder import locked
-from karma.journal.header import EPISODES, FORMAT, RESULTS, TIMINGS, Header, Machine
-from karma.journal.owned_folder import HEADER, MARK, OwnedFolder, read_mark
-from karma.journal.records import EpisodeRecord, EpisodeTiming, SubTaskTiming, read_records
-from karma.journal.run_folder import Finished, RunFolder, read_run
-from karma.journal.steps import Action, Ended, Instruction, Start, read_steps, slug, steps_path
-from karma.journal.told import CONFIG
-from karma.methods.picture_states import FOLDER as PICTURES
-from karma.methods.picture_states import picture_name
 from karma.seeds import stream
-from karma.tasks.goals import GoalTracker, WatchedWorld, parse_goal
 from karma.world.sim import EmbeddedWorld
 
 

@@ -19,11 +19,11 @@ from support.hosted_server import (
 from support.paths import ROOT
 from typer.testing import CliRunner
 
-from karma.bench.run import Run
+from karma.agent.journal.records import read_records
+from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import KarmaError
 from karma.infer.hosted.cassette import FILE, Cassette
-from karma.journal.records import read_records
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 ONLY = [

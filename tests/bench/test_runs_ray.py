@@ -12,15 +12,15 @@ from support.ray_cluster import two_nodes, workers_of
 from support.run_files import ONLY, files, write_experiment
 from support.tiny import export_tiny
 
-from karma.bench.run import Run
+from karma.agent.journal.provenance import model_hashes, parts_of_planner
+from karma.agent.loading.models import Models
+from karma.bench.engine.run import Run
 from karma.errors import KarmaError, ModelError
-from karma.journal.provenance import model_hashes, parts_of_planner
-from karma.loading.models import Models
 
 ray = pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
 
-from karma.bench.nodes import check_node, models_here  # noqa: E402
-from karma.bench.ray_pool import host_of  # noqa: E402
+from karma.bench.engine.nodes import check_node, models_here  # noqa: E402
+from karma.bench.engine.ray_pool import host_of  # noqa: E402
 
 
 @pytest.fixture(scope="module")

@@ -7,13 +7,13 @@ from support.run_files import ROOT, files
 from support.tiny import export_tiny
 from support.written_tasks import write_tasks
 
-from karma.bench.run import Run
+from karma.agent.goals.files import load_tasks, with_whole
+from karma.agent.journal.header import EPISODES
+from karma.agent.journal.records import read_records
+from karma.agent.journal.run_folder import read_run
+from karma.agent.journal.told import CONFIG
+from karma.bench.engine.run import Run
 from karma.errors import FileError
-from karma.journal.header import EPISODES
-from karma.journal.records import read_records
-from karma.journal.run_folder import read_run
-from karma.journal.told import CONFIG
-from karma.tasks.files import load_tasks, with_whole
 
 SEQUENCES = ROOT / "eval" / "alfworld_r" / "tasks.jsonl"
 

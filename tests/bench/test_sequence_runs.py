@@ -8,16 +8,16 @@ from support.run_files import ROOT, TASKS, copy, files, lines_in, started
 from support.tiny import export_tiny
 from support.written_tasks import write_tasks
 
-from karma.bench.needs import related_needs
-from karma.bench.results import result_of
-from karma.bench.run import Run
-from karma.bench.tables import sheets, to_csv
+from karma.agent.goals.files import load_tasks, with_whole
+from karma.agent.journal.header import EPISODES, RESULTS
+from karma.agent.journal.run_folder import read_run
+from karma.agent.journal.steps import Enter, Start, read_steps, steps_path
+from karma.bench.engine.run import Run
+from karma.bench.figures.needs import related_needs
+from karma.bench.figures.results import result_of
+from karma.bench.figures.tables import sheets, to_csv
 from karma.contracts import SceneRef, Task
 from karma.errors import KarmaError
-from karma.journal.header import EPISODES, RESULTS
-from karma.journal.run_folder import read_run
-from karma.journal.steps import Enter, Start, read_steps, steps_path
-from karma.tasks.files import load_tasks, with_whole
 
 ROOMS = ("kitchen_1", "bedroom_1")
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from karma.bench.statistics import (
+from karma.bench.figures.statistics import (
     POWER,
     bootstrap,
     detectable_mean,

@@ -9,20 +9,20 @@ import pytest
 from support.run_files import TASKS, copy, files, lines_in, started
 from typer.testing import CliRunner
 
-from karma.bench.experiment_file import Changes
-from karma.bench.export import exported, to_arrow, to_csv, to_junit
-from karma.bench.metrics import METRICS
-from karma.bench.run import Run
-from karma.bench.sweep import SweepRun, cells_of, planners_in
-from karma.bench.sweep_folder import CELLS, SWEEP, TABLE, read_sweep
+from karma.agent.journal.folder import locked
+from karma.agent.journal.header import EPISODES, RESULTS
+from karma.agent.journal.owned_folder import HEADER
+from karma.agent.journal.records import read_records
+from karma.agent.journal.run_folder import read_run
+from karma.bench.engine.experiment_file import Changes
+from karma.bench.engine.export import exported, to_arrow, to_csv, to_junit
+from karma.bench.engine.run import Run
+from karma.bench.engine.sweep import SweepRun, cells_of, planners_in
+from karma.bench.engine.sweep_folder import CELLS, SWEEP, TABLE, read_sweep
+from karma.bench.figures.metrics import METRICS
 from karma.cli import app, shared
 from karma.errors import FileError, KarmaError
-from karma.journal.folder import locked
-from karma.journal.header import EPISODES, RESULTS
-from karma.journal.owned_folder import HEADER
-from karma.journal.records import read_records
-from karma.journal.run_folder import read_run
-from karma.testing import make_planner
+from karma.train.testing import make_planner
 
 ONLY = ["simple-11"]
 TEXT = f"""

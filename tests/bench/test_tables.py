@@ -10,18 +10,18 @@ from support.made_records import plain, write_run
 from support.paths import ROOT
 from typer.testing import CliRunner
 
-from karma.bench.experiment_file import read_experiment
-from karma.bench.figures import COLUMNS
-from karma.bench.margins import margins
-from karma.bench.published import COLUMNS as PUBLISHED_COLUMNS
-from karma.bench.published import load_published
-from karma.bench.results import result_of
-from karma.bench.sheet import Sheet, to_latex, to_markdown
-from karma.bench.tables import sheets, to_csv
+from karma.agent.journal.header import RESULTS
+from karma.agent.journal.run_folder import read_run
+from karma.bench.engine.experiment_file import read_experiment
+from karma.bench.figures.columns import COLUMNS
+from karma.bench.figures.margins import margins
+from karma.bench.figures.published import COLUMNS as PUBLISHED_COLUMNS
+from karma.bench.figures.published import load_published
+from karma.bench.figures.results import result_of
+from karma.bench.figures.sheet import Sheet, to_latex, to_markdown
+from karma.bench.figures.tables import sheets, to_csv
 from karma.cli import app
 from karma.errors import FileError
-from karma.journal.header import RESULTS
-from karma.journal.run_folder import read_run
 
 PAPER = ROOT / "eval" / "paper"
 PUBLISHED = load_published(PAPER / "published.csv")

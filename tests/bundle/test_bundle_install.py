@@ -24,11 +24,11 @@ from support.needs import need_models, need_namespace
 from support.paths import ROOT
 from typer.testing import CliRunner
 
+from karma.agent.journal.provenance import parts_of_planner
 from karma.bundle import install as installing
 from karma.bundle.install import BundleError, install
 from karma.cli import app
 from karma.infer.manifest.manifest import find_model
-from karma.journal.provenance import parts_of_planner
 
 MODELS = ("karma-nano", "minilm")
 

@@ -10,13 +10,13 @@ from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma import Agent
+from karma.agent.journal.run_folder import read_run
 from karma.cli import answers, app, conversation
 from karma.cli.answers import AnswerView
 from karma.cli.conversation import say
 from karma.cli.shared import SafeConsole
 from karma.contracts import Heard
 from karma.errors import KarmaError
-from karma.journal.run_folder import read_run
 
 NO_TIME = "0.000001"  # is over before a prompt is read
 

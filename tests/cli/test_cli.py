@@ -225,7 +225,7 @@ def test_error_with_brackets_is_printed_as_it_is(tmp_path):
 @pytest.mark.model
 def test_shipped_experiments_are_read_by_the_shipped_planner(monkeypatch, tmp_path):
     need_models("karma-nano")
-    from karma.bench.run import Run
+    from karma.bench.engine.run import Run
 
     monkeypatch.chdir(ROOT)
     for name in ("alfred_l", "demo"):

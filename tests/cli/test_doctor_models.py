@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from karma.bench import model_doctor
+from karma.agent.loading.models import Models
+from karma.bench.engine import model_doctor
 from karma.cli import app
-from karma.loading.models import Models
-from karma.testing import make_picture_model, make_planner
+from karma.train.testing import make_picture_model, make_planner
 
 EXPERIMENT = """
 name = "x"

@@ -2,8 +2,8 @@
 
 import pytest
 
-from karma.agent.expert import ExpertView, NamedThing, solve
-from karma.agent.inspector import objection
+from karma.agent.planning.expert import ExpertView, NamedThing, solve
+from karma.agent.planning.inspector import objection
 from karma.contracts import Area, Goal, SkillCall
 from karma.household.containment import brings, fits_whole_or_cut, goes_in
 from karma.household.types import WIDEST, object_types, types_with

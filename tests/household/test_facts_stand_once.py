@@ -24,7 +24,7 @@ CUTS_IDS = {"split", "rsplit", "partition", "rpartition", "startswith", "endswit
 MANY = 6  # types in one row are a table of places or things
 EXEMPT = {
     "contracts.py": "`hand` says how far programs are constrained",
-    "tasks/drawing/phrases.py": "a `|` between the words of an annotation's alternatives",
+    "bench/drawing/phrases.py": "a `|` between the words of an annotation's alternatives",
     "world/event_base.py": "`hand` is AI2-THOR's other name for a field of its metadata",
     "world/render/colours.py": "`Floor` names a surface of a room, as Wall and Ceiling do",
 }

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 from support.household import find, kitchen, on, thing
 
-from karma.agent.perceive import observe, truth_of
+from karma.agent.seeing.perceive import observe, truth_of
 from karma.household.uses import BASINS, TAPS
 from karma.household.water import Lying, wetted
 from karma.world.importing.scenes import import_dump

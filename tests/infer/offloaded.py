@@ -22,7 +22,7 @@ from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.picture_pair import PicturePair
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.vision.pictures import picture_url
-from karma.testing import make_picture_model
+from karma.train.testing import make_picture_model
 
 PROMPT = Prompt(stable="#areas\nnode_1 Fridge Sink\n" * 12, changing="#task go\n#program\n")
 SPEC = ProgramSpec(

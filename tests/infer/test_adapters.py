@@ -14,13 +14,13 @@ from support import tiny_models
 from support.tiny import export_tiny
 from support.tiny_vision import save_family
 
+from karma.agent.loading.models import Models, load_resources
 from karma.contracts import MemoryUnit
 from karma.errors import ModelError, UnknownNameError
 from karma.infer.checks import memory
 from karma.infer.embed.clip import ClipEmbedder
 from karma.infer.embed.sentence import SentenceEmbedder
 from karma.infer.vision.transformers import TransformersVision
-from karma.loading.models import Models, load_resources
 from karma.memory.multimodal import unit_vectors
 
 TEXTS = ["apple", "The red mug, on a table!", "", "apple", "sofa " * 40, "ünïcödé 苹果"]

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from support.hosted_server import NANO
 from support.needs import need_models
 
-from karma.agent.planner import program_spec
-from karma.agent.prompt import compact
+from karma.agent.planning.planner import program_spec
+from karma.agent.planning.prompt import compact
 from karma.contracts import REFUSAL_KINDS, Area, PlanRequest, ProgramSpec, Skill
 from karma.infer.llama.certainty import CertaintyLog
 from karma.infer.llama.constrain import TokenTable

@@ -281,7 +281,7 @@ def test_choice_impossible_or_not_a_number_is_a_model_error():
 
 
 def test_admitted_text_parses_with_the_planner_s_own_parser():
-    program = pytest.importorskip("karma.agent.program")
+    program = pytest.importorskip("karma.agent.planning.program")
     spec = ProgramSpec(
         skills=program.SKILLS, objects=("Apple|-00.47|+01.15|+00.48", "Fridge"),
         positions=("node_1", "node_2"),

@@ -13,7 +13,7 @@ from karma.infer.checks.memory import Footprint
 from karma.infer.llama import devices as found
 from karma.infer.llama.devices import devices, memory_mb, place
 from karma.infer.llama.options import LlamaOptions
-from karma.testing import make_llama
+from karma.train.testing import make_llama
 
 SIZE = Footprint(  # 1,600 MB with 8,000 tokens, and 100 to compute
     file_mb=800, blocks=8, token_mb=0.1, words_mb=0, layer_mb=0, scores_mb=0, logits_mb=88

@@ -12,14 +12,14 @@ import pytest
 from support.grammar_oracle import is_valid
 from support.hosted_server import PROMPT, chat, endpoint, plant_key, wire_server
 
-from karma.agent.program import SKILLS
+from karma.agent.planning.program import SKILLS
+from karma.bench.rows.lota.method import chooser_of
 from karma.contracts import ProgramSpec, ScoringModel
 from karma.errors import ModelError, RequestRefused, ServerLost
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.dialects import DIALECTS
 from karma.infer.hosted.planner import open_planner
 from karma.infer.hosted.session import DialectName, Endpoint, Session
-from karma.methods.lota.method import chooser_of
 
 SPEC = ProgramSpec(skills=SKILLS, objects=("Mug",), max_calls=2)
 PROGRAM = "GoToObject(robot, 'Mug')\n"

@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 from support.paths import ROOT
 
+from karma.agent.loading.names import check_models
 from karma.errors import ModelError, UnknownNameError
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.llama.model import LlamaModel
 from karma.infer.manifest.added_entry import AddOptions
 from karma.infer.manifest.added_models import add_model
 from karma.infer.manifest.manifest import read_local, resolve_planner
-from karma.loading.names import check_models
-from karma.testing import make_planner
-from karma.testing.architectures import Size, language_keys, language_tensors
-from karma.testing.random_gguf import add_keys, write_random_gguf
+from karma.train.testing import make_planner
+from karma.train.testing.architectures import Size, language_keys, language_tensors
+from karma.train.testing.random_gguf import add_keys, write_random_gguf
 
 LLAMA = "llama"
 

@@ -29,7 +29,7 @@ from support.hosted_server import (
 from support.needs import need_namespace
 from support.paths import ROOT
 
-from karma.agent.program import SKILLS, parse_program
+from karma.agent.planning.program import SKILLS, parse_program
 from karma.contracts import ProgramSpec, Prompt
 from karma.errors import KarmaError, ModelError, ServerLost
 from karma.infer.hosted.cassette import Cassette

@@ -16,7 +16,7 @@ from support.needs import need_models
 from support.paths import ROOT
 
 from karma import registry
-from karma.bench.run import Run
+from karma.bench.engine.run import Run
 from karma.contracts import SeenObject
 from karma.errors import ModelError
 from karma.infer.hosted.cassette import Cassette, CassetteError

@@ -11,7 +11,7 @@ from support.needs import need_models
 from support.paths import ROOT
 from typer.testing import CliRunner
 
-from karma.bench.run import Run
+from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.contracts import SeenObject
 from karma.errors import ModelError, UnknownNameError
@@ -28,7 +28,7 @@ from karma.infer.manifest.manifest import find_model
 from karma.infer.manifest.picture_pair import PicturePair, resolve_pair
 from karma.infer.vision.pictures import picture_url
 from karma.registry import load
-from karma.testing import PICTURE_FAMILIES, Size, make_picture_model, make_planner
+from karma.train.testing import PICTURE_FAMILIES, Size, make_picture_model, make_planner
 
 ONE = LlamaOptions(threads=1)
 MUG = SeenObject(

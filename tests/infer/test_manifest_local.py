@@ -10,6 +10,8 @@ from support import tiny_models
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
+from karma.agent.loading.models import Models, Row
+from karma.agent.loading.names import check_models
 from karma.cli import app
 from karma.errors import FileError, ModelError, UnknownNameError
 from karma.infer.embed.clip import ClipEmbedder
@@ -26,8 +28,6 @@ from karma.infer.manifest.manifest import (
     resolve_planner,
     verify,
 )
-from karma.loading.models import Models, Row
-from karma.loading.names import check_models
 
 OURS = """
 [[models]]

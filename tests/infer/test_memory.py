@@ -8,7 +8,7 @@ import pytest
 
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import Footprint, gguf_parts_mb
-from karma.testing import make_llama
+from karma.train.testing import make_llama
 
 TAKEN = """
 import hashlib, json, sys

@@ -33,7 +33,7 @@ from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
 from karma.registry import load, names
-from karma.testing import make_llama
+from karma.train.testing import make_llama
 
 CORPUS = ["PutObject(robot, 'Apple', 'Fridge')\nThe apple is in the fridge; put it on the table.\n"]
 CHAT = (

@@ -5,7 +5,7 @@ import pytest
 from karma import registry
 from karma.infer.manifest.manifest import file_paths, find_model, verify
 from karma.infer.vision.transformers import NANO
-from karma.training.vision.score import Clock, examine, score
+from karma.train.vision.score import Clock, examine, score
 from karma.world.core import scene
 
 pytestmark = pytest.mark.model

@@ -16,7 +16,7 @@ from support.grammar_oracle import LlamaGrammar, is_valid
 from support.hosted_server import NANO
 from support.needs import need_models
 
-from karma.agent.program import SKILLS, parse_program, parse_refusal
+from karma.agent.planning.program import SKILLS, parse_program, parse_refusal
 from karma.contracts import REFUSAL_KINDS, ProgramSpec
 from karma.errors import ProgramError
 from karma.household.types import object_types

@@ -22,7 +22,7 @@ from support.hosted_server import (
 )
 from support.needs import need_models
 
-from karma.agent.program import SKILLS, parse_program
+from karma.agent.planning.program import SKILLS, parse_program
 from karma.contracts import ProgramSpec
 from karma.errors import ModelError
 from karma.household.types import object_types
@@ -31,7 +31,7 @@ from karma.infer.hosted.planner import open_planner
 from karma.infer.hosted.session import Session
 from karma.infer.llama.model import LlamaModel
 from karma.infer.programs.automaton import ProgramAutomaton
-from karma.testing import make_planner
+from karma.train.testing import make_planner
 
 SPEC = ProgramSpec(
     skills=SKILLS, objects=tuple(sorted(object_types())), positions=("node_1", "node_2")

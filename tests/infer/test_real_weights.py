@@ -12,7 +12,8 @@ import sys
 import pytest
 from support.tiny import export_tiny
 
-from karma.bench.model_doctor import tried
+from karma.agent.loading.models import Models, language_model
+from karma.bench.engine.model_doctor import tried
 from karma.contracts import Prompt
 from karma.errors import ModelError
 from karma.infer.hosted.session import Session
@@ -20,8 +21,7 @@ from karma.infer.llama.model import LlamaModel
 from karma.infer.manifest.added_entry import AddOptions
 from karma.infer.manifest.added_models import add_model
 from karma.infer.manifest.manifest import find_model, resolve_planner
-from karma.loading.models import Models, language_model
-from karma.testing import make_planner
+from karma.train.testing import make_planner
 
 NAME = "smollm2-135m"
 QUESTION = Prompt(stable="You answer in one word.\n", changing="What is the capital of France?")

@@ -19,7 +19,7 @@ from karma.contracts import Prompt
 from karma.infer.checks import memory
 from karma.infer.llama import kv_state
 from karma.infer.llama.room_states import RoomStates, StateOptions
-from karma.testing import make_planner
+from karma.train.testing import make_planner
 
 NANO = ROOT / "models" / "nano" / "planner.gguf"
 ROOMS = [  # the last is longer than a batch for the models made here

@@ -12,12 +12,12 @@ import pytest
 from support.tiny_vision import save_family
 
 from karma import registry
+from karma.agent.loading.models import Models, load_resources
 from karma.contracts import SeenObject
 from karma.errors import KarmaError, ModelError
 from karma.infer.embed.sentence import SentenceEmbedder
 from karma.infer.torch_load import TorchOptions, bytes_of, device_of
 from karma.infer.vision.transformers import TransformersVision, VisionOptions
-from karma.loading.models import Models, load_resources
 
 HALF = TorchOptions(device="cpu", dtype="bfloat16")
 FRAME = np.random.default_rng(0).integers(0, 255, (300, 300, 3), dtype=np.uint8)

@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from support.asked import load_several
 from support.paths import ROOT
 
+from karma.agent.loading.said_requests import load_said
 from karma.infer.parse.spacy import SpacyParser
 from karma.language.clauses import clauses_of, context_left_out
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
-from karma.tasks.requests import load_said
 
 SAID = load_several(ROOT / "tests" / "golden" / "requests" / "several.jsonl")
 SINGLE = load_said(ROOT / "tests" / "golden" / "requests" / "single.jsonl")

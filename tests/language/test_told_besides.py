@@ -2,7 +2,7 @@
 
 import pytest
 
-from karma.methods.guarded import reader_of
+from karma.agent.guarded import reader_of
 
 
 @pytest.fixture(scope="module")

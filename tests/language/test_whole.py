@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from karma.agent.recovery import program_of
+from karma.agent.planning.recovery import program_of
 from karma.contracts import Completion
 from karma.errors import ProgramError
 from karma.language.whole import LONGEST, cycle, repeated

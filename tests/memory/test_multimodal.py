@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from support import tiny_models
 
+from karma.agent.seeing.picture_states import keep
 from karma.contracts import MemoryUnit
 from karma.errors import FileError, KarmaError
 from karma.infer.embed.clip import ClipEmbedder
 from karma.memory.multimodal import MultimodalRecall
-from karma.methods.picture_states import keep
 
 
 class Space:

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from karma import registry
-from karma.lab.simulate import best, simulate_with
-from karma.lab.trace import Trace
+from karma.bench.suites.policies.simulate import best, simulate_with
+from karma.bench.suites.policies.trace import Trace
 
 KEYS = st.text("abcdefg", max_size=50)
 POLICIES = registry.names("policies")

@@ -10,9 +10,9 @@ from typing import Any, Literal
 
 import msgspec
 
+from karma.agent.goals.goals import parse_goal
+from karma.agent.loading.said_requests import load_lines
 from karma.contracts import Goal
-from karma.tasks.goals import parse_goal
-from karma.tasks.requests import load_lines
 
 Act = Literal["do", "partly", "ask", "refuse", "answer"]  # what is to come of it
 Came = Literal["done", "partly", "unfinished", "refused", "asked", "answered"]  # by the agent

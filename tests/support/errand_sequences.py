@@ -1,7 +1,7 @@
 """Three errands in a row in one of our rooms, drawn, and done with memory and without.
 
-What is to be so is given, and the expert's program is made of it (`karma/agent/goal_lines.py`), so
-that rows differ by memory alone. The room judges.
+What is to be so is given, and the expert's program is made of it
+(`karma/agent/planning/goal_lines.py`), so that rows differ by memory alone. The room judges.
 """
 
 import tempfile
@@ -12,16 +12,16 @@ from pathlib import Path
 from shutil import copytree
 from typing import Any
 
-from karma.agent.program import WAYS
-from karma.agent.prompt import GOALS
+from karma.agent.loading.models import Models, load_resources
+from karma.agent.planning.program import WAYS
+from karma.agent.planning.prompt import GOALS
+from karma.agent.tour import explore_room
 from karma.contracts import Completion, Decoding, Prompt, Resources, SceneRef, SkillResult
 from karma.household.containment import goes_in, has_door
 from karma.household.ids import short_type, type_of
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types, types_with
 from karma.household.uses import BASIN_OF
-from karma.loading.models import Models, load_resources
-from karma.methods.tour import explore_room
 from karma.seeds import stream
 from karma.talk.agent import Agent
 from karma.world.sim import EmbeddedWorld

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from karma.agent.goals.goals import Goal, GoalTracker
+from karma.agent.loading.models import Models, load_resources
 from karma.contracts import Resources, SubTask
 from karma.errors import KarmaError
-from karma.loading.models import Models, load_resources
 from karma.talk.agent import Agent, asking
 from karma.talk.replies import AgentReply
-from karma.tasks.goals import Goal, GoalTracker
 from support.asked import AskedRequest, states_of
 
 MAPS = Path("runs/maps-asked")

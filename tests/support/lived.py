@@ -5,9 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from karma.bench.suites.lived.home_map import HomeMap
 from karma.contracts import HomeMoment, HomeQuestion, Meaning, SaidThing, Sighting
 from karma.memory.lived.setting import KnownPlace, MemorySetting
-from karma.methods.lived.home_map import HomeMap
 from karma.world.houses import build_home
 
 DAY_S, HOUR_S = 86_400.0, 3_600.0

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from karma.bench.suites.lived.request import HomeView
 from karma.contracts import Deed, HomeMoment, Sighting
 from karma.household.types import object_types
 from karma.memory.lived.setting import KnownPlace
-from karma.tasks.lived.request import HomeView
 from tests.support.lived import DAY_S, HOUR_S
 from tests.support.lived_oracle import dirty_at, places_at
 

@@ -1,14 +1,14 @@
 """What a request means, worked out from its words, the start and the log alone.
 
-It shares nothing with `karma.tasks.lived` but the sentences' data: words are matched against the
-forms, times are computed anew, and where things are is replayed from the start.
+It shares nothing with `karma.bench.suites.lived` but the sentences' data: words are matched
+against the forms, times are computed anew, and where things are is replayed from the start.
 """
 
 import re
 
+from karma.bench.suites.lived.forms import request_forms
 from karma.household.types import object_types
 from karma.memory.recall import name_in_words
-from karma.tasks.lived.forms import request_forms
 from tests.support.lived import DAY_S, HOUR_S
 
 DAY_NAMES = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")

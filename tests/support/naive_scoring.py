@@ -7,9 +7,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from karma.agent.goals.files import load_tasks
 from karma.contracts import END
 from karma.infer.llama.gguf_model import GgufModel
-from karma.tasks.files import load_tasks
 from support.paths import ROOT
 
 TASKS = ROOT / "eval/alfred_l/tasks.jsonl"

@@ -4,12 +4,12 @@ import random
 
 from test_karma_method import Words
 
-from karma.agent.planner import Planner
+from karma.agent.karma import KarmaMethod, KarmaSettings
+from karma.agent.planning.planner import Planner
 from karma.contracts import Decoding, SceneRef, SubTask
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
 from karma.memory.recall import CosineRecall
-from karma.methods.karma import KarmaMethod, KarmaSettings
 from karma.world.sim import EmbeddedWorld
 
 THINGS = ("Apple", "Potato", "Tomato", "Egg", "Mug", "Bowl", "Plate", "Spoon", "Bread", "Pan")

@@ -13,15 +13,15 @@ from typing import Literal
 
 import msgspec
 
-from karma.bench.statistics import Estimate, mean
+from karma.bench.drawing.memories import KnownRoom, draw_unit
+from karma.bench.drawing.rooms import room_of
+from karma.bench.figures.statistics import Estimate, mean
 from karma.contracts import MemoryUnit, Recall, Recalled
 from karma.files import decode_json, read_bytes
 from karma.household.pieces import base_type
 from karma.household.places import HAND, ROOMS
 from karma.household.states import deed_for
 from karma.seeds import stream
-from karma.tasks.drawing.memories import KnownRoom, draw_unit
-from karma.tasks.drawing.rooms import room_of
 from karma.world.core.scene import load
 
 Marks = Literal["lived", "none", "against"]  # see `marked`

@@ -1,6 +1,6 @@
 """Replays and stories as tests ask about them."""
 
-from karma.report.replay import replaying
+from karma.bench.report.replay import replaying
 
 
 def replay(*given, **named):

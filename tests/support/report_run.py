@@ -4,20 +4,20 @@ import hashlib
 
 import numpy as np
 
-from karma.agent.planner import Planner
-from karma.bench.episode import run_episode
-from karma.bench.figures import added_up
+from karma.agent.goals.goals import parse_goal
+from karma.agent.journal.header import FORMAT, RESULTS, Header, Machine
+from karma.agent.journal.part import TimeLog
+from karma.agent.journal.run_folder import Finished, RunFolder
+from karma.agent.journal.steps import StepLog
+from karma.agent.karma import KarmaMethod, KarmaSettings
+from karma.agent.planning.planner import Planner
+from karma.bench.engine.episode import run_episode
+from karma.bench.figures.columns import added_up
+from karma.bench.rows.expert import ExpertMethod
 from karma.contracts import SceneRef, SubTask, Task
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
-from karma.journal.header import FORMAT, RESULTS, Header, Machine
-from karma.journal.part import TimeLog
-from karma.journal.run_folder import Finished, RunFolder
-from karma.journal.steps import StepLog
 from karma.memory.recall import CosineRecall
-from karma.methods.expert import ExpertMethod
-from karma.methods.karma import KarmaMethod, KarmaSettings
-from karma.tasks.goals import parse_goal
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
 

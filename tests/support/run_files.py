@@ -9,8 +9,8 @@ import signal
 import sys
 from pathlib import Path
 
+from karma.agent.journal.header import TIMINGS
 from karma.cli import app
-from karma.journal.header import TIMINGS
 from support.paths import ROOT
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
@@ -70,7 +70,7 @@ def started(path, folder, **how):
     """`karma eval` in a process of its own, which finds the libraries imported."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(
-        ["karma.cli", "karma.bench.run", "llama_cpp", "karma.infer.embed.minilm"]
+        ["karma.cli", "karma.bench.engine.run", "llama_cpp", "karma.infer.embed.minilm"]
     )
     how["shared"] = os.environ.get("KARMA_SHARED")
     process = context.Process(target=evaluate, args=(path, folder), kwargs=how)

@@ -10,8 +10,8 @@ from collections.abc import Iterable
 from functools import cache
 from itertools import chain
 
-from karma.tasks.drawing.lexicon import every_word
-from karma.tasks.drawing.phrases import Book
+from karma.bench.drawing.phrases import Book
+from karma.language.lexemes import every_word
 
 _SLOT = re.compile(r"\{\w+\}")
 _WORD = re.compile(r"[a-z]+")

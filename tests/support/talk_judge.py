@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from karma.agent.goals.goals import GoalTracker, parse_goal
 from karma.errors import KarmaError
 from karma.household.ids import type_of
 from karma.household.pieces import base_type
@@ -15,7 +16,6 @@ from karma.household.types import object_types
 from karma.household.uses import without_basin
 from karma.talk.agent import Agent
 from karma.talk.replies import AgentReply
-from karma.tasks.goals import GoalTracker, parse_goal
 from support.judging import tracking, watched
 
 Verdict = Literal[

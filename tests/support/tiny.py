@@ -5,7 +5,7 @@ import hashlib
 from karma.infer.llama.gguf_files import new_tokenizer
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
-from karma.testing import make_llama
+from karma.train.testing import make_llama
 from support.llama_export import export_llama_gguf
 
 CORPUS = ["#task put the apple in the fridge\n#memory\n @Fridge *Apple\n#program\n"]

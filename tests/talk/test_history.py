@@ -6,10 +6,10 @@ import pytest
 from support.household import kitchen, on
 from support.talking import STORE, TAKE, WASH, agent_saying
 
+from karma.agent.guarded import reader_of
 from karma.contracts import MemoryChange
 from karma.files import to_json
 from karma.language.clock import DAY_S, HOUR_S, read_span, time_of_day
-from karma.methods.guarded import reader_of
 from karma.talk.history import habits_in, in_plain_words, in_turn, is_owning, moves
 
 BACK = (

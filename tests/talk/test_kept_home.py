@@ -11,7 +11,7 @@ from support.talking import AWAY, TAKE, agent_saying
 from typer.testing import CliRunner
 
 from karma import Agent
-from karma.agent.perceive import digest_of
+from karma.agent.seeing.perceive import digest_of
 from karma.cli import app
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.files import to_json

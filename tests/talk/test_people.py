@@ -10,7 +10,7 @@ from support.household import kitchen
 from support.talking import AWAY, TAKE, agent_saying
 from test_kept_home import gone, left
 
-from karma.agent.perceive import digest_of
+from karma.agent.seeing.perceive import digest_of
 from karma.contracts import MemoryChange, SeenObject
 from karma.errors import KarmaError
 from karma.files import to_json

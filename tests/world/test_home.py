@@ -7,14 +7,9 @@ from support.paths import ROOT
 from support.written_tasks import write_tasks
 
 from karma import registry
-from karma.agent.planner import Planner
-from karma.bench.episode import run_episode
-from karma.contracts import MemoryUnit, Outcome, Resources, SceneRef, SubTask, Task
-from karma.errors import FileError, KarmaError
-from karma.household.places import BESIDE_A_DOOR
-from karma.infer.scripted import ScriptedModel
-from karma.infer.vision.metadata import MetadataVision
-from karma.journal.steps import (
+from karma.agent.goals.files import load_tasks, with_whole
+from karma.agent.goals.goals import GoalTracker, WatchedWorld, parse_goal
+from karma.agent.journal.steps import (
     Action,
     Ended,
     Enter,
@@ -25,14 +20,19 @@ from karma.journal.steps import (
     packed,
     read_steps,
 )
+from karma.agent.karma import KarmaMethod, KarmaSettings
+from karma.agent.planning.planner import Planner
+from karma.bench.engine.episode import run_episode
+from karma.bench.rows.expert import ExpertMethod
+from karma.bench.rows.lota.method import LotaGenerate
+from karma.contracts import MemoryUnit, Outcome, Resources, SceneRef, SubTask, Task
+from karma.errors import FileError, KarmaError
+from karma.household.places import BESIDE_A_DOOR
+from karma.infer.scripted import ScriptedModel
+from karma.infer.vision.metadata import MetadataVision
 from karma.memory.policies import make_policy
 from karma.memory.recall import CosineRecall
 from karma.memory.short_term import ShortTermMemory
-from karma.methods.expert import ExpertMethod
-from karma.methods.karma import KarmaMethod, KarmaSettings
-from karma.methods.lota.method import LotaGenerate
-from karma.tasks.files import load_tasks, with_whole
-from karma.tasks.goals import GoalTracker, WatchedWorld, parse_goal
 from karma.world.core.scene import SCENES
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld

@@ -12,8 +12,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from karma.children import run_child
 from karma.errors import ModelError
+from karma.offline.children import run_child
 
 TEMPLATE = "tokenizer.chat_template"  # key of a GGUF's metadata
 LONGEST = 256 << 10  # characters; the longest in use have 20,000

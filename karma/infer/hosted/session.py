@@ -20,7 +20,7 @@ from karma.infer.hosted.cassette import Cassette, CassetteError, Exchange, Reply
 from karma.infer.hosted.cost import Ledger, Prices, Spent, Usage, cost_of, usage_of
 from karma.infer.hosted.key import Key
 from karma.language.whole import CUTS, ENDS
-from karma.offline import allow_host
+from karma.offline.guard import allow_host
 
 DialectName = Literal["auto", "llama-server", "vllm", "sglang", "ollama", "transformers", "plain"]
 Constraint = Literal["grammar", "regex", "schema"]

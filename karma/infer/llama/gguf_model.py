@@ -16,7 +16,7 @@ import numpy as np
 
 from karma.contracts import Engine, KvState
 from karma.errors import ModelError
-from karma.files import sha256_of
+from karma.files import repair, sha256_of
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import Footprint, check_memory
 from karma.infer.llama.constrain import Logits, TokenTable
@@ -26,7 +26,6 @@ from karma.infer.llama.opening import open_context, open_gguf, try_in_own_proces
 from karma.infer.llama.options import KV_BYTES, LlamaOptions, check_width
 from karma.infer.llama.room_states import RoomStates, StateOptions
 from karma.infer.manifest.manifest import check_file
-from karma.places import repair
 
 _TRIAL = "karma.infer.llama.chat_template:trial"
 _N_BATCH = 512  # tokens per call; measured to change nothing but memory and speed

@@ -6,8 +6,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from karma.children import run_child
 from karma.errors import ModelError
+from karma.offline.children import run_child
 
 _TRIAL_S = 900  # the largest models, from a slow disk
 _passed: set[tuple[int, ...]] = set()

@@ -7,12 +7,12 @@ from typing import Any
 
 from karma.contracts import Frame, SeenObject
 from karma.errors import ModelError
+from karma.files import rebuild_llama, repair
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.picture_chat import PictureChat
 from karma.infer.manifest.picture_pair import resolve_pair
 from karma.infer.vision.pictures import picture_url
 from karma.infer.vision.text import question, some_picture, states_told
-from karma.places import rebuild_llama, repair
 
 MAX_TOKENS = 768  # of an answer with its four steps
 ATTEMPTS = 2

@@ -17,8 +17,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
-from karma.children import forking, starting
 from karma.errors import KarmaError
+from karma.offline.children import forking, starting
 from karma.seeds import stream
 from karma.world.alfred.build import build
 from karma.world.alfred.facts import RoomFacts

@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Iterable
 from pathlib import Path
 
-from karma.children import child_command
+from karma.offline.children import child_command
 
 
 def command(scenes: str | Path | Iterable[str | Path] | None = None) -> str:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NoReturn
 
 from karma.errors import KarmaError
-from karma.offline import go_offline
+from karma.offline.guard import go_offline
 from karma.world.player.fifo import farewell
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def serve(*arguments: str) -> int:
-    """Be `main` in a child process, see `karma.children`."""
+    """Be `main` in a child process, see `karma.offline.children`."""
     return main(arguments)
 
 

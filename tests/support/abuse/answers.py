@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from contextlib import redirect_stderr
 from pathlib import Path
 
-from karma.agent.program import MAX_CHARACTERS, MAX_LINES, parse_program, parse_refusal
-from karma.agent.recovery import recover_program
+from karma.agent.planning.program import MAX_CHARACTERS, MAX_LINES, parse_program, parse_refusal
+from karma.agent.planning.recovery import recover_program
 from karma.errors import ProgramError
 from karma.files import to_json
 from support.abuse import Case, stream
@@ -112,7 +112,7 @@ def _shown(show, bad):
 
 
 def _in_tables(bad: str, folder: Path) -> None:
-    from karma.bench.figures import figures
+    from karma.bench.figures.columns import figures
     from karma.cli import show
     from support.made_records import episode, sub
 
@@ -152,11 +152,11 @@ def _as_lines(bad: str, folder: Path) -> None:
 
 
 def _in_a_page(bad: str, folder: Path) -> None:
-    from karma.bench.results import result_of
-    from karma.journal.run_folder import read_run
-    from karma.report.frames import Frames
-    from karma.report.html import script_data
-    from karma.report.page import page_of, render
+    from karma.agent.journal.run_folder import read_run
+    from karma.bench.figures.results import result_of
+    from karma.bench.report.frames import Frames
+    from karma.bench.report.html import script_data
+    from karma.bench.report.page import page_of, render
     from support.made_records import episode, sub, write_run
 
     assert not set(str(script_data({bad: bad}))) & set("<>&")

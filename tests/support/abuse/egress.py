@@ -11,7 +11,7 @@ from pathlib import Path
 
 from support.abuse import Case
 
-_START = "import socket, sys\nfrom karma.offline import go_offline, settle\ngo_offline()\n"
+_START = "import socket, sys\nfrom karma.offline.guard import go_offline, settle\ngo_offline()\n"
 _STR = "class S(str):\n def __str__(s): return 'localhost'\n lower = rstrip = __str__\n"
 PLANTED = {
     "connect": "socket.socket().connect(('192.0.2.1', 80))",
@@ -32,7 +32,7 @@ PLANTED = {
         "i.run_string(x, 'import socket; socket.socket().connect((\"192.0.2.1\", 80))')"
     ),
     "the guard's code": (
-        "import karma.offline as o\no._hook.__code__ = (lambda e, a: None).__code__\n"
+        "import karma.offline.guard as o\no._hook.__code__ = (lambda e, a: None).__code__\n"
         "socket.socket().connect(('192.0.2.1', 80))"
     ),
     "at the end": (

@@ -22,7 +22,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from karma.journal.header import EPISODES
+from karma.agent.journal.header import EPISODES
 from support.bundles import pack
 from support.paths import ROOT
 from support.run_files import TASKS, files, lines_in
@@ -60,7 +60,7 @@ class Child:
 
     def __init__(self, work: Callable[..., None], *given: Any, limits: Limits | None = None):
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["karma.cli", "karma.bench.run", "llama_cpp"])
+        context.set_forkserver_preload(["karma.cli", "karma.bench.engine.run", "llama_cpp"])
         self._said, theirs = context.Pipe(duplex=False)
         arguments = (theirs, limits or Limits(), work, given)
         self.process = context.Process(target=_begun, args=arguments)
@@ -181,8 +181,8 @@ def _killed_run(place: Path, rng: random.Random, *options: str) -> None:
 
 def until_free(folder: Path) -> None:
     """Wait until a killed run's workers are gone, which hold its lock no longer than they live."""
+    from karma.agent.journal.folder import locked
     from karma.errors import KarmaError
-    from karma.journal.folder import locked
 
     until = time.monotonic() + _PATIENCE_S
     while True:
@@ -243,8 +243,8 @@ def _two_runs(place: Path, rng: random.Random) -> None:
 
 
 def _read_while_it_runs(place: Path, rng: random.Random) -> None:
-    from karma.journal.owned_folder import HEADER
-    from karma.journal.run_folder import read_run
+    from karma.agent.journal.owned_folder import HEADER
+    from karma.agent.journal.run_folder import read_run
 
     folder, path = place / "run", _whole()[0]
     child, most = Child(evaluate, path, folder), 0

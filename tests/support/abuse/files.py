@@ -34,25 +34,25 @@ def _scene(path: Path) -> object:
 
 
 def _tasks(path: Path) -> object:
-    from karma.tasks.files import load_tasks
+    from karma.agent.goals.files import load_tasks
 
     return load_tasks(path)
 
 
 def _authors(path: Path) -> object:
-    from karma.tasks.authors import load_authors_tasks
+    from karma.bench.tasks.authors import load_authors_tasks
 
     return load_authors_tasks([path])
 
 
 def _requests(path: Path) -> object:
-    from karma.tasks.requests import load_texts
+    from karma.agent.loading.said_requests import load_texts
 
     return load_texts(path)
 
 
 def _experiment(path: Path) -> object:
-    from karma.bench.experiment_file import read_experiment
+    from karma.bench.engine.experiment_file import read_experiment
 
     return read_experiment(path)
 
@@ -82,7 +82,7 @@ def _map(path: Path) -> object:
 
 
 def _steps(path: Path) -> object:
-    from karma.journal.steps import read_steps
+    from karma.agent.journal.steps import read_steps
 
     return read_steps(path)
 
@@ -94,7 +94,7 @@ def _cassette(path: Path) -> object:
 
 
 def _header(path: Path) -> object:
-    from karma.journal.run_folder import read_run
+    from karma.agent.journal.run_folder import read_run
 
     return read_run(path.parent)
 

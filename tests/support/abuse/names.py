@@ -4,10 +4,10 @@ import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from karma.agent.journal.steps import steps_path
 from karma.bundle.install import unsafe
 from karma.errors import FileError
 from karma.files import below
-from karma.journal.steps import steps_path
 from support.abuse import Case, stream
 from support.abuse.answers import BAD
 

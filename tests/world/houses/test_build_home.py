@@ -84,7 +84,7 @@ def msgspec_pose(state, x, z, yaw):
 
 
 def test_the_robot_walks_from_room_to_room_by_its_own_steps():
-    from karma.agent.walk import Walker
+    from karma.agent.body.walk import Walker
 
     home = build_home(4, 9)
     world = EmbeddedWorld(home)

@@ -1,0 +1,297 @@
+"""What a program was to bring about, and whether it is so by the agent's own eyes.
+
+Of each thing the last deed counts: an apple that was washed and then put away is to be clean, and
+where it was put. "Seen" is what the last look that had the thing in view shows. What only the deed
+itself tells (a tap ran over it, its door is shut) is "done, not seen". Nothing asks the world.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, field
+
+from karma.agent.planning.program import CHANGES, DOOR_AFTER, PUTS, SWITCH_AFTER
+from karma.agent.seeing.perceive import place_of
+from karma.contracts import Check, Experience, Found, SeenObject, SkillCall, SkillResult
+from karma.household.ids import is_part, root_id, type_of
+from karma.household.pieces import EGG, base_type, goes_by, piece_type
+from karma.household.places import HAND
+from karma.household.saying import name_of, preposition, told_place
+from karma.household.states import SAID_AS
+from karma.household.uses import (
+    BASINS,
+    BURNER,
+    FRIDGE,
+    MICROWAVE,
+    SINK,
+    STOVE,
+    TAP_OF,
+    TAPS,
+    covers,
+)
+
+
+def checked(
+    calls: Sequence[SkillCall], results: Sequence[SkillResult], experience: Experience
+) -> tuple[Check, ...]:
+    """Return what a program was to bring about, thing by thing in the order of its deeds.
+
+    Args:
+        calls: of the program, with ids where a thing was known.
+        results: of those calls that were tried.
+        experience: of the whole instruction.
+    """
+    ends = _Ends()
+    for number, call in enumerate(calls):
+        ends.add(call, results[number] if number < len(results) else None)
+    eyes = _Eyes(experience)
+    found = [_moved(one, eyes) for one in ends.moved.values()]
+    found += [_changed(one, eyes) for one in ends.changed.values()]
+    found += [_switched(one, eyes) for one in ends.switched.values() if not ends.is_a_means(one)]
+    found += [_door(one, eyes) for one in ends.doors.values() if not ends.is_a_means(one)]
+    return tuple(found)
+
+
+@dataclass(frozen=True, slots=True)
+class _End:
+    """How one thing is to be at the end of a program."""
+
+    thing: str  # id, or type where it came to nothing
+    word: str  # "hand", "in", "near", "away", or a state
+    place: str = ""
+    happened: bool = True
+
+
+@dataclass(slots=True)
+class _Ends:
+    """What a program's deeds add up to."""
+
+    moved: dict[str, _End] = field(default_factory=dict)
+    changed: dict[tuple[str, str], _End] = field(default_factory=dict)
+    switched: dict[str, _End] = field(default_factory=dict)
+    doors: dict[str, _End] = field(default_factory=dict)
+
+    def add(self, call: SkillCall, result: SkillResult | None) -> None:
+        """Take in one call; later ones undo earlier ones."""
+        ok = result is not None and result.ok
+        ids = result.object_ids if result is not None else ()
+        thing = _id_of(call.objects[0], ids)
+        if call.skill in SWITCH_AFTER:
+            self._switch(call.objects[-1], ids, SWITCH_AFTER[call.skill], ok)
+        elif call.skill in DOOR_AFTER:
+            self.doors[thing] = _End(thing, DOOR_AFTER[call.skill], happened=ok)
+            if type_of(thing) == FRIDGE and call.skill == "CloseObject":
+                self._turn("heated", "cooled", FRIDGE, ok)
+        elif call.skill in CHANGES:
+            word = CHANGES[call.skill]
+            self.changed[thing, word] = _End(thing, word, happened=ok)
+        elif call.skill in ("PickupObject", "ThrowObject"):
+            word = HAND if call.skill == "PickupObject" else "away"
+            self.moved.pop(thing, None)
+            self.moved[thing] = _End(thing, word, happened=ok)
+        elif call.skill in PUTS:
+            self._put(call, ids, ok)
+
+    def _put(self, call: SkillCall, ids: Sequence[str], ok: bool) -> None:
+        there = call.objects[-1]  # of a type any will do: a full one gives way to another
+        alike = there == type_of(there) or type_of(there) == BURNER
+        place = type_of(there) if alike else _id_of(there, ids[::-1])
+        held = next((end.thing for end in self.moved.values() if end.word == HAND), "")
+        thing = _id_of(call.objects[0], ids) if call.objects[1:] else held
+        if not thing:
+            return
+        self.moved.pop(thing, None)
+        word = "near" if call.skill == "PutNear" else "in"
+        self.moved[thing] = _End(thing, word, place, ok)
+
+    def _switch(self, name: str, ids: Sequence[str], word: str, ok: bool) -> None:
+        kind = type_of(name)
+        used = name if kind in (BURNER, STOVE) or not ids else ids[-1]
+        self.switched[used] = _End(used, word, happened=ok)
+        if word != "on":
+            return
+        tap, oven = kind in TAPS or kind in TAP_OF, kind == MICROWAVE
+        for end in list(self.moved.values()):
+            lies = type_of(end.place)
+            if tap and (lies in BASINS or lies == SINK):
+                self.changed[end.thing, "cleaned"] = _End(end.thing, "cleaned", happened=ok)
+            if oven and lies == MICROWAVE:
+                self.changed.pop((end.thing, "cooled"), None)
+                self.changed[end.thing, "heated"] = _End(end.thing, "heated", happened=ok)
+
+    def _turn(self, word: str, other: str, place: str, ok: bool) -> None:
+        """Let what lies in a place be no longer one thing but the other."""
+        for end in self.moved.values():
+            if ok and type_of(end.place) == place and (end.thing, word) in self.changed:
+                del self.changed[end.thing, word]
+                self.changed[end.thing, other] = _End(end.thing, other)
+
+    def is_a_means(self, end: _End) -> bool:
+        """Return whether a switch or door was used for something else, which is told already."""
+        kind = type_of(end.thing)
+        if end.word in ("on", "off") and (kind in TAPS or kind == MICROWAVE):
+            return end.word == "off" and bool(self.changed)
+        places = {one.place for one in self.moved.values()}
+        holds = end.thing in places or kind in map(type_of, places)
+        return end.word == "closed" and (holds or bool(self.moved or self.changed))
+
+
+@dataclass(frozen=True, slots=True)
+class _Eyes:
+    """What the agent can say of a thing by its log."""
+
+    experience: Experience
+
+    def sight(self, thing: str) -> SeenObject | None:
+        """Return the latest knowledge of a thing: what was seen or touched of it."""
+        return self.experience.seen.get(self.now(thing))
+
+    def now(self, thing: str) -> str:
+        """Return what a thing is by now: what is left of an egg that was cracked."""
+        left = f"{thing}|{piece_type(EGG)}_0"
+        return left if type_of(thing) == EGG and left in self.experience.seen else thing
+
+    def in_view(self, thing: str) -> SeenObject | None:
+        """Return the latest sight that had a thing in view or in the hand."""
+        now = self.now(thing)
+        view = self.experience.views.get(now)
+        if view is None:
+            return None
+        sights = (*view.seen, *((view.held,) if view.held else ()))
+        return next((one for one in sights if one.object_id == now), None)
+
+    def judged(
+        self, end: _End, holds: Callable[[SeenObject], bool]
+    ) -> tuple[Found, SeenObject | None]:
+        """Return how it stands with a thing of which the last deed went well."""
+        known, looked = self.sight(end.thing), self.in_view(end.thing)
+        if not end.happened or known is None:
+            return "unseen", known
+        if looked is not None and holds(looked):
+            return ("seen", looked) if holds(known) else ("otherwise", known)
+        return ("done", known) if holds(known) else ("otherwise", known)
+
+
+def _moved(end: _End, eyes: _Eyes) -> Check:
+    text = _text(end)
+    if end.word == "away":
+        held = eyes.experience.held
+        gone = end.happened and (held is None or held.object_id != end.thing)
+        return Check(text=text, found="done" if gone else "unseen")
+    if end.word == HAND:
+        held = eyes.experience.held
+        has = held is not None and goes_by(end.thing, held.object_id, held.object_type)
+        return Check(text=text, found="seen" if has else "unseen")
+    if end.word == "near":
+        found, sight = eyes.judged(end, lambda one: place_of(one) != HAND)
+    else:
+        found, sight = eyes.judged(end, lambda one: _lies_in(one, end.place))
+    note = f"it is {told_place(place_of(sight))}" if found == "otherwise" and sight else ""
+    return _check(text, found, note)
+
+
+def _changed(end: _End, eyes: _Eyes) -> Check:
+    thing, word = end.thing, end.word
+    text = _text(end)
+    if not end.happened:
+        return Check(text=text, found="unseen")
+    gone = eyes.experience.effects.get(eyes.now(thing), ())
+    pieces = [name for name in eyes.experience.seen if is_part(name, thing)]
+    if word in ("sliced", "broken") and pieces:
+        shown = any(eyes.in_view(name) is not None for name in pieces)
+        return Check(text=text, found="seen" if shown else "done")
+    sight = eyes.in_view(thing)
+    if word == "cleaned" and sight is not None and "dirty" in sight.states:
+        return Check(text=text, found="otherwise", note="it looks dirty")
+    if word == "empty" and sight is not None:
+        return _check(text, "otherwise" if "filled" in sight.states else "seen")
+    if sight is not None and word in sight.states:
+        return Check(text=text, found="seen")
+    return Check(text=text, found="done" if word in gone or word == "broken" else "unseen")
+
+
+def _switched(end: _End, eyes: _Eyes) -> Check:
+    text = _text(end)
+    if type_of(end.thing) in (BURNER, STOVE):
+        return Check(text=text, found="done" if end.happened else "unseen")
+    return _check(text, eyes.judged(end, lambda one: end.word in one.states)[0])
+
+
+def _door(end: _End, eyes: _Eyes) -> Check:
+    text = _text(end)
+    return _check(text, eyes.judged(end, lambda one: end.word in one.states)[0])
+
+
+def _check(text: str, found: Found, note: str = "") -> Check:
+    return Check(text=text, found=found, note=note)
+
+
+def taken_back(
+    earlier: Sequence[SkillResult],
+    later: Sequence[SkillResult],
+    own: Collection[tuple[str, str]],
+    asked: Collection[tuple[str, str]],
+) -> tuple[Check, ...]:
+    """Return what later calls undid of earlier ones.
+
+    Args:
+        earlier: calls of one request.
+        later: those of the requests after it.
+        own: deed and kind of thing of the first request: what was only on its way is no matter.
+        asked: those of the later requests: what they undo so is meant.
+    """
+    before, after = _Ends(), _Ends()
+    for ends, results in ((before, earlier), (after, later)):
+        for result in results:
+            if result.ok:
+                ends.add(result.call, result)
+    found = []
+    for old, new, deeds in (
+        (before.moved, after.moved, ("put", "take", "throw")),
+        (before.switched, after.switched, ("on", "off")),
+        (before.doors, after.doors, ("open", "close")),
+    ):
+        for thing, end in old.items():
+            now, kind = new.get(thing), _kind(thing)
+            wanted, meant = (any((deed, kind) in some for deed in deeds) for some in (own, asked))
+            if wanted and not meant and now and _text(now) != _text(end):
+                text, note = _text(end), _text(now).partition(" is ")[2]
+                found.append(Check(text=text, found="otherwise", note=f"now it is {note}"))
+    return tuple(found)
+
+
+def _kind(thing: str) -> str:
+    return base_type(type_of(thing))
+
+
+def _text(end: _End) -> str:
+    """Return how a thing is to be, in words."""
+    text = f"the {name_of(end.thing)} is "
+    if end.word == HAND:
+        return f"{text}in the hand"
+    if end.word == "away":
+        return f"{text}thrown away"
+    if not end.place:
+        return text + SAID_AS.get(end.word, end.word)
+    link = end.word if end.word == "near" else preposition(end.place)
+    return f"{text}{link} the {name_of(end.place)}"
+
+
+# ----------------------------------------------------------------- what a name means
+
+
+def _lies_in(sight: SeenObject, place: str) -> bool:
+    """Return whether a thing lies in or on a place: an id, a type, or a sink for its basin."""
+    return any(
+        parent == place
+        or is_part(parent, place)
+        or (place == type_of(place) and covers(place, type_of(parent)))
+        or root_id(parent) == place
+        for parent in sight.parent_ids
+    )
+
+
+def _id_of(name: str, ids: Iterable[str]) -> str:
+    """Return the first of the ids that a call used which its name may mean; else the name."""
+    for one in ids:
+        if goes_by(name, one, type_of(one)) or covers(type_of(name), type_of(one)):
+            return one
+    return name

@@ -1,0 +1,216 @@
+"""What the hand does: pick up, put down, throw, pour out, slice, open, close, break."""
+
+import math
+from contextlib import suppress
+
+from karma.agent.body.reach import Reach
+from karma.agent.body.refusals import RefusedError, hand_full, put_refused
+from karma.agent.body.sightings import known, means
+from karma.agent.body.walk import Stance
+from karma.agent.planning.program import CHANGES, DOOR_AFTER, SKILL_OF
+from karma.contracts import Known, SeenObject, Vec3
+from karma.household.containment import goes_in
+from karma.household.ids import part_id, root_id
+from karma.household.pieces import is_piece
+from karma.household.places import NEAR_M
+from karma.household.saying import preposition
+from karma.household.states import OPPOSITES
+from karma.household.types import object_types
+from karma.household.uses import BASIN_OF
+
+THROW_FORCE = 100.0  # AI2-THOR's moveMagnitude
+_OTHER_RECEPTACLES = 3  # tried when the one that was meant is full
+
+
+class Handling:
+    """Skills of the hand; each returns a remark, and raises `RefusedError` with its reason.
+
+    Args:
+        reach: the body, its log and the agent's memory.
+    """
+
+    def __init__(self, reach: Reach) -> None:
+        self._reach, self._log, self._walker = reach, reach.log, reach.walker
+
+    def pick_up(self, name: str) -> str:
+        """Take a thing into the empty hand."""
+        held = self._log.held
+        if held is None:
+            self._reach.act(self._reach.resolve(name), "PickupObject")
+            return ""
+        if means(name, held):
+            return "it is in the hand already"
+        kind = held.object_type
+        raise RefusedError(
+            f"the hand holds {kind}; put it down first, "
+            f"e.g. PutObject(robot, '{kind}', 'CounterTop')",
+            hand_full(held, self._reach.known_types()),
+        )
+
+    def put(self, thing: str | None, name: str, *, exact: bool = False) -> str:
+        """Put what is held, which must be `thing` if that is given, into or onto a receptacle.
+
+        One that is full gives way to another of its type, unless it is `exact`, or a thing that is
+        carried about and was named by its id.
+        """
+        held = self._held(thing)
+        target = self._reach.resolve(name, state="opened", held=False)
+        try:
+            self._put_into(held, target)
+        except RefusedError as refusal:
+            others = self._reach.names.others(target)
+            if refusal.is_for("full") and not exact and _is_one_of(name, target):
+                for other in others[:_OTHER_RECEPTACLES]:
+                    with suppress(RefusedError):
+                        self._put_into(held, other)
+                        return f"the nearest {target.object_type} is full, another one was taken"
+            others, types = self._reach.others(target), self._reach.known_types()
+            detail = put_refused(refusal, held, target, others, self._log, types)
+            raise RefusedError(str(refusal), detail or refusal.detail, refusal.why) from None
+        return ""
+
+    def put_near(self, thing: str, name: str) -> str:
+        """Put what is held near another thing, or near a place "(x, y, z)" in metres.
+
+        It goes on what that lies on, or on what is nearest to it; where it comes to lie too far
+        away it is taken up again, and put down from elsewhere.
+        """
+        held = self._held(thing)
+        other = self._spot(name)
+        tried: list[Stance] = []
+        while len(tried) < self._reach.limits.views:
+            if not self._reach.next_stance(other, tried, nearest=True):
+                break
+            if any(self._is_put_near(held, place, other) for place in self._under(other, held)):
+                return ""
+        raise RefusedError(f"there is no room for {held.object_type} near {name}")
+
+    def _is_put_near(self, held: SeenObject, place: Known, other: Known) -> bool:
+        """Put what is held into a receptacle, and take it up again if it lies too far away."""
+        try:
+            self._reach.act(place, "PutObject", also=held.object_id, from_here=True)
+        except RefusedError:
+            return False
+        lies = self._log.seen[held.object_id]
+        if math.dist(lies.position_m, other.position_m) <= NEAR_M:
+            return True
+        self._reach.act(known(lies, "seen"), "PickupObject")
+        return False
+
+    def _spot(self, name: str) -> Known:
+        """Return what a thing is to be near; a place is as good as a thing.
+
+        Raises:
+            RefusedError: it is not known, or no place.
+        """
+        if not name.startswith("("):
+            other = self._reach.resolve(name, held=False)
+            self._reach.approach(other)
+            return other
+        try:
+            x, y, z = (float(part) for part in name.strip("() ").split(","))
+        except ValueError:
+            raise RefusedError(f"{name} is no place (x, y, z) in metres") from None
+        return Known(object_id=name, object_type=name, position_m=(x, y, z))
+
+    def _under(self, other: Known, held: SeenObject) -> list[Known]:
+        """Return what is within reach and may take a thing near another one, the likeliest first.
+
+        What the other lies on, then what is nearest to it.
+        """
+        on = self._log.seen.get(other.object_id)
+        ranked = []
+        for one in self._log.in_view.values():
+            gap = _off_m(other.position_m, one)
+            takes = gap <= NEAR_M and goes_in(held.object_type, one.object_type)
+            inside = root_id(one.object_id) == root_id(other.object_id)
+            inside = inside and preposition(one.object_type) == "in"  # beside a sink, not in it
+            if takes and not inside and one.object_id in self._log.within_reach:
+                is_under = on is not None and one.object_id in on.parent_ids
+                ranked.append((not is_under, gap, one.object_id))
+        return [known(self._log.in_view[name], "seen") for _, _, name in sorted(ranked)]
+
+    def throw(self, name: str) -> str:
+        """Throw away what is held."""
+        held = self._held(name)
+        event = self._walker.do("ThrowObject", moveMagnitude=THROW_FORCE)
+        self._log.spill(held.object_id)
+        self._reach.done(known(held, "held"), event)
+        return ""
+
+    def empty(self, name: str) -> str:
+        """Pour out what a vessel holds; one that is empty is left as it is."""
+        target = self._reach.resolve(name)
+        try:
+            self._reach.act(target, SKILL_OF["EmptyObject"].action)
+        except RefusedError as refusal:
+            if not refusal.is_for("empty"):
+                raise
+            return "it is empty already"
+        self._log.end(target.object_id, "filled")
+        return ""
+
+    def slice(self, name: str) -> str:
+        """Cut a thing; what has been cut already is left."""
+        target = self._reach.resolve(name)
+        if is_piece(target.object_type):
+            self._reach.use(target)
+            return "it is sliced already"
+        self._log.sliced(target.object_id, self._reach.act(target, "SliceObject"))
+        return ""
+
+    def act(self, skill: str, name: str) -> str:
+        """Do one action on a thing: open, close, break."""
+        wanted = OPPOSITES.get(DOOR_AFTER.get(skill, ""), "")
+        target = self._reach.resolve(name, state=wanted)
+        self._reach.approach(target)
+        sight = self._log.seen[target.object_id]
+        if skill == "CloseObject" and "closed" in self._log.states(sight):
+            return "it is closed already"
+        self._reach.act(target, skill)
+        if skill in CHANGES:
+            self._log.gain(target.object_id, CHANGES[skill])
+        return ""
+
+    def _held(self, name: str | None) -> SeenObject:
+        """Return what is held; refuse when that is nothing, or not what the name means."""
+        held = self._log.held
+        if held is None:
+            raise RefusedError(f"the hand is empty; PickupObject(robot, '{name or '...'}') first")
+        if name is not None and not means(name, held):
+            put_down = hand_full(held, self._reach.known_types())
+            raise RefusedError(
+                f"the hand holds {held.object_type}, not {name}",
+                f"{put_down}, then PickupObject(robot, '{name}')",
+            )
+        return held
+
+    def _put_into(self, held: SeenObject, target: Known) -> None:
+        """Put down where the basin, if the target has one, has come into view."""
+        self._reach.approach(self._basin(target, held) or target)
+        tried = [self._walker.stance()]
+        while (place := self._basin(target, held)) is None:
+            if len(tried) > self._reach.limits.views or not self._reach.next_stance(target, tried):
+                place = target
+                break
+        self._reach.act(place, "PutObject", also=held.object_id)
+
+    def _basin(self, target: Known, held: SeenObject) -> Known | None:
+        """Return where things are put: a sink's basin, None while it is not known."""
+        basin = BASIN_OF.get(target.object_type)
+        kind = held.object_type
+        if basin and not goes_in(kind, basin) and goes_in(kind, target.object_type):
+            return target  # a plunger stands in a bathtub, says the table, and not in its basin
+        return self._reach.names.find(part_id(target.object_id, basin)) if basin else target
+
+
+def _off_m(point: Vec3, thing: SeenObject) -> float:
+    """Return the distance of a point from a thing's box."""
+    box = zip(point, thing.box_center_m, thing.box_size_m, strict=True)
+    return math.hypot(*(max(abs(at - mid) - size / 2, 0.0) for at, mid, size in box))
+
+
+def _is_one_of(name: str, target: Known) -> bool:
+    """Return whether a receptacle was named by its type, or is furniture."""
+    kind = object_types().get(target.object_type)
+    return name == target.object_type or (kind is not None and not kind.can("pickupable"))

@@ -1,0 +1,394 @@
+"""Getting a known thing within reach and acting on it, with the world's refusals as words."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from karma.agent.body.coverage import unseen
+from karma.agent.body.naming import Naming
+from karma.agent.body.refusals import RefusedError, explained, of_its_kind
+from karma.agent.body.sightings import Sightings, known
+from karma.agent.body.walk import Stance, Target, Walker
+from karma.agent.seeing.eyes import Eyes
+from karma.agent.seeing.perceive import place_of, refusal
+from karma.contracts import Event, Knowledge, Known, Observation, SeenObject, Stage, Vec3
+from karma.household.pieces import base_type
+from karma.household.types import object_types, types_with
+from karma.household.uses import BASIN_OF, without_basin
+
+_CURES = {"open": "CloseObject", "on": "ToggleOff", "closed": "OpenObject"}  # what would help
+_SMALL_M = 1.0  # furniture up to this long is seen whole from its edge
+_ON_TOP_M = 0.01  # a thing whose height is no lower than that below the top stands on it
+_ASIDE_DEG = 20.0  # seen from so much more to one side, a thing hides other things
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SkillLimits:
+    """How hard a skill tries."""
+
+    max_actions: int = 900  # world actions of one skill
+    views: int = 10  # places tried to get an immovable thing into view
+    views_of_movable: int = 6  # the same for a thing that may have been moved
+    retries: int = 3  # places tried to act from, after a refusal that room may cure
+    reach_m: float = 1.4  # horizontally; AI2-THOR sees and reaches to 1.5 m
+    cover_m: float = 1.0  # without area nodes, every cell is looked at from this near
+    look_again_m: float = 0.5  # the same for what was not found from the area nodes
+
+
+class Reach:
+    """The agent's body, eyes and memory together: from a name to a thing within reach.
+
+    Args:
+        world: a world that has been reset.
+        knowledge: the agent's memory.
+        limits: how hard to try.
+        eyes: how it sees.
+        before: what was seen here earlier, by id.
+    """
+
+    def __init__(
+        self,
+        world: Stage,
+        knowledge: Knowledge,
+        limits: SkillLimits,
+        eyes: Eyes,
+        before: Mapping[str, SeenObject],
+    ) -> None:
+        self.world, self.knowledge, self.limits, self._eyes = world, knowledge, limits, eyes
+        self.log, self._before = Sightings(), before
+        self.walker = Walker(world, max_actions=limits.max_actions)
+        self.names = Naming(self.log, knowledge, self.walker.gap, before)
+        self.used: list[str] = []  # ids that names resolved to since `start`
+        self.explorations = 0  # since `start`
+
+    def start(self) -> None:
+        """Begin a skill."""
+        self.used, self.explorations = [], 0
+        self.walker.start()
+        self.look()
+
+    def look(self) -> None:
+        """Take note of what is in view now: whatever it is, it is not missing."""
+        self._observe(self.world.last_event)
+
+    def _observe(self, event: Event, touched: Sequence[str] = ()) -> Observation:
+        observation = self._eyes.observe(event, touched=touched, known=self.names)
+        self.log.add(observation)
+        return observation
+
+    # ------------------------------------------------------------- which object
+
+    def resolve(self, name: str, *, state: str = "", held: bool = True) -> Known:
+        """Return what a name means; a basin and its sink stand for each other.
+
+        Raises:
+            RefusedError: the agent knows of no such thing.
+        """
+        found = self.names.find(name, state=state, held=held)
+        for sink, basin in BASIN_OF.items():
+            if found is None and name in (sink, basin):
+                found = self.names.find(basin if name == sink else sink, held=held)
+        if found is None:
+            raise RefusedError(f"no {name} is known; Explore(robot, '{name}') first")
+        return found
+
+    # ------------------------------------------------------------- getting there, and acting
+
+    def approach(self, target: Known, *, closed_will_do: bool = False) -> bool:
+        """Go where a thing is within reach.
+
+        Args:
+            target: the thing, where it is believed to be.
+            closed_will_do: whether a closed container that holds it is far enough.
+
+        Returns:
+            True with the thing within reach; False with its closed container in view.
+
+        Raises:
+            RefusedError: it is not there, or its container is closed.
+        """
+        self.use(target)
+        if self._at_hand(target):
+            return True
+        kind = object_types().get(target.object_type)
+        movable = kind is not None and kind.can("pickupable")
+        views = self.limits.views_of_movable if movable else self.limits.views
+        tried: list[Stance] = []
+        while len(tried) < views and self.next_stance(target, tried):
+            if self._at_hand(target):
+                return True
+            place = self.log.in_view.get(target.place_id or "")
+            if place is not None and self._closed_over(place, target.position_m):
+                return self._closed(target, place, closed_will_do)
+        if not movable:
+            if tried:
+                self.log.miss(target.object_id, target.position_m)
+            raise RefusedError(
+                f"could not get {target.object_type} into view and reach",
+                f"{target.object_id} could not be got into view and reach"
+                f"{of_its_kind([one.object_id for one in self.others(target)])}",
+            )
+        if (place := self.shut_in(target)) is not None:
+            return self._closed(target, place, closed_will_do)
+        self.log.miss(target.object_id, target.position_m)
+        where = f", in or on {target.place_id}" if target.place_id else ""
+        raise RefusedError(
+            f"{target.object_type} is not at its remembered place; "
+            f"Explore(robot, '{target.object_type}') to find it",
+            f"{target.object_id} is not where it was last seen{where}; "
+            f"Explore(robot, '{base_type(target.object_type)}') to find it",
+        )
+
+    def _at_hand(self, target: Known) -> bool:
+        return target.object_id == self.log.held_id or target.object_id in self.log.within_reach
+
+    def shut_in(self, target: Known) -> SeenObject | None:
+        """Return the closed container that a thing is believed to be in, if any.
+
+        The one it was last seen in; else the one around it, as where it lies in a bowl in there.
+        """
+        place = self.log.seen.get(target.place_id or "")
+        if place is not None and self._closed_over(place, target.position_m):
+            return place
+        around = (
+            sight
+            for sight in self.log.seen.values()
+            if _is_round(sight, target.position_m) and "closed" in self.log.states(sight)
+        )
+        return min(around, key=lambda sight: sight.object_id, default=None)
+
+    def _closed_over(self, container: SeenObject, point: Vec3) -> bool:
+        """Return whether a container is closed, and a point in it does not lie on its top."""
+        top = container.box_center_m[1] + container.box_size_m[1] / 2
+        return point[1] < top - _ON_TOP_M and "closed" in self.log.states(container)
+
+    def _closed(self, target: Known, place: SeenObject, closed_will_do: bool) -> bool:
+        self.log.focus[place.object_type] = place.object_id
+        if closed_will_do:
+            self.used.append(place.object_id)
+            return False
+        raise RefusedError(
+            f"{target.object_type} is in the closed {place.object_type}; "
+            f"OpenObject(robot, '{place.object_type}') first",
+            f"{target.object_id} is in {place.object_id}, which is closed; "
+            f"OpenObject(robot, '{place.object_id}') first",
+        )
+
+    def others(self, target: Known) -> list[Known]:
+        """Return what else of a thing's type is known of, the nearest first."""
+        same = [one for one in self._all_known() if one.object_type == target.object_type]
+        found = {one.object_id: one for one in same if one.object_id != target.object_id}
+        gap = self.walker.gap
+        return sorted(found.values(), key=lambda one: (gap(one.position_m), one.object_id))
+
+    def known_types(self) -> list[str]:
+        """Return the types that the agent knows a thing of, the nearest first; a basin is its sink.
+
+        Those of the map and of what was seen and, of what holds things and can be carried, those
+        that are remembered.
+        """
+        there = [(self.walker.gap(one.position_m), one.object_type) for one in self._all_known()]
+        there += [(math.inf, kind) for area in self.knowledge.areas() for kind in area.contains]
+        return list(dict.fromkeys(without_basin(kind) for _, kind in sorted(there)))
+
+    def _all_known(self) -> list[Known]:
+        """Return the map's furniture, memory's vessels and all that was seen, but what is held."""
+        mapped = [
+            Known(object_id=one.object_id, object_type=one.object_type, position_m=one.position_m)
+            for area in self.knowledge.areas()
+            for one in area.fixtures
+        ]
+        vessels = sorted(types_with("receptacle") & types_with("pickupable"))
+        remembered = [one for kind in vessels if (one := self.knowledge.where(kind)) is not None]
+        seen = {**self._before, **self.log.seen}.values()
+        away = {self.log.held_id, *self.log.missed}
+        found = [*mapped, *remembered, *(known(one, "seen") for one in seen)]
+        return [one for one in found if one.object_id not in away]
+
+    def next_stance(
+        self,
+        target: Known,
+        tried: list[Stance],
+        *,
+        least_gap_m: float = 0.0,
+        past: Vec3 | None = None,
+        nearest: bool = False,
+    ) -> bool:
+        """Go to the best place not yet tried to see a thing from, and look.
+
+        Args:
+            target: the thing, where it is believed to be.
+            tried: places and looks so far.
+            least_gap_m: nearer places come later.
+            past: a point; places from which it lies in the direction that it had from one before,
+                or nearly so, come later.
+            nearest: whether the places nearest to the thing come first, however far the way.
+
+        Returns:
+            False when there is no such place left; otherwise `tried` has one more.
+        """
+        views = self._untried(target, tried, least_gap_m, past)
+        for view in sorted(views, key=lambda view: view.gap_m) if nearest else views:
+            tried.append(view)
+            if self.stand(view):
+                return True
+        return False
+
+    def stand(self, view: Stance) -> bool:
+        """Go to a place and look from there; False where something is in the way."""
+        there = self.walker.walk(view.state) and self.walker.look(view.horizon_deg)
+        if there:
+            self.look()
+        return there
+
+    def unseen(
+        self, points: Sequence[Vec3], things: Sequence[SeenObject], *, since: int = 0
+    ) -> list[Vec3]:
+        """Return the points that no look has shown.
+
+        Args:
+            points: metres.
+            things: that hide what is behind them.
+            since: how many looks do not count.
+        """
+        return unseen(points, self.log.looks[since:], things, reach_m=self.limits.reach_m)
+
+    def look_at_point(
+        self, point: Vec3, things: Sequence[SeenObject], *, nearest: bool = False
+    ) -> bool:
+        """Go to where a point comes into view, and look.
+
+        Args:
+            point: metres.
+            things: that hide what is behind them.
+            nearest: go to the nearest place, else to the cheapest.
+
+        Returns:
+            False where there is no such place.
+        """
+        reach_m = self.limits.reach_m
+        views = self.walker.views(Target(center_m=point), reach_m=reach_m)
+        views = [view for view in views if view.gap_m <= reach_m]
+        if nearest:
+            views.sort(key=lambda view: view.gap_m)
+        for view in views:
+            if unseen([point], [self.walker.camera_of(view)], things, reach_m=reach_m):
+                continue
+            if self.stand(view):
+                return True
+        return False
+
+    def _untried(
+        self, target: Known, tried: list[Stance], least_gap_m: float, past: Vec3 | None
+    ) -> list[Stance]:
+        """Return the views to try next: after a failure, the one it was last seen from first."""
+        sight = self.log.seen.get(target.object_id)
+        box = _room_of(target)
+        before: list[Stance] = []
+        if sight is not None and sight.position_m == target.position_m:
+            box = Target(center_m=sight.box_center_m, size_m=sight.box_size_m)
+            pose = self.log.seen_from.get(target.object_id)
+            if len(tried) == 1 and pose is not None:
+                before = [self.walker.stance_of(pose)]
+        ranked = self.walker.views(box, reach_m=self.limits.reach_m, least_gap_m=least_gap_m)
+        used = {(view.state, view.horizon_deg) for view in tried}
+        fresh = [v for v in (*before, *ranked) if (v.state, v.horizon_deg) not in used]
+        fresh.sort(key=lambda view: any(_alike(view, other) for other in tried))
+        if past is not None:
+            bearing = self.walker.bearing_deg
+            before_deg = [bearing(view, past) for view in tried]
+            fresh.sort(key=lambda view: _turn(bearing(view, past), before_deg) < _ASIDE_DEG)
+        return fresh
+
+    def act(
+        self,
+        target: Known,
+        action: str,
+        *,
+        also: str | None = None,
+        in_passing: bool = False,
+        from_here: bool = False,
+    ) -> Observation:
+        """Do one action on a thing, going there first, and again from elsewhere if that may help.
+
+        Args:
+            target: what to act on.
+            action: AI2-THOR's action with an objectId.
+            also: another thing that it handles.
+            in_passing: not worth remembering.
+            from_here: it is within reach, and the agent stays where it is.
+
+        Raises:
+            RefusedError: with the world's reason.
+        """
+        self.approach(target)
+        before = self.log.seen.get(target.object_id)
+        event = self.walker.do(action, **self._eyes.aim(target.object_id))
+        tried: list[Stance] = []
+        opens = action in ("OpenObject", "CloseObject")
+        while not from_here and (why := refusal(event)) is not None and why.elsewhere:
+            if len(tried) == self.limits.retries:
+                break
+            if not self.next_stance(target, tried, least_gap_m=0.75 if opens else 0.0):
+                break
+            if target.object_id in self.log.within_reach:
+                event = self.walker.do(action, **self._eyes.aim(target.object_id))
+        observation = self.done(target, event, also=also, in_passing=in_passing)
+        self.log.acted(action, target.object_id, place_of(before) if before else None)
+        return observation
+
+    def done(
+        self, target: Known, event: Event, *, also: str | None = None, in_passing: bool = False
+    ) -> Observation:
+        """Take note of an action on a thing, or refuse with the world's words."""
+        touched = [target.object_id] if also is None else [also, target.object_id]
+        observation = self._observe(event, touched)
+        if (why := observation.reason) is not None:
+            others = [one.object_id for one in self.others(target)]
+            detail = explained(why, target, others, self.known_types())
+            cure = _CURES.get(why.kind)
+            advice = f" Do {cure}(robot, '{target.object_type}') first." if cure else ""
+            raise RefusedError(f"{why.words}{advice}", detail, why)
+        if not in_passing:
+            self.log.changed(target.object_id, target.position_m)
+            self.log.handled.extend(touched)
+            self.used = [*touched, *self.used]
+            self.log.focus[target.object_type] = target.object_id
+        return observation
+
+    def use(self, target: Known) -> None:
+        """Note that a name meant this thing."""
+        self.used.append(target.object_id)
+        self.log.focus[target.object_type] = target.object_id
+
+
+def _room_of(target: Known) -> Target:
+    """Return the room that a thing takes where that is known, else the point that it is at.
+
+    Of what is large, or opens, the middle is where one sees what lies on it or in it.
+    """
+    kind = object_types().get(target.object_type)
+    opens = kind is not None and kind.can("openable")
+    if target.box_center_m is None or opens or max(target.box_size_m) > _SMALL_M:
+        return Target(center_m=target.position_m)
+    return Target(center_m=target.box_center_m, size_m=target.box_size_m)
+
+
+def _is_round(container: SeenObject, point: Vec3) -> bool:
+    """Return whether a point is in the box of something that things are put into."""
+    kind = object_types().get(container.object_type)
+    box = zip(point, container.box_center_m, container.box_size_m, strict=True)
+    inside = all(abs(at - center) <= size / 2 for at, center, size in box)
+    return inside and bool(kind and kind.can("receptacle"))
+
+
+def _turn(bearing_deg: float, others_deg: Iterable[float]) -> float:
+    """Return the least angle between one direction and the others."""
+    return min(abs((bearing_deg - other + 180.0) % 360.0 - 180.0) for other in others_deg)
+
+
+def _alike(one: Stance, other: Stance) -> bool:
+    """Return whether two views are next to each other and look the same way."""
+    near = max(abs(a - b) for a, b in zip(one.state[:2], other.state[:2], strict=True)) <= 1
+    same = one.state[2] == other.state[2] and one.horizon_deg == other.horizon_deg
+    return near and same

@@ -1,0 +1,265 @@
+"""The 13 skills of KARMA's Listing 2 and two of ours, carried out with AI2-THOR's actions.
+
+A skill acts on what the agent believes (its memory, and what it has seen since it began); when a
+belief proves wrong it says so. A refusal is a value whose reason a planner can act on. `walk` moves
+the body, `sightings` keeps the log, `naming` knows what a name means, `reach` brings a thing within
+reach and acts on it, `search` looks for things, `handling` and `switching` are the skills proper.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+from karma.agent.body.handling import Handling
+from karma.agent.body.reach import Reach, SkillLimits
+from karma.agent.body.refusals import RefusedError
+from karma.agent.body.search import Search, best_next
+from karma.agent.body.switching import Switching
+from karma.agent.body.walk import OutOfActionsError
+from karma.agent.planning.program import OUR_SKILLS, SKILLS
+from karma.agent.seeing.eyes import Eyes, MetadataEyes
+from karma.contracts import (
+    Area,
+    Experience,
+    Knowledge,
+    Known,
+    SeenObject,
+    SkillCall,
+    SkillResult,
+    World,
+)
+
+_SHUT_IN = "it is in a closed container; open that first"
+_GO_ON = "not all of this room was searched: Explore(robot, '{}') goes on where it stopped"
+_TRY_AGAIN = "the same line may be tried again from here"
+_ARITY = {s.name: (len(s.arguments) - s.optional, s.arguments) for s in (*SKILLS, *OUR_SKILLS)}
+
+
+class Skills:
+    """Runs skill calls in a world and keeps the log that the agent's memory is fed from.
+
+    Args:
+        world: a world that has been reset.
+        knowledge: the agent's memory.
+        limits: how hard a skill tries.
+        eyes: how the agent sees; None: by the simulator's metadata.
+        before: what was seen here earlier, by id; only its id means such a thing.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        knowledge: Knowledge,
+        *,
+        limits: SkillLimits | None = None,
+        eyes: Eyes | None = None,
+        before: Mapping[str, SeenObject] = MappingProxyType({}),
+    ) -> None:
+        self.actions = 0  # world actions so far
+        self.explorations = 0  # area nodes visited and containers opened so far
+        self._taken: list[tuple[str, int]] = []  # id and turn of what a program picked up
+        self._reach = reach = Reach(
+            world, knowledge, limits or SkillLimits(), eyes or MetadataEyes(), before
+        )
+        self._search = Search(reach)
+        self._hand, self._switches = Handling(reach), Switching(reach, self._search)
+        self._by_hand: Mapping[str, Callable[[str], str]] = {
+            "PickupObject": self._hand.pick_up,
+            "SliceObject": self._hand.slice,
+            "ThrowObject": self._hand.throw,
+            "EmptyObject": self._hand.empty,
+        }
+
+    @property
+    def experience(self) -> Experience:
+        """What was seen and done so far."""
+        return self._reach.log.experience()
+
+    def begin_program(self) -> None:
+        """Forget which things the lines of an earlier program were about."""
+        self._taken = []
+
+    def look(self) -> None:
+        """Take note of what is in view now; every skill does so too."""
+        self._reach.look()
+
+    def look_around(self) -> None:
+        """Turn round once, looking down at tables and straight ahead, and take note."""
+        self._reach.walker.start()
+        self._search.look_around()
+        self.actions += self._reach.walker.actions
+
+    def look_from(self, name: str, area: Area, *, max_actions: int | None = None) -> SkillResult:
+        """Walk near one place and look around for a thing; ok if it is in view then.
+
+        Args:
+            name: what is looked for; "" only looks.
+            area: the place.
+            max_actions: for the way and the look; None for the limits' own.
+        """
+        explore = SkillCall(skill="Explore", objects=(name,), positions=(area.name,))
+        call = explore if name else SkillCall(skill="GoToObject", objects=(area.name,))
+
+        def look() -> str:
+            return self._take_note(name, self._search.look_from(name, area.position_m))
+
+        return self._counted(call, look, max_actions)
+
+    def look_everywhere(self) -> Iterator[SkillResult]:
+        """Look around from every place of the map, the nearest next; nothing is opened."""
+        walker = self._reach.walker
+        for area in best_next(
+            self._reach.knowledge.areas(), lambda one: (walker.gap(one.position_m), one.name)
+        ):
+            yield self.look_from("", area)
+
+    def look_into(
+        self, name: str, container: SeenObject, *, max_actions: int | None = None
+    ) -> SkillResult:
+        """Open a closed container and look; it is closed again if the thing is not there.
+
+        Args:
+            name: what is looked for; "" only looks.
+            container: as it was seen.
+            max_actions: for all of it; None for the limits' own.
+        """
+        explore = SkillCall(skill="Explore", objects=(name,), positions=(container.object_id,))
+        call = explore if name else SkillCall(skill="GoToObject", objects=(container.object_id,))
+
+        def look() -> str:
+            return self._take_note(name, self._search.look_into(name, container))
+
+        return self._counted(call, look, max_actions)
+
+    def look_over(self, place: SeenObject) -> SkillResult:
+        """Look at all that is on a surface, or in a container, which is open afterwards."""
+
+        def look() -> str:
+            self._search.look_over(place)
+            return ""
+
+        return self._counted(SkillCall(skill="GoToObject", objects=(place.object_id,)), look, None)
+
+    def find_another(self, name: str, aside: Collection[str]) -> SkillResult:
+        """Search for a thing of a type that is none of some ids."""
+        log = self._reach.log
+        log.aside = frozenset(aside)
+        call = SkillCall(skill="Explore", objects=(name,))
+        result = self._counted(call, lambda: self._carry_out(call), None)
+        log.aside = frozenset()
+        return result
+
+    def run(self, call: SkillCall, *, max_actions: int | None = None) -> SkillResult:
+        """Carry out one skill call.
+
+        Of two things that a program calls by one name the second is another one than the first;
+        where no other is found, the first.
+
+        Args:
+            call: what to do.
+            max_actions: how many world actions it may take; None for the limits' own.
+
+        Returns:
+            ok, or a refusal with its reason; what the names resolved to; what it cost.
+
+        Raises:
+            ValueError: no such skill, or a wrong number of objects.
+        """
+        least, kinds = _ARITY.get(call.skill, (0, ()))
+        most = kinds.count("object")
+        if not kinds:
+            raise ValueError(f"no skill named {call.skill!r}")
+        if not min(least, most) <= len(call.objects) <= most:
+            raise ValueError(f"{call.skill} takes {most} object(s): {call}")
+        if call.positions and "positions" not in kinds:
+            raise ValueError(f"{call.skill} takes no positions: {call}")
+        log = self._reach.log
+        log.aside = frozenset(one for one, turn in self._taken if turn < call.turn)
+        result = self._counted(call, lambda: self._carry_out(call), max_actions)
+        if log.aside and not result.ok:
+            log.aside = frozenset()
+            result = _together(
+                result, self._counted(call, lambda: self._carry_out(call), max_actions)
+            )
+        if result.ok and call.skill == "PickupObject":
+            self._taken += [(one, call.turn) for one in result.object_ids[:1]]
+        return result
+
+    def _carry_out(self, call: SkillCall) -> str:
+        """Do one skill; returns a remark, raises RefusedError."""
+        name = call.objects[-1]
+        match call.skill:
+            case "GoToObject":
+                return self._go_to(name)
+            case "PutObject":
+                thing = call.objects[0] if call.objects[1:] else None
+                return self._hand.put(thing, name, exact=call.exact)
+            case "PutNear":
+                return self._hand.put_near(call.objects[0], name)
+            case "SwitchOn" | "ToggleOn":
+                return self._switches.toggle(name, "on")
+            case "SwitchOff" | "ToggleOff":
+                return self._switches.toggle(name, "off")
+            case "Explore":
+                self._search.explore(name, call.positions)
+                return ""
+            case skill if skill in self._by_hand:
+                return self._by_hand[skill](name)
+            case _:
+                return self._hand.act(call.skill, name)
+
+    def _go_to(self, name: str) -> str:
+        reach = self._reach
+        for area in reach.knowledge.areas():
+            if area.name == name:
+                reach.walker.walk_near(area.position_m)
+                reach.look()
+                return ""
+        return "" if reach.approach(reach.resolve(name), closed_will_do=True) else _SHUT_IN
+
+    def _take_note(self, name: str, found: Known | None) -> str:
+        """Keep what a search found, and not the places searched on the way."""
+        if name and found is None:
+            raise RefusedError(f"no {name} there")
+        self._reach.used = []
+        if found is not None:
+            self._reach.use(found)
+        return ""
+
+    def _counted(
+        self, call: SkillCall, do: Callable[[], str], max_actions: int | None
+    ) -> SkillResult:
+        """Do something and say what it cost; a refusal becomes a result."""
+        reach = self._reach
+        most = reach.limits.max_actions
+        reach.walker.max_actions = most if max_actions is None else min(max_actions, most)
+        try:
+            reach.start()
+            ok, reason, detail = True, do(), ""
+        except RefusedError as refusal:
+            ok, reason, detail = False, str(refusal), refusal.detail
+        except OutOfActionsError:
+            reach.look()
+            name = call.objects[-1]
+            ok, reason = False, f"gave up after {reach.walker.actions} actions on {name}"
+            detail = f"{reason}; {_GO_ON.format(name) if call.skill == 'Explore' else _TRY_AGAIN}"
+        self.actions += reach.walker.actions
+        self.explorations += reach.explorations
+        return SkillResult(
+            call=call,
+            ok=ok,
+            reason=reason,
+            detail=detail,
+            actions=reach.walker.actions,
+            explorations=reach.explorations,
+            object_ids=tuple(dict.fromkeys(reach.used)),
+        )
+
+
+def _together(before: SkillResult, after: SkillResult) -> SkillResult:
+    """Return the outcome of the later try with what both have cost."""
+    return replace(
+        after,
+        actions=before.actions + after.actions,
+        explorations=before.explorations + after.explorations,
+    )

@@ -1,0 +1,132 @@
+"""From what the skills saw and did to units of short-term memory."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from karma.agent.seeing.perceive import place_of
+from karma.agent.seeing.picture_states import look_at
+from karma.contracts import Experience, MemoryUnit, SeenObject, VisionModel
+from karma.household.ids import is_part, type_of, whole_id
+from karma.household.places import STAND_CLOSED
+from karma.memory.short_term import merged
+
+
+def units_of(
+    experience: Experience,
+    before: Sequence[MemoryUnit],
+    vision: VisionModel,
+    instruction: str,
+    *,
+    scene: str,
+    seen_kept: int,
+    folder: Path | None = None,
+) -> list[MemoryUnit]:
+    """Return what to remember: things only seen first, then things handled, in order of use.
+
+    Only what can be carried; immovable things belong to long-term memory. A thing that was cut is
+    represented by one slice, the one handled last, which inherits the history of the whole.
+
+    Args:
+        experience: of the instruction.
+        before: units whose history goes on in these.
+        vision: reads states of the things of interest.
+        instruction: what was asked for.
+        scene: name of the room.
+        seen_kept: how many things that were only seen to keep, the last seen ones.
+        folder: the run folder, which takes the pictures that were looked at.
+    """
+    handled = _handled(experience)
+    others = _only_seen(experience, handled)
+    kept = others[len(others) - seen_kept :] if seen_kept else []
+    sights = [*kept, *(experience.seen[object_id] for object_id in handled)]
+    looked = look_at(vision, instruction, sights, experience.views, folder)
+    by_id = {unit.object_id: unit for unit in before}
+    found = []
+    for sight in sights:
+        name = sight.object_id
+        unit = unit_of(
+            sight,
+            (*experience.effects.get(name, ()), *looked.states.get(name, ())),
+            handled=name in handled,
+            image=looked.images.get(name),
+            scene=scene,
+        )
+        whole = whole_id(name) if whole_id(name) in experience.cut else ""
+        old = by_id.get(name) or by_id.get(whole)
+        found.append(merged(old, unit) if old is not None else unit)
+    return found
+
+
+def shut_away(units: Iterable[MemoryUnit], among: Iterable[MemoryUnit]) -> tuple[MemoryUnit, ...]:
+    """Return units as they are told: what lies in a thing behind a door lies behind that door.
+
+    Args:
+        units: to be told.
+        among: what is remembered of the room, these among it.
+    """
+    places = {unit.object_id: unit.place_id for unit in among}
+    found = []
+    for unit in units:
+        place, passed = unit.place_id, set[str]()
+        while place is not None and place not in passed and type_of(place) not in STAND_CLOSED:
+            passed.add(place)
+            place = places.get(place)
+        door = place if place is not None and place not in passed else unit.place_id
+        found.append(replace(unit, place_id=door))
+    return tuple(found)
+
+
+def unit_of(
+    sight: SeenObject, states: Sequence[str], *, handled: bool, image: str | None, scene: str = ""
+) -> MemoryUnit:
+    """Return the line of short-term memory for one sight of an object.
+
+    Args:
+        sight: of the object.
+        states: words that hold, in the order they came about; "none" is dropped.
+        handled: the agent manipulated it.
+        image: path of the picture below the run folder.
+        scene: name of the room.
+    """
+    return MemoryUnit(
+        object_id=sight.object_id,
+        object_type=sight.object_type,
+        position_m=sight.position_m,
+        states=tuple(dict.fromkeys(word for word in states if word != "none")),
+        place_id=place_of(sight),
+        handled=handled,
+        image=image,
+        scene=scene,
+    )
+
+
+def _only_seen(experience: Experience, handled: Sequence[str]) -> list[SeenObject]:
+    """Return the sights of what can be carried and was not handled, nor cut off a whole."""
+    return [
+        sight
+        for object_id, sight in experience.seen.items()
+        if sight.pickupable and object_id not in handled and object_id not in experience.cut
+        if not any(is_part(object_id, whole) for whole in experience.cut)
+    ]
+
+
+def _handled(experience: Experience) -> list[str]:
+    """Return the ids that stand for what was handled, by last use."""
+    last: dict[str, None] = {}
+    for object_id in experience.handled_ids:
+        name = _standing_for(object_id, experience, last)
+        sight = experience.seen.get(name)
+        if sight is not None and sight.pickupable:
+            last.pop(name, None)
+            last[name] = None
+    return list(last)
+
+
+def _standing_for(object_id: str, experience: Experience, before: Iterable[str]) -> str:
+    """Return the id itself, or the slice that stands for a whole that was cut."""
+    if object_id not in experience.cut:
+        return object_id
+    parts = [name for name in experience.seen if is_part(name, object_id)]
+    used = [name for name in before if name in parts]
+    return (used or sorted(parts) or [object_id])[-1]

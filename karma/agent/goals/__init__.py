@@ -1,0 +1,1 @@
+"""What is to be so when a task is done, and whether it is."""

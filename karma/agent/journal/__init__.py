@@ -1,0 +1,1 @@
+"""What was done, on the disk: step logs, records, the folder of a run or a talk."""

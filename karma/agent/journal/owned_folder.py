@@ -1,0 +1,311 @@
+"""A folder that one run owns: its mark names each file that was written, and no other is touched.
+
+The mark is `.karma-run`: a line that says what kind of run made the folder and the SHA-256 of its
+header, then a line for each file, which is there before the file is. Whatever lies in a folder
+without a mark, or beside what the mark names, is somebody's: it is neither replaced nor removed.
+"""
+
+import hashlib
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from karma.agent.journal.folder import replace_file
+from karma.errors import FileError
+from karma.files import (
+    LARGEST_LOG,
+    TEMPORARY,
+    append_line,
+    check_sealed_file,
+    decode_json,
+    read_bytes,
+    read_json,
+    sha256_of,
+    to_json,
+    write_atomic,
+)
+
+MARK, MADE = ".karma-run", ".karma-made"
+HEADER, SWEEP = "header.json", "sweep.json"
+STEPS = "steps"  # folder of step logs
+Kind = Literal["run", "sweep", "benchmark", "figure", "talk"]
+_CALLED: Mapping[Kind, str] = {
+    "run": "a run", "sweep": "a sweep", "benchmark": "a run of a benchmark",
+    "figure": "a figure", "talk": "a conversation",
+}  # fmt: skip
+_BESIDE = frozenset({"exchanges.jsonl", "recording.lock"})  # a cassette may lie in the folder
+_FIX = "--out another folder"
+_MOVE = "move it away, or --out another place"
+_AGAIN = "bring it back, or karma eval FILE --fresh"
+_BACK: Mapping[Kind, str] = {
+    "run": _AGAIN, "sweep": _AGAIN, "benchmark": _AGAIN, "figure": _AGAIN,
+    "talk": "bring it back; karma chat --out another folder begins a conversation",
+}  # fmt: skip
+
+
+class _Mark(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The first line of a mark."""
+
+    kind: Kind
+    header: str = ""  # SHA-256 of `HEADER`; "" where it grows with the run
+    sealed: dict[str, str] = {}  # files that are as they stay once `by` is there: name -> SHA-256
+    by: str = ""  # the file that is written last
+
+
+class OwnedFolder:
+    """The files of one run.
+
+    Args:
+        path: of the folder.
+        kind: of run.
+    """
+
+    def __init__(self, path: Path, kind: Kind) -> None:
+        self.path = path
+        self._begun = _Mark(kind=kind)
+        self.names: frozenset[str] = frozenset()  # below the folder, that were written or may be
+
+    def look(self) -> bool:
+        """Return whether the folder is such a run's; else it is free.
+
+        Raises:
+            FileError: it is somebody else's, or a link leads out of it.
+        """
+        begun, self.names = read_mark(self.path)
+        if begun is None:
+            if there := next(_strangers(self.path), ""):
+                reason = f"holds no run, but {ascii(there)[:80]}: no run left its mark ({MARK})"
+                raise FileError(self.path, reason, fix=f"{_FIX}, or move away what is in this one")
+            return False
+        if begun.kind != self._begun.kind:
+            held, wanted = (_CALLED[one.kind] for one in (begun, self._begun))
+            raise FileError(self.path, f"this folder holds {held}, not {wanted}", fix=_FIX)
+        self._begun = begun
+        for name in self.names:
+            self._keep_inside(name)
+        header = self.path / HEADER
+        if begun.header and header.exists() and _hash(read_bytes(header)) != begun.header:
+            raise FileError(header, "is not the one that this folder's run wrote", fix=_FIX)
+        return True
+
+    def begin(self, names: Iterable[str], header: bytes = b"") -> None:
+        """Make the folder the run's.
+
+        Args:
+            names: what it will write, for sure or perhaps.
+            header: content of `HEADER`, where that never changes.
+
+        Raises:
+            FileError: somebody's file has such a name.
+        """
+        names = frozenset(names)
+        for name in names - self.names:
+            self._take(name)
+        self._write_mark(names | self.names, header)
+
+    def adopt(self, names: Iterable[str], header: bytes = b"") -> None:
+        """Take over the folder of an earlier version's run, which left no mark.
+
+        Args:
+            names: what that run has written.
+            header: see `begin`; it must have been seen to be this run's.
+        """
+        for name in (names := frozenset(names)):
+            self._keep_inside(name)
+        self._write_mark(names, header)
+
+    def own(self, name: str) -> Path:
+        """Return the path of a file that is to be written.
+
+        Raises:
+            FileError: somebody's file stands there.
+        """
+        if name not in self.names:
+            self._take(name)
+            append_line(self.path / MARK, b"\n" + to_json(name))  # the last line may be torn
+            self.names |= {name}
+        return self.path / name
+
+    def write(self, name: str, data: bytes) -> None:
+        """Write a file, unless that is what it holds; errors as `own` and `write_atomic`."""
+        replace_file(self.own(name), data)
+
+    def sweep(self) -> None:
+        """Take away what a killed run left half written among its own files, and nothing else."""
+        for folder in {(self.path / name).parent for name in (*self.names, MARK)}:
+            for left in folder.glob(f".*{TEMPORARY}"):
+                target = left.name[1:].removesuffix(TEMPORARY).rpartition(".")[0]
+                name = (folder / target).relative_to(self.path).as_posix()
+                if name in self.names or name == MARK:
+                    left.unlink(missing_ok=True)
+
+    def seal(self, sealed: Iterable[str], by: str, data: bytes) -> None:
+        """Write the last file, and be done: whoever reads sees that what is sealed stayed so.
+
+        The mark's lines are put in order, so equal runs leave equal files.
+
+        Args:
+            sealed: names of files that do not change any more.
+            by: name of the last one, whose presence says that the seal holds.
+            data: its content.
+        """
+        last = self.own(by)
+        hashes = {name: sha256_of(self.path / name) for name in sealed} | {by: _hash(data)}
+        self._begun = msgspec.structs.replace(self._begun, sealed=hashes, by=by)
+        replace_file(self.path / MARK, self._mark())
+        replace_file(last, data)
+
+    def clear(self) -> None:
+        """Remove what the run has written, and nothing else."""
+        self.sweep()
+        for name in sorted(self.names):
+            self._keep_inside(name)
+            with suppress(IsADirectoryError, NotADirectoryError):
+                (self.path / name).unlink(missing_ok=True)
+            self.fold(name)
+        self.names = frozenset()
+        self._write_mark(self.names, b"")
+
+    def fold(self, name: str) -> None:
+        """Remove the folders that a file was in and that are empty now."""
+        for folder in list((self.path / name).parents)[: len(Path(name).parts) - 1]:
+            with suppress(OSError):
+                folder.rmdir()
+
+    # ------------------------------------------------------------- parts
+
+    def _take(self, name: str) -> None:
+        self._keep_inside(name)
+        if os.path.lexists(self.path / name):
+            reason = "is there, and this run did not write it"
+            raise FileError(self.path / name, reason, fix=f"move it away, or {_FIX}")
+
+    def _keep_inside(self, name: str) -> None:
+        """Raise FileError where a link is on the way to a file."""
+        parts = Path(name).parts
+        for count in range(1, len(parts) + 1):
+            place = self.path.joinpath(*parts[:count])
+            if place.is_symlink():
+                raise FileError(place, "is a link, and a run keeps to its own folder", fix=_FIX)
+
+    def _write_mark(self, names: frozenset[str], header: bytes) -> None:
+        self.names = names
+        self._begun = _Mark(kind=self._begun.kind, header=_hash(header) if header else "")
+        replace_file(self.path / MARK, self._mark())
+
+    def _mark(self) -> bytes:
+        return b"".join(map(to_json, (self._begun, *sorted(self.names))))
+
+
+def read_mark(folder: Path) -> tuple[_Mark | None, frozenset[str]]:
+    """Return what a folder's mark says, None where there is none, and the files that it names.
+
+    Raises:
+        FileError: it is no mark.
+    """
+    path = folder / MARK
+    if not os.path.lexists(path):
+        return None, frozenset()
+    if path.is_symlink():
+        raise FileError(path, "is a link, and a run keeps to its own folder", fix=_FIX)
+    first, *lines = read_bytes(path, most=LARGEST_LOG).split(b"\n")[:-1] or [b""]
+    begun = decode_json(first, _Mark, path=path, fix=_FIX)
+    return begun, frozenset(name for line in lines if (name := _name_in(line)))
+
+
+class _Headed(msgspec.Struct, frozen=True):
+    """What headers of some kinds alone have."""
+
+    benchmark: str = ""
+    figure: str = ""
+
+
+def kind_in(folder: Path) -> Kind | None:
+    """Return what kind of run a folder holds; None where it holds none.
+
+    Its mark says so; of an earlier version's folder, which has none, its header or list of cells.
+
+    Raises:
+        FileError: the mark is damaged.
+    """
+    begun, _ = read_mark(folder)
+    if begun is not None:
+        return begun.kind
+    if (folder / SWEEP).exists():
+        return "sweep"
+    if not (folder / HEADER).exists():
+        return None
+    try:
+        said = read_json(folder / HEADER, _Headed)
+    except FileError:
+        return "run"  # whoever reads it says what is wrong
+    return "benchmark" if said.benchmark else "figure" if said.figure else "run"
+
+
+def benchmark_in(folder: Path) -> str:
+    """Return the benchmark that a folder holds a run of; FileError where its header is torn."""
+    return read_json(folder / HEADER, _Headed).benchmark
+
+
+def check_sealed(folder: Path) -> None:
+    """See that what a finished run has sealed is as it was then.
+
+    A step log that is gone is none: that episode is done again.
+
+    Raises:
+        FileError: a file is another: edited, cut, damaged or gone.
+    """
+    begun, _ = read_mark(folder)
+    if begun is None or not begun.sealed or not (folder / begun.by).exists():
+        return
+    for name, sha256 in begun.sealed.items():
+        if name.startswith(f"{STEPS}/") and not (folder / name).exists():
+            continue
+        check_sealed_file(folder / name, sha256, fix=_BACK[begun.kind])
+
+
+def _name_in(line: bytes) -> str:
+    """Return the name of a file below the folder; "" where a line is torn or names none."""
+    try:
+        name = msgspec.json.decode(line, type=str)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return ""
+    out = "\0" in name or Path(name).is_absolute() or ".." in Path(name).parts
+    return "" if out else name
+
+
+def write_beside(folder: Path, name: str, data: bytes) -> Path:
+    """Write what a command makes of a run, such as its page, under a name of ours; returns where.
+
+    `.karma-made` beside it keeps the SHA-256 of what was written: such a file, and one that the
+    folder's run has written, is replaced.
+
+    Raises:
+        FileError: another file has that name.
+    """
+    path, list_ = folder / name, folder / MADE
+    made = read_json(list_, dict[str, str], fix=_MOVE) if list_.exists() else {}
+    if os.path.lexists(path):
+        known = name in read_mark(folder)[1] or made.get(name) == _hash(read_bytes(path))
+        if not known:
+            raise FileError(path, "is there, and no such command has written it", fix=_MOVE)
+    write_atomic(path, data)
+    replace_file(list_, to_json({**made, name: _hash(data)}, indent=2))
+    return path
+
+
+def _strangers(path: Path) -> Iterator[str]:
+    """Yield what lies in a folder without a mark, but for a cassette and halves of a mark."""
+    found = sorted(entry.name for entry in os.scandir(path)) if path.is_dir() else []
+    for name in found:
+        ours = name in _BESIDE or (name.startswith(f".{MARK}.") and name.endswith(TEMPORARY))
+        if not ours and not any((path / name / one).exists() for one in _BESIDE):
+            yield name
+
+
+def _hash(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()

@@ -1,0 +1,267 @@
+"""What an episode leaves behind, one JSON line each.
+
+A record is the same in every run of the same experiment. Whatever may differ between two equal
+runs, such as times and what a cache held, is in the episode's timing, a line of its own.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, get_args
+
+from karma.agent.journal.folder import read_lines
+from karma.contracts import Engine, Kind, KvState, Plan, RefusedRequest, SkillResult, Tour
+from karma.infer.hosted.cost import Spent
+
+KINDS: tuple[str, ...] = get_args(Kind)
+ALL, TRAINED, NOT_TRAINED = "all", "in training", "not in training"  # beside kinds
+Key = tuple[str, str, int]  # row, task, seed: what names an episode of a run
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Call:
+    """One skill call and how it went."""
+
+    text: str
+    ok: bool
+    reason: str
+    actions: int
+    explorations: int
+
+    @classmethod
+    def of(cls, result: SkillResult) -> "Call":
+        """Return the record of a result."""
+        return cls(
+            text=str(result.call),
+            ok=result.ok,
+            reason=result.reason,
+            actions=result.actions,
+            explorations=result.explorations,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """One planner call: the program as written, and its cost."""
+
+    program: str
+    error: str
+    finish: str
+    prompt_tokens: int | None
+    completion_tokens: int | None
+    cost: float | None = None  # of a hosted model, in the currency of the price table
+    constrained: bool | None = None  # a grammar held; None where it is not known
+    reasoning: str = ""  # of a thinking model, before the program
+    prompt: str = ""  # whole, of an answer that was refused
+    dropped: tuple[str, ...] = ()  # lines that were no part of the program, where no grammar held
+    refused: RefusedRequest | None = None  # the request, in place of a program
+    doubt: float | None = None  # how likely it seemed that the request should be refused
+
+    @classmethod
+    def of(cls, plan: Plan) -> "Answer":
+        """Return the record of a plan."""
+        said = plan.completion
+        return cls(
+            program=said.text,
+            error=plan.error,
+            finish=said.finish,
+            prompt_tokens=said.prompt_tokens,
+            completion_tokens=said.completion_tokens,
+            cost=said.cost,
+            constrained=said.constrained,
+            reasoning=said.reasoning,
+            prompt=plan.prompt.stable + plan.prompt.changing if plan.error else "",
+            dropped=plan.dropped,
+            refused=plan.refused,
+            doubt=plan.doubt,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SubTaskRecord:
+    """One instruction of an episode."""
+
+    instruction: str
+    goals: tuple[str, ...]
+    unmet: tuple[str, ...]  # goals that did not hold when it ended
+    finished: bool  # the last program ran to its end
+    answers: tuple[Answer, ...]
+    calls: tuple[Call, ...]
+    recalled: tuple[str, ...]  # object ids in the prompt
+    queries: int  # things that can be carried which the goals mention
+    hits: int  # of those, in short-term memory when the instruction came
+    at_start: tuple[str, ...] = ()  # goals that held already when the task began
+    scene: str = ""  # name of the room; "" is the episode's
+    hosted: tuple[Spent, ...] = ()  # what hosted models of all roles cost, without its seconds
+
+    @property
+    def success(self) -> bool:
+        """Whether all its goals held."""
+        return not self.unmet
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether the clock cut off an answer, so that another run may come out otherwise."""
+        return any(answer.finish == "time" for answer in self.answers)
+
+    @property
+    def refused(self) -> RefusedRequest | None:
+        """Why the planner would not carry it out; None where it tried."""
+        return self.answers[-1].refused if self.answers else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EpisodeRecord:
+    """One task done once by one row."""
+
+    row: str
+    method: str = ""  # its own name, which tells its form too; "" where none came to act
+    task: str
+    kind: str  # of the task, or its group in a benchmark of others
+    scene: str
+    seed: int
+    notes: tuple[str, ...]  # what the task's loader could not resolve
+    trained: bool | None = None  # its sentences stand in training data; None: not known
+    subtasks: tuple[SubTaskRecord, ...]
+    error: str = ""  # why it ended early; errors stay in the denominator
+    unjudged: str = ""  # why no goal of the task can be met by anybody: it is in no figure
+    draw: int = 0  # starts of the seed that were passed over, as something was done in them
+    hosted: tuple[Spent, ...] = ()  # by the instruction that the error ended, see `SubTaskRecord`
+    tours: tuple[Tour, ...] = ()  # that made the maps it used, one a room; no part of its calls
+
+    @property
+    def key(self) -> Key:
+        """What names it among the episodes of its run."""
+        return self.row, self.task, self.seed
+
+    @property
+    def success(self) -> bool:
+        """Whether every sub-task succeeded (KARMA §4.2); a task without goals cannot."""
+        asked = any(sub.goals for sub in self.subtasks)
+        return asked and not self.error and all(sub.success for sub in self.subtasks)
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether the clock cut off an answer in it: no run need be equal to another there."""
+        return any(sub.timed_out for sub in self.subtasks)
+
+    @property
+    def to_do(self) -> bool:
+        """Whether any goal was still to be met when the task began."""
+        return not self.subtasks or any(set(sub.goals) - set(sub.at_start) for sub in self.subtasks)
+
+    @property
+    def rooms(self) -> tuple[str, ...]:
+        """The room of each instruction."""
+        return tuple(sub.scene or self.scene for sub in self.subtasks)
+
+    def spent(self) -> tuple[Spent, ...]:
+        """Return what hosted models cost in it, also where it ended early."""
+        return (*(one for sub in self.subtasks for one in sub.hosted), *self.hosted)
+
+
+def kinds_of(records: Iterable[EpisodeRecord]) -> tuple[str, ...]:
+    """Return the kinds and groups of some records: the paper's in its order, then as they come."""
+    there = dict.fromkeys(record.kind for record in records)
+    return (*(one for one in KINDS if one in there), *(one for one in there if one not in KINDS))
+
+
+def is_of(record: EpisodeRecord, kind: str) -> bool:
+    """Return whether an episode counts for a kind, for all, or for what is in training or not."""
+    if kind in (TRAINED, NOT_TRAINED):
+        return record.trained is (kind == TRAINED)
+    return kind in (record.kind, ALL)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnswerTiming:
+    """What one planner call took on the machine that did it; None where it is not known."""
+
+    first_token_s: float | None
+    total_s: float
+    reused_tokens: int | None  # of the prompt, from state kept of an earlier one
+    state: KvState | None = None  # where that state came from
+    engine: Engine | None = None  # that computed it; None where it is not ours to know
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SubTaskTiming:
+    """What one instruction took."""
+
+    seconds: float
+    answers: tuple[AnswerTiming, ...] = ()  # one for each answer of the record
+    hosted_s: tuple[float, ...] = ()  # waited, one for each entry of the record's `hosted`
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EpisodeTiming:
+    """What one episode took; the same order as its record."""
+
+    row: str
+    task: str
+    seed: int
+    subtasks: tuple[SubTaskTiming, ...]
+    hosted_s: tuple[float, ...] = ()  # of the instruction that an error ended
+
+    @property
+    def key(self) -> Key:
+        """What names the episode."""
+        return self.row, self.task, self.seed
+
+    @property
+    def seconds(self) -> float:
+        """All instructions that came to their end."""
+        return sum(sub.seconds for sub in self.subtasks)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlayedTiming:
+    """What one episode of a benchmark took."""
+
+    row: str
+    task: str
+    seed: int
+    seconds: float
+
+    @property
+    def key(self) -> Key:
+        """What names the episode."""
+        return self.row, self.task, self.seed
+
+
+def key_of(record: Any) -> Key:
+    """Return what names an episode, by its record."""
+    return record.row, record.task, record.seed
+
+
+def untimed(spent: Iterable[Spent]) -> tuple[Spent, ...]:
+    """Return costs as a record keeps them: without the seconds, which no two runs share."""
+    return tuple(replace(one, seconds=None) for one in spent)
+
+
+def waited(spent: Iterable[Spent]) -> tuple[float, ...]:
+    """Return the seconds that `untimed` leaves out."""
+    return tuple(one.seconds or 0.0 for one in spent)
+
+
+def spent_by(record: EpisodeRecord, timing: EpisodeTiming | None) -> tuple[Spent, ...]:
+    """Return what hosted models cost in an episode, with the seconds if they are known."""
+    if timing is None:
+        return record.spent()
+    seconds = (*(s for sub in timing.subtasks for s in sub.hosted_s), *timing.hosted_s)
+    pairs = zip(record.spent(), seconds, strict=True)
+    return tuple(replace(one, seconds=s) for one, s in pairs)
+
+
+def read_records(path: Path) -> list[EpisodeRecord]:
+    """Read the records of a run; a torn last line, left by a killed run, is passed over.
+
+    Raises:
+        FileError: a line before the last is damaged; names it.
+    """
+    return read_lines(path, EpisodeRecord)
+
+
+def read_timings(path: Path) -> list[EpisodeTiming]:
+    """Read the timings of a run, as `read_records` does; the last of each episode holds."""
+    return read_lines(path, EpisodeTiming)

@@ -1,0 +1,510 @@
+"""KARMA: both memories in the prompt; without one of them it is the paper's ablation (Table 2)."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+from msgspec import Meta
+
+from karma.agent.attempts import Programs, after_answer, after_run, as_left, carried_out, lost
+from karma.agent.body.skills import Skills
+from karma.agent.experience import shut_away, units_of
+from karma.agent.guarded import guarded, joined, reader_of
+from karma.agent.options import settings_of
+from karma.agent.planning.planner import Planner
+from karma.agent.planning.reading import kind_of
+from karma.agent.planning.short_names import furniture
+from karma.agent.seeing.perception import BoxSource, Kind, Perception, detector_of
+from karma.agent.tour import explore_room, position_of
+from karma.agent.which_thing import Came
+from karma.contracts import (
+    Area,
+    Detector,
+    Experience,
+    Known,
+    MemoryChange,
+    MemoryUnit,
+    Mention,
+    Outcome,
+    Plan,
+    PlanRequest,
+    Recall,
+    Recalled,
+    Request,
+    Resources,
+    SaidDeed,
+    SceneRef,
+    SeenObject,
+    SkillResult,
+    SubTask,
+    VisionModel,
+    World,
+)
+from karma.household.ids import type_of
+from karma.household.pieces import goes_by
+from karma.household.places import HAND
+from karma.language.clauses import plainly
+from karma.language.request import RequestReader, asked_last
+from karma.memory.policies import make_policy
+from karma.memory.scene_graph import SceneGraph
+from karma.memory.short_term import ShortTermMemory
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KarmaSettings:
+    """What makes one row of a table."""
+
+    long_term: bool = True
+    short_term: bool = True
+    policy: str = "wtinylfu-karma[9,1]"  # of short-term memory (§4.4: the best at 10 units)
+    recall_k: Annotated[int, Meta(ge=1)] = 3  # units in the prompt, to the whole memory
+    whole_memory: bool | None = None  # the other units too; None: in the full profile only
+    map_form: Literal["named", "paper"] = "named"  # of the map in the full profile, §3.3's or ours
+    seen_listed: bool = True  # what is in sight and not remembered, in the full profile
+    by_name: bool = True  # names are looked up in all of memory, else in what is recalled
+    query: Literal["instruction", "subtask"] = "subtask"  # the paper's is the user's whole text
+    attempts: Annotated[int, Meta(ge=1)] = 3  # programs per instruction, which quote failures
+    seen_kept: Annotated[int, Meta(ge=0)] = 2  # things only seen, remembered per instruction
+    perception: Kind = "metadata"  # how the agent sees
+    boxes: BoxSource = "given"  # what finds things in pictures
+    means: Literal["used", "recalled"] = "used"  # of several `Plate`s: used last, recalled best
+    guard: bool = False  # programs are held against what was said, before and afterwards
+
+    def __post_init__(self) -> None:
+        """Refuse a policy that is none before a model loads."""
+        make_policy(self.policy)
+
+
+class KarmaMethod:
+    """The agent of the paper's Fig. 1.
+
+    Args:
+        planner: model and prompt profile.
+        recall: chooses units for the prompt.
+        vision: reads object states.
+        settings: the row.
+        maps: folder of long-term memories, one file a scene, made on the first visit and never
+            changed by an episode; None to explore each time.
+        learn: write what an episode learnt about a scene back to `maps`.
+        detector: finds things in pictures; None: the simulator's boxes are given.
+        reader: of requests, for a row with a guard.
+    """
+
+    settings_kind: ClassVar[type] = KarmaSettings
+
+    def __init__(
+        self,
+        planner: Planner,
+        recall: Recall,
+        vision: VisionModel,
+        settings: KarmaSettings | None = None,
+        *,
+        maps: Path | None = None,
+        learn: bool = False,
+        detector: Detector | None = None,
+        reader: RequestReader | None = None,
+    ) -> None:
+        self.settings = settings or KarmaSettings()
+        self.reader = reader
+        self.detector = detector
+        self.name = _name(self.settings)
+        self.planner, self.recall, self.vision = planner, recall, vision
+        self.maps, self.learn = maps, learn
+
+    @classmethod
+    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
+        """Make a row from its options (the fields of `KarmaSettings`).
+
+        Raises:
+            KarmaError: an option is unknown or of the wrong type, or a detector is missing.
+        """
+        settings = settings_of(KarmaSettings, options)
+        return cls(
+            Planner.of(resources),
+            resources.recall,
+            resources.vision,
+            settings,
+            maps=resources.maps,
+            learn=resources.learn,
+            detector=detector_of(settings.perception, settings.boxes, resources),
+            reader=reader_of(resources.embedder) if settings.guard else None,
+        )
+
+    def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "KarmaEpisode":
+        """Start an episode: short-term memory empty, long-term memory loaded or explored."""
+        return KarmaEpisode(self, world, scene, folder, seed)
+
+
+class KarmaEpisode:
+    """One sequence of instructions, with short-term memory and a map of each room entered.
+
+    Args:
+        method: models and settings.
+        world: has been reset to `scene`.
+        scene: the first room.
+        folder: takes the pictures that were looked at.
+        seed: of the episode.
+    """
+
+    def __init__(
+        self, method: KarmaMethod, world: World, scene: SceneRef, folder: Path, seed: int = 0
+    ) -> None:
+        self.settings = method.settings
+        self.short_term = ShortTermMemory(make_policy(self.settings.policy))
+        self._planner, self._recall, self._vision = method.planner, method.recall, method.vision
+        self._maps, self._learn = method.maps, method.learn
+        self._reader = method.reader
+        self._beliefs = _Beliefs(world, None, ())
+        self._spoken: tuple[Mention, ...] = ()  # of the last instruction that was read here
+        self._deeds: tuple[SaidDeed, ...] = ()  # likewise
+        self.chosen: dict[tuple[str, int], str] = {}  # what a word of a text was found to mean
+        self.decided: dict[tuple[str, ...], bool] = {}  # what was so when a text first asked
+        self._world, self._folder, self._seed = world, folder, seed
+        self._perception = Perception(self.settings.perception, method.vision, method.detector)
+        self._graphs: dict[str, SceneGraph] = {}  # by the room's name
+        self._seen: dict[str, dict[str, SeenObject]] = {}  # the latest sights, by the room's name
+        self._seen_s: dict[str, dict[str, float]] = {}  # when each was in view last
+        self.clock_s = 0.0  # of the home, set by who keeps it
+        self.changes: list[MemoryChange] = []  # of memory, for who keeps it
+        self.mine: Mapping[str, str] = {}  # kind -> id that its word means, by what was told
+        self.told: Collection[str] = ()  # ids of which somebody else says where or how they are
+        self._named: dict[str, dict[str, str]] = {}  # furniture's names -> ids, by the room's name
+        self._scene = scene.name  # of the room that the agent is in
+        self.enter(scene)
+
+    @property
+    def graph(self) -> SceneGraph | None:
+        """Long-term memory of the room that the agent is in."""
+        return self._graphs.get(self._scene)
+
+    def enter(self, scene: SceneRef) -> None:
+        """Be in a room: each has a map of its own; short-term memory is one for all."""
+        for unit in self.short_term.units():
+            if unit.place_id == HAND:  # it was put down at the door
+                self.short_term.correct(replace(unit, place_id=None))
+        self._scene = scene.name
+        if self.settings.long_term and self._scene not in self._graphs:
+            saved = self._map_path()
+            graph, is_new = explore_room(self._world, scene, saved, self._perception.fresh())
+            self._graphs[self._scene] = graph
+            if is_new and saved is not None:
+                graph.save(saved)
+
+    def _map_path(self) -> Path | None:
+        """Return where the map of this room lies; None: nowhere, it is explored each time."""
+        name = self._perception.map_file(self._scene, self._seed)
+        return self._maps / name if self._maps and name else None
+
+    def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
+        """Plan and act until a program succeeds or the attempts are used up; then remember."""
+        resident = self.short_term.units()
+        self._beliefs = _Beliefs(self._world, self.graph, self._found_by_name(()))
+        eyes = self._perception.eyes(self._scene, subtask.instruction)
+        before = self._seen.setdefault(self._scene, {})
+        skills = Skills(self._world, self._beliefs, eyes=eyes, before=before)
+        came = Came()
+        asked = self._asked(subtask)
+        if asked is None:
+            yield from self.planned(subtask, skills, came)
+        else:
+            yield from guarded(self, subtask, asked, skills, came)
+        experience = skills.experience
+        if came.tried:  # what is refused before a step changes nothing
+            self._remember(experience, subtask.instruction, self.clock_s + skills.actions)
+        yield Outcome(
+            finished=came.finished,
+            resident=resident,
+            handled_ids=experience.handled_ids,
+            kept=self.short_term.units(),
+            tour=self.graph.tour if self.graph else None,
+            checks=came.checks(experience),
+        )
+
+    def _asked(self, subtask: SubTask) -> Request | None:
+        """Return what an instruction asks, for a guard; None without one."""
+        if self._reader is None or subtask.asked is not None:
+            return subtask.asked
+        asked = joined(self._reader.read(subtask.instruction, self._spoken, self._deeds))
+        if asked is not None:
+            self._spoken = tuple(one for one in asked.mentions if one.types) or self._spoken
+            self._deeds = asked_last(asked, self._deeds)
+        return asked
+
+    def planned(
+        self, subtask: SubTask, skills: Skills, came: Came, only: Mapping[str, str] | None = None
+    ) -> Iterator[Plan | SkillResult]:
+        """Plan and act until a program succeeds or the attempts are used up.
+
+        Args:
+            subtask: what to do; a program is held against what it asks.
+            skills: the body.
+            came: takes what came of it.
+            only: type -> id of the one thing of the type that is meant.
+        """
+        request = self._request(subtask, self._recalled(subtask))
+        self._beliefs.units = self._found_by_name(request.units)
+        programs = Programs(subtask.instruction)
+        for _ in range(self.settings.attempts):
+            plan = None
+            updated = self._updated(request, skills, again=bool(programs.results))
+            for plan in self._planner.plan(updated):
+                yield plan
+                self._named.setdefault(self._scene, {}).update(furniture(plan.names))
+                request = after_answer(request, plan)
+            if plan is None or not plan.calls:
+                break
+            results = yield from carried_out(plan, skills, only)
+            programs.add(plan, results)
+            if programs.ran:
+                break
+            request = after_run(request, programs)
+        came.programs.append(programs)
+
+    def where(self, name: str) -> Known | None:
+        """Return where the agent believes a thing to be, by its type or id; None if unknown."""
+        return _Beliefs(self._world, self.graph, self._found_by_name(())).where(name)
+
+    def remembered(self) -> "Remembered":
+        """Return all that is remembered now, apart from what comes later."""
+        kept = deepcopy((self.short_term, self._graphs, self._seen, self._seen_s))
+        return Remembered(self._scene, *kept)
+
+    def go_back(self, before: "Remembered") -> None:
+        """Remember what was remembered then, and nothing since."""
+        self._scene = before.scene
+        kept = deepcopy((before.short_term, before.graphs, before.seen, before.seen_s))
+        self.short_term, self._graphs, self._seen, self._seen_s = kept
+        self.changes.clear()
+        self._keep_map()
+
+    def last_seen(self) -> Mapping[str, tuple[SeenObject, float]]:
+        """Return the latest sight of each thing of this room, and when it was in view last."""
+        when = self._seen_s.get(self._scene, {})
+        seen = self._seen.get(self._scene, {})
+        return {name: (one, when.get(name, 0.0)) for name, one in seen.items()}
+
+    # ------------------------------------------------------------- memory into the prompt
+
+    def _recalled(self, subtask: SubTask) -> list[Recalled]:
+        """Return the top K units of this room, best first."""
+        units = self.short_term.units(self._scene) if self.settings.short_term else ()
+        whole = self.settings.query == "instruction" and subtask.whole
+        query = whole or subtask.instruction
+        k = min(self.settings.recall_k, len(units))
+        return self._recall.recall(query, units, k) if units else []
+
+    def _request(self, subtask: SubTask, recalled: Sequence[Recalled]) -> PlanRequest:
+        """Return what the planner is told at first: the map, and what was recalled by last use."""
+        chosen = {item.unit.object_id for item in recalled}
+        units = self.short_term.units(self._scene) if self.settings.short_term else ()
+        if not self._tells_all:
+            units = tuple(unit for unit in units if unit.object_id in chosen)
+        papers = self.graph is not None and self.settings.map_form == "paper"
+        if self.settings.means == "recalled":  # the last of a type has its bare name
+            units = tuple(item.unit for item in reversed(recalled))
+        units = shut_away(units, self.short_term.units(self._scene))
+        return PlanRequest(
+            instruction=subtask.instruction,
+            whole="" if subtask.is_whole else subtask.whole,
+            areas=self.graph.areas() if self.graph else (),
+            graph_text=self.graph.to_text() if self.graph and papers else "",
+            recalled=tuple(recalled),
+            units=units,
+            asked=subtask.asked,
+            plain=plainly(subtask.asked) if subtask.asked else "",
+        )
+
+    def here(self, skills: Skills) -> frozenset[str]:
+        """Return the types that the agent knows of in this room."""
+        areas = self.graph.areas() if self.graph else ()
+        kinds = {kind for area in areas for kind in area.contains}
+        kinds |= {unit.object_type for unit in self.short_term.units(self._scene)}
+        return frozenset(kinds | {one.object_type for one in self.sights(skills).values()})
+
+    def places(self, kinds: Collection[str]) -> list[str]:
+        """Return the ids of the furniture of some kinds, by the map."""
+        nodes = self.graph.objects() if self.graph else ()
+        return sorted(one.id for one in nodes if kind_of(one.type) in kinds)
+
+    def sights(self, skills: Skills) -> dict[str, SeenObject]:
+        """Return the latest sight of all that was seen in this room."""
+        return self._sights(skills.experience)
+
+    def handled(self) -> list[str]:
+        """Return the ids of what was handled in this room and is remembered, the last one last."""
+        return [one.object_id for one in self.short_term.units(self._scene) if one.handled]
+
+    @property
+    def _tells_all(self) -> bool:
+        """Whether all of short-term memory stands in the prompt."""
+        told = self.settings.whole_memory
+        return self._planner.profile != "compact" if told is None else told
+
+    def _found_by_name(self, recalled: Sequence[MemoryUnit]) -> tuple[MemoryUnit, ...]:
+        """Return the units that a name may mean: the recalled ones first, the last used first."""
+        by_name = self.settings.short_term and self.settings.by_name
+        others = self.short_term.units(self._scene) if by_name else ()
+        return (*reversed(recalled), *reversed(others))
+
+    def _updated(self, request: PlanRequest, skills: Skills, *, again: bool) -> PlanRequest:
+        """Return the request with hand and sight and, after a failure, what was done so far."""
+        skills.look()
+        experience = skills.experience
+        held = experience.held
+        request = replace(
+            request,
+            held_id=held.object_id if held else None,
+            held_type=held.object_type if held else None,
+        )
+        if not self.settings.short_term:
+            return request
+        if self.settings.seen_listed:
+            seen = tuple(self._sights(experience).values())
+            request = replace(request, seen=seen, named=self._named.get(self._scene, {}))
+        if not again:
+            return request
+        before = as_left(request.units, experience)
+        fresh = self._units(experience, before, request.instruction)
+        new = {unit.object_id for unit in (*fresh, *lost(request.units, experience))}
+        kept = (unit for unit in before if unit.object_id not in new)
+        return replace(request, units=(*kept, *fresh))
+
+    def _sights(self, experience: Experience) -> dict[str, SeenObject]:
+        """Return the latest sight of all that was seen in this room and is not known to be gone."""
+        seen = {**self._seen.get(self._scene, {}), **experience.seen}
+        return {name: one for name, one in seen.items() if name not in experience.gone}
+
+    # ------------------------------------------------------------- experience into memory
+
+    def _remember(self, experience: Experience, instruction: str, at_s: float) -> None:
+        """Write what was seen, then what was handled in the order of use; forget what is gone."""
+        remembered = self.short_term.units(self._scene)
+        away, before = lost(remembered, experience), as_left(remembered, experience)
+        kept, folder = self.settings.seen_kept, self._folder
+        units = self._units(experience, away, instruction, seen_kept=kept, folder=folder)
+        change = MemoryChange(
+            scene=self._scene,
+            at_s=at_s,
+            corrected=tuple(unit for unit in before if unit not in remembered),
+            forgotten=tuple(unit.object_id for unit in away),
+            remembered=tuple(units),
+            seen=tuple(experience.seen.values()),
+            in_view=tuple(experience.views),
+            gone=tuple(sorted(experience.gone)),
+            taken=tuple(experience.taken.items()),
+        )
+        self.learn(change)
+        self.changes.append(change)
+
+    def learn(self, change: MemoryChange) -> None:
+        """Put into memory what an instruction has left."""
+        for unit in change.corrected:
+            self.short_term.correct(unit)
+        seen = self._seen.setdefault(change.scene, {})
+        seen.update((one.object_id, one) for one in change.seen)
+        for object_id in (*change.gone, *change.forgotten):
+            seen.pop(object_id, None)
+        for object_id in change.forgotten:
+            self.short_term.forget(object_id, change.scene)
+        when = dict.fromkeys(change.in_view, change.at_s)
+        self._seen_s.setdefault(change.scene, {}).update(when)
+        if self.settings.short_term:
+            for unit in change.remembered:
+                self.short_term.remember(unit)
+        graph = self._graphs.get(change.scene)
+        if graph is not None:
+            graph.observe(change.seen)
+            for object_id in change.gone:
+                graph.forget(object_id)
+            self._keep_map()
+
+    def _keep_map(self) -> None:
+        """Write what was learnt of this room, where that is wanted."""
+        if self.graph is not None and self._learn and (path := self._map_path()) is not None:
+            self.graph.save(path)
+
+    def _units(
+        self,
+        experience: Experience,
+        before: Sequence[MemoryUnit],
+        instruction: str,
+        *,
+        seen_kept: int = 0,
+        folder: Path | None = None,
+    ) -> list[MemoryUnit]:
+        return units_of(
+            experience,
+            before,
+            self._vision,
+            instruction,
+            scene=self._scene,
+            seen_kept=seen_kept,
+            folder=folder,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Remembered:
+    """Both memories of an episode at one moment."""
+
+    scene: str
+    short_term: ShortTermMemory
+    graphs: dict[str, SceneGraph]
+    seen: dict[str, dict[str, SeenObject]]
+    seen_s: dict[str, dict[str, float]]
+
+
+class _Beliefs:
+    """What skills may ask of memory: units by name, then the map, then what holds a unit.
+
+    Args:
+        world: where.
+        graph: long-term memory of the room.
+        units: of the room, the most likely meant first.
+    """
+
+    def __init__(self, world: World, graph: SceneGraph | None, units: Sequence[MemoryUnit]) -> None:
+        self._world, self._graph, self.units = world, graph, units
+
+    def where(self, name: str) -> Known | None:
+        """Return the best known place of a name, None if nothing is known of it."""
+        for unit in self.units:
+            if goes_by(name, unit.object_id, unit.object_type):
+                return Known(
+                    object_id=unit.object_id,
+                    object_type=unit.object_type,
+                    position_m=unit.position_m,
+                    place_id=None if unit.place_id == HAND else unit.place_id,
+                    source="memory",
+                )
+        near = position_of(self._world)
+        found = self._graph.known(name, near=near) if self._graph else None
+        return found or self._holder(name)
+
+    def _holder(self, name: str) -> Known | None:
+        """Return the receptacle of that id as known from what memory has in it."""
+        for unit in self.units:
+            if unit.place_id == name and name != HAND:
+                return Known(
+                    object_id=name,
+                    object_type=type_of(name),
+                    position_m=unit.position_m,
+                    source="memory",
+                )
+        return None
+
+    def areas(self) -> tuple[Area, ...]:
+        """Return the area nodes; () without long-term memory."""
+        return self._graph.areas() if self._graph else ()
+
+
+def _name(settings: KarmaSettings) -> str:
+    """Return the row's name as the paper writes it."""
+    missing = [
+        word
+        for word, there in (("long", settings.long_term), ("short", settings.short_term))
+        if not there
+    ]
+    return "KARMA" + (f" (w/o {' and '.join(missing)} term memory)" if missing else "")

@@ -1,0 +1,1 @@
+"""What an agent runs with: models, prompts, examples, worlds; named, checked, loaded."""

@@ -1,0 +1,318 @@
+"""The models of a run: what is said of them, and how each is opened, once."""
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from inspect import signature
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import msgspec
+from msgspec.structs import force_setattr
+
+from karma import registry
+from karma.agent.loading.examples import EXAMPLES, examples_for
+from karma.agent.loading.names import MODELS, check_models, whole_name
+from karma.agent.loading.planner_files import NO_WORDS, doubt_of, hints_for, may_refuse
+from karma.agent.loading.presets import PRESETS, preset
+from karma.agent.planning.prompt import GOALS, render
+from karma.contracts import (
+    Constraint,
+    Decoding,
+    Embedder,
+    LanguageModel,
+    PlanRequest,
+    Recall,
+    Resources,
+    Thinking,
+    VisionModel,
+)
+from karma.errors import KarmaError, ModelError, RequestRefused
+from karma.infer.hosted.planner import open_planner
+from karma.infer.hosted.session import Endpoint, Hosted, Session
+from karma.infer.llama.options import KvType, LlamaOptions, Switch
+from karma.infer.llama.room_states import StateOptions
+from karma.infer.manifest.manifest import default_planner, resolve_planner
+from karma.infer.torch_load import DType, TorchOptions
+
+_HOTTEST = 100.0
+
+
+OPENAI = "openai"  # the name of the hosted implementation in every role
+
+
+class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One row of the table."""
+
+    name: str
+    method: str = "karma"
+    preset: str = ""  # "paper": recall, query and K as in the paper; `options` go before it
+    vision: str = ""  # in place of the one in [models]
+    recall: str = ""  # likewise
+    answer_seconds: float | None = None  # of an answer, by the clock; None: tokens alone bound it
+    options: dict[str, Any] = {}
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown preset, and a hosted model: its host is in [models]. Name all whole."""
+        _ = preset(self.preset)
+        if self.answer_seconds is not None and not self.answer_seconds > 0:
+            raise ValueError(f"answer_seconds = {self.answer_seconds:g}: more than 0, or left out")
+        if self.vision:
+            force_setattr(self, "vision", whole_name("vision", self.vision))
+        if self.preset and self.method != "karma":
+            raise ValueError(f"preset = {self.preset!r} is for rows of method 'karma'")
+        if self.vision.partition(":")[0] == OPENAI:
+            raise ValueError(f"a row's vision = {OPENAI!r}: it stands in [models]")
+
+    @property
+    def all_options(self) -> dict[str, Any]:
+        """What its method is built from."""
+        return {**preset(self.preset).options, **self.options}
+
+
+class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Which models fill the roles."""
+
+    planner: str = "karma-nano"  # of models/manifest.toml, a GGUF's path, "openai", "default"
+    profile: str = (
+        ""  # "compact", "full", "goals" or a folder of templates; "" = what the manifest says
+    )
+    chat: bool | None = None  # through the GGUF's own chat template; None: if it has one
+    words: str = ""  # a words file, for hints; "": as the manifest says, "none": no hints
+    refusing: bool | None = None  # requests may be refused; None: by who has learnt it (manifest)
+    thinking: Thinking = "off"  # whether a model that can think first may
+    thinking_tokens: int = 1024  # of a thought at most
+    embedder: str = "minilm"  # or "sentence:MODEL", "clip:MODEL", of the manifest or a folder
+    recall: str = PRESETS[""].recall
+    recall_text: str = PRESETS[""].recall_text  # how a unit is put in words for recall
+    vision: str = "metadata"
+    detector: str = ""  # a plug-in of karma.detectors, for rows with boxes = "detector"
+    constraint: Constraint = "types"  # what answers may say; a server must prove that it holds them
+    examples: int | None = (
+        None  # told to the planner, 0 to 8; None: 4 if local, with the full prompt
+    )
+    examples_from: str = ""  # a file of sentences; "": those that were written for it
+    max_tokens: int = 512  # of an answer, a thought not counted
+    temperature: float = 0.0
+    threads: int = 1
+    gpu_layers: int | Literal["auto"] = "auto"  # this and the next: see `LlamaOptions`
+    n_ctx: int | None = None
+    beyond_training: bool = False
+    flash_attention: Switch = "auto"
+    kv: KvType = "f16"
+    device: str = "auto"  # of torch models, see `TorchOptions`
+    dtype: DType = "auto"
+    hosted: Hosted = Hosted()  # where the roles are that have "openai"
+
+    def __post_init__(self) -> None:
+        """Refuse a hosted role without a place, and a place without its role; name roles whole."""
+        for key, usual in (("embedder", "minilm"), ("vision", "metadata"), ("detector", "")):
+            if getattr(self, key) != usual:
+                force_setattr(self, key, whole_name(key, getattr(self, key)))
+        if self.planner == "default":  # what `karma run` takes: the best of ours that is here
+            force_setattr(self, "planner", default_planner())
+        if self.examples is not None and not 0 <= self.examples <= 8:
+            raise ValueError(f"examples = {self.examples}: 0 to 8")
+        for role in ("planner", "vision", "embedder"):
+            hosted = getattr(self, role).partition(":")[0] == OPENAI
+            if hosted != (getattr(self.hosted, role) is not None):
+                raise ValueError(f"{role} = {OPENAI!r} and [models.hosted.{role}] go together")
+        if self.thinking_tokens < 1 or self.max_tokens < 1:
+            raise ValueError("max_tokens and thinking_tokens are 1 or more")
+        if not 0 <= self.temperature <= _HOTTEST:
+            raise ValueError(f"temperature = {self.temperature:g}: 0 to {_HOTTEST:g}")
+        try:
+            _ = self.llama, self.torch
+        except ModelError as error:
+            raise ValueError(str(error)) from error
+
+    def computed_by(self, options: Mapping[str, Any]) -> Self:
+        """Return the same with some keys said otherwise, as a command line does.
+
+        Raises:
+            KarmaError: a value is none that the key may have.
+        """
+        try:
+            return msgspec.convert({**msgspec.structs.asdict(self), **options}, type(self))
+        except (msgspec.ValidationError, ValueError) as error:
+            raise KarmaError(str(error)) from error
+
+    @property
+    def llama(self) -> LlamaOptions:
+        """How a GGUF is opened."""
+        return LlamaOptions(**{one.name: getattr(self, one.name) for one in fields(LlamaOptions)})
+
+    @property
+    def torch(self) -> TorchOptions:
+        """How a model of transformers or sentence-transformers is opened."""
+        return TorchOptions(device=self.device, dtype=self.dtype)
+
+
+def load_resources(
+    models: Models,
+    *,
+    maps: Path | None,
+    seed: int,
+    learn: bool = False,
+    session: Session | None = None,
+    states: StateOptions | None = None,
+) -> Resources:
+    """Load the models of a run, each once; `states`: where a local planner keeps those of rooms.
+
+    Raises:
+        ModelError: a model is missing, damaged or of the wrong kind, or a hosted one out of reach.
+        UnknownNameError: a role has no such implementation.
+    """
+    check_models({key: getattr(models, key) for key in MODELS})
+    session = session or Session()
+    model, profile = language_model(models, session, states, seed)
+    check_asked(model, profile)
+    refusing = bool(models.refusing)
+    if models.hosted.planner is None:
+        refusing = may_refuse(models.planner, models.refusing)
+    decoding = Decoding(
+        refusing=refusing,
+        constraint=models.constraint,
+        temperature=models.temperature,
+        seed=seed,
+        max_tokens=models.max_tokens,
+    )
+    embedder = filled("embedders", models.embedder, models.hosted.embedder, session, models)
+    hosted = NO_WORDS if models.hosted.planner is not None else ""
+    return Resources(
+        model=model,
+        profile=profile,
+        decoding=decoding,
+        hints=hints_for(models.planner, models.words or hosted, embedder),
+        examples=examples_for(
+            _count(models, profile), models.examples_from, embedder, goals=profile == GOALS
+        ),
+        doubt=doubt_of(models.planner) if refusing and not hosted else None,
+        recall=_recall(models.recall, models.recall_text, embedder, maps),
+        vision=filled("vision_models", models.vision, models.hosted.vision, session, models),
+        maps=maps,
+        learn=learn,
+        detector=filled("detectors", models.detector, None, session, models)
+        if models.detector
+        else None,
+        embedder=embedder,
+    )
+
+
+def _count(models: Models, profile: str) -> int:
+    """Return how many examples a planner is told; the compact prompt has no room for any.
+
+    Hosted ones are told none unless asked: what was recorded of them is found by its prompt.
+    """
+    if profile == "compact":
+        return 0
+    usual = 0 if models.hosted.planner is not None else EXAMPLES
+    return usual if models.examples is None else models.examples
+
+
+def for_row(
+    resources: Resources, row: Row, loaded: dict[str, VisionModel], models: Models
+) -> Resources:
+    """Return what a row's method is built from: the run's, save for what the row names itself.
+
+    Args:
+        resources: of the run.
+        row: of the experiment.
+        loaded: vision models by name; takes those that the row adds, so that each is loaded once.
+        models: of the run; say on what they are computed.
+
+    Raises:
+        ModelError: its vision model is missing, damaged or of the wrong kind.
+    """
+    recall, vision = resources.recall, resources.vision
+    if row.preset:
+        chosen = preset(row.preset)
+        recall = _recall(chosen.recall, chosen.recall_text, resources.embedder, resources.maps)
+    if row.recall:
+        recall = _recall(row.recall, PRESETS[""].recall_text, resources.embedder, resources.maps)
+    if row.vision:
+        if row.vision not in loaded:
+            loaded[row.vision] = filled("vision_models", row.vision, None, Session(), models)
+        vision = loaded[row.vision]
+    decoding = replace(resources.decoding, answer_seconds=row.answer_seconds)
+    return replace(resources, recall=recall, vision=vision, decoding=decoding)
+
+
+def _recall(name: str, text: str, embedder: Embedder | None, maps: Path | None) -> Recall:
+    """Return a recall; one that looks at kept pictures is told the run folder, which has `maps`."""
+    kind = registry.load("recalls", name)
+    looks = (
+        {"folder": maps.parent if maps else None} if "folder" in signature(kind).parameters else {}
+    )
+    made: Recall = kind(embedder, text=text, **looks)
+    return made
+
+
+def filled(
+    role: str, name: str, endpoint: Endpoint | None, session: Session, models: Models
+) -> Any:
+    """Return a role's implementation: "minilm", or with its model, "sentence:bge-small-en".
+
+    One that is hosted is told where, others on what they are computed, if they take it.
+    """
+    kind, _, model = name.partition(":")
+    made = registry.load(role, kind)
+    if endpoint is not None:
+        return made(endpoint, session=session)
+    known = signature(made).parameters
+    wanted = {"torch_options": models.torch, "llama_options": models.llama}
+    options = {name: value for name, value in wanted.items() if name in known}
+    return made(model, **options) if model else made(**options)
+
+
+def check_asked(model: LanguageModel, profile: str) -> None:
+    """Refuse a local model that no prompt of a profile can be put to: all of them would fail.
+
+    Raises:
+        ModelError: its chat template cannot render one, or its context holds none.
+    """
+    from karma.infer.llama.model import LlamaModel
+
+    if not isinstance(model, LlamaModel):
+        return  # a server says so itself
+    smallest = render(profile, PlanRequest(instruction="Open the fridge."))
+    try:
+        model.check(smallest.prompt)
+    except RequestRefused as error:
+        another = "" if profile == "compact" else 'profile = "compact", '
+        raise ModelError(
+            f"{error}; so no request can be asked in the {profile} profile\n"
+            f"  To fix: {another}a longer n_ctx (--n-ctx), or another model"
+        ) from error
+
+
+def language_model(
+    models: Models, session: Session, states: StateOptions | None, seed: int
+) -> tuple[LanguageModel, str]:
+    """Return the planner's model and its prompt profile.
+
+    Raises:
+        ModelError: it is missing, damaged or of the wrong kind, or a hosted one out of reach.
+    """
+    if models.hosted.planner is not None:
+        hosted = open_planner(
+            models.hosted.planner,
+            session=session,
+            constrained=models.constraint != "free",
+            thinking=models.thinking,
+            thinking_tokens=models.thinking_tokens,
+            seed=seed,
+        )
+        return hosted, models.profile or "full"
+    file = resolve_planner(models.planner)
+    local = registry.load("language_models", "llama")(
+        file.path,
+        options=models.llama,
+        name=file.name,
+        sha256=file.sha256,
+        restore=file.fix,
+        chat=file.chat if models.chat is None else models.chat,
+        states=states,
+        thinking=models.thinking,
+        thinking_tokens=models.thinking_tokens,
+    )
+    return local, models.profile or file.prompt_profile

@@ -1,0 +1,146 @@
+"""What a program brings about if all of it goes well, by types: for a check before its first step.
+
+Not what the agent knows afterwards: that is in `afterwards`, by its own eyes.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from karma.agent.planning.program import CHANGES, DEEDS, DOOR_AFTER, PUTS, SWITCH_AFTER
+from karma.agent.planning.reading import kind_of
+from karma.contracts import SkillCall
+from karma.household.places import FLOOR, HAND
+from karma.household.uses import (
+    BIN,
+    BURNER,
+    COFFEE_MACHINE,
+    COOKWARE,
+    FRIDGE,
+    MICROWAVE,
+    TAP_OF,
+    TAPS,
+    TOASTER,
+)
+
+_BY_RUNNING: Mapping[str, tuple[str, ...]] = {
+    MICROWAVE: ("heat", "cook"), BURNER: ("heat", "cook"), TOASTER: ("toast", "heat", "cook"),
+    COFFEE_MACHINE: ("coffee", "fill"),
+}  # of what lies there when it is switched on  # fmt: skip
+
+Thing = tuple[str, int]  # name in the program, and which of that name
+
+
+@dataclass(slots=True)
+class ProgramEffects:
+    """What a program adds up to; kinds are types of wholes (`reading.kind_of`)."""
+
+    at: dict[Thing, str] = field(default_factory=dict)  # moved things -> kind of the last place
+    inside: dict[Thing, str] = field(default_factory=dict)  # the same -> name of that place
+    near: set[Thing] = field(default_factory=set)  # put beside it, not in or on it
+    passed: dict[Thing, list[str]] = field(default_factory=dict)  # kinds of all places, in order
+    deeds: set[tuple[str, Thing]] = field(default_factory=set)  # ("slice", thing)
+    ever: set[tuple[str, Thing]] = field(default_factory=set)  # the same, undone or not
+    switched: dict[str, str] = field(default_factory=dict)  # kind -> "on", "off", as it is left
+    ran: set[str] = field(default_factory=set)  # kinds that were on at some time
+    doors: dict[str, str] = field(default_factory=dict)  # kind -> "open", "close", as it is left
+    opened: set[str] = field(default_factory=set)
+    visited: set[str] = field(default_factory=set)  # kinds of all that it names
+    held: Thing | None = None
+    began: Thing | None = None  # what was held before
+
+    def places(self, thing: Thing) -> frozenset[str]:
+        """Return the kinds of what a thing is in or on at the end, and of what that is in."""
+        found: set[str] = set()
+        at, name = self.at.get(thing, ""), self.inside.get(thing, "")
+        for _ in range(5):
+            if not at or at in found:
+                break
+            found.add(at)
+            holder = next((one for one in self.at if one[0] == name), None)
+            at, name = (self.at[holder], self.inside.get(holder, "")) if holder else ("", "")
+        return frozenset(found)
+
+    def did(self, deed: str, kinds: Iterable[str]) -> bool:
+        """Return whether something was done to a thing of one of some kinds."""
+        wanted = set(kinds)
+        return any(one == deed and kind_of(thing[0]) in wanted for one, thing in self.deeds)
+
+    def of(self, kinds: Iterable[str]) -> list[Thing]:
+        """Return the moved things of some kinds."""
+        wanted = set(kinds)
+        return [one for one in self.at if kind_of(one[0]) in wanted]
+
+
+def effects_of(calls: Sequence[SkillCall], held: str | None = None) -> ProgramEffects:
+    """Return what a program brings about.
+
+    Args:
+        calls: with names or ids.
+        held: what is in the hand before.
+    """
+    found = ProgramEffects(held=(held, 0) if held else None)
+    found.began = found.held
+    if found.held is not None:
+        found.at[found.held], found.inside[found.held] = HAND, ""
+    for call in calls:
+        _add(found, call)
+        found.ever |= found.deeds
+    return found
+
+
+def _add(found: ProgramEffects, call: SkillCall) -> None:
+    thing, kind = (call.objects[0], call.turn), kind_of(call.objects[-1])
+    found.visited.update(kind_of(name) for name in call.objects)
+    if call.skill == "PickupObject":
+        found.held = thing
+        found.at[thing], found.inside[thing] = HAND, ""
+    elif call.skill in PUTS:
+        _put(found, call, kind)
+    elif call.skill == "ThrowObject":
+        found.at[thing], found.inside[thing] = FLOOR, FLOOR  # wherever it flies, into no bin
+        found.deeds.add(("fling", thing))
+        found.held = None
+    elif call.skill in CHANGES:
+        found.deeds.add((DEEDS[call.skill], thing))
+    elif call.skill in SWITCH_AFTER:
+        _switch(found, kind, SWITCH_AFTER[call.skill])
+    elif call.skill in DOOR_AFTER:
+        found.doors[kind] = DEEDS[call.skill]
+        if kind == FRIDGE and call.skill == "CloseObject":
+            cooled = [one for one in found.at if FRIDGE in found.places(one)]
+            found.deeds |= {("cool", one) for one in cooled}
+            found.deeds -= {("heat", one) for one in cooled}
+        if call.skill == "OpenObject":
+            found.opened.add(kind)
+
+
+def _put(found: ProgramEffects, call: SkillCall, kind: str) -> None:
+    thing = (call.objects[0], call.turn) if call.objects[1:] else found.held
+    if thing is None:
+        return
+    found.at[thing], found.inside[thing] = kind, call.objects[-1]
+    found.passed.setdefault(thing, []).append(kind)
+    found.near.discard(thing)
+    if call.skill == "PutNear":
+        found.near.add(thing)
+    elif kind == BIN:
+        found.deeds.add(("throw", thing))
+    found.held = None
+
+
+def _switch(found: ProgramEffects, kind: str, word: str) -> None:
+    tap = kind in TAPS or kind in TAP_OF
+    found.switched[TAPS[0] if tap else kind] = word
+    if word == "off":
+        return
+    found.ran.add(TAPS[0] if tap else kind)
+    for thing in found.at:
+        places = found.places(thing)
+        if tap and places & set(TAP_OF):
+            found.deeds |= {("wash", thing), ("fill", thing)}
+            found.deeds.discard(("empty", thing))
+        if kind in places and kind in _BY_RUNNING:
+            found.deeds |= {(deed, thing) for deed in _BY_RUNNING[kind]}
+            found.deeds.discard(("cool", thing))
+        elif kind == BURNER and places & set(COOKWARE):
+            found.deeds |= {("heat", thing), ("cook", thing)}

@@ -1,0 +1,566 @@
+"""A program is held against what was said before its first step, whoever wrote it.
+
+Nothing is carried out that leaves out what was named, does what was ruled out, or changes what no
+word speaks of. What the words ask for is in a `Request`, what the program brings about in
+`ProgramEffects`; both are by types, so any mug will do for a mug.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import replace
+
+from karma.agent.planning.effects import ProgramEffects, Thing, effects_of
+from karma.agent.planning.reading import kind_of
+from karma.agent.planning.several import with_turns
+from karma.contracts import Mention, RefusalKind, RefusedRequest, Request, SaidDeed, SkillCall
+from karma.household.deeds import FOR_GOOD, able_to, deed_kind
+from karma.household.pieces import EGG
+from karma.household.places import HAND, OVERLOOKED, SURFACES, landmark_types
+from karma.household.saying import preposition, spoken
+from karma.household.types import object_types
+from karma.household.uses import (
+    BIN,
+    BURNER,
+    COFFEE_CUP,
+    COFFEE_MACHINE,
+    COOKWARE,
+    MICROWAVE,
+    SINK,
+    TAPS,
+    TOASTED,
+    TOASTER,
+)
+from karma.language.hints import singular
+from karma.language.request_words import deed_states, request_words
+
+# ----------------------------------------------------------------- before any planner
+
+
+def cannot_serve(request: Request, here: Collection[str]) -> RefusedRequest | None:
+    """Return why a request cannot be carried out, whatever the planner; None if it may be.
+
+    Args:
+        request: what was asked.
+        here: types that the agent knows of in this room.
+    """
+    if not request.english:
+        return _refused("language", ())
+    if request.form != "errand":
+        kinds: dict[str, RefusalKind] = {"question": "question", "incomplete": "incomplete"}
+        words = (request.lacking,) if request.lacking else ()
+        return _refused(kinds.get(request.form, "statement"), words)
+    if request.times:
+        return _refused("time", request.times)
+    if request.unread:
+        return _refused("deed" if _is_verb(request) else "unclear", request.unread)
+    if not request.deeds:
+        return _refused("negated", ())
+    if any(one.state == "" for one in request.conditions):
+        return _refused("unclear", tuple(one.text for one in request.conditions if not one.state))
+    for deed in request.deeds:
+        found = _unknown(deed, here)
+        if found is not None:
+            return found
+    return None
+
+
+def _is_verb(request: Request) -> bool:
+    return any(not deed.deed and deed.verb in request.unread for deed in request.deeds)
+
+
+def _refused(kind: RefusalKind, words: tuple[str, ...]) -> RefusedRequest:
+    return RefusedRequest(kind=kind, by="guard", words=words)
+
+
+def _unknown(deed: SaidDeed, here: Collection[str]) -> RefusedRequest | None:
+    """Return what of a deed is not known, not here, or cannot be."""
+    for one in deed.things:
+        if one.anything or one.told or (deed.deed == "coffee" and not one.types):
+            continue
+        kinds = meant_by(one, here)
+        if not kinds:
+            return _refused("place" if one.types else "thing", (one.text,))
+        needs = (deed_kind(deed.deed).takes, "pickupable" if deed.deed == "fill" else "")
+        able = any(all(able_to(kind, need) for need in needs if need) for kind in kinds)
+        if deed.deed == "coffee" and not {*kinds} & {COFFEE_CUP, "Cup"}:
+            return _refused("impossible", (f"fill the {one.text} with coffee",))
+        if not able:  # a plant cannot be brought to the tap
+            return _refused("impossible", (f"{deed.verb} the {one.text}",))
+    return _unknown_place(deed, deed.place, here) if deed.place is not None else None
+
+
+def _unknown_place(deed: SaidDeed, place: Mention, here: Collection[str]) -> RefusedRequest | None:
+    if place.told:
+        return _refused("unclear", (place.text,))
+    kinds = meant_by(place, here)
+    if not kinds:
+        return _refused("place", (place.text,))
+    holds = any(able_to(kind, "receptacle") for kind in kinds)
+    if deed.deed == "put" and not deed.near and not holds:
+        return _refused("impossible", (f"{deed.verb} something in or on the {place.text}",))
+    return None
+
+
+def here_of(types: Sequence[str], here: Collection[str]) -> tuple[str, ...]:
+    """Return those of some types that may be in this room: seen there, or small enough to hide.
+
+    Of several that a word may mean, those that were seen come alone.
+    """
+    kinds = {kind_of(one) for one in here}
+    seen = tuple(kind for kind in types if kind in here or kind_of(kind) in kinds)
+    if seen:
+        return seen
+    fixed = landmark_types() - OVERLOOKED
+    return tuple(kind for kind in types if not here or not (kind in fixed or _cannot_hide(kind)))
+
+
+def meant_by(one: Mention, here: Collection[str]) -> tuple[str, ...]:
+    """Return those of the types that a mention may mean that may be in this room.
+
+    Where none that is called so was seen, one that people call so as well will do.
+    """
+    named = here_of(one.types, here)
+    return named if _was_seen(named, here) else (*named, *_besides(one, here))
+
+
+def _admitted(one: Mention, here: Collection[str]) -> tuple[str, ...]:
+    """Return the same with what is one by its name: a side table is a table, whatever is here.
+
+    But an arm chair is no chair where one stands that is called so and nothing else.
+    """
+    meant = meant_by(one, here)
+    own = [kind for kind in meant if spoken(kind).lower() == singular(one.text.lower().split()[-1])]
+    if _was_seen(own, here):
+        return meant
+    by_name = (kind for kind in _besides(one, here) if _is_a(kind, one))
+    return tuple(dict.fromkeys((*meant, *by_name)))
+
+
+def _besides(one: Mention, here: Collection[str]) -> tuple[str, ...]:
+    """Return the types that people call so as well and that are here for certain."""
+    return tuple(
+        kind for kind in here_of(one.besides, here)
+        if _was_seen((kind,), here) or not object_types()[kind].can("pickupable")
+    )  # fmt: skip
+
+
+def _was_seen(kinds: Sequence[str], here: Collection[str]) -> bool:
+    wholes = {kind_of(kind) for kind in here}
+    return any(kind_of(kind) in wholes for kind in kinds)
+
+
+def _is_a(kind: str, one: Mention) -> bool:
+    """Return whether the word for a type ends with that of a mention: a soap *bottle*."""
+    return spoken(kind).lower().split()[-1] == singular(one.text.lower().split()[-1])
+
+
+def _cannot_hide(kind: str) -> bool:
+    """Return whether a tour shows a thing where it is: it stands or hangs free."""
+    known = object_types()[kind]
+    return not known.can("pickupable") and kind not in OVERLOOKED
+
+
+# ----------------------------------------------------------------- a program
+
+
+def stopped(
+    calls: Sequence[SkillCall], request: Request, here: Collection[str], held: str | None = None,
+    *, exact: bool = False, begun: bool = False,
+) -> str:  # fmt: skip
+    """Return why a program is not what was asked; "" where it is.
+
+    Args:
+        calls: of the program, with names or ids.
+        request: what was asked.
+        here: types that the agent knows of in this room.
+        held: what is in the hand before.
+        exact: what people call so as well will not do: no mug for a cup.
+        begun: some of it was done before, and need not be done again.
+    """
+    found = effects_of(with_turns(calls), held)
+    request = _told_apart(_exactly(request, here) if exact else request)
+    left_out = () if begun else (_left_out,)
+    for check in (_ruled_out, *left_out, _not_asked, _too_many):
+        reason = next(check(found, request, here), "")
+        if reason:
+            return reason
+    return ""
+
+
+def put_near(
+    calls: Sequence[SkillCall], request: Request, here: Collection[str]
+) -> tuple[SkillCall, ...]:
+    """Return a program that puts near a place what was to be put there: planners put it on it.
+
+    Args:
+        calls: of the program, with short names.
+        request: what was asked.
+        here: types that the agent knows of in this room.
+    """
+    found = list(calls)
+    for deed in request.deeds:
+        places = here_of(deed.place.types, here) if deed.place and deed.near else ()
+        kinds = _of_things(deed, here)
+        puts = (
+            n for n, call in enumerate(found)
+            if call.skill == "PutObject" and call.objects[1:] and kind_of(call.objects[0]) in kinds
+        )  # fmt: skip
+        last = max(puts, default=None) if deed.deed == "put" and places else None
+        if last is not None:
+            objects = (found[last].objects[0], kind_of(places[0]))
+            found[last] = replace(found[last], skill="PutNear", objects=objects)
+    return tuple(found)
+
+
+def kept_open(
+    calls: Sequence[SkillCall], request: Request, here: Collection[str]
+) -> tuple[SkillCall, ...]:
+    """Return a program that does not close what the same sentence asks to open.
+
+    Args:
+        calls: of the program, with short names.
+        request: what was asked, with the rest of its sentence.
+        here: types that the agent knows of in this room.
+    """
+    deeds = [*request.rest, *(one for one in request.deeds if one not in request.rest)]
+    last = {kind: one.deed for one in deeds if one.deed in ("open", "close")
+            for kind in _of_things(one, here)}  # fmt: skip
+    stay = {kind for kind, deed in last.items() if deed == "open"}
+    return tuple(
+        one for one in calls if not (one.skill == "CloseObject" and kind_of(one.objects[0]) in stay)
+    )
+
+
+def _kinds(one: Mention | None, here: Collection[str]) -> frozenset[str]:
+    if one is None:
+        return frozenset()
+    return frozenset(kind_of(kind) for kind in _admitted(one, here) or one.types)
+
+
+def _ruled_out(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[str]:
+    """Yield what the request says not to do."""
+    asked = {kind for one in request.mentions for kind in _kinds(one, here)}
+    for one in request.exclusions:
+        for kind in sorted(_kinds(one, here) - asked):
+            used = kind in found.switched or kind in found.doors or found.of((kind,)) or any(
+                kind in (*places, found.at.get(thing)) for thing, places in found.passed.items()
+            ) or any(kind_of(thing[0]) == kind for _, thing in found.deeds)  # fmt: skip
+            if used:
+                yield f"it says not to use the {one.text}"
+    for deed in request.forbidden:
+        kinds = {kind for one in deed.things for kind in _kinds(one, here)}
+        if _does(found, deed, kinds):
+            yield f"it says not to {deed.verb}"
+
+
+def _does(found: ProgramEffects, deed: SaidDeed, kinds: Collection[str]) -> bool:
+    """Return whether a program does a deed to one of some kinds, to any if there are none."""
+    every = not kinds
+    match deed.deed:
+        case "on":
+            return any(every or kind in kinds for kind in found.ran)
+        case "off":
+            return any(
+                w == "off" and (every or kind in kinds) for kind, w in found.switched.items()
+            )
+        case "open":
+            return any(every or kind in kinds for kind in found.opened)
+        case "close":
+            return any(w == "close" and (every or kind in kinds) for kind, w in found.doors.items())
+        case "put" | "take":
+            things = [thing for thing in found.at if every or kind_of(thing[0]) in kinds]
+            places = {kind for kind in deed.place.types} if deed.place else None
+            return any(places is None or found.places(thing) & places for thing in things)
+        case _:
+            return any(
+                one == deed.deed and (every or kind_of(thing[0]) in kinds)
+                for one, thing in found.deeds
+            )
+
+
+def _told_place(deed: SaidDeed) -> str:
+    """Return where a deed was to put something, in words: " in the fridge"; "" for nowhere."""
+    if deed.place is None:
+        return ""
+    word = preposition(deed.place.types[0]) if deed.place.types and not deed.near else "near"
+    return f" {word} the {deed.place.text}"
+
+
+def _left_out(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[str]:
+    """Yield what was named and is not done."""
+    for deed in request.deeds:
+        places = _kinds(deed.place, here)
+        for one in deed.things:
+            kinds = _kinds(one, here)
+            if one.told or one.anything or not kinds:
+                moved = {kind_of(thing[0]) for thing in found.at}
+                kinds = frozenset((*moved, *found.doors, *found.switched))
+            if deed.deed == "coffee":
+                kinds = frozenset((COFFEE_CUP, "Cup"))
+            if not _done(found, deed, kinds, places, _after(request, deed, one)):
+                yield f"it does not {deed.verb} the {one.text}{_told_place(deed)}"
+        if (
+            deed.deed == "coffee"
+            and not deed.things
+            and not found.did("coffee", (COFFEE_CUP, "Cup"))
+        ):
+            yield "it makes no coffee"
+
+
+def _after(request: Request, deed: SaidDeed, one: Mention) -> list[SaidDeed]:
+    """Return the later deeds of the request that are about the same thing."""
+    later = request.deeds[request.deeds.index(deed) + 1 :]
+    return [
+        other for other in later if any(set(two.types) & set(one.types) for two in other.things)
+    ]
+
+
+def _done(
+    found: ProgramEffects, deed: SaidDeed, kinds: Collection[str], places: Collection[str],
+    later: Sequence[SaidDeed],
+) -> bool:  # fmt: skip
+    """Return whether a program does what was said to a thing of some kinds."""
+    things = found.of(kinds)
+    match deed.deed:
+        case "put":
+            if later and any(other.deed == "put" for other in later):
+                return bool(things)
+            if not places:
+                return any(found.at[thing] != HAND for thing in things)
+            return any(
+                bool(found.places(thing) & set(places)) and (thing in found.near) == deed.near
+                for thing in things
+            )
+        case "take":
+            moved = any(other.deed in ("put", "throw") for other in later)
+            return bool(things) if moved or later else any(found.at[one] == HAND for one in things)
+        case "find" | "go" | "look":
+            return bool(found.visited & set(kinds))
+        case "on" | "off":
+            return (
+                any(
+                    found.switched.get(switch_of(kind)) == deed.deed
+                    or (deed.deed == "on" and _momentary(kind) and switch_of(kind) in found.ran)
+                    for kind in kinds
+                )
+                if not later
+                else True
+            )
+        case "open" | "close":
+            if later:
+                return bool(found.visited & set(kinds))
+            return any(found.doors.get(kind) == deed.deed for kind in kinds)
+        case "heat" | "cool" if later:  # "heat it and put it in the fridge"
+            return any(one == deed.deed and kind_of(thing[0]) in kinds for one, thing in found.ever)
+        case _:
+            return found.did(deed.deed, kinds)
+
+
+def in_pieces(request: Request, here: Collection[str]) -> set[str]:
+    """Return the kinds of which a piece is meant: "a slice of bread", "the cut apple"."""
+    words = request_words().pieces | {"sliced", "cut"}
+    return {
+        kind for one in request.mentions
+        if words & set(request.whole[one.start : one.end].lower().split())
+        for kind in (*_kinds(one, here), *map(kind_of, one.holding))
+    }  # fmt: skip
+
+
+def switch_of(kind: str) -> str:
+    """Return what is switched for a kind: the tap of a sink."""
+    return TAPS[0] if kind in (SINK, "Bathtub", *TAPS) else kind
+
+
+def _momentary(kind: str) -> bool:
+    return kind in (MICROWAVE, TOASTER, COFFEE_MACHINE, BURNER)
+
+
+def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[str]:
+    """Yield what a program changes and no word speaks of."""
+    own_only = request
+    request = replace(request, deeds=tuple(dict.fromkeys((*request.deeds, *request.rest))))
+    deeds = {deed.deed for deed in request.deeds} | stated(request)
+    pieces = in_pieces(request, here)
+    deeds |= {"slice"} if pieces else set()
+    named = {kind for one in request.mentions for kind in _kinds(one, here)}
+    loose = any(one.anything or one.told for one in request.mentions)
+    things = {kind for deed in request.deeds for one in deed.things for kind in _kinds(one, here)}
+    places = {kind for deed in request.deeds for kind in _kinds(deed.place, here)}
+    along = {kind for deed in deeds for kind in deed_kind(deed).tools}
+    help_ = {kind for deed in deeds for kind in deed_kind(deed).put_in} | places
+    help_ |= {kind for one in request.deeds if one.deed == "on" for kind in _of_things(one, here)}
+    help_ |= {kind_of(kind) for one in request.mentions for kind in one.at}
+    for thing, place in found.at.items():
+        kind = kind_of(thing[0])
+        if not (
+            kind in things
+            or kind in along
+            or loose
+            or _goes_along(found, thing, request, here)
+            or _bears(found, thing, request, here)
+            or (thing == found.began and (place == HAND or place in SURFACES))
+        ):
+            if not (kind in named and place == HAND):
+                yield f"nobody asked for the {spoken(kind)} to be moved"
+        elif kind in things and kind not in along and not loose:
+            yield from _misplaced(found, thing, own_only, request, here, help_)
+    for deed, thing in sorted(found.deeds):
+        kind = kind_of(thing[0])
+        own = {
+            d.deed
+            for d in request.deeds
+            if loose or not d.things or any(kind in _kinds(one, here) for one in d.things)
+        }
+        cut = deed == "slice" and (kind in pieces or (kind == TOASTED and "toast" in own))
+        cracked = deed == "break" and kind == EGG and "cook" in own
+        if (
+            deed in FOR_GOOD
+            and deed not in own
+            and not (cut or cracked)
+            and not (deed == "throw" and BIN in places and kind in things)
+        ):
+            yield f"nobody asked to {deed} the {spoken(kind)}"
+    runs = {kind for deed in deeds for kind in deed_kind(deed).runs}
+    switched = {
+        switch_of(kind)
+        for deed in request.deeds
+        if deed.deed in ("on", "off")
+        for one in deed.things
+        for kind in _kinds(one, here)
+    }
+    for kind in sorted(found.switched):
+        if kind not in runs | switched and not (loose and deeds & {"on", "off"}):
+            word = found.switched[kind]
+            harmless = _momentary(kind) or bool(deeds & {"close", "open"})
+            if not (word == "off" and kind not in found.ran and harmless):
+                yield f"nobody asked to switch {word} the {spoken(kind)}"
+
+
+def _told_apart(request: Request) -> Request:
+    """Return a request in which a mug is no cup where both are named: "the mug and the cup"."""
+    others = (one for deed in request.rest for one in deed.things)
+    named = [{*one.types} for one in (*request.mentions, *others)]
+
+    def of(one: Mention) -> Mention:
+        others = {kind for kinds in named if kinds.isdisjoint(one.types) for kind in kinds}
+        return replace(one, besides=tuple(kind for kind in one.besides if kind not in others))
+
+    return _with_mentions(request, of)
+
+
+def _with_mentions(request: Request, changed: Callable[[Mention], Mention]) -> Request:
+    """Return a request of which each thing and place is changed."""
+
+    def of(deed: SaidDeed) -> SaidDeed:
+        place = changed(deed.place) if deed.place else None
+        return replace(deed, things=tuple(map(changed, deed.things)), place=place)
+
+    return replace(
+        request, deeds=tuple(map(of, request.deeds)), rest=tuple(map(of, request.rest))
+    )  # fmt: skip
+
+
+def _exactly(request: Request, here: Collection[str]) -> Request:
+    """Return a request whose things are only what they are called, where that may be here.
+
+    What is one by its name will do where no other was seen: a spray bottle, where none is plain.
+    """
+
+    def only(one: Mention) -> Mention:
+        if _was_seen(one.types, here):
+            return replace(one, besides=())
+        besides = tuple(k for k in one.besides if _is_a(k, one) and _was_seen((k,), here))
+        return replace(one, besides=besides) if here_of(one.types, here) else one
+
+    return _with_mentions(request, only)
+
+
+def _too_many(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[str]:
+    """Yield that something is done to more things of a kind than were named."""
+    deeds = tuple(dict.fromkeys((*request.deeds, *request.rest)))
+    said = {(one.start, one) for deed in deeds for one in deed.things}
+    if any(one.anything or one.told or one.every for _, one in said):
+        return
+    for kind in sorted({kind_of(thing[0]) for thing in found.at}):
+        named = [one.number or 1 for _, one in said if kind in _kinds(one, here)]
+        turns = {turn for name, turn in found.at if kind_of(name) == kind}
+        if named and len(turns) > sum(named):
+            yield f"it does it to {len(turns)} of a kind: {spoken(kind)}"
+
+
+def _of_things(deed: SaidDeed, here: Collection[str]) -> frozenset[str]:
+    return frozenset(kind for one in deed.things for kind in _kinds(one, here))
+
+
+def stated(request: Request) -> set[str]:
+    """Return the deeds that make things as they are named: "the washed cloth", "a cold apple"."""
+    said = (request.whole[one.start : one.end].lower().split()[:-1] for one in request.mentions)
+    words = {word for one in said for word in one}
+    water = {"fill"} if "water" in request.whole.lower().split() else set()
+    return water | {deed_states()[word] for word in words & deed_states().keys()} - {*FOR_GOOD}
+
+
+def _goes_along(
+    found: ProgramEffects, thing: Thing, request: Request, here: Collection[str]
+) -> bool:
+    """Return whether a thing comes to lie where it was said to: "the plate with the potato"."""
+    return any(
+        kind_of(thing[0]) in map(kind_of, one.holding)
+        and not found.places(thing).isdisjoint(_kinds(one, here))
+        for one in request.mentions
+    )
+
+
+def _bears(found: ProgramEffects, thing: Thing, request: Request, here: Collection[str]) -> bool:
+    """Return whether a thing goes where what lies in it shall: "the pen in the mug on the desk".
+
+    The mug may be the one on the desk, or be brought there; so with "in the mug, put it on ...".
+    """
+    puts = [deed for deed in request.deeds if deed.deed == "put"]
+    for deed in puts:
+        borne = _of_things(deed, here)
+        into = {kind_of(kind) for one in deed.things for kind in one.at}
+        for other in puts:
+            into |= _kinds(other.place, here) if borne & _of_things(other, here) else set()
+        ends = found.places(thing) & _kinds(deed.place, here)
+        if kind_of(thing[0]) in into and ends and not deed.near:
+            return True
+    return False
+
+
+def _misplaced(
+    found: ProgramEffects, thing: Thing, own: Request, whole: Request, here: Collection[str],
+    help_: Collection[str],
+) -> Iterator[str]:  # fmt: skip
+    """Yield that a named thing comes to a place that nobody spoke of.
+
+    Args:
+        found: what the program brings about.
+        thing: that it moves.
+        own: what is to be done now.
+        whole: the same with what the sentence asks besides, which may be done as well.
+        here: types that the agent knows of in this room.
+        help_: where things may be put on the way.
+    """
+    kind, place = kind_of(thing[0]), found.at[thing]
+    wanted, besides = _goes_to(kind, own, here), _goes_to(kind, whole, here)
+    places = found.places(thing)
+    if places & (besides or set()):
+        return
+    if wanted:
+        yield f"the {spoken(kind)} is to be elsewhere"
+    elif wanted is None and place != HAND and place not in (*help_, *_rests_on(kind)):
+        yield f"nobody asked for the {spoken(kind)} to be put {spoken(place)}"
+
+
+def _rests_on(kind: str) -> Collection[str]:
+    """Return where a thing may be put down that was to be put nowhere."""
+    return (*SURFACES, BURNER) if kind in COOKWARE else SURFACES
+
+
+def _goes_to(kind: str, request: Request, here: Collection[str]) -> set[str] | None:
+    """Return where a thing is to be put: kinds, none where any will do; None: nowhere."""
+    puts = [
+        deed for deed in request.deeds
+        if deed.deed == "put" and any(kind in _kinds(one, here) for one in deed.things)
+    ]  # fmt: skip
+    return {place for deed in puts for place in _kinds(deed.place, here)} if puts else None

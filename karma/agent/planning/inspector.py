@@ -1,0 +1,334 @@
+"""The inspector: mends a program's oversights, and objects to what cannot work.
+
+Planners forget to search for what nobody has seen, to open what a thing is shut in, and what is in
+the hand. Mending is by rule and shows in the record: the answer stays as written beside what was
+done. It knows types and the agent's own memory, not the world, which may still refuse.
+
+Source: ours; the idea of repairing preconditions is HELPER's (Sarch et al. 2023).
+"""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from karma.agent.planning.program import DOOR_AFTER, PUTS, SKILL_OF, SWITCH_AFTER, WAYS
+from karma.contracts import Area, HandSpec, MemoryUnit, PlanRequest, SeenObject, Skill, SkillCall
+from karma.household.containment import fits_whole_or_cut, goes_in, has_door, vessels
+from karma.household.ids import short_type, type_of
+from karma.household.places import FLOOR, LIKELY, SURFACES
+from karma.household.types import WIDEST, ObjectType, object_types
+from karma.household.uses import KNIVES, SWITCHED_BY_A_PART
+
+TOLD = 12  # receptacles in one sentence: as many types as a room has
+_PLACES = tuple(dict.fromkeys((*SURFACES, *LIKELY, *sorted(object_types()))))
+
+
+def mend(
+    calls: Sequence[SkillCall],
+    *,
+    known: Collection[str],
+    shut: Collection[str] = (),
+    cut: Collection[str] = (),
+    running: Collection[str] = (),
+    held: str | None = None,
+    areas: Sequence[Area] = (),
+) -> tuple[SkillCall, ...]:
+    """Return the program with searches added, the held thing named and the hand freed.
+
+    * Before the first use of a thing whose place is not known, `Explore` it, the likeliest area
+      first.
+    * Instead of going to a thing that memory has in a closed container, `Explore` it: that opens.
+    * What memory has as cut is not cut again, and no knife is fetched for it.
+    * What is in the hand already is neither gone to nor picked up again.
+    * What is put down before anything was picked up is what was in the hand.
+    * Before something else is picked up, or the held thing is broken, what is in the hand goes to a
+      known surface.
+    * What runs is switched off before its door or lid is moved.
+
+    Args:
+        calls: the program, with the prompt's short names.
+        known: names and types whose place the agent knows.
+        shut: names of things that memory has in something closed.
+        cut: names of things that memory has as sliced.
+        running: types of things that were seen to run.
+        held: the short name of what is in the hand.
+        areas: long-term memory, for the order of searches.
+    """
+    found, mended, hand = set(known), list[SkillCall](), held
+    for call in _without_cuts(calls, cut):
+        name = call.objects[-1]
+        if hand == name and call.skill in ("GoToObject", "Explore", "PickupObject"):
+            continue
+        if call.skill in PUTS:
+            if len(call.objects) == 2 and hand is not None and hand == held:
+                call = replace(call, objects=(hand, name))
+            found.add(call.objects[0])
+            hand = None
+        elif call.skill == "PickupObject":
+            mended += _put_down(hand, name, found)
+            hand = name
+        elif call.skill == "BreakObject" and hand == name:
+            mended += _put_down(hand, "", found)
+            hand = None
+        if call.skill == "GoToObject" and name in shut:
+            call = replace(call, skill="Explore")
+        elif call.skill != "Explore" and not _placed(name, found, held):
+            where = likely_areas(short_type(name), areas)
+            mended.append(SkillCall(skill="Explore", objects=(name,), positions=where))
+        found.add(name)
+        mended.append(call)
+    return tuple(_switched_off(mended, running))
+
+
+def _switched_off(calls: Iterable[SkillCall], running: Collection[str]) -> Iterator[SkillCall]:
+    """Yield a program in which what runs is switched off before its door or lid is moved."""
+    on = set(running)
+    for call in calls:
+        kind = short_type(call.objects[-1])
+        if call.skill in SWITCH_AFTER:
+            (on.add if SWITCH_AFTER[call.skill] == "on" else on.discard)(kind)
+        elif call.skill in DOOR_AFTER and kind in on:
+            yield SkillCall(skill="ToggleOff", objects=call.objects[-1:])
+            on.discard(kind)
+        yield call
+
+
+def _without_cuts(calls: Sequence[SkillCall], cut: Collection[str]) -> Sequence[SkillCall]:
+    """Return a program without the lines that would slice what is sliced."""
+    again = {c.objects[0] for c in calls if c.skill == "SliceObject" and c.objects[0] in cut}
+    if not again:
+        return calls
+    kept = [c for c in calls if not (c.skill == "SliceObject" and c.objects[0] in again)]
+    if len(kept) == len(calls) or any(c.skill == "SliceObject" for c in kept):
+        return kept
+    put = {c.objects[0] for c in kept if c.skill in PUTS}
+    idle = {name for name in KNIVES if name not in put}
+    fetching = (*WAYS, "PickupObject")
+    return [c for c in kept if c.skill not in fetching or short_type(c.objects[0]) not in idle]
+
+
+def likely_areas(object_type: str, areas: Sequence[Area]) -> tuple[str, ...]:
+    """Return the area node to search first: the first with the likeliest place for a type."""
+    kind = object_types().get(object_type)
+    fits = kind.goes_in if kind is not None else None
+    for place in LIKELY:
+        if fits is None or place not in fits:
+            continue
+        for area in areas:
+            if place in area.contains:
+                return (area.name,)
+    return ()
+
+
+def _put_down(hand: str | None, name: str, known: Collection[str]) -> list[SkillCall]:
+    """Return the lines that free the hand for another thing, on a known surface if there is one."""
+    kind = object_types().get(short_type(hand or ""))
+    if hand is None or kind is None or hand == name:
+        return []
+    fitting = [name for name in SURFACES if fits_whole_or_cut(kind.name, name)]
+    there = [name for name in fitting if name in known]
+    for surface in (there or fitting)[:1]:
+        search = [] if there else [SkillCall(skill="Explore", objects=(surface,))]
+        return [*search, SkillCall(skill="PutObject", objects=(hand, surface))]
+    return []
+
+
+def _placed(name: str, found: Collection[str], held: str | None) -> bool:
+    return name in found or short_type(name) in found or name == held or name.startswith("node_")
+
+
+@dataclass(slots=True)
+class _Hand:
+    """What would be held at a line."""
+
+    held: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Objection:
+    """What is wrong with the first line of a program that cannot work."""
+
+    line: int  # from 0
+    call: SkillCall
+    reason: str
+    help: str = ""  # what would work, where that is known
+    lasting: bool = False  # the types of its things never allow it, whatever is done before
+
+    def __str__(self) -> str:
+        """Return it as small planners are told."""
+        return f"{self.call}: {self.reason}"
+
+
+def objection(
+    calls: Sequence[SkillCall], *, held: str | None, known: Collection[str] = ()
+) -> Objection | None:
+    """Return what is wrong with the first line that cannot work, None if nothing is.
+
+    Args:
+        calls: the program, with the prompt's short names.
+        held: the short name of what is in the hand.
+        known: names and types whose place the agent knows; what would help is one of them.
+    """
+    hand = _Hand(held=held)
+    for number, call in enumerate(calls):
+        if reason := _refused(call, hand):
+            return Objection(
+                line=number,
+                call=call,
+                reason=reason,
+                help=_help(call, known),
+                lasting=_lasts(reason, call),
+            )
+    return None
+
+
+def _help(call: SkillCall, known: Collection[str]) -> str:
+    """Return where a thing would go that cannot be put where it should."""
+    thing = short_type(call.objects[0])
+    asked = call.skill == "PutObject" and len(call.objects) == 2 and thing in object_types()
+    there = {short_type(one) for one in known}
+    places = [one for one in _PLACES if one in there]
+    return goes_where(thing, call.objects[1], places) if asked and known else ""
+
+
+def _refused(call: SkillCall, hand: _Hand) -> str:
+    name = call.objects[-1]
+    if call.skill == "ThrowObject":
+        hand.held = None
+        return ""
+    if reason := _incapable(call):
+        return reason
+    if call.skill == "PickupObject":
+        if hand.held is not None and hand.held != name:
+            return f"the hand holds {hand.held}; put it down first"
+        hand.held = name
+    elif call.skill in PUTS:
+        return _put(call, hand)
+    return ""
+
+
+def _put(call: SkillCall, hand: _Hand) -> str:
+    name = call.objects[0] if len(call.objects) == 2 else (hand.held or "")
+    place = call.objects[-1]
+    if hand.held is None:
+        return f"the hand is empty; PickupObject(robot, '{name}') first"
+    if short_type(hand.held) != short_type(name):
+        return f"the hand holds {hand.held}, not {name}"
+    if reason := _misplaced(replace(call, objects=(name, place))):
+        return reason
+    if name == place:
+        return f"{name} cannot be placed in itself"
+    hand.held = None
+    return ""
+
+
+def _incapable(call: SkillCall) -> str:
+    """Return why no thing of this type takes part in such a deed."""
+    name = call.objects[-1]
+    skill = SKILL_OF.get(call.skill)
+    return f"{name} {skill.cannot}" if skill is not None and not _may_take(skill, name) else ""
+
+
+def _may_take(skill: Skill, name: str) -> bool:
+    """Return whether a skill can be done with what goes by a name; what is unknown may be."""
+    kind = object_types().get(short_type(name))
+    return not skill.takes or kind is None or _can(kind, skill.takes)
+
+
+def narrowed(
+    skills: Iterable[Skill], names: Sequence[str]
+) -> tuple[tuple[str, tuple[tuple[str, ...], ...]], ...]:
+    """Return for each skill the names that may stand in it, argument by argument, by their types.
+
+    Skills that take anything are left out.
+    """
+    held = tuple(name for name in names if _can_be(name, "pickupable"))
+    places = tuple(name for name in names if _can_be(name, "receptacle"))
+    found: list[tuple[str, tuple[tuple[str, ...], ...]]] = []
+    for skill in skills:
+        if skill.name in ("PutNear", "Near"):
+            found.append((skill.name, (held, tuple(names))))
+        elif skill.arguments == ("object", "object"):
+            found.append((skill.name, (held, places)))
+        elif skill.takes:
+            found.append((skill.name, (tuple(one for one in names if _may_take(skill, one)),)))
+    return tuple(found)
+
+
+def hand_of(request: PlanRequest, names: Mapping[str, str], admitted: Sequence[str]) -> HandSpec:
+    """Return how hand and doors are before a program.
+
+    Args:
+        request: says what is held, and which doors were seen open.
+        names: the prompt's short names, and their ids.
+        admitted: the names that a program may say.
+    """
+    known: tuple[MemoryUnit | SeenObject, ...] = (*request.units, *request.seen)
+    stands_open = {one.object_id for one in known if "opened" in one.states}
+    held = (name for name, object_id in names.items() if object_id == request.held_id)
+    shut = (name for name in admitted if has_door(short_type(name)))
+    return HandSpec(
+        held=next(held, None),
+        shut=tuple(name for name in shut if names.get(name) not in stands_open),
+    )
+
+
+def _can_be(name: str, capability: str) -> bool:
+    kind = object_types().get(short_type(name))
+    return kind is None or capability in kind.capabilities
+
+
+def _misplaced(call: SkillCall) -> str:
+    """Return why no thing of this type is put into such a receptacle."""
+    if call.skill != "PutObject" or len(call.objects) < 2:
+        return ""
+    kinds = [short_type(one) for one in call.objects]
+    if not object_types().keys() >= {*kinds} or fits_whole_or_cut(kinds[0], kinds[1], WIDEST):
+        return ""
+    return f"{call.objects[0]} cannot be placed in {call.objects[1]}"
+
+
+def _lasts(reason: str, call: SkillCall) -> bool:
+    """Return whether a refusal holds for all things of these types, whatever is done before."""
+    if reason != _misplaced(call):
+        return reason == _incapable(call)
+    thing, receptacle = map(short_type, call.objects)
+    return not any(vessels(object_types(), thing, receptacle))
+
+
+def _can(kind: ObjectType, capability: str) -> bool:
+    if capability == "toggleable" and kind.name in SWITCHED_BY_A_PART:
+        return True
+    if capability == "sliceable" and kind.slices_into:
+        return True
+    return capability in kind.capabilities
+
+
+def takers(object_type: str, known: Iterable[str]) -> list[str]:
+    """Return which known types of receptacles a thing goes in or on as it is, in the order given.
+
+    >>> takers("Book", ["Fridge", "Sofa", "DiningTable_1", "DiningTable_2"])
+    ['Sofa', 'DiningTable']
+    """
+    there = dict.fromkeys(short_type(one) for one in known)
+    return [
+        one for one in there if one in object_types() and one != FLOOR and goes_in(object_type, one)
+    ]
+
+
+def goes_where(object_type: str, receptacle: str, known: Sequence[str]) -> str:
+    """Say where a thing goes that a receptacle does not take, and what would bring it there.
+
+    Args:
+        object_type: of the thing.
+        receptacle: its name, type or id.
+        known: names and types of what the agent knows of, the best first.
+
+    >>> goes_where("Laptop", "Cabinet_2", ["Fridge", "Desk", "Box"])
+    'of what is known here it goes in or on Desk, Box; in Box it can be carried to Cabinet_2'
+    """
+    places = takers(object_type, known)
+    told = ", ".join(places[:TOLD]) or "nothing"
+    text = f"of what is known here it goes in or on {told}"
+    kind = short_type(type_of(receptacle))
+    bring = next(vessels(places, object_type, kind), "") if kind in object_types() else ""
+    return f"{text}; in {bring} it can be carried to {receptacle}" if bring else text

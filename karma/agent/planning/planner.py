@@ -1,0 +1,428 @@
+"""From what the agent knows to a program: prompt, model, parser, with bounded retries."""
+
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+from karma.agent.planning.goal_lines import asked_lines, program_for
+from karma.agent.planning.guard import kept_open, put_near, stopped
+from karma.agent.planning.inspector import Objection, hand_of, mend, narrowed, objection
+from karma.agent.planning.program import SKILLS
+from karma.agent.planning.prompt import GOALS, render, skills_of
+from karma.agent.planning.reading import astray
+from karma.agent.planning.recovery import program_of
+from karma.agent.planning.refused_requests import KNOWN, cannot_be, doubted, with_words
+from karma.agent.planning.several import with_turns
+from karma.agent.planning.trimming import trimmed
+from karma.contracts import (
+    REFUSAL_KINDS,
+    Completion,
+    Decoding,
+    Doubt,
+    Examples,
+    FailedProgram,
+    Hints,
+    LanguageModel,
+    Listener,
+    Plan,
+    PlanRequest,
+    ProgramSpec,
+    RefusedRequest,
+    Request,
+    Resources,
+    Skill,
+    SkillCall,
+)
+from karma.errors import ProgramError
+from karma.household.ids import short_type, type_of
+from karma.household.places import OVERLOOKED, STAND_CLOSED, landmark_types
+from karma.household.types import object_types
+
+_LOOSE_AFTER = 2  # answers after which a mug will do for a cup
+
+
+class Planner:
+    """One model with its prompt profile.
+
+    Args:
+        model: any `LanguageModel`.
+        profile: of its prompts, see `karma.agent.planning.prompt.PROFILES`.
+        decoding: how answers are drawn.
+        hints: of an instruction; None: the planner reads none.
+        examples: for an instruction; None: the prompt has none but its own.
+        doubt: decides by the first answer whether a request is refused; None: the answer does.
+        listen: hears answers as they come.
+    """
+
+    def __init__(
+        self,
+        model: LanguageModel,
+        profile: str,
+        decoding: Decoding | None = None,
+        hints: Hints | None = None,
+        doubt: Doubt | None = None,
+        listen: Listener | None = None,
+        examples: Examples | None = None,
+    ) -> None:
+        self.model = model
+        self.profile = profile
+        self.decoding = decoding or Decoding()
+        self.hints = hints
+        self.doubt = doubt
+        self.listen = listen
+        self.examples = examples
+
+    @classmethod
+    def of(cls, resources: Resources) -> Self:
+        """Return the planner that a run has loaded."""
+        given = resources
+        return cls(
+            given.model, given.profile, given.decoding, given.hints, given.doubt, given.listen,
+            given.examples,
+        )  # fmt: skip
+
+    def drawn_by(self, decoding: Decoding) -> "Planner":
+        """Return the same planner with its answers drawn otherwise."""
+        return Planner(
+            self.model, self.profile, decoding, self.hints, self.doubt, self.listen, self.examples
+        )
+
+    def plan(self, request: PlanRequest) -> Iterator[Plan]:
+        """Ask until an answer parses and could work, at most `attempts` times; yields every answer.
+
+        The last answer is only asked to parse, and not to go astray from the first program that was
+        carried out: the world may know better than the type table. But where every answer ended in
+        the same impossible deed, a planner that may refuse does.
+        """
+        if self.hints is not None:
+            request = replace(request, hints=self.hints(request.instruction))
+        if self.examples is not None and not request.examples:
+            request = replace(request, examples=self.examples(request.instruction))
+        refusing: bool | None = None  # not again where it was refused for what is known
+        reasons: set[str] = set()  # why the answers could not work; "" for one that is not lasting
+        for attempt in range(self.decoding.attempts):
+            is_last = attempt == self.decoding.attempts - 1
+            answer = self._ask(request, attempt, refusing=refusing)
+            if answer.error and not answer.calls and answer.error.endswith(KNOWN):
+                refusing = False
+            if not request.failures:
+                answer = yield from self._weighed(request, answer)
+            if not is_last and (again := _asked_again(request, answer)) is not None:
+                refusing, answer = again
+            answer, lasting = self._checked(request, answer)
+            if answer.calls or answer.error:
+                reasons.add(lasting)
+            answer, held_back = _held_back(request, answer)
+            answer = yield from self._settled(request, answer, held_back, attempt, reasons)
+            yield answer
+            if answer.failure is None:
+                return
+            failures = (*request.failures, answer.failure)
+            said = request.plain or request.instruction
+            request = replace(request, error=answer.error, failures=failures, instruction=said)
+
+    def _settled(
+        self, request: PlanRequest, answer: Plan, held_back: str, attempt: int, reasons: set[str]
+    ) -> Generator[Plan, None, Plan]:
+        """Return an answer as it stands; one that is held back again gives way to words alone."""
+        is_last = attempt == self.decoding.attempts - 1
+        own = _by_the_words(request, answer) if held_back and (attempt or is_last) else None
+        if own is not None:
+            yield answer
+            return own
+        return self._last(answer, held_back, reasons if attempt else set()) if is_last else answer
+
+    def _last(self, answer: Plan, held_back: str, reasons: set[str]) -> Plan:
+        """Return the last answer as it stands: carried out, or the request refused."""
+        if held_back:
+            return _refused_by_guard(answer, held_back)
+        if not answer.calls:
+            return answer
+        answer = replace(answer, error="", failure=None)
+        lasting = self.decoding.refusing and len(reasons) == 1 and reasons != {""}
+        return _given_up(answer, *reasons) if lasting else answer
+
+    def _checked(self, request: PlanRequest, answer: Plan) -> tuple[Plan, str]:
+        """Return an answer mended, or objected to; and why it could never work, "" otherwise."""
+        if not (self.decoding.inspected and answer.calls):
+            return answer, ""
+        answer, found = _inspected(request, answer)
+        return answer, found.reason if found is not None and found.lasting else ""
+
+    def _weighed(self, request: PlanRequest, answer: Plan) -> Generator[Plan, None, Plan]:
+        """Return the first answer as doubt has it: refused, or asked again what was refused."""
+        refusing, doubt = self.decoding.refusing, None
+        if self.doubt is not None and refusing:
+            doubt = self.doubt.of(answer.completion, request)
+        if self.doubt is None or doubt is None:
+            return answer
+        answer = replace(answer, doubt=doubt)
+        if doubt >= self.doubt.threshold:
+            told = answer.refused or with_words(doubted(request), request)
+            return replace(answer, calls=(), error="", failure=None, refused=told)
+        if answer.refused is None:
+            return answer
+        yield answer
+        return replace(self._ask(request, 0, refusing=False), doubt=doubt)
+
+    def _temperature(self, request: PlanRequest) -> float:
+        decoding = self.decoding
+        return max(decoding.temperature, decoding.retry_temperature if request.error else 0.0)
+
+    def _ask(self, request: PlanRequest, attempt: int, *, refusing: bool | None = None) -> Plan:
+        refusing = self.decoding.refusing if refusing is None else refusing
+        rendered = render(self.profile, request, refusing=refusing)
+        skills = skills_of(self.profile)
+        spec = program_spec(request, rendered.names, skills, refusing=refusing)
+        constraint = self.decoding.constraint
+        if constraint not in ("free", "syntax"):
+            spec = replace(spec, narrowed=narrowed(skills, spec.objects))
+        if constraint not in ("free", "syntax", "types"):
+            spec = replace(spec, hand=hand_of(request, rendered.names, spec.objects))
+        completion = self.model.complete(
+            rendered.prompt,
+            spec=None if constraint == "free" else spec,
+            max_tokens=self.decoding.max_tokens,
+            max_seconds=self.decoding.answer_seconds,
+            temperature=self._temperature(request),
+            seed=self.decoding.seed + attempt,
+            listen=self.listen,
+        )
+        answer = _read(completion, skills, refusing=refusing)
+        if self.profile == GOALS and answer.calls:
+            answer = _done_for(answer, request, rendered.names)
+        if answer.refused and (reason := cannot_be(answer.refused, request)):
+            failure = FailedProgram(lines=(completion.text.strip(),), failed=0, reason=reason)
+            answer = _Answer(error=reason, failure=failure)
+        return Plan(
+            recalled=tuple(request.recalled),
+            units=tuple(request.units),
+            prompt=rendered.prompt,
+            completion=completion,
+            calls=answer.calls,
+            names=rendered.names,
+            refused=answer.refused and with_words(answer.refused, request),
+            error=answer.error,
+            failure=answer.failure,
+            dropped=answer.dropped,
+            examples=tuple(example.instruction for example in request.examples),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Answer:
+    """An answer as it was read."""
+
+    calls: tuple[SkillCall, ...] = ()
+    refused: RefusedRequest | None = None
+    error: str = ""  # why it is refused
+    failure: FailedProgram | None = None
+    dropped: tuple[str, ...] = ()
+
+
+def _read(completion: Completion, skills: Sequence[Skill], *, refusing: bool) -> _Answer:
+    """Return the calls of an answer, that it refuses the request, or why it is refused itself."""
+    lines = tuple(completion.text.rstrip().split("\n"))
+    try:
+        found = program_of(completion, skills, refusing=refusing)
+    except ProgramError as refused:
+        failure = FailedProgram(lines=lines, failed=refused.line - 1, reason=refused.reason)
+        return _Answer(error=str(refused), failure=failure)
+    if found.calls or found.refused:
+        return _Answer(calls=found.calls, refused=found.refused, dropped=found.dropped)
+    reason = "the answer holds no skill call"
+    return _Answer(error=reason, failure=FailedProgram(lines=lines, failed=None, reason=reason))
+
+
+def _done_for(answer: _Answer, request: PlanRequest, names: Mapping[str, str]) -> _Answer:
+    """Return the program for an answer that says goals."""
+    calls = program_for(answer.calls, request.units, names)
+    if calls:
+        return replace(answer, calls=calls)
+    lines, reason = tuple(map(str, answer.calls)), "these lines leave nothing to do"
+    failure = FailedProgram(lines=lines, failed=None, reason=reason)
+    return _Answer(error=reason, failure=failure)
+
+
+def _given_up(answer: Plan, reason: str) -> Plan:
+    """Return the refusal of a request whose programs all ended in what no type allows."""
+    refused = RefusedRequest(kind="impossible", by="inspector", words=(reason,))
+    return replace(answer, calls=(), refused=refused)
+
+
+def _inspected(request: PlanRequest, answer: Plan) -> tuple[Plan, Objection | None]:
+    """Return the plan with its program mended, and the inspector's objection if it has one."""
+    held = _held_name(request, answer)
+    name_of = {object_id: name for name, object_id in answer.names.items()}
+    shut = {name_of[u.object_id] for u in request.units if type_of(u.place_id) in STAND_CLOSED}
+    seen = {kind for area in request.areas for kind in area.contains}
+    cut = {name_of[u.object_id] for u in request.units if "sliced" in u.states}
+    known = seen | set(answer.names)
+    running = {short_type(one.object_type) for one in request.seen if "on" in one.states}
+    calls = mend(
+        answer.calls,
+        known=known, shut=shut, cut=cut, running=running, held=held, areas=request.areas,
+    )  # fmt: skip
+    if (wrong := astray(request.first, calls, request.instruction, request.done)) is not None:
+        return _astray(replace(answer, calls=calls), *wrong), None
+    found = objection(calls, held=held, known=known)
+    if found is None:
+        return replace(answer, calls=calls), None
+    reason = "; ".join(filter(None, [found.reason, found.help]))
+    failure = FailedProgram(lines=tuple(map(str, calls)), failed=found.line, reason=reason)
+    return replace(answer, calls=calls, error=str(found), failure=failure), found
+
+
+def _held_name(request: PlanRequest, answer: Plan) -> str | None:
+    """Return the prompt's name of what is in the hand."""
+    return next((n for n, object_id in answer.names.items() if object_id == request.held_id), None)
+
+
+def _held_back(request: PlanRequest, answer: Plan) -> tuple[Plan, str]:
+    """Return an answer without its program where that is not what was asked, and why."""
+    asked = request.asked
+    if asked is None or not answer.calls:
+        return answer, ""
+    here, exact = known_here(request), len(request.failures) < _LOOSE_AFTER
+
+    def reason(some: Sequence[SkillCall]) -> str:
+        meant = grounded(some, answer.names)
+        return stopped(meant, asked, here, request.held_id, exact=exact, begun=bool(request.done))
+
+    calls = kept_open(put_near(answer.calls, asked, here), asked, here)
+    answer = replace(answer, calls=calls)
+    why = reason(answer.calls)
+    if not why:
+        return answer, ""
+    held = _held_name(request, answer)
+    # of what is only the rest of an errand, any part would do
+    part = () if request.done else trimmed(
+        answer.calls, lambda some: reason(some) or str(objection(some, held=held) or "")
+    )  # fmt: skip
+    if part:
+        return replace(answer, calls=part), ""
+    failure = FailedProgram(
+        lines=tuple(map(str, answer.calls)), failed=max(len(answer.calls) - 1, 0), reason=why
+    )
+    return replace(answer, calls=(), error=why, failure=failure), why
+
+
+def _by_the_words(request: PlanRequest, answer: Plan) -> Plan | None:
+    """Return a program for what the words were read as, where no answer of the model would do.
+
+    It passes what an answer has to pass, and stands as an answer of no tokens.
+    """
+    if request.asked is None:
+        return None
+    lines = asked_lines(request.asked, known_here(request))
+    calls = program_for(lines, request.units, answer.names) if lines else ()
+    text = "".join(f"{call}\n" for call in calls)
+    said = Completion(
+        text=text, finish="stop", prompt_tokens=0, reused_tokens=0, completion_tokens=0,
+        first_token_s=None, total_s=0.0,
+    )  # fmt: skip
+    own = replace(answer, completion=said, calls=calls, error="", failure=None)
+    own, _ = _inspected(request, own) if calls else (own, None)
+    own, _ = _held_back(request, own) if own.failure is None else (own, "")
+    return own if own.calls and own.failure is None else None
+
+
+def _contradicted(refused: RefusedRequest, asked: Request) -> bool:
+    """Return whether the words say otherwise than a refusal: its reason is not so."""
+    match refused.kind:
+        case "negated":
+            return not (asked.forbidden or asked.exclusions)
+        case "thing" | "place":
+            return all(one.types or one.told or one.anything for one in asked.mentions)
+        case "deed":
+            return all(deed.deed for deed in asked.deeds)
+        case kind:
+            return kind == "language"
+
+
+def _in_other_words(request: PlanRequest) -> bool:
+    """Return whether a request that was read can be said more plainly than it was."""
+    return request.asked is not None and request.plain not in ("", request.instruction)
+
+
+def _asked_again(request: PlanRequest, answer: Plan) -> tuple[bool | None, Plan] | None:
+    """Return an answer whose refusal does not stand yet, and whether the next may refuse.
+
+    What was read is said again in plain words; where the words say otherwise than the refusal, the
+    next answer may not refuse. None where there is no refusal, or it stands.
+    """
+    if request.asked is None or answer.refused is None:
+        return None
+    wrongly = _contradicted(answer.refused, request.asked)
+    if not (wrongly or _in_other_words(request)):
+        return None
+    reason = "the request was read: it is said again in plain words"
+    failure = FailedProgram(lines=(answer.completion.text.strip(),), failed=0, reason=reason)
+    again = replace(answer, refused=None, error=reason, failure=failure)
+    return (False if wrongly else None), again
+
+
+def known_here(request: PlanRequest) -> frozenset[str]:
+    """Return the types that the agent knows of in this room."""
+    kinds = {kind for area in request.areas for kind in area.contains}
+    kinds |= {unit.object_type for unit in request.units} | {
+        one.object_type for one in request.seen
+    }
+    return frozenset(kinds)
+
+
+def _refused_by_guard(answer: Plan, why: str) -> Plan:
+    refused = RefusedRequest(kind="astray", by="guard", words=(why,))
+    return replace(answer, error="", failure=None, refused=refused)
+
+
+def _astray(answer: Plan, line: int, reason: str) -> Plan:
+    """Return a plan without its program, which is about another thing than the first one was."""
+    lines = tuple(map(str, answer.calls))
+    failure = FailedProgram(lines=lines, failed=line, reason=reason)
+    return replace(answer, calls=(), error=f"{lines[line]}: {reason}", failure=failure)
+
+
+def program_spec(
+    request: PlanRequest,
+    names: Mapping[str, str],
+    skills: tuple[Skill, ...] = SKILLS,
+    *,
+    refusing: bool = False,
+) -> ProgramSpec:
+    """Return the language of programs: what memory names, and types that can be searched for.
+
+    Furniture that the map does not show is not there: a robot that has seen the room once has seen
+    its sofa, though perhaps not its light switch. Nor is what was just searched for in vain.
+    """
+    known = {kind for area in request.areas for kind in area.contains}
+    searchable = {name for name, kind in object_types().items() if not kind.made_by_slicing}
+    if known:
+        searchable -= landmark_types() - known - OVERLOOKED
+    searchable -= set(request.missing)
+    return ProgramSpec(
+        skills=skills,
+        objects=tuple(sorted(known | searchable | set(names))),
+        positions=tuple(area.name for area in request.areas),
+        refusals=REFUSAL_KINDS if refusing else (),
+    )
+
+
+def grounded(calls: Sequence[SkillCall], names: Mapping[str, str]) -> tuple[SkillCall, ...]:
+    """Put object ids in place of the prompt's short names; types stay as they are.
+
+    A receptacle with a number in its name is meant exactly: who writes `Cabinet_2` wants no other.
+    The second of two things that the program calls by one name stays a type, too.
+    """
+    return tuple(_grounded(call, names) for call in with_turns(calls))
+
+
+def _grounded(call: SkillCall, names: Mapping[str, str]) -> SkillCall:
+    last = call.objects[-1]
+    kept = call.objects[:1] if call.turn else ()
+    return replace(
+        call,
+        objects=(*kept, *(names.get(name, name) for name in call.objects[len(kept) :])),
+        positions=tuple(names.get(p, p) if isinstance(p, str) else p for p in call.positions),
+        exact=last in names and last != short_type(last),
+    )

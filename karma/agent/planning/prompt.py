@@ -1,0 +1,270 @@
+"""What the planner is told: fill the two prompt profiles, nothing else.
+
+`full` follows KARMA Fig. 8 for instruction-tuned models; `compact` says the same in a notation
+that a few million parameters can read. Both cut the text at the same place: what stays the same
+for a scene first, what changes with each instruction last.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+
+import jinja2
+from jinja2.sandbox import ImmutableSandboxedEnvironment as SandboxedEnvironment
+
+from karma.agent.planning.full_profile import (
+    area_line,
+    by_place,
+    coarse_text,
+    doors_and_switches,
+    failed_line,
+    failed_program,
+    furniture,
+    off_the_map,
+    place_name,
+    skill_needs,
+)
+from karma.agent.planning.goal_lines import GOAL_LINES
+from karma.agent.planning.program import OUR_SKILLS, SKILLS
+from karma.agent.planning.short_names import fixture_names, name_for, short_names, stand_ins
+from karma.contracts import Area, Hint, MemoryUnit, PlanRequest, Prompt, Skill, Vec3
+from karma.errors import FileError, UnknownNameError, did_you_mean
+from karma.files import read_bytes
+from karma.household.pieces import base_type
+from karma.household.places import HAND, landmark_types
+
+GOALS = "goals"  # the profile that asks what is to be so, not for skills
+PROFILES: Mapping[str, tuple[Skill, ...]] = MappingProxyType(
+    {"compact": SKILLS, "full": (*SKILLS, *OUR_SKILLS), GOALS: GOAL_LINES}
+)  # and what each offers to write: skills, or goals; the nano planner has learnt 13 skills
+_ID_REST = re.compile(r"\|[^'\s;,]*")  # what follows the type in an object id
+_TEMPLATES = Path(__file__).parent / "prompts"
+TEMPLATES = ("full_stable.txt", "full_changing.txt")  # of all but "compact", or own ones
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rendered:
+    """A prompt and what its short names stand for (name -> object id)."""
+
+    prompt: Prompt
+    names: Mapping[str, str]
+
+
+def skills_of(profile: str) -> tuple[Skill, ...]:
+    """Return the skills that a profile offers; a folder of own templates has those of "full".
+
+    Raises:
+        UnknownNameError: no such profile.
+    """
+    check_profile(profile)
+    return PROFILES.get(profile, PROFILES["full"])
+
+
+def check_profile(profile: str) -> None:
+    """See that a profile is one of ours, a folder with the templates of "full", or "".
+
+    Raises:
+        UnknownNameError: it is neither a name of ours nor a folder.
+        FileError: the folder has not both templates.
+    """
+    if profile in ("", *PROFILES):
+        return
+    if "/" not in profile:
+        hint = did_you_mean(profile, PROFILES)
+        raise UnknownNameError(
+            f"no prompt profile named {profile!r}.{hint} There are: {tuple(PROFILES)}, and folders"
+            " of templates by a path with '/' in it"
+        )
+    for name in TEMPLATES:
+        if not (Path(profile) / name).is_file():
+            fix = f"cp {_TEMPLATES}/*.txt {profile}, and change them"
+            raise FileError(Path(profile) / name, "the profile's folder has no such file", fix=fix)
+
+
+def template_files(profile: str) -> dict[str, Path]:
+    """Return the templates of a profile that are read: name -> file."""
+    own = Path(profile) if profile and profile not in PROFILES else _TEMPLATES
+    return {name: own / name for name in TEMPLATES}
+
+
+def render(profile: str, request: PlanRequest, *, refusing: bool = False) -> Rendered:
+    """Fill one profile; `refusing` tells a planner that has not learnt it that it may refuse.
+
+    Raises:
+        UnknownNameError: no such profile.
+    """
+    skills = skills_of(profile)
+    if profile == "compact":
+        return compact(request)
+    files = template_files(profile)
+    return full(request, skills, refusing=refusing, goals=profile == GOALS, files=files)
+
+
+def compact_areas(areas: Sequence[Area]) -> str:
+    """Return long-term memory for the compact profile, one line per area; ends in a newline."""
+    lines = ["#areas"]
+    for area in areas:
+        kept = dict.fromkeys(kind for kind in area.contains if kind in landmark_types())
+        lines.append(" ".join([area.name, *kept]))
+    return "\n".join(lines if areas else ["#areas", "unknown"]) + "\n"
+
+
+_NEVER_TRAINED = frozenset({"cooled"})  # states that no memory of the nano's training had
+
+
+def compact_memory(units: Sequence[MemoryUnit], names: Mapping[str, str]) -> str:
+    """Return short-term memory for the compact profile: ` @Fridge cleaned sliced *Apple`.
+
+    What is said of a thing stands before its name: a small model that has found the words it looks
+    for reads the name next. `*` is before what was handled, `-` before what was only seen.
+    """
+    name_of = {object_id: name for name, object_id in names.items()}
+    lines = ["#memory\n"]
+    for unit in units:
+        if unit.place_id is not None:
+            lines.append(f" @{name_of.get(unit.place_id, unit.place_id)}")
+        told = [state for state in unit.states if state not in _NEVER_TRAINED]
+        lines += [f" {state.replace(' ', '_')}" for state in told]
+        lines.append(f" {'*' if unit.handled else '-'}{name_of[unit.object_id]}\n")
+    return "".join(lines)
+
+
+def _compact_last(units: Sequence[MemoryUnit], names: Mapping[str, str]) -> str:
+    """Return the line that says what was handled last, which is mostly what "it" means."""
+    name_of = {object_id: name for name, object_id in names.items()}
+    last = next((unit for unit in reversed(units) if unit.handled), None)
+    return f"#last {name_of[last.object_id]}\n" if last is not None else ""
+
+
+def compact_words(hints: Sequence[Hint]) -> str:
+    """Return what words may mean, in tenths: `#words tumbler: Cup 8 Mug 7; nuke: heat 6`."""
+    said = (
+        f"{hint.phrase}: " + " ".join(f"{m.name} {tenths(m.similarity)}" for m in hint.meanings)
+        for hint in hints
+    )
+    return f"#words {'; '.join(said)}\n" if hints else ""
+
+
+def tenths(similarity: float) -> int:
+    """Return a cosine as one digit, rounded down.
+
+    >>> tenths(0.79), tenths(1.0), tenths(-0.1)
+    (7, 9, 0)
+    """
+    return min(max(int(similarity * 10), 0), 9)
+
+
+def compact(request: PlanRequest) -> Rendered:
+    """Fill the compact profile.
+
+    The task stands before the memory: a small model can then mark what matters while it reads.
+    """
+    held = (request.held_id, request.held_type) if request.held_id and request.held_type else None
+    names = short_names(request.units, held)
+    lines = [f"#task {' '.join(request.instruction.lower().split()).rstrip('.!? ')}\n"]
+    lines.append(compact_words(request.hints))
+    if request.error:
+        lines.append(f"#error {_ID_REST.sub('', ' '.join(request.error.split()))[:120]}\n")
+    lines.append(compact_memory(request.units, names))
+    lines.append(_compact_last(request.units, names))
+    if held is not None:
+        lines.append(f"#held {base_type(held[1])}\n")
+    lines.append("#program\n")
+    prompt = Prompt(stable=compact_areas(request.areas), changing="".join(lines))
+    return Rendered(prompt=prompt, names=names)
+
+
+def full(
+    request: PlanRequest,
+    skills: Sequence[Skill],
+    *,
+    refusing: bool = False,
+    goals: bool = False,
+    files: Mapping[str, Path] | None = None,
+) -> Rendered:
+    """Fill the profile of KARMA Fig. 8, or own templates in its place, for skills or for goals."""
+    stable_file, changing_file = (files or template_files("full")).values()
+    held = (request.held_id, request.held_type) if request.held_id and request.held_type else None
+    standing = [one for one in request.seen if not one.pickupable and not request.graph_text]
+    areas = () if request.graph_text else request.areas
+    fixtures = fixture_names(areas, standing, before=request.named)
+    told = {unit.object_id: unit.place_id for unit in request.units}
+    told |= {request.held_id: HAND} if request.held_id else {}
+    movable = [one for one in request.seen if one.pickupable]
+    stands_for = stand_ins(movable, told.items())
+    seen = [one for one in movable if stands_for[one.object_id] == one.object_id]
+    seen = [one for one in seen if one.object_id not in told]
+    names = short_names(request.units, held, fixtures=fixtures, seen=seen)
+    name_of = {object_id: name for name, object_id in names.items()}
+    name_of |= {one: name_of[other] for one, other in stands_for.items()}
+    stable = filled(
+        stable_file,
+        skills=skills,
+        needs=skill_needs(),
+        refusing=refusing,
+        goals=goals,
+        graph=request.graph_text,
+        areas=[area_line(area, fixtures) for area in request.areas],
+        furniture=furniture(request.areas, fixtures) if goals else (),
+    )
+    changing = filled(
+        changing_file,
+        units=[(name_of[unit.object_id], unit) for unit in request.units],
+        place_of=lambda unit: place_name(unit.place_id, name_of),
+        seen=by_place(seen, name_of),
+        furniture=off_the_map(standing, request.areas, fixtures),
+        doors=doors_and_switches([*standing, *seen], name_of),
+        held=name_of.get(request.held_id or ""),
+        missing=dict.fromkeys(name_for(name, {}) for name in request.missing),
+        earlier=dict.fromkeys(failed_line(one, name_of) for one in request.failures[:-1]),
+        failed=failed_program(request, name_of),
+        examples=request.examples,
+        whole=request.whole,
+        hints=request.hints,
+        instruction=request.instruction,
+        goals=goals,
+    )
+    return Rendered(prompt=Prompt(stable=stable, changing=changing), names=names)
+
+
+def position_text(position_m: Vec3) -> str:
+    """Return a position to the centimetre.
+
+    >>> position_text((1.0, -0.004, 2.345))
+    '[1.00, 0.00, 2.35]'
+    """
+    return "[" + ", ".join(f"{round(v, 2) + 0.0:.2f}" for v in position_m) + "]"
+
+
+def filled(path: Path, **given: object) -> str:
+    """Fill a prompt's template; what it names and is not given is an error.
+
+    Raises:
+        FileError: it is missing or no template, or asks for what it is not given.
+    """
+    try:
+        return template(path).render(**given)
+    except jinja2.TemplateError as error:
+        line = getattr(error, "lineno", None)
+        where = f"line {line}: " if line else ""
+        fix = f"compare it with {_TEMPLATES / path.name}"
+        raise FileError(path, f"{where}{error.message}", fix=fix) from error
+
+
+@cache
+def template(path: Path) -> jinja2.Template:
+    """Return a prompt's template, read once; it reaches no other file, and no inside of Python."""
+    environment = SandboxedEnvironment(
+        loader=jinja2.DictLoader({path.name: read_bytes(path).decode("utf-8", "replace")}),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+    environment.filters["position"] = position_text
+    environment.filters["coarse"] = coarse_text
+    return environment.get_template(path.name)

@@ -1,0 +1,1 @@
+"""From an event to what was seen: by metadata or by pictures."""

@@ -1,0 +1,100 @@
+"""The first visit to a home: walk about, look around everywhere, and build the map."""
+
+from collections.abc import Sequence
+from hashlib import sha256
+from pathlib import Path
+
+from karma.agent.body.skills import Skills
+from karma.agent.planning.prompt import position_text
+from karma.agent.seeing.eyes import Eyes
+from karma.agent.seeing.perceive import cells_of, fixed_of, pose_of
+from karma.contracts import Area, Known, SceneRef, SkillCall, Tour, Vec3, World
+from karma.memory.scene_graph import SceneGraph
+
+LOOKOUT_M = 0.75  # every cell is this near to a place looked around from; the eye reaches 1.5 m
+
+
+def explore_room(
+    world: World, scene: SceneRef, saved: Path | None, eyes: Eyes | None = None
+) -> tuple[SceneGraph, bool]:
+    """Return long-term memory of a scene and whether it was made just now.
+
+    A saved map is of this room only if its fixed things are where they were when it was made:
+    another file of the same name, or the same file edited, has another. The world is back at the
+    scene's start afterwards, whether the map was loaded or explored.
+
+    Args:
+        world: a world that has been reset to `scene`.
+        scene: what to reset it to again.
+        saved: where the map of an earlier visit may lie.
+        eyes: how the agent sees; None: by the simulator's metadata.
+
+    Raises:
+        FileError: the saved map is damaged.
+    """
+    cells, room = floor_of(world), contents_of(world)
+    graph = SceneGraph.over(cells, height_m=position_of(world)[1], room=room)
+    if saved is not None and saved.exists():
+        known = SceneGraph.load(saved)
+        if known.room == room and [area.position_m for area in known.areas()] == [
+            a.position_m for a in graph.areas()
+        ]:
+            return known, False
+    lookouts = SceneGraph.over(cells, spacing_m=LOOKOUT_M).areas()
+    skills = Skills(world, KnownFloor(lookouts), eyes=eyes)
+    skills.look_around()
+    for area in tour(lookouts, position_of(world)):
+        skills.run(SkillCall(skill="GoToObject", objects=(area.name,)))
+        skills.look_around()
+        graph.observe(skills.experience.seen.values())
+    graph.tour = Tour(scene=scene.name, places=len(lookouts), actions=skills.actions)
+    world.reset(scene.source)
+    return graph, True
+
+
+def contents_of(world: World) -> str:
+    """Return the SHA-256 of what is fixed in a room that was just reset, and where, to the cm.
+
+    It tells one room from another and nothing else: no plan is made from it.
+    """
+    fixed = (f"{name} {position_text(place)}" for name, place in fixed_of(world.last_event))
+    return sha256("\n".join(sorted(fixed)).encode()).hexdigest()
+
+
+def floor_of(world: World) -> list[tuple[float, float]]:
+    """Return the (x, z) of every cell that can be stood on: the robot's map of the floor."""
+    return [(x, z) for x, _, z in cells_of(world.step("GetReachablePositions"))]
+
+
+def tour(areas: Sequence[Area], start: Vec3) -> list[Area]:
+    """Return all areas, always the nearest next."""
+    rest, here, order = list(areas), start, []
+    while rest:
+        rest.sort(key=lambda area: (_gap(area.position_m, here), area.name))
+        order.append(rest.pop(0))
+        here = order[-1].position_m
+    return order
+
+
+def _gap(one: Vec3, other: Vec3) -> float:
+    return (one[0] - other[0]) ** 2 + (one[2] - other[2]) ** 2
+
+
+def position_of(world: World) -> Vec3:
+    """Return where the agent stands."""
+    return pose_of(world.last_event).position_m
+
+
+class KnownFloor:
+    """The knowledge of somebody who knows the cells but nothing in the room."""
+
+    def __init__(self, areas: Sequence[Area]) -> None:
+        self._areas = areas
+
+    def where(self, name: str) -> Known | None:
+        """Return None: nothing is known yet."""
+        return None
+
+    def areas(self) -> Sequence[Area]:
+        """Return the nodes to search; the nearest is searched first."""
+        return self._areas

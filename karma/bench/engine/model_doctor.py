@@ -1,0 +1,304 @@
+"""See what each model of an experiment runs on here, its memory and speed, and what would help.
+
+Each one is opened as a run opens it, and asked a little: a planner reads a prompt of random words
+and says a few tokens, an embedder gets some texts, a vision model a grey picture.
+"""
+
+import os
+import platform
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from karma import registry
+from karma.agent.loading.models import OPENAI, Models, check_asked, filled, language_model
+from karma.agent.loading.names import opened_as
+from karma.contracts import SeenObject
+from karma.errors import KarmaError, ModelError, UnknownNameError
+from karma.files import rebuild_llama
+from karma.infer.checks.gguf import check_gguf
+from karma.infer.checks.memory import gguf_parts_mb
+from karma.infer.hosted.session import Session
+from karma.infer.llama.devices import devices, free_mb
+from karma.infer.llama.gguf_model import GgufModel
+from karma.infer.llama.options import KV_BYTES
+from karma.infer.manifest.manifest import ModelEntry, find_model, resolve_planner
+from karma.infer.torch_load import import_transformers
+
+CARDS = {  # what a driver puts on this machine -> (whose, what llama.cpp is built with for it)
+    "/dev/nvidia0": ("an NVIDIA card", "-DGGML_CUDA=on"),
+    "/dev/kfd": ("an AMD card", "-DGGML_HIP=on"),
+}
+STATUS = Path("/proc/self/status")
+
+_PROMPT, _ANSWER = 512, 24  # tokens that a planner's speed is measured with
+_FULL = 2821  # tokens of the largest prompt of the full profile, and of an answer
+_TEXTS = 8
+_FRAME = np.full((300, 300, 3), 128, np.uint8)
+_HEAVY_MB = 500  # of a file; where fewer bits a weight are worth a word
+_HALF = 1  # `general.file_type` of F16
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelSeen:
+    """One model of an experiment, and what was seen of it; None: not known or not measured."""
+
+    role: str
+    name: str
+    device: str = ""  # as llama.cpp or torch calls it
+    how: str = ""  # layers, kernels, numbers
+    predicted_mb: float | None = None
+    measured_mb: float | None = None  # more than before, in this process or on the GPU
+    speeds: Mapping[str, float] | None = None  # unit -> how many of it in a second
+    context: int | None = None  # tokens that it has now
+    limit: int | None = None  # that it may grow to
+    advice: tuple[str, ...] = ()
+    error: str = ""
+
+
+def tried(entry: ModelEntry, folder: Path) -> ModelSeen | None:
+    """Open a model as a run does in its role, and ask it a little; None: it fills no role.
+
+    Args:
+        entry: what is known of it; it need not be listed yet.
+        folder: where its files lie.
+
+    Raises:
+        ModelError: it does not open, or does not answer; whatever a library raised.
+    """
+    try:
+        if entry.role == "planner":
+            file = folder / Path(entry.files[0].path).name
+            profile = entry.prompt_profile or ""
+            return _planner(Models(planner=str(file), chat=entry.chat, profile=profile))
+        for key, plural, ask in _ROLES:
+            name = opened_as(plural, entry, str(folder))
+            if name:
+                return _torch(key, plural, ask, Models().computed_by({key: name}))
+    except KarmaError:
+        raise
+    except Exception as error:  # a file that fits its header may still be anything
+        why = str(error).splitlines() or [""]
+        raise ModelError(
+            f"{entry.name!r} does not run as {entry.role}: {type(error).__name__}: {why[0]}\n"
+            "  To fix: another --role, or another file"
+        ) from error
+    return None
+
+
+def examine(models: Models) -> Iterator[tuple[str, Callable[[], ModelSeen | None]]]:
+    """Yield for each role its model's name, and what looks at it: None where nothing computes."""
+    name = models.planner
+    yield f"planner {name}", partial(_safely, "planner", name, models, _planner)
+    for role, plural, ask in _ROLES:
+        name = getattr(models, role)
+        if not name:
+            continue
+        look = partial(_torch, role, plural, ask)
+        yield f"{role} {name}", partial(_safely, role, name, models, look)
+
+
+def _safely(
+    role: str, name: str, models: Models, look: Callable[[Models], ModelSeen | None]
+) -> ModelSeen | None:
+    """Return what was found, or the error as a finding: the others are looked at all the same."""
+    if name.partition(":")[0] == OPENAI:
+        return ModelSeen(role=role, name=getattr(models.hosted, role).model, device="hosted")
+    try:
+        return look(models)
+    except KarmaError as error:
+        return ModelSeen(role=role, name=name, error=str(error))
+
+
+# ----------------------------------------------------------------- planners
+
+
+def _planner(models: Models) -> ModelSeen:
+    file, before = resolve_planner(models.planner), resident_mb()
+    options, cards = models.llama, tuple(one.name for one in devices() if one.is_gpu)
+    free_before = free_mb(cards)
+    model: Any = language_model(models, Session(), None, 0)[0]
+    profile = models.profile or file.prompt_profile
+    try:
+        check_asked(model, profile)
+        gguf: GgufModel = model.gguf
+        speeds, engine = _speeds(gguf), gguf.engine
+        metadata = check_gguf(Path(file.path))
+        predicted = gguf_parts_mb(
+            Path(file.path), metadata, context=gguf.n_ctx, batch=gguf.n_batch,
+            bytes_each=KV_BYTES[options.kv],
+        )  # fmt: skip
+        on_gpu = engine.gpu_layers > 0
+        measured = _fallen(free_before, free_mb(cards)) if on_gpu else resident_mb() - before
+        layers = f"{engine.gpu_layers} of {gguf.size.blocks + 1} layers, " if on_gpu else ""
+        flash = "on" if engine.flash_attention else "off"
+        found = ModelSeen(
+            role="planner", name=file.name, device=engine.device,
+            how=f"{layers}{engine.kv} KV, flash attention {flash}, "
+            f"{engine.threads} thread{'s' * (engine.threads > 1)}"
+            + (f", {model.manner}" if model.manner else ""),
+            predicted_mb=predicted, measured_mb=measured, speeds=speeds,
+            context=gguf.n_ctx, limit=gguf.limit,
+        )  # fmt: skip
+        advice = [
+            *_about_gpu(gguf),
+            *_about_threads(engine.threads),
+            *_about_context(found, profile),
+        ]
+        if not on_gpu and predicted > _HEAVY_MB and metadata.get("general.file_type") == _HALF:
+            advice.append("16 bits a weight: a Q4_K_M file of it decodes about twice as fast here")
+        return replace(found, advice=tuple(advice))
+    finally:
+        model.close()
+
+
+def _speeds(gguf: GgufModel) -> dict[str, float]:
+    """Measure how fast a prompt is read and an answer is said, in tokens a second."""
+    prompt = min(_PROMPT, gguf.limit // 2)
+    answer = min(_ANSWER, gguf.limit - prompt)
+    tokens = np.random.default_rng(0).integers(0, gguf.vocabulary, prompt).tolist()
+    gguf.make_room(prompt + answer)
+    gguf.evaluate([], tokens[:8])  # weights come from the disk now
+    _, read_s = _timed(lambda: (gguf.evaluate([], tokens), gguf.logits()))  # a GPU is waited for
+
+    def say() -> None:
+        for token in tokens[:answer]:
+            gguf.extend([token])
+            gguf.logits()
+
+    _, said_s = _timed(say)
+    return {"prefill tokens/s": prompt / read_s, "decode tokens/s": answer / said_s}
+
+
+def _about_gpu(gguf: GgufModel) -> Iterator[str]:
+    layers, whole, options = gguf.placement.layers, gguf.size.blocks + 1, gguf.options
+    if options.gpu_layers != "auto":
+        return
+    if any(one.is_gpu for one in devices()):
+        if layers < whole:
+            yield (
+                f"{layers} of {whole} layers fit the GPU: a smaller file, a smaller n_ctx or "
+                'kv = "q8_0" leaves room for more'
+            )
+        return
+    for place, (whose, build) in CARDS.items():
+        if Path(place).exists():
+            yield (f"{whose} is here, but llama.cpp was built without it: {rebuild_llama(build)}")
+    if platform.system() == "Darwin" and platform.machine() == "arm64":
+        yield f"llama.cpp was built without Metal: {rebuild_llama('-DGGML_METAL=on')}"
+
+
+def _about_threads(threads: int) -> Iterator[str]:
+    cores = len(os.sched_getaffinity(0))
+    free = max(1, round(cores - os.getloadavg()[0]))
+    if threads > cores:
+        yield f"{threads} threads on {cores} cores slow each other: threads = {cores}"
+    elif threads > free:
+        yield f"{threads} threads, but about {free} of {cores} cores are free just now"
+    elif threads < free:
+        yield (
+            f"about {free} cores are free: threads = {free} answers sooner where one process "
+            "runs, and gives the same answers"
+        )
+
+
+def _about_context(found: ModelSeen, profile: str) -> Iterator[str]:
+    if profile == "full" and found.limit is not None and found.limit < _FULL:
+        yield (
+            f"its context of {found.limit} does not hold the longest prompts of the full profile "
+            f'with an answer ({_FULL} tokens): profile = "compact", or another n_ctx or model'
+        )
+
+
+# ----------------------------------------------------------------- torch models
+
+
+def _torch(
+    role: str, plural: str, ask: Callable[[Any], dict[str, float]], models: Models
+) -> ModelSeen | None:
+    name = getattr(models, role)
+    if not hasattr(registry.load(plural, name.partition(":")[0]), "computed_on"):
+        return None
+    _import_libraries(name.partition(":")[0])
+    before = resident_mb()
+    model = filled(plural, name, None, Session(), models)
+    speeds = ask(model)
+    device, _, numbers = model.computed_on.partition(", ")
+    advice = []
+    if device == "cpu" and models.device == "auto" and Path("/dev/nvidia0").exists():
+        advice.append("an NVIDIA card is here, but torch was built without CUDA: install one with")
+    return ModelSeen(
+        role=role, name=model.name, device=device, how=numbers, speeds=speeds,
+        predicted_mb=_listed_mb(name, model.name), advice=tuple(advice),
+        measured_mb=resident_mb() - before if device.lower() == "cpu" else None,
+    )  # fmt: skip
+
+
+def _import_libraries(kind: str) -> None:
+    """Import what a model is computed with, since what libraries take is not the model's."""
+    if kind == "minilm":
+        import scipy.special  # noqa: F401
+
+        return
+    import_transformers()
+    if kind == "sentence":
+        import sentence_transformers  # noqa: F401
+
+
+def _embedder(model: Any) -> dict[str, float]:
+    model.embed(["warm"])
+    texts = [f"a clean mug on shelf {number}" for number in range(_TEXTS)]
+    _, seconds = _timed(lambda: model.embed(texts))
+    return {"texts/s": len(texts) / seconds}
+
+
+def _vision(model: Any) -> dict[str, float]:
+    cup = SeenObject(
+        object_id="Cup|1", object_type="Cup", position_m=(0, 0, 0), box_center_m=(0, 0, 0),
+        box_size_m=(1, 1, 1), pickupable=True, region=(100.0, 100.0, 160.0, 180.0),
+    )  # fmt: skip
+    _, seconds = _timed(lambda: model.read_states(_FRAME, "wash the cup", [cup]))
+    return {"pictures/s": 1 / seconds}
+
+
+_ROLES: Sequence[tuple[str, str, Callable[[Any], dict[str, float]]]] = (
+    ("embedder", "embedders", _embedder),
+    ("vision", "vision_models", _vision),
+)
+
+
+def _listed_mb(name: str, own: str) -> float | None:
+    """Return what the manifest says that a model takes."""
+    try:
+        return find_model(name.partition(":")[2] or own).memory_mb
+    except UnknownNameError:
+        return None
+
+
+# ----------------------------------------------------------------- measuring
+
+
+def resident_mb() -> float:
+    """Return the memory that this process holds, in MB; 0 where the system does not tell."""
+    try:
+        lines: Sequence[str] = STATUS.read_text().splitlines()
+        return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS:")) * 1.024e-3
+    except (OSError, StopIteration):
+        return 0.0
+
+
+def _fallen(before: float | None, after: float | None) -> float | None:
+    """Return how much less is free than before; a device whose count stands still tells nothing."""
+    fallen = 0.0 if before is None or after is None else before - after
+    return fallen if fallen > 0 else None
+
+
+def _timed(call: Callable[[], Any]) -> tuple[Any, float]:
+    begun = time.perf_counter()
+    found = call()
+    return found, time.perf_counter() - begun

@@ -1,0 +1,273 @@
+"""Our tasks as a run does them: every row on every task, with models that are loaded once."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from karma import registry
+from karma.agent.journal.header import RESULTS, Header
+from karma.agent.journal.part import TimeLog
+from karma.agent.journal.records import EpisodeRecord
+from karma.agent.journal.run_folder import Finished, RunFolder
+from karma.agent.journal.steps import StepLog
+from karma.agent.journal.told import Config
+from karma.agent.loading.models import Models, Row, for_row, load_resources
+from karma.agent.loading.worlds import world_maker
+from karma.agent.tour import explore_room
+from karma.bench.engine.configuration import configuration, header_of
+from karma.bench.engine.episode import run_episode
+from karma.bench.engine.experiment import Experiment
+from karma.bench.engine.experiment_file import Changes, DataFolders, read_experiment
+from karma.bench.engine.experiment_tasks import load, placed, scene_path
+from karma.bench.engine.nodes import NodeFolder
+from karma.bench.engine.suite import Chain, Do, Done
+from karma.bench.engine.workers import loaded
+from karma.bench.figures.columns import added_up
+from karma.bench.tasks.days import Days
+from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
+from karma.errors import FileError, KarmaError
+from karma.infer.hosted.session import Session
+from karma.infer.llama.room_states import StateOptions
+from karma.offline.guard import settle
+from karma.world.home import Home
+
+MAPS = "maps"  # below the run folder
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OurTasks:
+    """An experiment of ours, see `Suite`."""
+
+    experiment: Experiment  # as its file and the command say it
+    models: Models
+    tasks: tuple[Task, ...]
+    scenes: Mapping[str, bytes]  # that the tasks bring along, by name
+    folder: Path  # of the run, on the machine that does the episodes
+    steps: bool
+    states: StateOptions
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """Those that act."""
+        return self.experiment.rows
+
+    @property
+    def header(self) -> Header:
+        """What records depend on; errors as `header_of`."""
+        return header_of(self.experiment, self.tasks, self.scenes, steps=self.steps)
+
+    @property
+    def config(self) -> Config:
+        """What the run was told; errors as `configuration`."""
+        return configuration(self.experiment)
+
+    def files(self) -> RunFolder:
+        """Return the folder that takes what episodes leave."""
+        return RunFolder(self.folder, steps=self.steps)
+
+    def brought(self) -> dict[str, bytes]:
+        """Return the rooms that tasks bring along by their place below the folder."""
+        places = {name: scene_path(self.folder, name) for name in self.scenes}
+        return {
+            places[name].relative_to(self.folder).as_posix(): data
+            for name, data in self.scenes.items()
+        }
+
+    def chains(self, seeds: Sequence[int]) -> list[Chain]:
+        """Return all episodes in their final order, each by itself."""
+        return [
+            Chain(row=row.name, tasks=(task.id,), seed=seed)
+            for seed in seeds
+            for row in self.rows
+            for task in self.tasks
+        ]
+
+    def added_up(self, records: Sequence[EpisodeRecord]) -> dict[str, bytes]:
+        """Return what records come to, by the name of its file."""
+        return {RESULTS: added_up(records)}
+
+    def begin(self, session: Session) -> Callable[[Chain], Iterator[Done]]:
+        """Load what episodes need.
+
+        Raises:
+            KarmaError: a model cannot be loaded, or a row has an option that its method does not
+                know.
+        """
+        return Performer(self, session).play
+
+    def begin_on_node(self, header: Header, there: DataFolders) -> Do:
+        """Have tasks and rooms in a folder of this machine, and load what episodes need."""
+        node = NodeFolder(self.folder, self.scenes)
+        here = replace(
+            self,
+            folder=node.path,
+            tasks=tuple(placed(task, self.scenes, node.path) for task in self.tasks),
+            models=node.models(header, self.models, self.rows),
+        )
+        return node.bringing(loaded(here, Session()))
+
+
+def our_tasks(
+    path: Path,
+    folder: Path,
+    changes: Changes | None,
+    computed: Mapping[str, Any],
+    base_url: str,
+    *,
+    steps: bool | None,
+    states: Path | None,
+    half_width: float | None,
+    max_seeds: int | None,
+) -> OurTasks:
+    """Read an experiment and its tasks; arguments and errors as of `karma.bench.engine.run.Run`."""
+    experiment = read_experiment(path, changes)
+    if experiment.grid:
+        raise FileError(path, "it has a [[grid]]: a sweep, not a run", fix=f"karma eval {path}")
+    models = experiment.models.computed_by(computed)
+    experiment = msgspec.structs.replace(experiment, models=models)
+    if base_url:  # where it is asked is no part of what a run depends on
+        models = msgspec.structs.replace(models, hosted=models.hosted.at(base_url))
+    found = load(experiment, path, folder)
+    experiment = _as_sure(experiment, half_width, max_seeds)
+    if experiment.precision is not None:
+        _check_seeds_differ(found.tasks)
+    kept = experiment.run.room_states
+    return OurTasks(
+        experiment=experiment,
+        models=models,
+        tasks=found.tasks,
+        scenes=found.scenes,
+        folder=folder,
+        steps=experiment.run.steps if steps is None else steps,
+        states=replace(kept, folder=states or kept.folder),
+    )
+
+
+def _as_sure(experiment: Experiment, half_width: float | None, max_seeds: int | None) -> Experiment:
+    """Return an experiment with how sure to be as a command asks.
+
+    Raises:
+        KarmaError: there is no such half-width, or a number of seeds without one.
+    """
+    width = experiment.half_width if half_width is None else half_width
+    if width is None:
+        if max_seeds is not None:
+            raise KarmaError("--max-seeds is for runs with --half-width, e.g. --half-width 0.05")
+        return experiment
+    most = max_seeds or experiment.max_seeds
+    try:
+        return msgspec.structs.replace(experiment, half_width=width, max_seeds=most)
+    except ValueError as error:
+        raise KarmaError(f"{error}\n  To fix: --half-width 0.05") from error
+
+
+def _check_seeds_differ(tasks: Iterable[Task]) -> None:
+    """Raise KarmaError where another seed would be the same episode again."""
+    if alike := [task.id for task in tasks if task.kind == "sequence"]:
+        raise KarmaError(
+            f"task {alike[0]} is a sequence, which has one seed: no half-width is reached by more\n"
+            "  To fix: leave out the half-width, or put more sequences into the task file"
+        )
+
+
+class Performer:
+    """Does episodes, one after the other, with models that are loaded once.
+
+    Args:
+        suite: what to load.
+        session: of hosted models.
+
+    Raises:
+        KarmaError: a model cannot be loaded, or a row has an option that its method does not know.
+    """
+
+    def __init__(self, suite: OurTasks, session: Session) -> None:
+        self._suite, self._session = suite, session
+        self._tasks = {task.id: task for task in suite.tasks}
+        resources = load_resources(
+            suite.models,
+            maps=suite.folder / MAPS,
+            seed=suite.experiment.seeds[0],  # of the planner's decoding
+            session=session,
+            states=suite.states,
+        )
+        world = suite.experiment.world
+        self._make = world_maker(world, [row.all_options for row in suite.rows])
+        self._world = self._make()
+        self._days = Days()
+        seeing = {suite.models.vision: resources.vision}
+        self._methods = {  # all of them now: a wrong row must not come to light hours later
+            row.name: _built(row, resources, seeing, suite.models) for row in suite.rows
+        }
+        session.ledger.take()  # what loading asked is on no episode's bill
+
+    def play(self, chain: Chain) -> Iterator[Finished]:
+        """Do each episode of a chain, when it is asked for."""
+        for task in chain.tasks:
+            yield self._done(chain.row, self._tasks[task], chain.seed)
+
+    def _done(self, row: str, task: Task, seed: int) -> Finished:
+        if seed:
+            for scene in task.scenes:
+                self._know(scene)
+        steps, times, logged = StepLog(), TimeLog(), self._suite.steps
+        with self._worlds(task) as world:
+            record = run_episode(
+                self._methods[row],
+                world,
+                task,
+                row=row,
+                seed=seed,
+                folder=self._suite.folder,
+                ledger=self._session.ledger,
+                cassette=self._session.cassette,
+                steps=steps if logged else None,
+                times=times,
+                days=self._days,
+            )
+        settle()
+        data = steps.data() if logged else b""
+        return Finished(record=record, timing=times.of(record), steps=data)
+
+    @contextmanager
+    def _worlds(self, task: Task) -> Iterator[World]:
+        """Give the world of a task: a home, for as long as it is needed, where it has rooms."""
+        if len(task.scenes) == 1:
+            yield self._world
+            return
+        home = Home(self._make)
+        try:
+            yield home
+        finally:
+            home.stop()
+
+    def _know(self, scene: SceneRef) -> None:
+        """Have a map of a room as it is, before somebody makes one of it on another day."""
+        path = self._suite.folder / MAPS / f"{scene.name}.json"
+        if path.exists():
+            return
+        try:
+            self._world.reset(scene.source)
+            graph, _ = explore_room(self._world, scene, None)
+        except FileError:  # the episode will say why
+            return
+        graph.save(path)
+
+
+def _built(
+    row: Row, resources: Resources, loaded: dict[str, VisionModel], models: Models
+) -> Method:
+    """Return the method of a row.
+
+    Raises:
+        KarmaError: it has an option that the method does not know, or of the wrong type.
+    """
+    try:
+        kind: type[Method] = registry.load("methods", row.method)
+        return kind.build(for_row(resources, row, loaded, models), row.all_options)
+    except KarmaError as error:
+        raise KarmaError(f"row {row.name!r}: {error}") from error

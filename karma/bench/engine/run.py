@@ -1,0 +1,207 @@
+"""A run: an experiment in its folder, begun, gone on with, and finished."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from karma.agent.journal.folder import locked
+from karma.agent.journal.header import EPISODES
+from karma.agent.journal.not_run import IN_A_ROW, NotRun
+from karma.agent.journal.records import Key, key_of
+from karma.bench.engine.benchmark_runs import BenchmarkSuite, benchmark_suite
+from karma.bench.engine.experiment_file import Changes, kind_of
+from karma.bench.engine.our_tasks import OurTasks, our_tasks
+from karma.bench.engine.suite import BenchmarkResults, Chain, Suite
+from karma.bench.engine.worker_count import IN_FLIGHT, Suggestion, suggest_workers
+from karma.bench.engine.workers import check_far, perform
+from karma.bench.figures.precision import takes_another
+from karma.contracts import Task
+from karma.errors import KarmaError
+from karma.infer.hosted.cassette import Cassette
+from karma.infer.hosted.server import slots_of
+from karma.infer.hosted.session import Session
+
+
+class Run:
+    """An experiment in its folder: of our own tasks, or of a benchmark by its own protocol.
+
+    Args:
+        path: the TOML file.
+        folder: takes records, header and whatever else episodes leave.
+        changes: what the experiment says otherwise than its file.
+        fresh: throw away what an earlier run left there.
+        cassette: records hosted models or stands for them, and is the run's clock.
+        base_url: of all hosted models, in place of the experiment's.
+        computed: keys of its [models] that say how they are computed, in place of its own.
+        steps: whether to keep step logs; None leaves this and the following to the experiment, and
+            a benchmark has none of them.
+        states: folder for KV states of rooms, in place of the experiment's.
+        half_width: wanted of every success rate's interval, by more seeds than are listed.
+        max_seeds: that may come to, the listed ones counted.
+        suite: what is done, where it is of neither form; `path` is named in messages.
+
+    Raises:
+        FileError: the experiment is damaged, or the folder holds a run of something else.
+        KarmaError: another run is at work in the folder, its tasks have one seed only, or an
+            argument is of no use to it.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        folder: Path,
+        *,
+        changes: Changes | None = None,
+        fresh: bool = False,
+        cassette: Cassette | None = None,
+        base_url: str = "",
+        computed: Mapping[str, Any] | None = None,
+        steps: bool | None = None,
+        states: Path | None = None,
+        half_width: float | None = None,
+        max_seeds: int | None = None,
+        suite: Suite | None = None,
+    ) -> None:
+        self.path, self.folder = path, folder
+        self._session = Session(cassette)
+        said = (path, folder, changes, computed or {}, base_url)
+        own: dict[str, Any] = {
+            "steps": steps, "states": states, "half_width": half_width, "max_seeds": max_seeds
+        }  # fmt: skip
+        self.suite: Suite
+        if suite is not None:
+            self.suite = suite
+        elif kind_of(path, changes) == "benchmark":
+            if wrong := [name for name, value in own.items() if value is not None]:
+                raise KarmaError(f"{path}: a benchmark has no {wrong[0]}")
+            self.suite = benchmark_suite(*said)
+        else:
+            self.suite = our_tasks(*said, **own)
+        self.experiment: Any = self.suite.experiment  # an `Experiment`, or a benchmark's own
+        ours = self.suite if isinstance(self.suite, OurTasks) else None
+        self.tasks: tuple[Task, ...] = ours.tasks if ours else ()  # of our own
+        self.precision = ours.experiment.precision if ours else None
+        self._config = ours.config if ours else None
+        self._scenes = ours.brought() if ours else {}
+        self.header = self.suite.header
+        self._files = self.suite.files()
+        self.records: list[Any] = []
+        self.not_run: list[NotRun] = []  # of those that were tried last
+        self.timings: dict[Key, Any] = {}
+        self._begin_seeds(self.experiment.seeds)
+        with locked(folder):
+            if fresh:
+                self._files.clear()
+            self._claim()
+            self._go_on()
+
+    @property
+    def records_path(self) -> Path:
+        """Where the records are."""
+        return self.folder / EPISODES
+
+    @property
+    def total(self) -> int:
+        """How many episodes the seeds come to that have been begun."""
+        return sum(len(chain.tasks) for chain in self.chains)
+
+    @property
+    def left(self) -> int:
+        """How many of them are not done yet."""
+        return self.total - len(self.records)
+
+    def suggest(self) -> Suggestion:
+        """Return how many workers to use unless a number is given.
+
+        Raises:
+            KarmaError: a hosted planner may not or cannot be reached.
+        """
+        models, in_flight = self.suite.models, None
+        if models.hosted.planner is not None and self._session.cassette.mode != "replay":
+            in_flight = slots_of(models.hosted.planner) or IN_FLIGHT
+        return suggest_workers(models, self.left, self.suite.rows, in_flight=in_flight)
+
+    def episodes(self, workers: int = 1, *, ray: str = "") -> Iterator[Any]:
+        """Do what is missing; each record is on the disk before it is yielded.
+
+        When the last is done, all lines are put in their final order, in whatever order they were
+        done. Where success rates are not yet as sure as they are wanted, one seed after the other
+        is begun. What was not run is in `not_run` afterwards; then the run is not finished.
+
+        Args:
+            workers: processes to use, each with models of its own.
+            ray: address of a Ray cluster, whose machines do the episodes; then 0 workers are as
+                many as it has room for.
+
+        Raises:
+            KarmaError: a model cannot be loaded or a hosted one not reached, a row has a wrong
+                option, a cluster is to ask hosted models, another run is at work in the folder, or
+                several episodes in a row were not run.
+        """
+        if ray:
+            check_far(self.suite.models, self._session.cassette)
+        with locked(self.folder):
+            self._claim()
+            self._go_on()
+            if self.left:
+                self._files.reopen()
+            self.not_run, in_a_row = [], 0
+            while not self.not_run and (todo := self._todo()):
+                for one in perform(
+                    self.suite, todo, self._session, workers=workers, ray=ray, header=self.header
+                ):
+                    if isinstance(one, NotRun):
+                        in_a_row += not one.alone
+                        self._put_aside(one, ends=in_a_row == IN_A_ROW)
+                        continue
+                    in_a_row = 0
+                    self._files.commit(one)
+                    self.records.append(one.record)
+                    self.timings[one.timing.key] = one.timing
+                    yield one.record
+                self._begin_another()
+            if not self.not_run:
+                order = [key for chain in self.chains for key in chain.keys]
+                self._files.finish(order, self.suite.added_up)
+                self.records, self.timings = self._files.done()
+
+    def results(self) -> BenchmarkResults:
+        """Return what a benchmark's records so far come to; errors as `Benchmark.results`."""
+        assert isinstance(self.suite, BenchmarkSuite)
+        return self.suite.results(self.records, self.not_run)
+
+    # ------------------------------------------------------------- parts
+
+    def _put_aside(self, one: NotRun, *, ends: bool) -> None:
+        """Keep why an episode was not run; `ends`: so many were not that none would be."""
+        self.not_run.append(one)
+        self._files.put_aside(one)
+        if ends:
+            raise KarmaError(f"{IN_A_ROW} episodes one after the other were not run: {one.reason}")
+
+    def _claim(self) -> None:
+        fix = f"--out another folder, or karma eval {self.path} --fresh, which throws that run away"
+        self._files.claim(self.header, self._config, fix=fix, scenes=self._scenes)
+
+    def _go_on(self) -> None:
+        """Look at what is done, and at what is to be done next; a begun seed is finished."""
+        together = [chain.keys for chain in self.chains if len(chain.tasks) > 1]
+        self.records, self.timings = self._files.done(together)
+        listed = self.experiment.seeds
+        last = max((record.seed for record in self.records), default=0)
+        self._begin_seeds((*listed, *range(max(listed) + 1, last + 1)))
+        if not self.left:
+            self._begin_another()
+
+    def _begin_seeds(self, seeds: tuple[int, ...]) -> None:
+        self.seeds = seeds
+        self.chains = tuple(self.suite.chains(seeds))
+
+    def _begin_another(self) -> None:
+        """Begin the next seed where a success rate is not sure enough; all others are complete."""
+        if self.precision and takes_another(self.records, self.precision, len(self.seeds)):
+            self._begin_seeds((*self.seeds, max(self.seeds) + 1))
+
+    def _todo(self) -> list[Chain]:
+        done = {key_of(record) for record in self.records}
+        return [chain for chain in self.chains if not done.issuperset(chain.keys)]

@@ -1,0 +1,304 @@
+"""Two arms over the same tasks and seeds: what differs, how sure that is, what went unseen."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from karma.agent.journal.records import ALL, EpisodeRecord, is_of, kinds_of
+from karma.bench.figures.counterfactual import Pair, paired
+from karma.bench.figures.metrics import METRICS, SUCCESS, Metric, TimedEpisode, by_task, measure
+from karma.bench.figures.statistics import (
+    Estimate,
+    Floats,
+    Resampled,
+    bootstrap,
+    detectable_mean,
+    detectable_rate,
+    effective_number,
+    mcnemar,
+    more_seeds,
+    sign_flip,
+)
+from karma.errors import KarmaError
+
+HALF_WIDTH = 0.05  # of a success rate; wanted unless told otherwise
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arm:
+    """One side of a comparison: the episodes of one row of one run, from `episodes_of`."""
+
+    name: str
+    episodes: Sequence[TimedEpisode]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MetricPair:
+    """One metric of both arms over the same pairs."""
+
+    key: str
+    title: str
+    digits: int
+    first: Estimate
+    second: Estimate
+    difference: Estimate  # first - second
+    detectable: float | None  # the smallest difference that this many pairs would show
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Split:
+    """A task that one arm solved and the other did not, with the seeds in which it did."""
+
+    task: str
+    seeds: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """Two arms, paired by task and seed."""
+
+    first: str
+    second: str
+    kind: str  # or "all"
+    pairs: int
+    tasks: int
+    seeds: tuple[int, ...]
+    agreement: float | None  # share of pairs in which both or neither solved the task
+    same_programs: float | None  # share of sub-tasks for which both planners first wrote the same
+    timed_out: int  # pairs in which the clock cut off an answer; not in `same_programs`
+    only_first: tuple[Split, ...]
+    only_second: tuple[Split, ...]
+    p: float  # McNemar's exact test of the success rates, pairs taken as independent
+    p_tasks: float  # the same with a task's seeds kept together
+    ratio: Estimate  # of the success rates, first / second
+    lines: tuple[MetricPair, ...]
+    half_width: float  # wanted of each success rate
+    more_seeds_first: int | None
+    more_seeds_second: int | None
+
+    @property
+    def success(self) -> MetricPair:
+        """The success rates of both."""
+        return next(line for line in self.lines if line.key == SUCCESS.key)
+
+
+def compare(
+    first: Arm, second: Arm, *, kind: str = ALL, half_width: float = HALF_WIDTH
+) -> Comparison:
+    """Compare two arms over the pairs that both have.
+
+    Raises:
+        KarmaError: the arms are over different tasks, or have no pair of the kind in common.
+    """
+    check_same_tasks(first, second)
+    pairs = [
+        pair for pair in paired(first.episodes, second.episodes) if is_of(pair[0].record, kind)
+    ]
+    if not pairs:
+        raise KarmaError(
+            f"{first.name} and {second.name} have no episode of kind {kind!r} with the same task "
+            f"and seed: seeds {_seeds(first)} against {_seeds(second)}\n"
+            "  To fix: karma eval both with the same `seeds`"
+        )
+    mine, other = [a for a, _ in pairs], [b for _, b in pairs]
+    gaps = _gaps(pairs)
+    only_first = [a for a, b in pairs if a.record.success and not b.record.success]
+    only_second = [b for a, b in pairs if b.record.success and not a.record.success]
+    differing = len(only_first) + len(only_second)
+    return Comparison(
+        first=first.name,
+        second=second.name,
+        kind=kind,
+        pairs=len(pairs),
+        tasks=len({a.record.task for a in mine}),
+        seeds=tuple(sorted({a.record.seed for a in mine})),
+        agreement=1 - differing / len(pairs),
+        same_programs=_same_programs([pair for pair in pairs if not _timed_out(pair)]),
+        timed_out=sum(map(_timed_out, pairs)),
+        only_first=_splits(only_first),
+        only_second=_splits(only_second),
+        p=mcnemar(len(only_first), len(only_second)),
+        p_tasks=sign_flip([sum(group) for group in gaps]),
+        ratio=_resampled(SUCCESS, pairs, ratio=True).estimate,
+        lines=tuple(_line(metric, pairs, mine, other) for metric in METRICS),
+        half_width=half_width,
+        more_seeds_first=more_seeds(list(by_task(SUCCESS, mine).values()), half_width),
+        more_seeds_second=more_seeds(list(by_task(SUCCESS, other).values()), half_width),
+    )
+
+
+def compare_kinds(
+    first: Arm, second: Arm, *, half_width: float = HALF_WIDTH
+) -> tuple[Comparison, ...]:
+    """Return the comparison over all pairs, unless they are of one kind; then that of each kind.
+
+    Raises:
+        KarmaError: as `compare` does.
+    """
+    kinds = list(kinds_of(a.record for a, _ in paired(first.episodes, second.episodes)))
+    if len(kinds) != 1:
+        kinds.insert(0, ALL)
+    return tuple(compare(first, second, kind=kind, half_width=half_width) for kind in kinds)
+
+
+# ----------------------------------------------------------------- the same tasks
+
+
+def check_same_tasks(first: Arm, second: Arm) -> None:
+    """See that two arms were asked the same.
+
+    Raises:
+        KarmaError: names the tasks that only one has, or the first that differs.
+    """
+    mine, other = _asked(first.episodes), _asked(second.episodes)
+    only = {first.name: sorted(mine.keys() - other), second.name: sorted(other.keys() - mine)}
+    words = [f"only {name} has {_some(tasks)}" for name, tasks in only.items() if tasks]
+    words += [
+        f"task {task} asks {_text(mine[task])} in {first.name}, {_text(other[task])} "
+        f"in {second.name}"
+        for task in sorted(mine.keys() & other)
+        if not _agree(mine[task], other[task])
+    ][:1]
+    if words:
+        raise KarmaError(
+            "the runs are over different tasks, so nothing can be said about them together:\n  "
+            + "\n  ".join(words)
+            + "\n  To fix: karma eval both over the same `tasks` and `only`, and to their end"
+        )
+
+
+_TaskWords = tuple[str, str, tuple[tuple[str, tuple[str, ...]], ...]]  # scene, kind, sub-tasks
+
+
+def _asked(episodes: Sequence[TimedEpisode]) -> Mapping[str, _TaskWords]:
+    """Return what each task asks, by its longest record."""
+    found: dict[str, _TaskWords] = {}
+    for one in episodes:
+        record = one.record
+        parts = tuple((sub.instruction, sub.goals) for sub in record.subtasks)
+        if record.task not in found or len(parts) > len(found[record.task][2]):
+            found[record.task] = record.scene, record.kind, parts
+    return found
+
+
+def _agree(mine: _TaskWords, other: _TaskWords) -> bool:
+    """Return whether two records ask the same as far as both go: an error may have ended one."""
+    shorter = min(len(mine[2]), len(other[2]))
+    return mine[:2] == other[:2] and mine[2][:shorter] == other[2][:shorter]
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - 5} more" if len(names) > 5 else ""
+    return ", ".join(names[:5]) + more
+
+
+def _text(asked: _TaskWords) -> str:
+    scene, kind, parts = asked
+    return repr(f"{kind}, {scene}: {' '.join(text for text, _ in parts)}"[:120])
+
+
+def _seeds(arm: Arm) -> list[int]:
+    return sorted({one.record.seed for one in arm.episodes})
+
+
+# ----------------------------------------------------------------- figures
+
+
+def _line(
+    metric: Metric,
+    pairs: Sequence[Pair],
+    mine: Sequence[TimedEpisode],
+    other: Sequence[TimedEpisode],
+) -> MetricPair:
+    first, second = measure(metric, mine), measure(metric, other)
+    known = first.value is not None and second.value is not None
+    both = _resampled(metric, pairs) if known else None
+    return MetricPair(
+        key=metric.key,
+        title=metric.title,
+        digits=metric.digits,
+        first=first,
+        second=second,
+        difference=both.estimate if both else Estimate(value=None),
+        detectable=_detectable(metric, pairs, both.deviation if both else None),
+    )
+
+
+def _resampled(metric: Metric, pairs: Sequence[Pair], *, ratio: bool = False) -> Resampled:
+    """Return the difference or ratio of two means over resampled tasks.
+
+    Where it is the same in every task, resamples cannot tell how sure it is: no interval.
+    """
+    sums: dict[str, list[float]] = {}
+    for pair in pairs:
+        mine = sums.setdefault(pair[0].record.task, [0.0] * 4)
+        for place, one in enumerate(pair):
+            seen = metric.of(one)
+            mine[2 * place] += sum(seen)
+            mine[2 * place + 1] += len(seen)
+    table = np.array([sums[task] for task in sorted(sums)])
+    found = bootstrap(table, _ratio if ratio else _difference, number=len(pairs))
+    if found.deviation is not None:
+        return found
+    return replace(found, estimate=replace(found.estimate, interval=None))
+
+
+def _difference(sums: Floats) -> Floats:
+    gap: Floats = sums[:, 0] / sums[:, 1] - sums[:, 2] / sums[:, 3]
+    return gap
+
+
+def _ratio(sums: Floats) -> Floats:
+    share: Floats = (sums[:, 0] * sums[:, 3]) / (sums[:, 1] * sums[:, 2])
+    return share
+
+
+def _detectable(metric: Metric, pairs: Sequence[Pair], deviation: float | None) -> float | None:
+    if metric is not SUCCESS:
+        return detectable_mean(deviation)
+    groups = _gaps(pairs)
+    share = sum(abs(gap) for group in groups for gap in group) / len(pairs)
+    return detectable_rate(effective_number(groups), share)
+
+
+def _gaps(pairs: Sequence[Pair]) -> list[list[int]]:
+    """Return for each task, pair by pair: 1 where only the first solved it, -1 the second."""
+    found: dict[str, list[int]] = {}
+    for first, second in pairs:
+        gap = int(first.record.success) - int(second.record.success)
+        found.setdefault(first.record.task, []).append(gap)
+    return list(found.values())
+
+
+def _splits(episodes: Sequence[TimedEpisode]) -> tuple[Split, ...]:
+    found: dict[str, list[int]] = {}
+    for one in episodes:
+        found.setdefault(one.record.task, []).append(one.record.seed)
+    return tuple(Split(task=task, seeds=tuple(sorted(found[task]))) for task in sorted(found))
+
+
+def _timed_out(pair: Pair) -> bool:
+    return any(one.record.timed_out for one in pair)
+
+
+def _same_programs(pairs: Sequence[Pair]) -> float | None:
+    same = [
+        a.answers[0].program == b.answers[0].program
+        for first, second in pairs
+        for a, b in zip(first.record.subtasks, second.record.subtasks, strict=False)
+        if a.answers and b.answers
+    ]
+    return sum(same) / len(same) if same else None
+
+
+def arm_of(records: Sequence[EpisodeRecord], episodes: Sequence[TimedEpisode], row: str) -> Arm:
+    """Return one row of some records as an arm.
+
+    Raises:
+        KarmaError: there is no such row; names those there are.
+    """
+    rows = list(dict.fromkeys(record.row for record in records))
+    if row not in rows:
+        raise KarmaError(f"no row {row!r}; there are {', '.join(map(repr, rows))}")
+    return Arm(name=row, episodes=[one for one in episodes if one.record.row == row])

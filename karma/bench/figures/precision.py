@@ -1,0 +1,91 @@
+"""Whether a run has seeds enough: how wide the intervals of its success rates still are.
+
+Everything follows from the records of complete seeds, so a run that was killed, or done by several
+workers, begins the same seeds as one that was not.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from karma.agent.journal.records import EpisodeRecord, kinds_of
+from karma.bench.figures.statistics import Estimate, more_seeds, rate
+
+MAX_SEEDS = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Precision:
+    """How sure every success rate is wanted to be, and what that may cost.
+
+    Raises:
+        ValueError: a half-width that no rate can have, or no seed at all.
+    """
+
+    half_width: float
+    max_seeds: int = MAX_SEEDS
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no sense."""
+        if not 0 < self.half_width < 0.5:
+            raise ValueError(f"half-width {self.half_width:g}: it is between 0 and 0.5")
+        if self.max_seeds < 1:
+            raise ValueError(f"{self.max_seeds} seeds at most: it is 1 or more")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reached:
+    """How sure the success rate of a row and kind of task is."""
+
+    row: str
+    kind: str
+    tasks: int
+    seeds: int
+    success: Estimate
+    more_seeds: int | None  # to the half-width that was wanted, as it seems; None: not known
+    takes_tasks: bool  # no number of seeds will do: tasks differ too much, or are too few
+
+    @property
+    def reached(self) -> bool:
+        """Whether the interval is narrow enough."""
+        return self.more_seeds == 0
+
+
+def reached(records: Sequence[EpisodeRecord], wanted: Precision) -> tuple[Reached, ...]:
+    """Return how sure each row is of each kind of task, in the order of rows and kinds.
+
+    Args:
+        records: of complete seeds; their order changes no figure.
+        wanted: what they are held against.
+    """
+    groups: dict[tuple[str, str], dict[str, list[float]]] = {}
+    records = [record for record in records if not record.unjudged]
+    for one in sorted(records, key=lambda record: record.key):
+        tasks = groups.setdefault((one.row, one.kind), {})
+        tasks.setdefault(one.task, []).append(float(one.success))
+    rows = list(dict.fromkeys(record.row for record in records))
+    return tuple(
+        _reached(row, kind, list(groups[row, kind].values()), wanted.half_width)
+        for row in rows
+        for kind in kinds_of(records)
+        if (row, kind) in groups
+    )
+
+
+def _reached(row: str, kind: str, groups: Sequence[Sequence[float]], half_width: float) -> Reached:
+    seeds = max(map(len, groups))
+    return Reached(
+        row=row,
+        kind=kind,
+        tasks=len(groups),
+        seeds=seeds,
+        success=rate(groups),
+        more_seeds=more_seeds(groups, half_width),
+        takes_tasks=seeds > 1 and more_seeds(groups, half_width, at_least=True) is None,
+    )
+
+
+def takes_another(records: Sequence[EpisodeRecord], wanted: Precision, seeds: int) -> bool:
+    """Return whether one seed more than those that are done is wanted, allowed, and of use."""
+    if seeds >= wanted.max_seeds:
+        return False
+    return any(not one.reached and not one.takes_tasks for one in reached(records, wanted))

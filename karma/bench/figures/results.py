@@ -1,0 +1,189 @@
+"""Everything that is said of a run, from its folder."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+from karma.agent.journal.folder import changed
+from karma.agent.journal.not_run import in_words
+from karma.agent.journal.run_folder import RunData, read_run
+from karma.agent.journal.steps import read_steps, steps_path
+from karma.agent.journal.told import Config, all_apart, read_config, rows_apart, told_apart
+from karma.bench.figures.columns import figures_of
+from karma.bench.figures.compare import Arm, Comparison, arm_of, compare_kinds
+from karma.bench.figures.counterfactual import LOTA_ROW, OFF_ROW, reductions
+from karma.bench.figures.failures import Failure, failures
+from karma.bench.figures.metrics import TimedEpisode, episodes_of
+from karma.bench.figures.published import PublishedFigures
+from karma.bench.figures.tables import Result
+from karma.errors import KarmaError
+
+
+def result_of(
+    run: RunData,
+    published: PublishedFigures,
+    *,
+    off_row: str = OFF_ROW,
+    lota_row: str = LOTA_ROW,
+) -> Result:
+    """Return what the tables of a run are made of.
+
+    Args:
+        run: finished or not; a figure says how many episodes stand behind it.
+        published: the paper's figures.
+        off_row: the row without memory that RE and RT are measured against, if there is one.
+        lota_row: the row that the paper seems to measure them against, likewise.
+    """
+    episodes = episodes_of(run.records, run.timings)
+    saved = reductions(episodes, reference=off_row)
+    return Result(
+        name=run.header.name,
+        figures=figures_of(run.records, episodes, saved),
+        reductions=saved,
+        paper_reductions=reductions(episodes, reference=lota_row),
+        comparisons=_comparisons(run, episodes),
+        failures=[one for episode in episodes for one in _failures(run, episode)],
+        published=published,
+    )
+
+
+def _comparisons(run: RunData, episodes: list[TimedEpisode]) -> list[Comparison]:
+    """Return the first row compared with every other one that has pairs with it."""
+    rows = list(dict.fromkeys(record.row for record in run.records))
+    arms = [arm_of(run.records, episodes, row) for row in rows]
+    asked = [{(one.record.task, one.record.seed) for one in arm.episodes} for arm in arms]
+    return [
+        comparison
+        for arm, keys in zip(arms[1:], asked[1:], strict=True)
+        if keys == asked[0]
+        for comparison in compare_kinds(arms[0], arm)
+    ]
+
+
+def _failures(run: RunData, episode: TimedEpisode) -> tuple[Failure, ...]:
+    if episode.record.success:
+        return ()
+    path = steps_path(run.folder, *episode.record.key)
+    return failures(episode, read_steps(path) if path.exists() else None)
+
+
+# ----------------------------------------------------------------- arms by name
+
+
+def arms_named(names: list[str]) -> list[list[Arm]]:
+    """Return the arms that `karma compare` is asked for, in groups that belong together.
+
+    A name is RUN, or RUN:ROW for one row of it. Where no row is named and every run has several,
+    each row that all of them have makes a group.
+
+    Raises:
+        FileError: there is no run in a folder, or it is damaged.
+        KarmaError: fewer than two arms, no such row, it is not clear which row is meant, or rooms
+            of one name differ.
+    """
+    if len(names) < 2:
+        raise KarmaError("it takes two to compare\n  To fix: karma compare RUN_A RUN_B")
+    chosen = [split_name(name) for name in names]
+    runs = [read_run(folder) for folder, _ in chosen]
+    check_same_rooms(runs)
+    rows = [
+        [row] if row else list(dict.fromkeys(record.row for record in run.records))
+        for run, (_, row) in zip(runs, chosen, strict=True)
+    ]
+    if any(not group for group in rows):
+        empty = names[[bool(group) for group in rows].index(False)]
+        raise KarmaError(f"{empty}: the run has no episodes yet\n  To fix: karma eval FILE")
+    if all(len(group) == 1 for group in rows):
+        triples = zip(runs, rows, names, strict=True)
+        return [[_arm(run, group[0], name) for run, group, name in triples]]
+    common = [row for row in rows[0] if all(row in group for group in rows)]
+    if any(row for _, row in chosen) or not common:
+        unclear = next(name for name, group in zip(names, rows, strict=True) if len(group) > 1)
+        there = rows[names.index(unclear)]
+        raise KarmaError(
+            f"{unclear}: which row? There are {', '.join(map(repr, there))}\n"
+            f"  To fix: karma compare ... '{unclear}:{there[0]}'"
+        )
+    return [[_arm(run, row, name) for run, name in zip(runs, names, strict=True)] for row in common]
+
+
+def check_same_rooms(runs: list[RunData]) -> None:
+    """See that rooms of one name are the same in all runs.
+
+    Raises:
+        KarmaError: names the first that is not.
+    """
+    first = runs[0]
+    for run in runs[1:]:
+        for name in sorted(first.header.scenes.keys() & run.header.scenes.keys()):
+            if first.header.scenes[name] != run.header.scenes[name]:
+                raise KarmaError(
+                    f"{first.folder} and {run.folder}: {name} is not the same room in both, so "
+                    "nothing can be said about them together\n"
+                    "  To fix: karma eval both with the same scenes, --fresh"
+                )
+
+
+def set_apart(names: list[str]) -> list[str]:
+    """Return in words all that sets each later run or row apart from the first.
+
+    Options, tasks, models, prompts, versions, rooms and machines; nothing that is equal.
+    """
+    chosen = [split_name(name) for name in names]
+    runs = [read_run(folder) for folder, _ in chosen]
+    first, first_row = runs[0], chosen[0][1]
+    return [
+        f"{name}: {words}"
+        for name, run, (_, row) in zip(names[1:], runs[1:], chosen[1:], strict=True)
+        for words in (*_headers_apart(first, run), *_told_apart(first, first_row, run, row))
+    ]
+
+
+def _headers_apart(first: RunData, run: RunData) -> list[str]:
+    machines = ({k: str(v) for k, v in asdict(one.header.machine).items()} for one in (first, run))
+    found = first.header.apart(run.header)
+    left_out = ("experiment file: ", "name: ")  # said by the options
+    return [one for one in found if not one.startswith(left_out)] + changed("machine", *machines)
+
+
+def _told_apart(first: RunData, first_row: str, run: RunData, row: str) -> list[str]:
+    old, new = read_config(first.folder), read_config(run.folder)
+    if old is None or new is None:
+        unknown = first if old is None else run
+        return [f"options: {unknown.folder} was begun by an earlier version, which kept none"]
+    if not first_row and not row:
+        return all_apart(old, new)
+    mine, other = (_only_row(one, name) for one, name in ((old, first_row), (new, row)))
+    return told_apart(old, new) + rows_apart(old, mine, new, other)
+
+
+def _only_row(config: Config, row: str) -> str:
+    """Return the row that is meant where none is named."""
+    return row or next((str(one.get("name")) for one in config["rows"]), "")
+
+
+def unfinished(names: list[str]) -> list[str]:
+    """Return in words which of some runs are not done to their end."""
+    runs = {run.folder: run for run in (read_run(split_name(name)[0]) for name in names)}
+    return [
+        f"{folder}: not finished, the figures are of the {len(run.records)} episodes that are "
+        f"done; karma eval goes on with it\n{in_words(run.not_run)}".rstrip()
+        for folder, run in runs.items()
+        if not run.finished
+    ]
+
+
+def split_name(name: str) -> tuple[Path, str]:
+    """Return the folder and the row of RUN:ROW; a folder may have a colon in its name."""
+    if Path(name).is_dir():
+        return Path(name), ""
+    folder, _, row = name.partition(":")
+    return Path(folder), row
+
+
+def _arm(run: RunData, row: str, name: str) -> Arm:
+    try:
+        arm = arm_of(run.records, episodes_of(run.records, run.timings), row)
+    except KarmaError as error:
+        fix = "name one of them: karma compare ... 'RUN:ROW'"
+        raise KarmaError(f"{run.folder}: {error}\n  To fix: {fix}") from error
+    return Arm(name=name if ":" in name else f"{name}:{row}", episodes=arm.episodes)

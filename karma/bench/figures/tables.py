@@ -1,0 +1,328 @@
+"""Tables 1 and 2 of the paper from a run's records, beside the published figures.
+
+A table is a `Sheet`, written as Markdown or LaTeX; the CSV has the numbers themselves.
+"""
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from karma.agent.journal.formats import UNKNOWN, figure_text, plural
+from karma.agent.journal.records import ALL, KINDS, NOT_TRAINED, TRAINED
+from karma.bench.figures.columns import COLUMNS, Counted, Figures, without_repeats
+from karma.bench.figures.compare import Comparison
+from karma.bench.figures.counterfactual import SAVINGS, Reduction
+from karma.bench.figures.failures import CAUSES, Failure, count
+from karma.bench.figures.metrics import METRICS, SUCCESS
+from karma.bench.figures.published import COLUMNS as PUBLISHED_COLUMNS
+from karma.bench.figures.published import PublishedFigures
+from karma.bench.figures.sheet import Sheet
+from karma.bench.figures.statistics import interval_text
+
+_OURS_ALONE = ("rt_clock", "re_toured")  # beside the paper's columns, where measured
+_TOURED = tuple(one for one in SAVINGS if "_toured" in one.key)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """Everything that the tables of one run are made of."""
+
+    name: str
+    figures: Sequence[Figures]
+    reductions: Sequence[Reduction]  # against the memory-off twins
+    paper_reductions: Sequence[Reduction]  # against the LoTa row
+    comparisons: Sequence[Comparison]
+    failures: Sequence[Failure]
+    published: PublishedFigures
+
+
+def sheets(result: Result) -> list[Sheet]:
+    """Return all tables of a run: the paper's by kind, then what stands behind them."""
+    found = main_sheets(result)
+    found.append(_costs(result))
+    if left_out := left_out_of(result.figures):
+        found.append(_unjudged(result, left_out))
+    for lines, words in (
+        (result.reductions, "the same task and seed without memory"),
+        (result.paper_reductions, "the LoTa-Bench row, as the paper's figures seem to be"),
+    ):
+        if lines:
+            found.append(_savings(lines, words))
+    if _any_measured(result.reductions, "re_toured"):
+        found.append(_tours(result))
+    if result.comparisons:
+        found.append(comparison_sheet(result.comparisons))
+    if result.failures:
+        found += [_causes(result, first_only=True), _causes(result, first_only=False)]
+    return found
+
+
+def size_words(lines: Sequence[Figures]) -> str:
+    """Return how much stands behind a table."""
+    parts = sorted({(line.episodes, line.tasks, line.seeds) for line in lines})
+    words = [
+        f"{plural(episodes, 'episode')} a row ({plural(tasks, 'task')} × {plural(seeds, 'seed')})"
+        for episodes, tasks, seeds in parts
+    ]
+    return " or ".join(words)
+
+
+def main_sheets(result: Result) -> list[Sheet]:
+    """Return the sheets that come first: one per kind of the paper's, one for others' tasks."""
+    there = dict.fromkeys(line.kind for line in result.figures)
+    found = [_main(result, kind) for kind in KINDS if kind in there]
+    groups = [one for one in there if one not in (*KINDS, ALL, TRAINED, NOT_TRAINED)]
+    return [*found, *([_of_others(result, groups)] if groups else [])]
+
+
+def left_out_of(lines: Sequence[Figures]) -> dict[str, str]:
+    """Return the tasks that are in no figure, and why."""
+    return {task: why for line in lines for task, why in line.unjudged.items()}
+
+
+def _unjudged(result: Result, left_out: Mapping[str, str]) -> Sheet:
+    return Sheet(
+        title=f"{result.name}: tasks that nobody is judged by",
+        caption=(
+            "No goal of these can be met in its room, whatever anybody does there. They were asked "
+            "all the same, and are in no figure."
+        ),
+        head=("task", "why"),
+        lines=tuple(left_out.items()),
+    )
+
+
+def _main(result: Result, kind: str) -> Sheet:
+    lines = [line for line in result.figures if line.kind == kind]
+    more = [key for key in _OURS_ALONE if _any_measured(lines, key)]
+    head = ["method"]
+    for column in PUBLISHED_COLUMNS:
+        head += [COLUMNS[column].title, "published"]
+    rows = []
+    for line in lines:
+        cells = [line.row]
+        for column in PUBLISHED_COLUMNS:
+            cells.append(interval_text(line.values[column]))
+            there = result.published.get((line.row, kind, column))
+            cells.append(UNKNOWN if there is None else f"{there.value:g}")
+        cells += (interval_text(line.values[key]) for key in more)
+        rows.append(tuple(cells))
+    return Sheet(
+        title=f"{result.name}: {kind} tasks",
+        caption=(
+            f"{size_words(lines)}; brackets hold 95 % intervals that keep a task's seeds together. "
+            f"{_alone(kind)}{_saved_words(result)}Published: the paper, with GPT-4o on other tasks "
+            "in other rooms."
+        ),
+        head=(*head, *(COLUMNS[key].title for key in more)),
+        lines=tuple(rows),
+    )
+
+
+def _of_others(result: Result, groups: Sequence[str]) -> Sheet:
+    """Return success on the tasks of a benchmark of others, by its lists or types of task."""
+    rates = {(line.row, line.kind): line.values[SUCCESS.key] for line in result.figures}
+    apart = [one for one in (TRAINED, NOT_TRAINED) if any(kind == one for _, kind in rates)]
+    sizes = {line.kind: line.tasks for line in result.figures}
+    lines = []
+    for row in dict.fromkeys(line.row for line in result.figures):
+        found = [rates.get((row, group)) for group in groups]
+        known = [one.value for one in found if one is not None and one.value is not None]
+        lines.append(
+            (
+                row,
+                interval_text(rates[row, ALL]),
+                figure_text(sum(known) / len(known) if len(known) == len(groups) else None),
+                *(figure_text(one.value if one else None) for one in found),
+                *(interval_text(rates[row, one]) for one in apart),
+            )
+        )
+    return Sheet(
+        title=f"{result.name}: our skills, another protocol",
+        caption=(
+            f"{size_words([line for line in result.figures if line.kind == ALL])}. Success rates "
+            "of agents with this project's skills, prompts and limits, judged by the tasks' own "
+            "conditions. Not to be held against scores measured by the benchmark's own protocol: "
+            "its actions, limits and prompts are others. Mean: of the columns after it. Brackets: "
+            f"95 % intervals that keep a task's seeds together. {_trained_words(apart)}"
+        ),
+        head=("method", ALL, "mean", *groups, *(f"{one} ({sizes[one]})" for one in apart)),
+        lines=tuple(lines),
+    )
+
+
+def _trained_words(apart: Sequence[str]) -> str:
+    if not apart:
+        return "Whether sentences stand in the planner's training data is not known."
+    return (
+        "In training: sentences that stand in the data that the shipped planner was trained on, "
+        "case and punctuation aside; rows that ask no planner show how hard those tasks are."
+    )
+
+
+def _alone(kind: str) -> str:
+    if kind != "sequence":
+        return ""
+    return "SR asks for every sub-task of a sequence, so read their share in the next table. "
+
+
+def _saved_words(result: Result) -> str:
+    if not result.reductions:
+        return "RE and RT need a row without memory. "
+    return (
+        f"RE and RT: places searched and actions saved against {result.reductions[0].reference!r}, "
+        "same task and seed; by the clock: seconds on the machine of the run. With tour: the first "
+        "tour of each room counted, spread over all that the row was asked in it. "
+    )
+
+
+def _any_measured(lines: Sequence[Counted], key: str) -> bool:
+    return any(line.values[key].value is not None for line in lines)
+
+
+def _costs(result: Result) -> Sheet:
+    metrics = [
+        one
+        for one in METRICS
+        if one.key not in (*PUBLISHED_COLUMNS, "retrieved_of_held")
+        and _any_measured(result.figures, one.key)
+    ]
+    rows = []
+    for line in _by_kind(result.figures):
+        cells = (figure_text(line.values[metric.key].value, metric.digits) for metric in metrics)
+        rows.append((line.row, line.kind, *cells))
+    return Sheet(
+        title=f"{result.name}: what an episode did and took",
+        caption=(
+            f"{size_words([line for line in result.figures if line.kind == ALL])}; "
+            "sub-tasks, goals, MHR: shares; the rest: means per episode."
+        ),
+        head=("method", "tasks", *(metric.title for metric in metrics)),
+        lines=tuple(rows),
+    )
+
+
+def _by_kind(lines: Sequence[Counted]) -> list[Counted]:
+    """Return a line per kind, and one over all where there are several kinds."""
+    return [one for one in without_repeats(lines) if one.kind not in (TRAINED, NOT_TRAINED)]
+
+
+def _savings(lines: Sequence[Reduction], words: str) -> Sheet:
+    plain = [one for one in SAVINGS if one not in _TOURED]
+    return Sheet(
+        title=f"Saved against {lines[0].reference}",
+        caption=(
+            f"Shares saved of what the reference row spent: {words}. Related: only in sub-tasks "
+            "that come back to a thing; what is asked for first has to be searched by everybody. "
+            "Both solved: only in such pairs, as an agent that gives up early also searches little."
+        ),
+        head=("method", "tasks", "pairs", "both solved", *(one.title for one in plain)),
+        lines=tuple(
+            (
+                one.row,
+                one.kind,
+                str(one.pairs),
+                str(one.solved_pairs),
+                *(interval_text(one.values[saving.key]) for saving in plain),
+            )
+            for one in _by_kind(lines)
+        ),
+    )
+
+
+def _tours(result: Result) -> Sheet:
+    lines = [one for one in result.reductions if one.values["re_toured"].value is not None]
+    return Sheet(
+        title=f"Saved against {lines[0].reference}, with the first tour of each room counted",
+        caption=(
+            "A row with a map has walked through the room once before its first instruction there. "
+            "With tour: what that cost is spread over all instructions that the row was asked in "
+            "the room in this run; over 10 or 40: as if it were asked so many. Rows without a map "
+            "have no tour; HELPER's look around is among its steps."
+        ),
+        head=("method", "tasks", *(one.title for one in _TOURED)),
+        lines=tuple(
+            (one.row, one.kind, *(interval_text(one.values[saving.key]) for saving in _TOURED))
+            for one in _by_kind(lines)
+        ),
+    )
+
+
+def comparison_sheet(comparisons: Sequence[Comparison]) -> Sheet:
+    """Return success rates compared, a line per pair of arms and kind."""
+    rows = []
+    for one in comparisons:
+        line = one.success
+        rows.append(
+            (
+                one.first,
+                one.second,
+                one.kind,
+                f"{one.pairs} ({one.tasks} × {len(one.seeds)})",
+                figure_text(line.first.value),
+                figure_text(line.second.value),
+                interval_text(line.difference, sign=True),
+                interval_text(one.ratio),
+                figure_text(one.p, 3),
+                figure_text(one.p_tasks, 3),
+                figure_text(line.detectable),
+                f"{sum(len(s.seeds) for s in one.only_first)} / "
+                f"{sum(len(s.seeds) for s in one.only_second)}",
+            )
+        )
+    return Sheet(
+        title="Success compared",
+        caption=(
+            "Paired by task and seed. Difference and ratio: first against second, bootstrap over "
+            "tasks. p: McNemar, exact, which takes pairs as independent; p of tasks: exact too, a "
+            "task's seeds kept together. Detectable: the smallest difference that would be found "
+            "in 80 % of experiments of this size, seeds that agree counted once."
+        ),
+        head=(
+            "first", "second", "tasks", "pairs", "SR", "SR of second", "difference", "ratio", "p",
+            "p of tasks", "detectable", "only one solved",
+        ),
+        lines=tuple(rows),
+    )  # fmt: skip
+
+
+def _causes(result: Result, *, first_only: bool) -> Sheet:
+    rows = []
+    for line in _by_kind(result.figures):
+        mine = [
+            one for one in result.failures if one.row == line.row and line.kind in (one.kind, ALL)
+        ]
+        counts = count(mine, first_only=first_only)
+        rows.append((line.row, line.kind, str(sum(counts.values())), *map(str, counts.values())))
+    what = "the first failed sub-task of each episode" if first_only else "every failed sub-task"
+    return Sheet(
+        title=f"{result.name}: causes of failure, {what}",
+        caption=f"One cause for {what}, by the rules of docs/metrics.md.",
+        head=("method", "tasks", "failed", *CAUSES),
+        lines=tuple(rows),
+    )
+
+
+def to_csv(result: Result) -> str:
+    """Write every figure of a run, one a line, with its interval and what was published."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(
+        ("row", "kind", "metric", "value", "low", "high", "episodes", "tasks", "seeds", "published")
+    )
+    for line in result.figures:
+        for key, one in line.values.items():
+            there = result.published.get((line.row, line.kind, key))
+            low_high = (one.interval.low, one.interval.high) if one.interval else (None, None)
+            writer.writerow(
+                (
+                    line.row, line.kind, key, *(_plain(v) for v in (one.value, *low_high)),
+                    line.episodes, line.tasks, line.seeds, _plain(there.value if there else None),
+                )
+            )  # fmt: skip
+    return out.getvalue()
+
+
+def _plain(value: float | None) -> str:
+    return "" if value is None else f"{value:.6g}"

@@ -1,0 +1,229 @@
+"""Plots as numbers that the page's template draws: user units of an SVG 360 wide."""
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from karma.agent.journal.formats import figure_text
+from karma.agent.journal.records import ALL, KINDS
+from karma.bench.figures.failures import CAUSES, Cause
+
+LEFT, WIDTH = 128.0, 192.0  # where the scale begins, how long it is
+TOP = 12.0
+LINE = 11.0  # apart
+LETTERS = 18  # of a row's name that fit into one of its two lines
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rate:
+    """How many episodes of one row and kind succeeded, with the interval of their share."""
+
+    row: str
+    kind: str
+    episodes: int
+    successes: int
+    rate: float | None
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Text:
+    """A line of a row's name, or a number on the scale."""
+
+    x: float = 0.0
+    y: float = 0.0
+    text: str
+    title: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bar:
+    """One bar, or one piece of a stacked one."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+    style: str
+    title: str
+    inside: str = ""
+    after: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dot:
+    """One rate with its interval."""
+
+    x: float
+    y: float
+    low: float | None
+    high: float | None
+    style: str
+    title: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plot:
+    """One figure."""
+
+    title: str
+    height: float
+    ticks: tuple[Text, ...]
+    names: tuple[Text, ...]
+    bars: tuple[Bar, ...] = ()
+    dots: tuple[Dot, ...] = ()
+    key: tuple[str, ...] = ()
+    note: str = ""
+
+
+def success_plot(rates: Sequence[Rate]) -> Plot:
+    """Return success rates with their intervals, a line of dots per kind under each row's name."""
+    rows = list(dict.fromkeys(rate.row for rate in rates))
+    kinds = [kind for kind in KINDS if any(rate.kind == kind for rate in rates)] or [ALL]
+    band = 11.0 * len(kinds) + 12.0
+    dots = [
+        Dot(
+            x=_at(rate.rate),
+            y=TOP + rows.index(rate.row) * band + 11.0 * (kinds.index(rate.kind) + 0.5),
+            low=None if rate.low is None else _at(rate.low),
+            high=None if rate.high is None else _at(rate.high),
+            style=f"s{kinds.index(rate.kind) + 1}",
+            title=_said(rate),
+        )
+        for rate in rates
+        if rate.rate is not None and rate.kind in kinds
+    ]
+    middle = 11.0 * len(kinds) / 2
+    notes = ["Share of the tasks; of sequences, of their instructions."]
+    if set(kinds) == {"sequence"}:
+        notes = ["Share of the sequences' instructions."]
+    elif "sequence" not in kinds:
+        notes = ["Share of the tasks."]
+    if any(rate.low is not None for rate in rates):
+        notes.append("Whiskers: 95 % intervals.")
+    return Plot(
+        title="Tasks solved",
+        height=TOP + band * len(rows) + 16.0,
+        ticks=_scale(1.0),
+        names=_names(rows, band, middle),
+        dots=tuple(dots),
+        key=tuple(kinds),
+        note=" ".join(notes),
+    )
+
+
+def bar_plot(title: str, values: Sequence[tuple[str, float | None]], *, note: str = "") -> Plot:
+    """Return one bar per row; rows where nothing was measured have none."""
+    most = _round_up(max((value for _, value in values if value is not None), default=0.0))
+    bars = [
+        Bar(
+            x=LEFT,
+            y=TOP + number * 24.0 + 2.0,
+            width=round(WIDTH * value / most, 1) if most else 0.0,
+            height=13.0,
+            style="s1",
+            title=f"{row}: {figure_text(value)}",
+            after=figure_text(value, 1 if value < 100 else 0),
+        )
+        for number, (row, value) in enumerate(values)
+        if value is not None
+    ]
+    return Plot(
+        title=title,
+        height=TOP + 24.0 * len(values) + 16.0,
+        ticks=_scale(most),
+        names=_names([row for row, _ in values], 24.0, 8.5),
+        bars=tuple(bars),
+        note=note,
+    )
+
+
+def cause_plot(counts: Mapping[str, Mapping[Cause, int]]) -> Plot:
+    """Return how many episodes of each row failed, and of what.
+
+    Args:
+        counts: of each row.
+    """
+    most = _round_up(float(max((sum(line.values()) for line in counts.values()), default=0)))
+    bars: list[Bar] = []
+    for number, (row, line) in enumerate(counts.items()):
+        begin = LEFT
+        for cause, count in line.items():
+            width = round(WIDTH * count / most, 1) if most else 0.0
+            if count:
+                bars.append(
+                    Bar(
+                        x=begin,
+                        y=TOP + number * 24.0 + 2.0,
+                        width=width,
+                        height=13.0,
+                        style=f"s{CAUSES.index(cause) + 1}",
+                        title=f"{row}: {cause}: {count}",
+                        inside=str(count) if width > 14 else "",
+                    )
+                )
+            begin += width
+    return Plot(
+        title="Why episodes failed",
+        height=TOP + 24.0 * len(counts) + 16.0,
+        ticks=_scale(most),
+        names=_names(list(counts), 24.0, 8.5),
+        bars=tuple(bars),
+        key=CAUSES,
+        note="Number of episodes, by the cause of the first instruction that failed.",
+    )
+
+
+def _names(rows: Sequence[str], band: float, middle: float) -> tuple[Text, ...]:
+    found = []
+    for number, row in enumerate(rows):
+        lines = _folded(row)
+        top = TOP + number * band + middle - LINE * (len(lines) - 1) / 2
+        found += [Text(y=top + LINE * n, text=text, title=row) for n, text in enumerate(lines)]
+    return tuple(found)
+
+
+def _folded(name: str) -> list[str]:
+    """Return a name in one or two lines that fit.
+
+    >>> _folded("HELPER (furniture in the prompt)")
+    ['HELPER (furniture', 'in the prompt)']
+    >>> _folded("KARMA")
+    ['KARMA']
+    """
+    return textwrap.wrap(name, LETTERS, max_lines=2, placeholder="…")
+
+
+def _scale(most: float) -> tuple[Text, ...]:
+    return tuple(
+        Text(x=LEFT + WIDTH * part, text=f"{most * part:g}")
+        for part in ((0.0, 0.25, 0.5, 0.75, 1.0) if most else ())
+    )
+
+
+def _at(rate: float) -> float:
+    return round(LEFT + WIDTH * rate, 1)
+
+
+def _said(rate: Rate) -> str:
+    text = f"{rate.row}, {rate.kind}: {rate.successes} of {rate.episodes}"
+    return (
+        text if rate.low is None else f"{text}, {figure_text(rate.low)} to {figure_text(rate.high)}"
+    )
+
+
+def _round_up(value: float) -> float:
+    """Return the next round number: 1, 2, 4, 6, 8 or 10 times a power of ten.
+
+    >>> [_round_up(v) for v in (0.0, 0.03, 3.5, 17.0, 398.0)]
+    [0.0, 0.04, 4.0, 20.0, 400.0]
+    """
+    if value <= 0:
+        return 0.0
+    power = 1.0
+    while power * 10 <= value:
+        power *= 10
+    while power > value:
+        power /= 10
+    return next(round(step * power, 9) for step in (1, 2, 4, 6, 8, 10) if step * power >= value)

@@ -1,0 +1,231 @@
+"""Logged actions done again in the embedded world: where the agent stood and what it saw."""
+
+from collections.abc import Callable, Collection, Hashable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, cast, get_args
+
+from karma.bench.report.frames import Frames
+from karma.bench.report.story import EpisodeStory, Moment
+from karma.bench.report.wanted import WantedName, names_in, wanted_in
+from karma.contracts import Vec3
+from karma.errors import KarmaError
+from karma.world.core.state import WorldState
+from karma.world.home import Home
+from karma.world.sim import EmbeddedWorld
+
+FrameChoice = Literal["auto", "every", "calls", "ends", "none"]
+LONG, VERY_LONG = 300, 1000  # actions of a page from which on "auto" is "calls", "ends"
+BEAT = 50  # moments between two words on how far a replay is
+APART = 10  # moments between two pictures, at most, in "calls"
+SIZE_PX = 300
+_WALKING = (
+    "MoveAhead", "MoveBack", "MoveLeft", "MoveRight", "RotateLeft", "RotateRight", "LookUp",
+    "LookDown", "Pass", "Done", "Teleport", "TeleportFull", "Stand", "Crouch",
+)  # fmt: skip
+
+
+def frame_choice(text: str) -> FrameChoice:
+    """Return the choice that a word stands for.
+
+    Raises:
+        KarmaError: it is none.
+    """
+    for known in get_args(FrameChoice):
+        if text == known:
+            return cast(FrameChoice, known)
+    raise KarmaError(f"--frames {text!r}\n  To fix: {', '.join(get_args(FrameChoice))}")
+
+
+class Rooms:
+    """The rooms of one episode's home, each as it was left; made when they are first entered.
+
+    Args:
+        place: returns where the scene of that name lies.
+    """
+
+    def __init__(self, place: Callable[[str], str] = str) -> None:
+        self._place = place
+        self._worlds: dict[str, EmbeddedWorld] = {}
+        self._made: list[EmbeddedWorld] = []
+        self.home = Home(self._make)
+
+    def enter(self, scene: str) -> None:
+        """Go into a room.
+
+        Raises:
+            FileError: there is no such scene, or it is damaged.
+        """
+        self.home.enter(self._place(scene))
+        self._worlds.setdefault(self.home.scene, self._made[-1])
+
+    @property
+    def state(self) -> WorldState:
+        """The room that the agent is in."""
+        return self._worlds[self.home.scene].state
+
+    def _make(self) -> EmbeddedWorld:
+        self._made.append(EmbeddedWorld(width=SIZE_PX, height=SIZE_PX))
+        return self._made[-1]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sight:
+    """The world after one moment."""
+
+    x_m: float
+    z_m: float
+    yaw_deg: float
+    held: str | None  # object id
+    targets: tuple[tuple[float, float], ...] = ()  # x, z of what a skill call was about
+    frame: int = -1  # number of the picture, the last one that there is; -1 before any
+    wanted: tuple[
+        WantedName, ...
+    ] = ()  # what the instruction's unmet goals ask for, after each call
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Replay:
+    """One story with what was to be seen."""
+
+    sights: tuple[Sight, ...]  # one a moment, up to the last that is shown
+    actions: int  # replayed
+    differing: tuple[int, ...]  # numbers of the moments whose action did not go as logged
+
+
+def replaying(
+    story: EpisodeStory,
+    rooms: Rooms,
+    frames: Frames,
+    choice: FrameChoice,
+    shown: Collection[int] | None = None,
+    goals: Sequence[Sequence[str]] = (),
+) -> Iterator[float | Replay]:
+    """Do a story's actions again, exactly as logged, up to the last instruction that is shown.
+
+    Yields now and then the share that is done, in [0, 1], and at last the replay.
+
+    Args:
+        story: what happened.
+        rooms: where; none entered yet.
+        frames: takes the pictures.
+        choice: a picture after "every" action; after those that do more than walk, at the end of
+            "calls", and now and then between; at the "ends" of calls only; or "none".
+        shown: numbers of the instructions of which pictures are taken, None for all.
+        goals: of each instruction, for those that the log does not judge as it breaks off in them.
+
+    Raises:
+        FileError: a scene is missing or damaged.
+    """
+    parts = set(range(-1, len(story.parts)) if shown is None else (-1, *shown))
+    last_part = max(parts)
+    moments = [moment for moment in story.moments if moment.part <= last_part]
+    sights: list[Sight] = []
+    differing: list[int] = []
+    seen: WorldState | None = None
+    frame, last = -1, 0
+    rooms.enter(story.scene)
+    sought = _Sought(story, goals)
+    for number, moment in enumerate(moments):
+        if number % BEAT == 0:
+            yield number / len(moments)
+        if not _happens(rooms, moment):
+            differing.append(number)
+        here = moment.part in parts
+        if here and rooms.state is not seen and _wanted(moment, choice, number - last):
+            frame = frames.of(_looks(rooms.state), lambda: rooms.home.last_event.frame)
+            seen, last = rooms.state, number
+        wanted = sought.at(rooms, moment) if here else ()
+        sights.append(_sight(rooms.state, moment, story, frame, wanted))
+    actions = sum(moment.action is not None for moment in moments)
+    yield Replay(sights=tuple(sights), actions=actions, differing=tuple(differing))
+
+
+class _Sought:
+    """What unmet goals ask for, looked up again at what is no action and after something moved."""
+
+    def __init__(self, story: EpisodeStory, goals: Sequence[Sequence[str]]) -> None:
+        unjudged = [*goals, *[()] * len(story.parts)]
+        self._names = [
+            names_in(unjudged[number] if part.after is None else part.unmet)
+            for number, part in enumerate(story.parts)
+        ]
+        self._part = -1
+        self._objects: object = None  # that were looked at
+        self._found: tuple[WantedName, ...] = ()
+
+    def at(self, rooms: Rooms, moment: Moment) -> tuple[WantedName, ...]:
+        """Return it after a moment; after an action, as it was before it."""
+        names = self._names[moment.part] if moment.part >= 0 and moment.kind != "enter" else ()
+        objects = rooms.state.objects if names else None
+        is_new = moment.part != self._part
+        if is_new or (moment.action is None and objects is not self._objects):
+            self._found = wanted_in(rooms.home.last_event, names) if names else ()
+            self._part, self._objects = moment.part, objects
+        return self._found
+
+
+def _looks(state: WorldState) -> Hashable:
+    """Return all that decides what the agent sees; equal in episodes that have come to the same."""
+    objects = tuple(state.objects.values())
+    hand = (state.held, state.hand_m, state.hand_turn_deg)
+    return state.room.name, state.pose, hand, objects
+
+
+def automatic(actions: int) -> FrameChoice:
+    """Return the first choice that does not get too much for a page of so many actions."""
+    if actions < LONG:
+        return "every"
+    return "calls" if actions < VERY_LONG else "ends"
+
+
+def _happens(rooms: Rooms, moment: Moment) -> bool:
+    """Do a moment's action, or go to its room; returns whether it went as logged."""
+    if moment.kind == "enter":
+        rooms.enter(moment.text)
+    if moment.action is None:
+        return True
+    try:
+        event = rooms.home.step(moment.action.action, **moment.action.arguments)
+    except ValueError:  # misuse; the event says so, and the log too
+        return not moment.ok
+    return bool(event) == moment.ok
+
+
+def _wanted(moment: Moment, choice: FrameChoice, since: int) -> bool:
+    if choice == "none":
+        return False
+    if choice == "every" or moment.action is None:
+        return True
+    if choice == "ends":
+        return False
+    return since >= APART or moment.action.action not in _WALKING
+
+
+def _sight(
+    state: WorldState,
+    moment: Moment,
+    story: EpisodeStory,
+    frame: int,
+    wanted: tuple[WantedName, ...],
+) -> Sight:
+    x, _, z = state.pose.position_m
+    return Sight(
+        x_m=round(x, 3),
+        z_m=round(z, 3),
+        yaw_deg=round(state.pose.yaw_deg, 1),
+        held=state.held,
+        targets=_targets(state, moment, story),
+        frame=frame,
+        wanted=wanted,
+    )
+
+
+def _targets(
+    state: WorldState, moment: Moment, story: EpisodeStory
+) -> tuple[tuple[float, float], ...]:
+    """Return where the things are that the moment's skill call was about."""
+    if moment.call < 0:
+        return ()
+    ids = story.parts[moment.part].calls[moment.call].object_ids
+    centers: list[Vec3] = [state.objects[one].center for one in ids if one in state.objects]
+    return tuple((round(x, 2), round(z, 2)) for x, _, z in centers)

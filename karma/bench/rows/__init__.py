@@ -1,0 +1,1 @@
+"""The rows beside the agent's own: baselines, the expert, controls."""

@@ -1,0 +1,331 @@
+"""LoTa-Bench, modified (KARMA Table 1): a language model alone, without memory of the home.
+
+`lota.score` chooses one step after the other from a closed list, by the log-likelihood that the
+model gives each; `lota.generate` takes a whole plan in one answer. Where they deviate from their
+sources is in docs/methods.md.
+"""
+
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Self
+
+from karma.agent.body.skills import Skills
+from karma.agent.options import settings_of
+from karma.agent.planning.inspector import mend
+from karma.agent.planning.planner import Planner, grounded
+from karma.agent.planning.recovery import program_of
+from karma.agent.tour import KnownFloor, floor_of, position_of
+from karma.bench.rows.baseline import request_for
+from karma.bench.rows.lota.forms import (
+    Form,
+    Past,
+    code_prompt,
+    lines_prompt,
+    named_types,
+    smart_skills,
+    steps_in_lines,
+    steps_in_words,
+    words_prompt,
+)
+from karma.contracts import (
+    Choice,
+    Completion,
+    LanguageModel,
+    Outcome,
+    Plan,
+    ProgramSpec,
+    Prompt,
+    Resources,
+    SceneRef,
+    Scoring,
+    ScoringModel,
+    SkillCall,
+    SkillResult,
+    SubTask,
+    World,
+)
+from karma.errors import ModelError, ProgramError
+from karma.household.pieces import base_type
+from karma.household.types import object_types
+from karma.household.uses import BASIN_OF
+from karma.memory.scene_graph import SceneGraph
+
+# what is done for an instruction; returns whether it was finished, and the steps taken
+Acting = Generator[Plan | SkillResult, None, tuple[bool, tuple[str, ...]]]
+
+_KEEPS_PLACE = ("OpenObject", "CloseObject", "PutObject")  # what was found last stays the place
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LotaScoreSettings:
+    """The numbers of the source."""
+
+    scoring: Literal["sum", "average"] = "sum"  # of a step's log-probabilities
+    max_steps: int = 25  # of one instruction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LotaGenerateSettings:
+    """The options of `lota.generate`."""
+
+    inspected: bool = True  # mend plans of the compact profile, which leaves searches to that
+
+
+class LotaScore:
+    """The `lota.score` row.
+
+    Args:
+        chooser: scores steps.
+        form: "words", or "compact" for a planner that was trained on it.
+        settings: its numbers.
+    """
+
+    settings_kind: ClassVar[type] = LotaScoreSettings
+
+    def __init__(
+        self, chooser: ScoringModel, form: Form, settings: LotaScoreSettings | None = None
+    ) -> None:
+        self.settings = settings or LotaScoreSettings()
+        self.form = form
+        self.name = f"LoTa-Bench (modified: scored, {form})"
+        self._chooser = chooser
+        self._steps = steps_in_words() if form == "words" else steps_in_lines()
+        self._texts = tuple(self._steps)
+
+    @classmethod
+    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
+        """Make the row from its options (the fields of `LotaScoreSettings`).
+
+        Raises:
+            KarmaError: an option is unknown or of the wrong type.
+            ModelError: the planner's model tells no log-probabilities.
+        """
+        settings = settings_of(LotaScoreSettings, options)
+        form: Form = "compact" if resources.profile == "compact" else "words"
+        return cls(chooser_of(resources.model), form, settings)
+
+    def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "LotaEpisode":
+        """Start an episode: no steps taken; only the cells of the floor are known."""
+        return LotaEpisode(self.act, world, scene)
+
+    def act(self, skills: Skills, instruction: str, history: Sequence[Past]) -> Acting:
+        """Take the likeliest step until that is `done` or the steps are used up."""
+        begun_with = skills.experience.held
+        steps: list[str] = []
+        place, finished = "", False
+        while len(steps) < self.settings.max_steps and not finished:
+            if self.form == "compact":
+                prompt = lines_prompt(instruction, begun_with, steps)
+            else:
+                prompt = words_prompt(history, instruction, steps)
+            plan = self._choose(prompt)
+            yield plan
+            steps.append(plan.completion.text)
+            finished = not plan.calls
+            for call in plan.calls:
+                yield from self._carry_out(skills, call, place)
+                place = _place_after(call, place)
+        return finished, tuple(steps)
+
+    def _choose(self, prompt: Sequence[str]) -> Plan:
+        scoring: Scoring = self.settings.scoring
+        best = self._chooser.choose(prompt, self._texts, scoring=scoring)
+        text = self._texts[best.number]
+        call = self._steps[text]
+        return Plan(
+            prompt=Prompt(stable=prompt[0], changing="".join(prompt[1:])),
+            completion=_completion(best, text),
+            calls=() if call is None else (call,),
+            names={},
+        )
+
+    def _carry_out(self, skills: Skills, call: SkillCall, place: str) -> Iterator[SkillResult]:
+        """Do one step; a step that is refused stays in the history like any other."""
+        if self.form == "words" and call.skill == "PutObject":
+            if not place:
+                yield SkillResult(call=call, ok=False, reason="no place was found to put it down")
+                return
+            call = replace(call, objects=(*call.objects, place))
+        calls = (call,) if self.form == "words" else _mended(skills, call)
+        for one in calls:
+            result = skills.run(one)
+            yield result
+            if not result.ok:
+                return
+
+
+class LotaGenerate:
+    """The `lota.generate` row.
+
+    Args:
+        planner: model and prompt profile; asked once for each instruction.
+        settings: see there.
+    """
+
+    settings_kind: ClassVar[type] = LotaGenerateSettings
+
+    def __init__(self, planner: Planner, settings: LotaGenerateSettings | None = None) -> None:
+        self.settings = settings or LotaGenerateSettings()
+        self.form = "compact" if planner.profile == "compact" else "code"
+        self.name = f"LoTa-Bench (modified: generated, {self.form})"
+        inspected = planner.decoding.inspected and self.settings.inspected
+        decoding = replace(planner.decoding, attempts=1, inspected=inspected)
+        self._planner = planner.drawn_by(decoding)
+
+    @classmethod
+    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
+        """Make the row from its options (the fields of `LotaGenerateSettings`).
+
+        Raises:
+            KarmaError: an option is unknown or of the wrong type.
+        """
+        settings = settings_of(LotaGenerateSettings, options)
+        return cls(Planner.of(resources), settings)
+
+    def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "LotaEpisode":
+        """Start an episode: no plans made; only the cells of the floor are known."""
+        return LotaEpisode(self.act, world, scene)
+
+    def act(self, skills: Skills, instruction: str, history: Sequence[Past]) -> Acting:
+        """Ask for a plan and carry out all of it; a line that is refused is passed over."""
+        plan = self._ask(skills, instruction, history)
+        yield plan
+        finished = bool(plan.calls)
+        skills.begin_program()
+        for call in grounded(plan.calls, plan.names):
+            result = skills.run(call)
+            yield result
+            finished = finished and result.ok
+        return finished, (plan.completion.text.rstrip() + "\n",)
+
+    def _ask(self, skills: Skills, instruction: str, history: Sequence[Past]) -> Plan:
+        if self.form == "compact":
+            return next(self._planner.plan(request_for(instruction, skills.experience.held)))
+        prompt, decoding = code_prompt(history, instruction), self._planner.decoding
+        spec = ProgramSpec(skills=smart_skills(), objects=named_types())
+        completion = self._planner.model.complete(
+            prompt,
+            spec=None if decoding.constraint == "free" else spec,
+            max_tokens=decoding.max_tokens,
+            max_seconds=decoding.answer_seconds,
+            temperature=decoding.temperature,
+            seed=decoding.seed,
+            listen=self._planner.listen,
+        )
+        calls: tuple[SkillCall, ...] = ()
+        error = ""
+        dropped: tuple[str, ...] = ()
+        try:
+            found = program_of(completion, smart_skills())
+            calls, dropped = tuple(map(_find, found.calls)), found.dropped
+        except ProgramError as refused:
+            error = str(refused)
+        if not calls and not error:
+            error = "the answer holds no skill call"
+        return Plan(
+            prompt=prompt,
+            completion=completion,
+            calls=calls,
+            names={},
+            error=error,
+            dropped=dropped,
+        )
+
+
+# ----------------------------------------------------------------- an episode of either row
+
+
+class LotaEpisode:
+    """One sequence of instructions, of which only requests and answers are kept.
+
+    `act` carries out one instruction, told the ones before it.
+    """
+
+    def __init__(
+        self,
+        act: Callable[[Skills, str, Sequence[Past]], Acting],
+        world: World,
+        scene: SceneRef,
+    ) -> None:
+        self._act, self._world = act, world
+        self._history: list[Past] = []
+        self._floor = _floor(world)
+        self._floors = {scene: self._floor}
+
+    def enter(self, scene: SceneRef) -> None:
+        """Go on in a room, of which only the floor is known."""
+        if scene not in self._floors:
+            self._floors[scene] = _floor(self._world)
+        self._floor = self._floors[scene]
+
+    def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
+        """Carry out one instruction.
+
+        A task by itself is asked for without the ones before it, as in the source.
+        """
+        if subtask.is_whole:
+            self._history.clear()
+        skills = Skills(self._world, self._floor)
+        skills.look()
+        finished, steps = yield from self._act(skills, subtask.instruction, self._history)
+        self._history.append(Past(instruction=subtask.instruction, steps=steps))
+        yield Outcome(finished=finished, resident=(), handled_ids=skills.experience.handled_ids)
+
+
+def _floor(world: World) -> KnownFloor:
+    """Return area nodes over the cells that can be stood on."""
+    graph = SceneGraph.over(sorted(floor_of(world)), height_m=position_of(world)[1])
+    return KnownFloor(tuple(graph.areas()))
+
+
+def chooser_of(
+    model: LanguageModel, wanted_by: str = "lota.score", instead: str = "lota.generate"
+) -> ScoringModel:
+    """Return what scores steps with a model; a message names two rows, with scores and without.
+
+    Raises:
+        ModelError: the model tells no log-probabilities.
+    """
+    if isinstance(model, ScoringModel):
+        return model
+    raise ModelError(
+        f"{model.name}: {wanted_by} needs log-probabilities of whole steps, which this model does"
+        f" not tell; take a GGUF file, or the row {instead}"
+    )
+
+
+def _mended(skills: Skills, call: SkillCall) -> tuple[SkillCall, ...]:
+    """Return a line with the calls that planners of the compact profile leave out: see `mend`."""
+    skills.look()
+    seen = {sight.object_type for sight in skills.experience.seen.values()}
+    held = skills.experience.held
+    known = seen | {base_type(name) for name in seen}
+    return mend((call,), known=known, held=base_type(held.object_type) if held else None)
+
+
+def _place_after(call: SkillCall, place: str) -> str:
+    """Return the receptacle found last, which `put down` uses; "" after other steps."""
+    if call.skill == "Explore":
+        name = call.objects[0]
+        return name if name in BASIN_OF or object_types()[name].can("receptacle") else ""
+    return place if call.skill in _KEEPS_PLACE else ""
+
+
+def _find(call: SkillCall) -> SkillCall:
+    """Return a walk as a search, which equals the walk where the place is known."""
+    return replace(call, skill="Explore") if call.skill == "GoToObject" else call
+
+
+def _completion(best: Choice, text: str) -> Completion:
+    return Completion(
+        text=text,
+        finish="stop",
+        prompt_tokens=best.prompt_tokens,
+        reused_tokens=best.reused_tokens,
+        completion_tokens=best.completion_tokens,
+        first_token_s=best.total_s,
+        total_s=best.total_s,
+        constrained=True,
+        engine=best.engine,
+    )

@@ -1,0 +1,1 @@
+"""Benchmarks: EB-ALFRED, LoTa-Bench's ALFRED, lived-in homes, replacement policies."""

@@ -1,0 +1,232 @@
+"""EB-ALFRED's planner: a language model asked for a plan, and anew when an action has failed.
+
+It is told a role, rules, actions, examples, guidelines, the task, the history: parts and order are
+the source's, the words are ours (`eb_alfred/prompt.toml`, `eb_alfred/examples.toml`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from karma.bench.suites.alfred.eb_answers import NUMBER, PLAN, read_answer
+from karma.bench.suites.alfred.players import BenchmarkAnswer, kept
+from karma.contracts import Frame, LanguageModel, PlanSpec, Prompt
+from karma.files import read_toml
+from karma.world.eb_alfred.environment import Environment, Step
+
+_HERE = Path(__file__).parent / "eb_alfred"
+_AGAIN_TEMPERATURE = 0.6  # once an answer was of no use, the same again will not help
+Kind = Literal["short", "long"]  # of examples: `long` for long_horizon
+
+
+class _Texts(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    role: str
+    rules: tuple[str, ...]
+    guidelines: tuple[str, ...]
+    answer: str
+    seen: str
+
+
+class PlanExample(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """An instruction and a plan that carries it out, in a trial that no task is of."""
+
+    kind: Kind
+    trial: str
+    instruction: str
+    scene: str  # what a picture of it would show
+    reasoning: str
+    plan: tuple[str, ...]  # names of actions
+
+
+class PromptOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How a planner is asked."""
+
+    examples: int = 10  # at most; long_horizon has seven
+    feedback: bool = True  # whether it is told how actions went
+    dialogue: bool = False  # whether it is told its earlier answers
+    pictures: int = 0  # of what the robot saw last; 0 = text only
+    max_tokens: int = 2048
+    temperature: float = 0.0
+    constrained: bool = False  # held to the form, by a grammar or schema
+    most_text: int = 300  # then: characters of each text
+    most_actions: int = 20  # and actions of a plan
+
+    def __post_init__(self) -> None:
+        """Refuse bounds that leave nothing."""
+        if min(self.examples, self.pictures, self.most_text) < 0:
+            raise ValueError("examples, pictures and most_text are 0 or more")
+        if self.max_tokens < 1 or self.most_actions < 1:
+            raise ValueError("max_tokens and most_actions are 1 or more")
+
+
+@cache
+def _texts() -> _Texts:
+    return read_toml(_HERE / "prompt.toml", _Texts)
+
+
+@cache
+def examples(kind: Kind) -> tuple[PlanExample, ...]:
+    """Return the worked examples of a kind."""
+    found = read_toml(_HERE / "examples.toml", dict[str, tuple[PlanExample, ...]])
+    return tuple(one for one in found["example"] if one.kind == kind)
+
+
+def kind_of(subset: str) -> Kind:
+    """Return the kind of examples that a list's tasks are shown."""
+    return "long" if subset == "long_horizon" else "short"
+
+
+def render_prompt(
+    environment: Environment,
+    instruction: str,
+    subset: str,
+    options: PromptOptions,
+    *,
+    answers: Sequence[str] = (),
+    complaint: str = "",
+    pictures: Sequence[Frame] = (),
+) -> Prompt:
+    """Return the prompt for the next plan.
+
+    Args:
+        environment: its actions, and what was done so far.
+        instruction: of the task.
+        subset: of the task, which decides the examples.
+        options: how to ask.
+        answers: earlier ones, the last one last; told with `options.dialogue`.
+        pictures: what the robot sees now and saw before, the last one last.
+        complaint: what was wrong with the last answer; the source says nothing of it.
+    """
+    texts = _texts()
+    numbers = {str(one): number for number, one in enumerate(environment.actions)}
+    chosen = examples(kind_of(subset))[: options.examples]
+    shown = [_example(one, numbers, options) for one in chosen]
+    parts = [
+        texts.role.strip(),
+        "## Rules\n" + _numbered(texts.rules),
+        f"## Actions (0 to {len(numbers) - 1})\n"
+        + "\n".join(f"{number}: {name}" for name, number in numbers.items()),
+        *(f"## Example {place}\n{one}" for place, one in enumerate(shown, 1)),
+        "## Guidelines\n" + _numbered(texts.guidelines),
+    ]
+    asked = [f"## Instruction\n{instruction}"]
+    if environment.steps:
+        asked.append("## Done so far\n" + _history(environment.steps, options.feedback))
+    if options.dialogue and answers:
+        asked.append("## Your earlier answers\n" + "\n".join(answers))
+    if complaint:
+        asked.append(f"## Your last answer could not be used\n{complaint}")
+    asked.append(texts.answer.strip() % (texts.seen if options.pictures else ""))
+    stable, changing = "\n\n".join(parts) + "\n\n", "\n\n".join(asked) + "\n"
+    if environment.strict:  # the source sends one message
+        return Prompt(stable="", changing=stable + changing, pictures=tuple(pictures))
+    return Prompt(stable=stable, changing=changing, pictures=tuple(pictures))
+
+
+def plan_spec(environment: Environment, options: PromptOptions) -> PlanSpec | None:
+    """Return what an answer is held to: this room's actions; None where it is held to nothing."""
+    if not options.constrained:
+        return None
+    seen = ("visual_state_description",) if options.pictures else ()
+    return PlanSpec(
+        texts=(*seen, "reasoning_and_reflection", "language_plan"),
+        plan=PLAN,
+        number=NUMBER,
+        name="action_name",
+        actions=tuple(map(str, environment.actions)),
+        max_text=options.most_text,
+        max_actions=options.most_actions,
+    )
+
+
+def _numbered(lines: Sequence[str]) -> str:
+    return "\n".join(f"{number}. {line}" for number, line in enumerate(lines, 1))
+
+
+def _example(one: PlanExample, numbers: dict[str, int], options: PromptOptions) -> str:
+    """Return an example as a planner would answer; numbers are those of the room at hand."""
+    seen = {"visual_state_description": one.scene} if options.pictures else {}
+    answer = {
+        **seen,
+        "reasoning_and_reflection": one.reasoning,
+        "language_plan": "; ".join(one.plan),
+        PLAN: [
+            {NUMBER: numbers[name], "action_name": name} for name in one.plan if name in numbers
+        ],
+    }
+    return f"Instruction: {one.instruction}\n{msgspec.json.encode(answer).decode()}"
+
+
+def _history(steps: Sequence[Step], feedback: bool) -> str:
+    return "\n".join(
+        f"{place}. action {step.number}, {step.name}" + (f": {step.feedback}" if feedback else "")
+        for place, step in enumerate(steps)
+    )
+
+
+# ----------------------------------------------------------------- asking
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannerAnswer(BenchmarkAnswer):
+    """One planner call."""
+
+    plan: tuple[int, ...]
+    error: str = ""
+    mended: bool = False
+    no_json: bool = False
+    constrained: bool | None = None  # a grammar held; None where it is not known
+
+
+class PlannerPlayer:
+    """Asks a language model for plans; `seed` is of its sampling."""
+
+    def __init__(
+        self,
+        model: LanguageModel,
+        options: PromptOptions,
+        *,
+        instruction: str,
+        subset: str,
+        seed: int = 0,
+    ) -> None:
+        self._model, self._options, self._seed = model, options, seed
+        self._instruction, self._subset = instruction, subset
+        self.answers: list[PlannerAnswer] = []
+
+    def plan(self, environment: Environment) -> Sequence[int] | None:
+        """Return a plan; () gives up, None says that the answer is of no use.
+
+        In the source a useless answer is followed by the same question again. By default the
+        question then says what was wrong, and the answer is drawn.
+
+        Raises:
+            ModelError: the model cannot answer.
+        """
+        strict = environment.strict
+        complaint = self.answers[-1].error if self.answers and not strict else ""
+        prompt = render_prompt(
+            environment,
+            self._instruction,
+            self._subset,
+            self._options,
+            answers=[one.text for one in self.answers],
+            pictures=environment.pictures(self._options.pictures),
+            complaint=complaint,
+        )
+        said = self._model.complete(
+            prompt,
+            spec=plan_spec(environment, self._options),
+            max_tokens=self._options.max_tokens,
+            temperature=_AGAIN_TEMPERATURE if complaint else self._options.temperature,
+            seed=self._seed + len(self.answers),
+        )
+        found = read_answer(said.text, len(environment.actions), mend=not strict)
+        self.answers.append(
+            PlannerAnswer(constrained=said.constrained, **asdict(found), **kept(said))
+        )
+        return None if found.error else found.plan

@@ -1,0 +1,179 @@
+"""Play one episode of either protocol, and say what it came to."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from karma.agent.journal.not_run import NotRun
+from karma.bench.suites.alfred.eb_planner import PlannerAnswer, PlannerPlayer
+from karma.bench.suites.alfred.experiment import EbRow, LotaRow
+from karma.bench.suites.alfred.lota_planner import GeneratedPlayer, LotaAnswer, ScoredPlayer
+from karma.bench.suites.alfred.players import BenchmarkPlayer, ChancePlayer, ExpertPlayer
+from karma.bench.suites.alfred.trial_rooms import TrialRooms
+from karma.bench.tasks.alfred_lists import ListedTask
+from karma.contracts import LanguageModel, ScoringModel
+from karma.errors import KarmaError
+from karma.world.eb_alfred.actions import ActionTypes
+from karma.world.eb_alfred.environment import UNKNOWN, Environment, Step
+from karma.world.eb_alfred.protocol import EB_ALFRED, LOTA_ALFRED
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlfredRecord:
+    """What an episode leaves behind; the same in every run of the same experiment."""
+
+    row: str
+    task: str
+    seed: int
+    trial: str
+    instruction: str
+    success: bool
+    end: str  # as `Environment.end`, or "error"
+    calls: int  # of the player
+    steps: tuple[Step, ...]
+    error: str = ""  # what ended the episode from outside
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EbRecord(AlfredRecord):
+    """What an episode of EB-ALFRED leaves behind."""
+
+    subset: str
+    progress: float  # conditions that were met at the end, of all
+    invalid: int  # actions, unusable answers counted
+    answers: tuple[PlannerAnswer, ...] = ()
+
+    @property
+    def no_json(self) -> int:
+        """Answers that were no JSON of the form that was asked for."""
+        return sum(answer.no_json for answer in self.answers)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LotaRecord(AlfredRecord):
+    """What an episode of LoTa-Bench's ALFRED leaves behind."""
+
+    kind: str  # type of task
+    failed: int  # skills, unknown ones too
+    unknown: int  # skills that there are not
+    answers: tuple[LotaAnswer, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlfredStage:
+    """What all episodes share."""
+
+    rooms: TrialRooms
+    types: ActionTypes
+    model: LanguageModel | None  # None where no row asks one
+    scorer: ScoringModel | None = None  # the same, where a row has skills scored
+
+
+def play(
+    stage: AlfredStage, row: EbRow | LotaRow, task: ListedTask, seed: int, puts: dict[str, int]
+) -> EbRecord | LotaRecord | NotRun:
+    """Play an episode, if it can be begun; what a model could not be asked is in the record.
+
+    Args:
+        stage: what all share.
+        row: who plays.
+        task: what is asked for.
+        seed: of the player's draws.
+        puts: counts of puts, which a strict row's next episode of a chain goes on with.
+
+    Raises:
+        KarmaError: what is no player's doing, e.g. a server is lost or the disk full.
+    """
+    instruction, missing = _asked(stage.rooms, task)
+    if missing:
+        return NotRun(row=row.name, task=task.id, seed=seed, reason=missing, alone=True)
+    player = _player(stage, row, task, instruction, seed)
+    calls, error = 0, ""
+    trial = stage.rooms.trials[task.trial]
+    environment = Environment(
+        trial,
+        stage.rooms.facts[trial.scene.floor_plan],
+        stage.types,
+        protocol=EB_ALFRED if isinstance(row, EbRow) else LOTA_ALFRED,
+        strict=row.strict,
+        puts=puts,
+    )
+    try:
+        while not environment.end:
+            calls += 1
+            _take_turn(environment, player)
+    except KarmaError as problem:
+        if not problem.agents_own:
+            raise
+        error = str(problem)
+    said: dict[str, Any] = {
+        "row": row.name,
+        "task": task.id,
+        "seed": seed,
+        "trial": task.trial,
+        "instruction": instruction,
+        "end": "error" if error else environment.end,
+        "steps": tuple(environment.steps),
+        "answers": tuple(player.answers),
+        "error": error,
+    }
+    if isinstance(row, EbRow):
+        return _eb_record(environment, subset=task.list, calls=calls, **said)
+    return LotaRecord(
+        kind=task.folder.partition("-")[0],
+        success=not error and environment.goal_met,
+        failed=sum(not step.ok for step in environment.steps),
+        unknown=sum(step.number == UNKNOWN for step in environment.steps),
+        calls=len(player.answers) or calls,
+        **said,
+    )
+
+
+def _eb_record(environment: Environment, **said: Any) -> EbRecord:
+    answers, met = said["answers"], environment.conditions
+    unplayed = environment.end == "empty plan" or bool(answers and answers[-1].error)
+    return EbRecord(
+        success=environment.end == "goal met",
+        # the source loses the progress when a plan ends it
+        progress=0.0 if environment.strict and unplayed else met.met / met.of,
+        invalid=environment.invalid,
+        **said,
+    )
+
+
+def _asked(rooms: TrialRooms, task: ListedTask) -> tuple[str, str]:
+    """Return a task's sentence, and why it cannot be begun."""
+    if missing := rooms.missing(task.trial):
+        return task.instruction, missing
+    said = rooms.trials[task.trial].annotations
+    if not task.instruction and not 0 <= task.repeat < len(said):
+        return "", f"trial {task.trial} has no annotation {task.repeat}"
+    return task.instruction or said[task.repeat].task_desc, ""
+
+
+def _player(
+    stage: AlfredStage, row: EbRow | LotaRow, task: ListedTask, instruction: str, seed: int
+) -> BenchmarkPlayer:
+    if row.player == "expert":
+        return ExpertPlayer()
+    if row.player == "chance" or stage.model is None:
+        return ChancePlayer(seed, "eb_alfred" if isinstance(row, EbRow) else "lota_alfred", task.id)
+    if isinstance(row, EbRow):
+        return PlannerPlayer(
+            stage.model, row.prompt, instruction=instruction, subset=task.list, seed=seed
+        )
+    if row.player == "scored" and stage.scorer is not None:
+        return ScoredPlayer(stage.scorer, row.prompt, instruction=instruction, scoring=row.scoring)
+    return GeneratedPlayer(stage.model, row.prompt, instruction=instruction, seed=seed)
+
+
+def _take_turn(environment: Environment, player: BenchmarkPlayer) -> None:
+    """Ask for a plan and carry it out, up to a failure where the planner is asked anew."""
+    plan = player.plan(environment)
+    if plan is None:
+        environment.count_unusable()
+    elif not plan:
+        environment.give_up()
+    for said in plan or ():
+        step = environment.step(said)
+        if environment.end or not (step.ok or environment.protocol.goes_on):
+            return

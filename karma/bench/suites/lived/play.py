@@ -1,0 +1,403 @@
+"""Live one home with one memory, day by day, and say what came of every request."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+from karma.bench.engine.suite import Chain
+from karma.bench.suites.lived.body import HomeRobot
+from karma.bench.suites.lived.drawing import draw_request
+from karma.bench.suites.lived.experiment import EXPERT, HomeSpec, LivedExperiment, LivedRow
+from karma.bench.suites.lived.home_map import HomeMap
+from karma.bench.suites.lived.reading import Reader
+from karma.bench.suites.lived.recalling import fits
+from karma.bench.suites.lived.records import CheckedDoubt, LivedRecord, ServedRequest
+from karma.bench.suites.lived.request import (
+    HomeView,
+    LivedRequest,
+    answered_rightly,
+    done,
+    room_right,
+)
+from karma.bench.suites.lived.schedule import DAY_S, HOUR_S, DayItem, day_plan
+from karma.bench.suites.lived.search import nearest_next
+from karma.bench.suites.lived.serve import Server
+from karma.bench.suites.lived.trace import HomeTrace, HomeTracer
+from karma.contracts import (
+    Embedder,
+    Fact,
+    HomeMemory,
+    HomeMoment,
+    HomeQuestion,
+    LikelyPlace,
+    Sighting,
+)
+from karma.memory.lived.designs import DESIGNS
+from karma.memory.lived.said import is_of_past, types_meant
+from karma.memory.lived.setting import KnownPlace, MemorySetting
+from karma.seeds import stream
+from karma.world.core.placement import find_place
+from karma.world.houses import build_home
+from karma.world.residents import Household
+
+PLACED = frozenset(("exact", "attribute", "event", "place", "several", "changed"))  # of a thing
+TOUR_H = 6.0  # of the first day, when the tour begins
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TouredHome:
+    """A home after the first tour of the robot, which is the same for every row."""
+
+    map: HomeMap
+    household: Household  # to be forked
+    actions: int
+    start: dict[str, Sighting]  # where all things were before
+    moments: tuple[HomeMoment, ...]  # that the tour showed
+
+
+def tour(spec: HomeSpec, seed: int, tracer: HomeTracer | None = None) -> TouredHome:
+    """Return a home whose robot has looked at and into everything once, before the first day."""
+    scene = build_home(
+        spec.rooms, seed + spec.number, name=f"home_{spec.number}", things=spec.setting.things
+    )
+    home, household = HomeMap(scene), Household(
+        scene, seed=seed + spec.number, people=spec.people(seed),
+        disturbance=spec.setting.disturbance,
+    )  # fmt: skip
+    moments: list[HomeMoment] = []
+    robot = HomeRobot(household, home, moments.append)
+    start = household.now(home.places)
+    if tracer is not None:
+        tracer.enter(scene, household, robot)
+    robot.wait(TOUR_H * HOUR_S)
+    for place_id in nearest_next(robot, home.places):
+        robot.look_at(place_id)
+    return TouredHome(
+        map=home,
+        household=household,
+        actions=robot.actions,
+        start=start,
+        moments=tuple(moments),
+    )
+
+
+toured = lru_cache(maxsize=2)(tour)  # one for all rows of a home
+
+
+class HomeLife:
+    """One row in one home, from the first tour on.
+
+    Args:
+        experiment: what is played.
+        row: the memory and how it is used.
+        spec: the home.
+        seed: of the run.
+        embedder: of short texts.
+        reader: of requests.
+        tracer: writes down what goes on; records are the same without one.
+    """
+
+    def __init__(
+        self, experiment: LivedExperiment, row: LivedRow, spec: HomeSpec, seed: int,
+        embedder: Embedder, reader: Reader, tracer: HomeTracer | None = None,
+    ) -> None:  # fmt: skip
+        self._experiment, self._row, self._spec, self._seed = experiment, row, spec, seed
+        self._reader, self._tracer = reader, tracer
+        home = toured(spec, seed) if tracer is None else tour(spec, seed, tracer)
+        self._map, self._start, self._people = home.map, home.start, spec.people(seed)
+        self._household = home.household.fork()
+        self._robot = HomeRobot(self._household, self._map, self._told)
+        self._robot.actions = home.actions
+        self._memory = self._made(embedder)
+        self._server = Server(self._robot, self._memory, row.settings(experiment.tokens))
+        self._scheduled: list[HomeMoment] = []  # learnt on rounds and waits: the same for every row
+        self._serving = False
+        self._seen: dict[str, Sighting] = {}  # the last of each thing, whatever its memory
+        self._rooms = tuple(self._map.in_rooms())
+        if tracer is not None:
+            tracer.follow(self._household, self._robot)
+        for moment in home.moments:
+            self._told(moment)
+
+    def now(self) -> dict[str, Sighting]:
+        """Return where every movable thing is."""
+        return self._household.now(self._map.places)
+
+    def day(self, day: int) -> LivedRecord:
+        """Live one day."""
+        plan = day_plan(self._seed, self._spec.number, day, self._rooms, self._experiment.requests)
+        before, logged = self.now(), len(self._household.log)
+        served: list[ServedRequest] = []
+        missing = rounds = 0
+        for number, planned in enumerate(plan):
+            self._robot.wait(max(planned.time_s, self._robot.time_s))
+            if planned.what == "request":
+                one = self._request(planned, day, number)
+                served += [one] if one is not None else []
+                missing += one is None
+            elif planned.what == "round":
+                rounds += self._round()
+            else:
+                self._wait_in(planned.room)
+        self._robot.wait(max((day + 1) * DAY_S, self._robot.time_s))
+        moved = {
+            deed.object_id
+            for deed in self._household.log[logged:]
+            if deed.action == "PutObject" and deed.who != "robot"
+        }
+        return LivedRecord(
+            row=self._row.name,
+            task=f"{self._spec.name}/day_{day}",
+            seed=self._seed,
+            success=all(one.right for one in served),
+            end="day over",
+            setting=self._spec.setting.name,
+            home=self._spec.number,
+            day=day,
+            rooms=self._spec.rooms,
+            people=self._people,
+            things=len(before),
+            moved=round(len(moved & before.keys()) / max(len(before), 1), 4),
+            requests=tuple(served),
+            missing=missing,
+            round_actions=rounds,
+            memory_bytes=self._memory.size_bytes(),
+            units=self._spec.setting.units,
+        )
+
+    def close(self) -> None:
+        """Let go of what the memory holds."""
+        self._memory.close()
+
+    # ------------------------------------------------------------- parts
+
+    def _made(self, embedder: Embedder) -> HomeMemory:
+        if self._row.design == EXPERT:
+            return ExpertMemory(self.now, self._map.places)
+        setting = MemorySetting(
+            embedder=embedder,
+            places=self._map.places,
+            units=self._spec.setting.units,
+            seed=self._seed,
+        )
+        made: HomeMemory = DESIGNS[self._row.design](setting)
+        return made
+
+    def _told(self, moment: HomeMoment) -> None:
+        self._memory.take_in(moment)
+        self._seen.update((seen.object_id, seen) for seen in moment.seen)
+        if self._tracer is not None:
+            self._tracer.learnt(moment)
+        if not self._serving:
+            self._scheduled.append(moment)
+
+    def _round(self) -> int:
+        """Walk through all rooms and look at all open furniture; return the actions."""
+        before = self._robot.actions
+        shown = tuple(one for one, place in self._map.places.items() if not place.openable)
+        for place_id in nearest_next(self._robot, shown):
+            self._robot.look_at(place_id)
+        return self._robot.actions - before
+
+    def _wait_in(self, room: str) -> None:
+        places = self._map.in_rooms().get(room, ())
+        if places:
+            self._robot.go(self._map.spots[places[0]][0])
+
+    def _request(self, planned: DayItem, day: int, number: int) -> ServedRequest | None:
+        assert planned.kind is not None
+        rng = stream(
+            self._seed, "lived", "request", self._spec.name, str(day), str(number), planned.kind
+        )
+        request = draw_request(self._view(), planned.kind, rng)
+        if request is None:
+            return None
+        question = self._reader.read(request.text, request.speaker, self._robot.time_s)
+        before, truth, known_s = self._robot.actions, self.now(), None
+        if request.kind in PLACED:
+            known_s = max(self._times_seen(request, truth), default=None)
+        self._serving = True
+        answer = self._server.serve(question)
+        if self._robot.held is not None:
+            self._robot.put_down()
+        self._serving = False
+        now = self.now()
+        if request.asked == "errand":
+            right = bool(answer.unknown) if request.unknown else done(request, now)
+        else:
+            right = answered_rightly(request, answer, now)
+        effort = self._server.effort
+        served = ServedRequest(
+            kind=request.kind,
+            asked=request.asked,
+            text=request.text,
+            time_s=round(request.time_s, 1),
+            right=right,
+            unknown=answer.unknown,
+            room_right=room_right(request, answer, now) if request.asked == "place" else None,
+            actions=self._robot.actions - before,
+            places=effort.places,
+            wasted=effort.wasted,
+            believed=effort.believed,
+            stale=effort.stale,
+            stale_actions=effort.stale_actions,
+            repairs=effort.repairs,
+            tokens=effort.tokens,
+            recalls=effort.recalls,
+            read=question.asked == request.asked
+            and _type_read(request, types_meant(question.thing)),
+            knew=_knew(request, effort.first, truth) if request.kind in PLACED else None,
+            known_s=known_s if known_s is None else round(known_s, 1),
+            doubts=tuple(_checked(fact, truth) for fact in effort.doubts),
+        )
+        if self._tracer is not None:
+            self._tracer.served(request, truth, effort.went_by, answer, served)
+        return served
+
+    def _times_seen(self, request: LivedRequest, now: dict[str, Sighting]) -> Iterator[float]:
+        """Yield when the things that may be meant were seen last, of those that are still there."""
+        for object_id in request.object_ids:
+            seen = self._seen.get(object_id)
+            if seen is not None and seen.place_id == now[object_id].place_id:
+                yield seen.time_s
+
+    def _takes(self, object_id: str, place_id: str) -> bool:
+        """Return whether a place has room for a thing now."""
+        state = self._household.world.state
+        thing, place = state.objects[object_id], state.objects[place_id]
+        return find_place(state, thing, place) is not None
+
+    def _view(self) -> HomeView:
+        return HomeView(
+            time_s=self._robot.time_s,
+            people=tuple(one.name for one in self._household.residents),
+            places=self._map.places,
+            log=tuple(self._household.log),
+            seen=tuple(self._scheduled),
+            now=self.now(),
+            start=self._start,
+            takes=self._takes,
+            words=self._spec.setting.words,
+        )
+
+
+def _knew(request: LivedRequest, taken: Sighting | None, truth: Mapping[str, Sighting]) -> bool:
+    """Return whether what was taken to be meant is, and lies where it was said to lie."""
+    if taken is None or taken.object_id not in request.object_ids:
+        return False
+    return taken.place_id == truth[taken.object_id].place_id
+
+
+def _checked(fact: Fact, truth: Mapping[str, Sighting]) -> CheckedDoubt:
+    """Return what a memory thought of a fact of now, and whether it is so."""
+    there = truth.get(fact.sighting.object_id)
+    return CheckedDoubt(
+        holds=None if fact.holds is None else round(fact.holds, 4),
+        was_so=there is not None and there.place_id == fact.sighting.place_id,
+    )
+
+
+def _type_read(request: LivedRequest, types: tuple[str, ...]) -> bool:
+    """Return whether the type that is meant was understood; True where none is said."""
+    return not request.object_type or request.object_type in types
+
+
+def player(
+    experiment: LivedExperiment, embedder: Embedder, reader: Reader
+) -> Callable[[str, str, int], Iterator[LivedRecord]]:
+    """Return what plays one row in one home: yields a record per day."""
+    rows: Mapping[str, LivedRow] = {row.name: row for row in experiment.rows}
+    specs: Mapping[str, HomeSpec] = {spec.name: spec for spec in experiment.specs()}
+
+    def played(row: str, home: str, seed: int) -> Iterator[LivedRecord]:
+        life = HomeLife(experiment, rows[row], specs[home], seed, embedder, reader)
+        try:
+            for day in range(experiment.days):
+                yield life.day(day)
+        finally:
+            life.close()
+
+    return played
+
+
+def traced(
+    experiment: LivedExperiment, chain: Chain, embedder: Embedder, reader: Reader, days: int,
+    *, after_day: Callable[[], object],
+) -> tuple[list[LivedRecord], HomeTrace]:  # fmt: skip
+    """Live the first days of a chain again; return their records, and what went on."""
+    row = next(one for one in experiment.rows if one.name == chain.row)
+    home = chain.tasks[0].rpartition("/")[0]
+    spec = next(one for one in experiment.specs() if one.name == home)
+    tracer = HomeTracer()
+    life = HomeLife(experiment, row, spec, chain.seed, embedder, reader, tracer)
+    records: list[LivedRecord] = []
+    try:
+        for day in range(days):
+            records.append(life.day(day))
+            after_day()
+        return records, tracer.trace()
+    finally:
+        life.close()
+
+
+class ExpertMemory:
+    """A `HomeMemory` that is never wrong about the present; a ceiling, no design.
+
+    It knows where everything is that the robot has ever seen, and only that: of things never seen
+    it knows nothing, as every other memory.
+
+    Args:
+        now: tells where every movable thing is now.
+        places: furniture of the home.
+    """
+
+    def __init__(
+        self, now: Callable[[], Mapping[str, Sighting]], places: Mapping[str, KnownPlace]
+    ) -> None:
+        self._now, self._places = now, places
+        self._facts: list[Fact] = []
+        self._seen: dict[str, Sighting] = {}
+
+    def take_in(self, moment: HomeMoment) -> None:
+        """Keep everything."""
+        for seen in moment.seen:
+            self._facts.append(Fact(sighting=seen, deed=moment.deed))
+            self._seen[seen.object_id] = seen
+
+    def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:
+        """Return what fits: the truth of now, and what was, the newest first."""
+        said, found = question.thing, []
+        past = is_of_past(said) or question.asked in ("time", "who")
+        if not past:
+            now = self._now()
+            types = types_meant(said)
+            for object_id in self._seen:
+                seen = now.get(object_id)
+                if seen is not None and (not types or seen.object_type in types):
+                    found.append(Fact(sighting=seen, holds=1.0))
+            found.sort(key=lambda fact: not fits(fact, said, self._places))
+            return found[:k]
+        then = question.asked == "place" and not said.who and not said.action
+        for fact in reversed(self._facts):
+            earlier = said.before_s is None or fact.sighting.time_s <= said.before_s
+            before = then and earlier and self._is_meant(fact, question)
+            if before or fits(fact, said, self._places):
+                found.append(fact)
+                if len(found) == k:
+                    break
+        return found
+
+    def _is_meant(self, fact: Fact, question: HomeQuestion) -> bool:
+        types = types_meant(question.thing)
+        return not types or fact.sighting.object_type in types
+
+    def likely_places(self, question: HomeQuestion) -> Sequence[LikelyPlace]:
+        """Return nothing: it knows."""
+        return ()
+
+    def size_bytes(self) -> int:
+        """Return 0: it is no memory that anybody could keep."""
+        return 0
+
+    def close(self) -> None:
+        """Nothing is kept."""

@@ -1,0 +1,139 @@
+"""One policy, or the best there could be, over one trace."""
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from heapq import heappop, heappush
+from typing import Any
+
+from karma.bench.suites.policies.trace import Trace
+from karma.memory.policies import make_policy
+
+BELADY = "belady"  # stands where a policy is named, with a size: belady[10]
+FIRST_TASKS = 100  # of the early hit rate
+WARM_OCCUPANCY = 0.95  # KARMA §4.4: warmed up when occupancy reaches this
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TraceReplay:
+    """What came of a policy on a trace.
+
+    Args:
+        answers: one byte per request, 1 = hit.
+        starts: requests before each task, and in all.
+        left: units that left a full memory, refused newcomers among them; None for the bound.
+        warm_task: the first task that found the memory 95 % full; None: never.
+    """
+
+    answers: bytes
+    starts: tuple[int, ...]
+    left: int | None
+    warm_task: int | None
+
+    @property
+    def requests(self) -> int:
+        """Units asked for."""
+        return len(self.answers)
+
+    @property
+    def hits(self) -> int:
+        """Units asked for and there."""
+        return sum(self.answers)
+
+    @property
+    def tasks(self) -> int:
+        """Tasks done."""
+        return len(self.starts) - 1
+
+    def between(self, first: int, last: int) -> tuple[int, int]:
+        """Return hits and requests of the tasks `first` to before `last`."""
+        part = self.answers[self.starts[first] : self.starts[min(last, self.tasks)]]
+        return sum(part), len(part)
+
+    def rate(self, first: int = 0, last: int | None = None) -> float | None:
+        """Return the hit rate of some tasks; None where nothing was asked."""
+        hits, requests = self.between(first, self.tasks if last is None else last)
+        return hits / requests if requests else None
+
+
+def simulator(policy: str) -> Callable[[Trace], TraceReplay]:
+    """Return what runs a policy over one trace after another, each from an empty memory.
+
+    Args:
+        policy: in the notation of `make_policy`, or `belady[size]`.
+
+    Raises:
+        KarmaError: the text names no policy.
+    """
+    if policy.startswith(f"{BELADY}["):
+        return partial(best, capacity=make_policy(policy.replace(BELADY, "lru", 1)).capacity)
+    fresh = make_policy(policy)
+    return lambda trace: simulate_with(copy.deepcopy(fresh), trace)
+
+
+def simulate(policy: str, trace: Trace) -> TraceReplay:
+    """Run a policy over one trace; see `simulator`."""
+    return simulator(policy)(trace)
+
+
+def simulate_with(policy: Any, trace: Trace) -> TraceReplay:
+    """Run a fresh policy over a trace: all units of a task are asked for, then all are touched."""
+    answers, left, warm = bytearray(), 0, None
+    need = WARM_OCCUPANCY * policy.capacity
+    touch = policy.touch
+    for number, task in enumerate(trace.named()):
+        if warm is None and len(policy) >= need:
+            warm = number
+        for key in task:
+            answers.append(key in policy)
+        for key in task:
+            left += touch(key) is not None
+    return TraceReplay(answers=bytes(answers), starts=trace.starts, left=left, warm_task=warm)
+
+
+def best(trace: Trace, capacity: int) -> TraceReplay:
+    """Return the most hits that any memory of `capacity` lines can have, knowing what comes.
+
+    Between two tasks at most `capacity` of the units used so far can wait for their next use. Of
+    those that would wait, the one whose next use is farthest away is let go, which is optimal
+    (Belady 1966; Carlisle and Lloyd 1995 for whole tasks).
+
+    Raises:
+        ValueError: capacity < 0.
+    """
+    if capacity < 0:
+        raise ValueError(f"capacity must not be negative, not {capacity}")
+    never = len(trace.tasks)
+    upcoming = _next_uses(trace, never)
+    waits = [never] * len(trace.keys)  # resident key -> the task that it waits for
+    farthest: list[tuple[int, int]] = []  # (-task, key); may be stale
+    answers = bytearray()
+    size = 0
+    for number, task in enumerate(trace.tasks):
+        for place, key in enumerate(task):
+            hit = waits[key] == number
+            answers.append(hit)
+            size -= hit
+            use = waits[key] = upcoming[number][place]
+            if use < never:
+                heappush(farthest, (-use, key))
+                size += 1
+        while size > capacity:
+            use, key = heappop(farthest)
+            if waits[key] == -use:
+                waits[key] = never
+                size -= 1
+    return TraceReplay(answers=bytes(answers), starts=trace.starts, left=None, warm_task=None)
+
+
+def _next_uses(trace: Trace, never: int) -> list[tuple[int, ...]]:
+    """Return for each unit of each task the number of the next task that needs it."""
+    later = [never] * len(trace.keys)
+    upcoming: list[tuple[int, ...]] = [()] * len(trace.tasks)
+    for number in range(len(trace.tasks) - 1, -1, -1):
+        task = trace.tasks[number]
+        upcoming[number] = tuple([later[key] for key in task])
+        for key in task:
+            later[key] = number
+    return upcoming

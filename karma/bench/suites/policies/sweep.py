@@ -1,0 +1,227 @@
+"""Several policies at several sizes over the same sequences."""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+
+import msgspec
+
+from karma.bench.figures.statistics import FEWEST_TASKS
+from karma.bench.suites.policies.intervals import Bootstrapped, Resampler, block_interval
+from karma.bench.suites.policies.simulate import BELADY, FIRST_TASKS, TraceReplay, simulator
+from karma.bench.suites.policies.trace import Trace
+from karma.errors import KarmaError
+from karma.memory.policies import make_policy
+
+_SHARE = re.compile(r"([\w-]+)\[(\d+)/(\d+)\](.*)")
+_NAME = re.compile(r"([\w-]+)((?: +\S+)*)")
+_SIZE = re.compile(r"\[(\d+)(?:,(\d+))?\]")
+
+
+class Point(msgspec.Struct, frozen=True, kw_only=True):
+    """The hit rate from the empty memory up to a number of tasks."""
+
+    tasks: int
+    rate: Bootstrapped
+
+
+class PolicyRow(msgspec.Struct, frozen=True, kw_only=True):
+    """What one policy made of all sequences; the lists have one entry a sequence."""
+
+    policy: str
+    size: int
+    cold: Bootstrapped | None  # all tasks, from the empty memory on; None: nothing was asked
+    first: Bootstrapped | None  # the first 100 tasks
+    steady: Bootstrapped | None  # the second half of the tasks
+    warm: Bootstrapped | None  # from the task on that found the memory 95 % full; None: not in each
+    hits: list[int]
+    steady_hits: list[int]
+    left: float | None  # units that left, per sequence; None for the bound
+    warm_task: float | None  # tasks until the memory was 95 % full, mean; None: not in each
+    curve: list[Point]
+
+
+class Sweep(msgspec.Struct, frozen=True, kw_only=True):
+    """All rows over the same sequences."""
+
+    requests: list[int]  # of each sequence
+    steady_requests: list[int]
+    units: float  # distinct ones a sequence, mean
+    interval: str  # what the intervals are over
+    rows: list[PolicyRow]
+
+
+def sized(policies: Iterable[str], sizes: Iterable[int]) -> tuple[str, ...]:
+    """Return policies in the notation of `make_policy`, each named one at each size.
+
+    `lru` takes all sizes, with what stands behind it (`wtinylfu-karma W=inf`);
+    `wtinylfu-caffeine[9/1]` divides each size nine to one, the main segment at least one line;
+    `lru[10]` stays what it is. The order is that of the policies, then of the sizes.
+
+    Raises:
+        KarmaError: a text is no policy, or no size was given for a bare name.
+        UnknownNameError: no such policy is registered.
+    """
+    sizes = tuple(sizes)
+    found = tuple(dict.fromkeys(one for text in policies for one in _at_sizes(text.strip(), sizes)))
+    for text in found:
+        make_policy(text.replace(BELADY, "lru", 1) if text.startswith(f"{BELADY}[") else text)
+    return found
+
+
+def _at_sizes(text: str, sizes: Sequence[int]) -> Iterator[str]:
+    share, bare = _SHARE.fullmatch(text), _NAME.fullmatch(text)
+    if (share or bare) and not sizes:
+        name = text.split("[")[0].split(" ")[0]
+        raise KarmaError(f"policy {text!r} has no size: give --sizes, or write {name}[10]")
+    if share:
+        name, window, main, rest = share.groups()
+        part = int(main) / max(int(window) + int(main), 1)
+        for size in sizes:
+            lines = max(1, int(size * part))
+            yield f"{name}[{size - lines},{lines}]{rest}"
+    elif bare:
+        yield from (f"{bare[1]}[{size}]{bare[2]}" for size in sizes)
+    else:
+        yield text
+
+
+def size_of(policy: str) -> int:
+    """Return the lines that a policy text has.
+
+    >>> size_of("wtinylfu-karma[9,1] W=inf")
+    10
+    """
+    found = _SIZE.search(policy)
+    return sum(int(part or 0) for part in found.groups()) if found else 0
+
+
+def family_of(policy: str) -> str:
+    """Return a policy text without its size.
+
+    >>> family_of("wtinylfu-karma[9,1] W=inf")
+    'wtinylfu-karma W=inf'
+    """
+    return _SIZE.sub("", policy, count=1)
+
+
+def division_of(policy: str) -> str:
+    """Return the size as a policy text has it.
+
+    >>> division_of("wtinylfu-karma[9,1] W=inf")
+    '[9,1]'
+    """
+    found = _SIZE.search(policy)
+    return found[0] if found else ""
+
+
+def line_of(policy: str) -> str:
+    """Return what the sizes of one policy have in common, their division included.
+
+    >>> line_of("wtinylfu-karma[23,2] W=inf"), line_of("lru[5]")
+    ('wtinylfu-karma 9/1 W=inf', 'lru')
+    """
+    found = _SIZE.search(policy)
+    if found is None or found[2] is None:
+        return family_of(policy)
+    window, main = int(found[1]), int(found[2])
+    kind = f"{window},{main}"
+    if main == max(1, (window + main) // 10):
+        kind = "9/1"
+    elif window == 1:
+        kind = "1/9"
+    name, _, rest = family_of(policy).partition(" ")
+    return f"{name} {kind} {rest}".strip()
+
+
+def run_rows(
+    traces: Sequence[Trace],
+    policies: Iterable[str],
+    *,
+    checkpoints: Sequence[int] = (),
+    seed: int = 0,
+) -> Iterator[PolicyRow]:
+    """Run every policy over every sequence, and yield each policy's row.
+
+    Args:
+        traces: at least one.
+        policies: as `sized` gives them.
+        checkpoints: numbers of tasks for `PolicyRow.curve`.
+        seed: of the bootstrap.
+    """
+    rates = _Rates(len(traces), seed)
+    for policy in policies:
+        run = simulator(policy)
+        outcomes = [run(trace) for trace in traces]
+        yield _row(policy, outcomes, rates, checkpoints)
+
+
+def sweep_of(traces: Sequence[Trace], rows: Iterable[PolicyRow]) -> Sweep:
+    """Return rows together with the sequences that they are of."""
+    halves = [trace.starts[len(trace.tasks) // 2] for trace in traces]
+    return Sweep(
+        requests=[trace.requests for trace in traces],
+        steady_requests=[t.requests - half for t, half in zip(traces, halves, strict=True)],
+        units=round(sum(len(trace.keys) for trace in traces) / len(traces), 3),
+        interval=_over(traces),
+        rows=list(rows),
+    )
+
+
+def _over(traces: Sequence[Trace]) -> str:
+    """Return what the intervals are over, or why there are none."""
+    if len(traces) == 1:
+        return "bootstrap over blocks of tasks; they speak of this sequence only"
+    if len(traces) < FEWEST_TASKS:
+        return f"none: {len(traces)} sequences say little of others, it takes {FEWEST_TASKS}"
+    return "bootstrap over sequences"
+
+
+class _Rates:
+    """Mean hit rates over sequences, or of one sequence over its blocks."""
+
+    def __init__(self, count: int, seed: int) -> None:
+        self._resampler = Resampler(count, seed)
+        self._seed = seed
+
+    def of(
+        self, outcomes: Sequence[TraceReplay], spans: Sequence[tuple[int, int]]
+    ) -> Bootstrapped | None:
+        """Return the rate over some tasks of each outcome; None where one asked nothing."""
+        if len(outcomes) == 1:
+            first, last = spans[0]
+            tasks = range(first, min(last, outcomes[0].tasks))
+            counts = [outcomes[0].between(task, task + 1) for task in tasks]
+            return block_interval([a for a, _ in counts], [b for _, b in counts], self._seed)
+        rates = [one.rate(*span) for one, span in zip(outcomes, spans, strict=True)]
+        known = [rate for rate in rates if rate is not None]
+        return self._resampler.mean(known) if len(known) == len(rates) else None
+
+
+def _row(
+    policy: str, outcomes: list[TraceReplay], rates: _Rates, checkpoints: Sequence[int]
+) -> PolicyRow:
+    every = [(0, one.tasks) for one in outcomes]
+    halves = [(one.tasks // 2, one.tasks) for one in outcomes]
+    warm = [one.warm_task for one in outcomes if one.warm_task is not None]
+    left = [one.left for one in outcomes if one.left is not None]
+    filled = len(warm) == len(outcomes)
+    after = [(one.warm_task or 0, one.tasks) for one in outcomes]
+    curve = [
+        Point(tasks=tasks, rate=rate)
+        for tasks in checkpoints
+        if tasks <= max(one.tasks for one in outcomes)
+        if (rate := rates.of(outcomes, [(0, tasks)] * len(outcomes))) is not None
+    ]
+    return PolicyRow(
+        policy=policy,
+        size=size_of(policy),
+        cold=rates.of(outcomes, every),
+        first=rates.of(outcomes, [(0, FIRST_TASKS)] * len(outcomes)),
+        steady=rates.of(outcomes, halves),
+        warm=rates.of(outcomes, after) if filled else None,
+        hits=[one.hits for one in outcomes],
+        steady_hits=[one.between(*span)[0] for one, span in zip(outcomes, halves, strict=True)],
+        left=round(sum(left) / len(left), 3) if left else None,
+        warm_task=round(sum(warm) / len(warm), 3) if filled else None,
+        curve=curve,
+    )

@@ -1,0 +1,1 @@
+"""Task files of ours and of others, read and checked."""

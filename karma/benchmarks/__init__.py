@@ -1,1 +1,0 @@
-"""Other people's benchmarks by their own protocols, in our world."""

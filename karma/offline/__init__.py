@@ -1,0 +1,1 @@
+"""The guard of the network, and processes of ours that inherit it."""

@@ -1,1 +1,0 @@
-"""What is asked: goals, task files, instructions taken apart, and the expert who knows the way."""

@@ -1,0 +1,210 @@
+"""Moments of rooms to learn from and to be examined on: random states, random viewpoints.
+
+A room comes from the generator or a scene file; what can be opened, switched, soiled, filled, used
+up, cooked, heated, cut or broken is so by lot; the agent stands near something and looks at it.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from karma.agent.seeing.perceive import camera_of, shown_states, truth_of
+from karma.agent.seeing.projection import placed
+from karma.contracts import Point, Region
+from karma.household.pieces import EGG
+from karma.household.places import FLOOR
+from karma.household.uses import BURNER, KNOB, MICROWAVE
+from karma.seeds import stream
+from karma.world.core.scene import Scene, SceneObject
+from karma.world.event import WorldEvent
+from karma.world.generation.generate import build_scene
+from karma.world.sim import EmbeddedWorld
+
+KINDS = ("kitchen", "kitchen", "kitchen", "living", "bedroom", "bathroom")  # kitchens have most
+HORIZONS_DEG = (-30.0, 0.0, 30.0, 60.0)
+LEAST_PIXELS = 64  # of an object in a picture, to be asked about
+UNSEEN_PIXELS = 16  # of fewer nothing can be said, though AI2-THOR may call the object visible
+HELD = 0.25  # share of views with something in the hand
+SPAWNED = 0.4  # share of moments in which things lie elsewhere than at the room's start
+FREE = 0.15  # share of views that are turned to nothing in particular
+
+_Lot = np.random.Generator
+_ODDS = {"openable": 0.5, "toggleable": 0.5, "dirtyable": 0.45, "canFillWithLiquid": 0.45,
+         "canBeUsedUp": 0.45, "cookable": 0.35, "breakable": 0.04}  # fmt: skip
+_LIQUIDS = ("water", "water", "coffee", "wine")
+_BARE = 0.3  # share kept of objects whose type knows no state at all
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sample:
+    """One object in one picture, and what the picture shows of its state."""
+
+    object_id: str
+    object_type: str
+    region: Region  # of its box in the picture
+    silhouette: tuple[Point, ...]  # likewise
+    pixels: int  # of the picture that show it
+    states: tuple[str, ...]  # sorted words; ("none",) when there is nothing to say
+
+
+def room(seed: int, number: int) -> Scene:
+    """Return the room of that number, drawn from a seed."""
+    return build_scene(KINDS[number % len(KINDS)], number + 1, seed)
+
+
+def moments(scene: Scene, rng: _Lot, *, states: int, views: int) -> Iterator[WorldEvent]:
+    """Yield events of a room whose frames are worth asking about.
+
+    Args:
+        scene: the room at its start.
+        rng: decides everything.
+        states: how many times to deal out states.
+        views: how many places to look from each time.
+    """
+    for _ in range(states):
+        world = EmbeddedWorld(_dealt(scene, rng))
+        held = round(views * HELD)
+        for number in range(views):
+            if number == views - held:
+                _pick_up(world, rng)
+            yield _look(world, np.array(scene.reachable), rng)
+
+
+def samples(event: WorldEvent, least: int = LEAST_PIXELS) -> list[Sample]:
+    """Return what can be asked about a frame: what is in view or in the hand, and shows enough."""
+    rows = event.picture.rows
+    counts = np.bincount(rows[rows >= 0], minlength=len(event.state.objects))
+    shown = dict(zip(event.state.objects, counts.tolist(), strict=True))
+    truth, camera = truth_of(event), camera_of(event)
+    found = []
+    for thing in truth.objects:
+        pixels = shown[thing.object_id]
+        if not (thing.visible or thing.object_id in truth.held_ids) or pixels < least:
+            continue
+        one = placed(thing, camera)
+        if one.region is not None:
+            found.append(
+                Sample(
+                    object_id=one.object_id,
+                    object_type=one.object_type,
+                    region=one.region,
+                    silhouette=one.silhouette,
+                    pixels=pixels,
+                    states=shown_states(thing),
+                )
+            )
+    return found
+
+
+def thinned(found: Sequence[Sample], rng: _Lot) -> list[Sample]:
+    """Leave out most of the objects of types that never show a state; they are everywhere."""
+    return [one for one in found if one.states != ("none",) or rng.random() < _BARE]
+
+
+# ------------------------------------------------------------------ states by lot
+
+
+def _dealt(scene: Scene, rng: _Lot) -> Scene:
+    world = EmbeddedWorld(scene)
+    if rng.random() < SPAWNED:
+        world.step("InitialRandomSpawn", randomSeed=int(rng.integers(1 << 30)), forceVisible=False)
+    for thing in list(world.state.objects.values()):
+        if "sliceable" in thing.capabilities and rng.random() < 0.4:
+            world.step("SliceObject", objectId=thing.id, forceAction=True)
+        elif thing.type == EGG and rng.random() < 0.4:
+            world.step("BreakObject", objectId=thing.id, forceAction=True)
+    things = {thing.id: _changed(thing, rng) for thing in world.state.objects.values()}
+    for thing in list(things.values()):
+        for name in thing.controls:
+            if thing.type == KNOB and name in things:
+                on = thing.is_toggled
+                things[name] = msgspec.structs.replace(things[name], is_toggled=on)
+    return msgspec.structs.replace(scene, objects=tuple(things.values()))
+
+
+def _changed(thing: SceneObject, rng: _Lot) -> SceneObject:
+    """Return an object in a state by lot."""
+    happens = {name: bool(rng.random() < odds) for name, odds in _ODDS.items()}
+    has = {name for name, does in happens.items() if does and name in thing.capabilities}
+    level, heat, liquid = rng.random(), rng.random(), str(rng.choice(_LIQUIDS))
+    new: dict[str, Any] = {}
+    if "openable" in thing.capabilities:
+        new["openness"] = 0.0 if "openable" not in has else 1.0 if level < 0.9 else 4 * level - 3
+    if "toggleable" in thing.capabilities:
+        new["is_toggled"] = "toggleable" in has and not _unseen_if_on(thing.type, new)
+        if thing.type == "LightSwitch":
+            new["is_toggled"] = bool(level < 0.75)
+    if "canFillWithLiquid" in thing.capabilities:
+        filled = "canFillWithLiquid" in has
+        new |= {"is_filled": filled, "liquid": liquid if filled else None}
+    for name, field in (("dirtyable", "is_dirty"), ("canBeUsedUp", "is_used_up"),
+                        ("cookable", "is_cooked")):  # fmt: skip
+        if name in thing.capabilities:
+            new[field] = name in has
+    if "breakable" in has and thing.type != EGG:
+        new["is_broken"] = True
+    if "pickupable" in thing.capabilities and thing.temperature == "RoomTemp" and heat < 0.25:
+        new |= {"temperature": "Hot" if heat < 0.18 else "Cold", "heat_left_s": 1000.0}
+    return msgspec.structs.replace(thing, **new)
+
+
+def _unseen_if_on(kind: str, new: dict[str, Any]) -> bool:
+    """Return whether switching on makes no sense: an open microwave, a laptop that is shut."""
+    is_open = new.get("openness", 0.0) > 0
+    return (kind == MICROWAVE and is_open) or (kind == "Laptop" and not is_open)
+
+
+# ------------------------------------------------------------------ viewpoints
+
+
+def _pick_up(world: EmbeddedWorld, rng: _Lot) -> None:
+    ids = [t.object_id for t in truth_of(world.last_event).objects if t.pickupable]
+    if ids:
+        chosen = ids[int(rng.integers(len(ids)))]
+        world.step("PickupObject", objectId=chosen, forceAction=True)
+
+
+def _look(world: EmbeddedWorld, cells: np.ndarray, rng: _Lot) -> WorldEvent:
+    """Stand near something, mostly turned to it as the agent would be, and look."""
+    state = world.state
+    things = [t for t in state.objects.values() if t.type != FLOOR]
+    weights = np.array([1.0 if _tells(t) else 0.15 for t in things])
+    thing = things[int(rng.choice(len(things), p=weights / weights.sum()))]
+    x, y, z = thing.center
+    gaps = np.hypot(cells[:, 0] - x, cells[:, 1] - z)
+    near = np.flatnonzero(gaps < max(1.45, gaps.min() + 0.01))
+    cell = cells[int(rng.choice(near))]
+    bearing = math.degrees(math.atan2(x - cell[0], z - cell[1]))
+    dip = math.degrees(math.atan2(1.575 - y, math.hypot(x - cell[0], z - cell[1])))
+    yaw = round(bearing / 90) * 90.0
+    horizon = min(HORIZONS_DEG, key=lambda h: abs(h - dip))
+    lot = rng.random()
+    if lot < FREE:
+        yaw, horizon = float(rng.integers(4) * 90), float(rng.choice(HORIZONS_DEG))
+    elif lot < 2 * FREE:
+        yaw = bearing + float(rng.normal(0, 20))
+        horizon = float(np.clip(dip + rng.normal(0, 10), -30, 60))
+    world.step(
+        "TeleportFull",
+        position={"x": float(cell[0]), "y": state.pose.position_m[1], "z": float(cell[1])},
+        rotation={"x": 0.0, "y": yaw % 360, "z": 0.0},
+        horizon=horizon,
+        standing=True,
+        forceAction=True,
+    )
+    return world.last_event
+
+
+def _tells(thing: SceneObject) -> bool:
+    """Return whether an object can be in any state that has a word."""
+    telling = (set(_ODDS) - {"breakable"}) & set(thing.capabilities)
+    return bool(telling) or thing.type == BURNER
+
+
+def generator(seed: int, *use: str) -> _Lot:
+    """Return the stream of one use in this package."""
+    return stream(seed, "vision", *use)

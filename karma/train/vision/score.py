@@ -1,0 +1,256 @@
+"""How good a vision model is: its answers on frames of rooms held against the world's truth.
+
+Words are counted one by one, an object's answer is right when all its words are. What a model left
+unanswered, or answered unusably, counts as missed and never as a guess.
+"""
+
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from karma.contracts import Frame, SeenObject, VisionModel
+from karma.household.states import OPPOSITES
+from karma.infer.vision.text import STATES, names_of
+from karma.train.vision.moments import Sample, generator, moments, room, samples, thinned
+from karma.world.core import scene as scenes
+from karma.world.core.scene import Scene
+from karma.world.event import WorldEvent
+
+LARGE = 0.02  # share of the frame
+FRESH = 16  # rooms of nobody's acquaintance, drawn from the seed
+DEALS = 3  # times that states are dealt out in a room
+MOST = 8  # objects asked about in one frame
+NOTHING = "–"  # stands for a missing word, in the matrix
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AskedCrop:
+    """One object in one frame: what it is, and what the model said."""
+
+    room: str
+    frame: int
+    object_type: str
+    share: float  # of the frame's pixels that show it
+    truth: tuple[str, ...]
+    said: tuple[str, ...] | None  # None: no usable answer
+    picture: Frame | None = field(default=None, compare=False, repr=False)  # of a failure
+
+    @property
+    def right(self) -> bool:
+        """Whether all words are right and none is missing."""
+        return self.said == self.truth
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WordScore:
+    """One state's line."""
+
+    support: int  # objects of which it is true
+    precision: float | None
+    recall: float | None
+    f1: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Accuracy:
+    """So many of so many."""
+
+    right: int
+    of: int
+
+    @property
+    def value(self) -> float | None:
+        """The share in [0, 1]; None of nothing."""
+        return self.right / self.of if self.of else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Score:
+    """All figures of one evaluation."""
+
+    model: str
+    seed: int
+    frames: int
+    objects: int
+    unanswered: int
+    accuracy: float | None  # objects right in every word
+    large: Accuracy  # the same, of objects that fill at least 2 % of their frame
+    macro_f1: float | None  # mean over the states that are true of anything
+    words: Mapping[str, WordScore]
+    matrix: Mapping[str, Mapping[str, int]]  # true word -> said word -> count
+    types: Mapping[str, Accuracy]
+    ms_per_frame: float | None  # timing: depends on the machine
+    ms_per_object: float | None
+
+
+def held_out_rooms(names: Sequence[str], seed: int) -> list[Scene]:
+    """Return the rooms to examine in: those named, else all that ship and 16 drawn from the seed.
+
+    Args:
+        names: of scenes, paths of scene files, or "fresh" for the 16.
+        seed: of the examination; training uses other ones.
+
+    Raises:
+        FileError: there is no such scene.
+    """
+    shipped = [] if names else sorted(path.stem for path in scenes.SCENES.glob("*.json"))
+    found = [scenes.load(name) for name in (*shipped, *names) if name != "fresh"]
+    if not names or "fresh" in names:
+        found += [room(10_000 + seed, number) for number in range(FRESH)]
+    return found
+
+
+def examine(
+    vision: VisionModel, rooms: Sequence[Scene], *, frames: int, seed: int, clock: "Clock"
+) -> Iterator[AskedCrop]:
+    """Ask a model about frames of rooms; equal arguments ask the same questions.
+
+    Args:
+        vision: the model; it gets frames, names and regions, never states.
+        rooms: in turn.
+        frames: how many in all.
+        seed: of states and viewpoints.
+        clock: takes the time that answers need.
+    """
+    for number, (name, event, asked) in enumerate(_questions(rooms, frames, seed)):
+        frame = event.frame
+        sights = [_sight(one) for one in asked]
+        listed = ", ".join(names_of(sights).values())
+        begun = time.perf_counter()
+        answers = vision.read_states(frame, f"look at {listed}", sights)
+        clock.add(time.perf_counter() - begun, len(sights))
+        for one in asked:
+            words = answers.get(one.object_id)
+            said = None if words is None else tuple(sorted(words)) or ("none",)
+            yield AskedCrop(
+                room=name,
+                frame=number,
+                object_type=one.object_type,
+                share=one.pixels / (frame.shape[0] * frame.shape[1]),
+                truth=one.states,
+                said=said,
+                picture=None if said == one.states else _shown(frame, one),
+            )
+
+
+class Clock:
+    """Adds up the time that answers took."""
+
+    def __init__(self) -> None:
+        self.seconds, self.frames, self.objects = 0.0, 0, 0
+
+    def add(self, seconds: float, objects: int) -> None:
+        """Count one frame."""
+        self.seconds += seconds
+        self.frames += 1
+        self.objects += objects
+
+    def ms(self, count: int) -> float | None:
+        """Return milliseconds for each of so many; None of none."""
+        return self.seconds * 1000 / count if count else None
+
+
+def score(asked: Sequence[AskedCrop], *, model: str, seed: int, clock: Clock) -> Score:
+    """Return all figures of some answers."""
+    words = {word: _word(asked, word) for word in STATES}
+    known = [one.f1 for one in words.values() if one.support and one.f1 is not None]
+    large = [one for one in asked if one.share >= LARGE]
+    kinds = sorted({one.object_type for one in asked})
+    return Score(
+        model=model,
+        seed=seed,
+        frames=clock.frames,
+        objects=len(asked),
+        unanswered=sum(one.said is None for one in asked),
+        accuracy=_share(asked).value,
+        large=_share(large),
+        macro_f1=sum(known) / len(known) if known else None,
+        words=words,
+        matrix=confusion(asked),
+        types={kind: _share(one for one in asked if one.object_type == kind) for kind in kinds},
+        ms_per_frame=clock.ms(clock.frames),
+        ms_per_object=clock.ms(clock.objects),
+    )
+
+
+def confusion(asked: Iterable[AskedCrop]) -> dict[str, dict[str, int]]:
+    """Return true word -> said word -> count.
+
+    Words that are true and said stand on the diagonal. Of the others a true one is paired with its
+    opposite if that was said, else with the next wrong one; "–" is said in place of a word that
+    has no partner, and is the truth behind a word too many.
+    """
+    counts: Counter[tuple[str, str]] = Counter()
+    for one in asked:
+        said = set(one.said or ())
+        missing = [word for word in one.truth if word not in said]
+        wrong = sorted(said - set(one.truth))
+        counts.update((word, word) for word in one.truth if word in said)
+        missing.sort(key=lambda word: OPPOSITES.get(word) not in wrong)
+        for word in missing:
+            partner = OPPOSITES.get(word)
+            if partner not in wrong:
+                partner = wrong[0] if wrong else NOTHING
+            counts[word, partner] += 1
+            if partner in wrong:
+                wrong.remove(partner)
+        counts.update((NOTHING, word) for word in wrong)
+    rows = (*STATES, NOTHING)
+    return {row: {column: counts[row, column] for column in rows} for row in rows}
+
+
+def _word(asked: Sequence[AskedCrop], word: str) -> WordScore:
+    true = sum(word in one.truth for one in asked)
+    claimed = sum(word in (one.said or ()) for one in asked)
+    both = sum(word in one.truth and word in (one.said or ()) for one in asked)
+    return WordScore(
+        support=true,
+        precision=both / claimed if claimed else None,
+        recall=both / true if true else None,
+        f1=2 * both / (true + claimed) if true + claimed else None,
+    )
+
+
+def _share(asked: Iterable[AskedCrop]) -> Accuracy:
+    outcomes = [one.right for one in asked]
+    return Accuracy(right=sum(outcomes), of=len(outcomes))
+
+
+def _questions(
+    rooms: Sequence[Scene], frames: int, seed: int
+) -> Iterator[tuple[str, WorldEvent, list[Sample]]]:
+    """Yield (room, event, objects) for each frame, the same number for each room."""
+    left = frames
+    for number, one in enumerate(rooms):
+        count = -(-left // (len(rooms) - number))
+        left -= count
+        rng = generator(seed, "examination", one.name, str(number))
+        views = -(-count // DEALS)
+        shown = 0
+        for event in moments(one, rng, states=DEALS, views=views + 2):
+            asked = thinned(samples(event), rng)
+            if not asked or shown == count:
+                continue
+            shown += 1
+            order = rng.permutation(len(asked))[:MOST]
+            yield one.name, event, [asked[i] for i in sorted(order.tolist())]
+
+
+def _sight(one: Sample) -> SeenObject:
+    return SeenObject(
+        object_id=one.object_id,
+        object_type=one.object_type,
+        position_m=(0.0, 0.0, 0.0),
+        box_center_m=(0.0, 0.0, 0.0),
+        box_size_m=(0.0, 0.0, 0.0),
+        pickupable=False,
+        region=one.region,
+        silhouette=one.silhouette,
+    )
+
+
+def _shown(frame: Frame, one: Sample) -> Frame:
+    from karma.infer.vision.pictures import cut
+
+    return cut(frame, one.region, 1.5, one.silhouette)

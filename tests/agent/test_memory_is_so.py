@@ -1,0 +1,149 @@
+"""What memory says after deeds is what is so: where things are, in what, and how."""
+
+import msgspec
+import pytest
+from support.household import kitchen
+from test_karma_method import Words
+
+from karma import Agent
+from karma.agent.karma import KarmaMethod, KarmaSettings
+from karma.agent.planning.planner import Planner
+from karma.contracts import Decoding, SceneRef, SubTask
+from karma.files import to_json
+from karma.infer.scripted import ScriptedModel
+from karma.infer.vision.metadata import MetadataVision
+from karma.memory.recall import CosineRecall
+from karma.world.sim import EmbeddedWorld
+
+
+@pytest.fixture
+def start(tmp_path):
+    """A function that begins an episode whose model says the given programs."""
+
+    def begin(*answers, refusing=False, without=()):
+        path = tmp_path / "kitchen.json"
+        room = kitchen()
+        kept = tuple(one for one in room.objects if one.type not in without)
+        path.write_bytes(to_json(msgspec.structs.replace(room, objects=kept)))
+        world = EmbeddedWorld(str(path))
+        method = KarmaMethod(
+            Planner(ScriptedModel(answers), "compact", Decoding(attempts=1, refusing=refusing)),
+            CosineRecall(Words(), text="sentence"),
+            MetadataVision(),
+            KarmaSettings(),
+        )
+        return method.begin(world, SceneRef.of(str(path)), seed=0, folder=tmp_path), world
+
+    return begin
+
+
+def do(episode, words):
+    *_, outcome = episode.do(SubTask(instruction=words))
+    return outcome
+
+
+def put(thing, place):
+    return (
+        f"Explore(robot, '{thing}')\nPickupObject(robot, '{thing}')\n"
+        f"GoToObject(robot, '{place}')\nPutObject(robot, '{thing}', '{place}')\n"
+    )
+
+
+def unit(episode, kind):
+    return next(one for one in episode.short_term.units() if one.object_type == kind)
+
+
+def truth(world, kind):
+    things = world.last_event.metadata["objects"]
+    return next(one for one in things if one["objectType"] == kind)
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_what_lies_in_a_carried_vessel_moves_with_it_at_every_depth(start, together):
+    """The spoon in the mug, the mug on the plate, the plate on another surface."""
+    deeds = [put("Spoon", "Mug"), put("Mug", "Plate"), put("Plate", "CounterTop")]
+    deeds = ["".join(deeds)] if together else deeds
+    episode, world = start(*deeds, without=("Tomato",))
+    for deed in range(len(deeds)):
+        assert do(episode, f"deed {deed}").finished
+    for kind in ("Spoon", "Mug", "Plate"):
+        x, y, z = unit(episode, kind).position_m
+        there = truth(world, kind)["position"]
+        assert (x, y, z) == pytest.approx(tuple(there[a] for a in "xyz"), abs=0.15), kind
+        assert unit(episode, kind).place_id in truth(world, kind)["parentReceptacles"]
+
+
+@pytest.mark.parametrize("scene", ["kitchen_1", "kitchen_2", "kitchen_3", "kitchen_4"])
+def test_apple_in_a_bowl_in_the_fridge_is_fetched_as_fast_as_without_the_bowl(scene, tmp_path):
+    steps, searched = {}, {}
+    for way, first in (("bowl", "put the apple in the bowl"), ("alone", "")):
+        agent = Agent(scene, folder=tmp_path / way, maps=tmp_path / f"{way}-maps")
+        if first:
+            agent.do(first)
+        agent.do("put the bowl in the fridge" if first else "put the apple in the fridge")
+        reply = agent.do("put the apple on the counter top")
+        results = reply.parts[-1].results
+        put = max(n for n, one in enumerate(results) if one.call.skill == "PutObject")
+        steps[way] = sum(one.actions for one in results[: put + 1])  # then the fridge is shut
+        searched[way] = sum(one.explorations for one in results)
+    assert steps["bowl"] <= 10  # it stands elsewhere, since it shut the fridge before
+    assert searched["bowl"] <= searched["alone"]
+
+
+HEAT = (
+    "Explore(robot, 'Potato')\nPickupObject(robot, 'Potato')\nOpenObject(robot, 'Microwave')\n"
+    "PutObject(robot, 'Potato', 'Microwave')\nCloseObject(robot, 'Microwave')\n"
+    "ToggleOn(robot, 'Microwave')\nToggleOff(robot, 'Microwave')\nOpenObject(robot, 'Microwave')\n"
+    "PickupObject(robot, 'Potato')\n"
+)
+CHILL = (
+    "OpenObject(robot, 'Fridge')\nPutObject(robot, 'Potato', 'Fridge')\n"
+    "CloseObject(robot, 'Fridge')\n"
+)
+OUT = "OpenObject(robot, 'Fridge')\nPickupObject(robot, 'Potato')\n"
+
+
+def test_chilling_ends_hot_and_heating_ends_cold_in_memory_and_in_what_is_said(start):
+    episode, world = start(HEAT, CHILL + OUT, HEAT.partition("\n")[2].partition("\n")[2])
+    assert "heated" in _told(do(episode, "heat it"), episode)
+    assert truth(world, "Potato")["temperature"] == "Hot"
+    states = _told(do(episode, "chill it"), episode)
+    assert ("cooled" in states, "heated" in states) == (True, False)
+    assert truth(world, "Potato")["temperature"] == "Cold"
+    states = _told(do(episode, "heat it again"), episode)
+    assert ("cooled" in states, "heated" in states) == (False, True)
+
+
+def _told(outcome, episode):
+    assert outcome.finished
+    return unit(episode, "Potato").states
+
+
+def test_heated_and_put_in_the_fridge_is_told_as_cold(start):
+    episode, _ = start(HEAT + CHILL)
+    said = {check.text: check.found for check in do(episode, "heat it, put it away").checks}
+    assert "the potato is hot" not in said
+    assert said["the potato is cold"] == "done"
+
+
+def test_request_that_is_refused_before_a_step_changes_nothing_in_memory(start):
+    episode, _ = start(put("Apple", "Bowl"), "refuse('thing')\n", "GoToObject(robot, 'Sofa')\n",
+                       refusing=True)  # fmt: skip
+    do(episode, "put the apple in the bowl")
+    before = episode.short_term.units()
+    assert not do(episode, "bring me the hammer").finished
+    assert episode.short_term.units() == before
+    assert "cooled" not in str(before)
+
+
+def test_what_lay_in_a_vessel_that_was_thrown_is_believed_nowhere_but_where_it_was_seen(start):
+    throw = "Explore(robot, 'Mug')\nPickupObject(robot, 'Mug')\nThrowObject(robot, 'Mug')\n"
+    episode, world = start(put("Spoon", "Mug"), throw)
+    for deed in ("fill it", "throw it"):
+        assert do(episode, deed).finished
+    for one in episode.short_term.units():
+        if one.object_type == "Spoon":
+            there = world.last_event.get_object(one.object_id)
+            assert one.place_id in (None, *(there["parentReceptacles"] or ()))
+            gap = [one.position_m[i] - there["position"][a] for i, a in enumerate("xyz")]
+            assert max(map(abs, gap)) < 0.35

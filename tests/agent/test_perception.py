@@ -1,0 +1,96 @@
+"""A row that sees by pictures: what it is built from, and a real detector of random weights."""
+
+import pytest
+from support import tiny_models
+from support.household import kitchen
+
+from karma.agent.karma import KarmaMethod, KarmaSettings
+from karma.agent.loading.models import Models, load_resources
+from karma.agent.loading.worlds import world_maker
+from karma.agent.planning.planner import Planner
+from karma.contracts import Decoding, SceneRef, SubTask
+from karma.errors import KarmaError
+from karma.files import to_json
+from karma.infer.scripted import ScriptedModel
+from karma.infer.vision.metadata import BlindVision
+from karma.memory.multimodal import MultimodalRecall
+from karma.memory.recall import CosineRecall
+
+LOOKS = {"perception": "pictures"}
+
+
+class One:
+    name, dimension = "one", 2
+
+    def embed(self, texts):
+        import numpy as np
+
+        return np.tile(np.array([1.0, 0.0], dtype=np.float32), (len(texts), 1))
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "room.json"
+    path.write_bytes(to_json(kitchen()))
+    return SceneRef.of(str(path))
+
+
+def method(tmp_path, *, vision=None, detector=None, maps=None, **settings):
+    model = ScriptedModel(["Explore(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"] * 9)
+    return KarmaMethod(
+        Planner(model, "compact", Decoding(attempts=1)),
+        CosineRecall(One(), text="sentence"),
+        vision or BlindVision(),
+        KarmaSettings(perception="pictures", **settings),
+        maps=maps,
+        detector=detector,
+    )
+
+
+def done(made, scene, tmp_path, seed=0):
+    world = world_maker("embedded", [LOOKS])()
+    world.reset(scene.source)
+    episode = made.begin(world, scene, seed=seed, folder=tmp_path)
+    task = SubTask(instruction="Bring me the apple.", whole="Bring me the apple.")
+    return episode, [*episode.do(task)][-1], world
+
+
+def test_agent_that_sees_by_given_boxes_does_what_it_is_told(scene, tmp_path):
+    _, outcome, world = done(method(tmp_path, long_term=False), scene, tmp_path)
+    assert outcome.finished
+    assert world.last_event.metadata["inventoryObjects"][0]["objectId"].startswith("Apple")
+
+
+def test_map_from_pictures_lies_apart_and_only_of_the_room_as_it_is(scene, tmp_path):
+    maps = tmp_path / "maps"
+    maps.mkdir()
+    done(method(tmp_path, maps=maps), scene, tmp_path, seed=1)
+    assert list(maps.iterdir()) == []
+    first, _, _ = done(method(tmp_path, maps=maps), scene, tmp_path)
+    assert [path.name for path in maps.iterdir()] == ["room.given.json"]
+    again, _, _ = done(method(tmp_path, maps=maps), scene, tmp_path)
+    assert first.graph == again.graph
+
+
+def resources(**models):
+    return load_resources(Models(**models), maps=None, seed=0)
+
+
+def test_row_with_a_detector_is_refused_where_none_is_loaded():
+    with pytest.raises(KarmaError, match="no detector is loaded"):
+        KarmaMethod.build(resources(), {**LOOKS, "boxes": "detector"})
+    with pytest.raises(KarmaError, match="perception = 'pictures'"):
+        KarmaMethod.build(resources(), {"boxes": "detector"})
+
+
+def test_models_of_a_run_hold_the_multimodal_recall(tmp_path):
+    clip = tiny_models.save_clip(tmp_path / "clip")
+    loaded = load_resources(
+        Models(
+            vision="blind", embedder=f"clip:{clip}",
+            recall="multimodal",
+        ),
+        maps=tmp_path / "maps",
+        seed=0,
+    )  # fmt: skip
+    assert isinstance(loaded.recall, MultimodalRecall)

@@ -1,0 +1,121 @@
+"""One default agent: settings, experiments, `karma run` and the docs say the same of it."""
+
+import inspect
+import re
+from pathlib import Path
+
+import msgspec
+import pytest
+from support.paths import ROOT
+from typer.testing import CliRunner
+
+from karma import registry
+from karma.agent.karma import KarmaSettings
+from karma.agent.loading.models import Models, Row, for_row
+from karma.agent.loading.presets import PRESETS
+from karma.agent.options import settings_of
+from karma.bench.engine.experiment_file import kind_of, read_experiment
+from karma.cli import app
+from karma.cli.talking import run_command
+from karma.contracts import Resources
+from karma.errors import FileError
+from karma.infer.scripted import ScriptedModel
+from karma.infer.vision.metadata import MetadataVision
+
+SETTING = ("recall", "recall_text", "recall_k", "query")
+PAPERS = ("cosine", "listing", 10, "instruction")
+FILES = [*sorted((ROOT / "eval").glob("*.toml")), *(ROOT / "eval/paper").glob("table*.toml")]
+EXPERIMENTS = [path for path in FILES if kind_of(path) != "benchmark"]
+
+
+def setting(row, models=None):
+    """Return how memory comes into the prompt of a row."""
+    models = models or Models()
+    chosen = PRESETS[row.preset] if row.preset else models
+    settings = settings_of(KarmaSettings, row.all_options)
+    return chosen.recall, chosen.recall_text, settings.recall_k, settings.query
+
+
+def test_default_agent_is_that_of_settings_presets_and_the_command():
+    assert setting(Row(name="x")) == ("stateful", "sentence", 3, "subtask")
+    assert settings_of(KarmaSettings, Row(name="x").all_options) == KarmaSettings()
+    given = {name: one.default for name, one in inspect.signature(run_command).parameters.items()}
+    assert (given["preset"], given["recall"], given["recall_k"]) == ("", "", None)
+    assert given["policy"] == KarmaSettings().policy
+    assert given["planner"] == ""  # the best that is here; an experiment that names none: nano
+    for name in ("vision", "profile", "chat"):
+        assert given[name] == getattr(Models(), name)
+
+
+def test_paper_s_setting_is_one_word_and_options_go_before_it():
+    assert setting(Row(name="x", preset="paper")) == PAPERS
+    assert setting(Row(name="x", preset="paper", options={"recall_k": 3}))[2] == 3
+
+
+@pytest.mark.parametrize("path", EXPERIMENTS, ids=lambda path: path.stem)
+def test_experiments_measure_the_default_agent_unless_they_say_paper(path):
+    experiment = read_experiment(path)
+    for row in experiment.rows:
+        if row.method != "karma":
+            continue
+        expected = (*PAPERS[:2], row.options.get("recall_k", 10), PAPERS[3])
+        default = ("stateful", "sentence", 3, "subtask")
+        assert setting(row, experiment.models) == (expected if row.preset else default)
+        assert row.preset or not {"recall_k", "query"} & row.options.keys()
+
+
+def test_docs_say_what_the_default_and_the_paper_s_setting_are():
+    text = (ROOT / "docs" / "methods.md").read_text()
+    lines = re.findall(r"^\| `(\w+)` \| `(\S+)` \| `(\S+)` \|", text, flags=re.M)
+    default = setting(Row(name="x"))
+    assert {name: (one, other) for name, one, other in lines} == {
+        name: (str(one), str(other))
+        for name, one, other in zip(SETTING, default, PAPERS, strict=True)
+    }
+
+
+def row_of(tmp_path, text):
+    path = Path(tmp_path / "x.toml")
+    path.write_text(f'name = "x"\ntasks = "t"\n[[rows]]\nname = "one"\n{text}\n')
+    return read_experiment(path).rows[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('preset = "papers"', "preset = 'papers'; there is 'paper'"),
+        ('preset = "paper"\nmethod = "helper"', "is for rows of method 'karma'"),
+        ("answer_seconds = 0.0", "answer_seconds = 0: more than 0"),
+        ('vision = "openai"', "it stands in"),
+        ('vision = "eyes"', "row 'one': vision: no vision_models named 'eyes'"),
+    ],
+)
+def test_row_that_names_what_there_is_not_is_refused(tmp_path, text, words):
+    with pytest.raises(FileError, match=re.escape(words)):
+        row_of(tmp_path, text)
+
+
+def test_command_refuses_a_preset_that_is_nobody_s():
+    said = CliRunner().invoke(app, ["run", "wash the mug", "--preset", "papers"])
+    assert said.exit_code == 1
+    assert "there is 'paper'" in said.output
+
+
+def test_row_takes_its_own_vision_and_recall_and_leaves_the_run_s_alone(tmp_path):
+    embedder = registry.load("embedders", "minilm")()
+    run = Resources(
+        model=ScriptedModel([]), profile="compact", recall=None, vision=MetadataVision(),
+        embedder=embedder,
+    )  # fmt: skip
+    loaded = {"metadata": run.vision}
+    plain = for_row(run, row_of(tmp_path, ""), loaded, Models())
+    assert plain == run
+    blind = for_row(run, row_of(tmp_path, 'vision = "blind"'), loaded, Models())
+    assert loaded == {"metadata": run.vision, "blind": blind.vision}  # each is loaded once
+    assert (blind.vision.name, run.vision.name) == ("blind", "metadata")
+    assert blind.vision.read_states(None, "wash it", [object()]) == {}
+    paper = for_row(run, row_of(tmp_path, 'preset = "paper"'), loaded, Models())
+    assert type(paper.recall) is registry.load("recalls", "cosine")
+    hasty = for_row(run, row_of(tmp_path, "answer_seconds = 5"), loaded, Models())
+    assert (plain.decoding.answer_seconds, hasty.decoding.answer_seconds) == (None, 5)
+    assert msgspec.structs.asdict(row_of(tmp_path, "")) == msgspec.structs.asdict(Row(name="one"))

@@ -1,0 +1,451 @@
+"""The full profile, told to a planner that reads: from each refusal to its repair, in the world.
+
+The planner knows nothing but the prompt. Where a message lost the blocker, the remedy or the name,
+it could not go on, and the test would fail.
+"""
+
+import re
+
+import pytest
+from support.household import kitchen, look, on, thing
+from support.reading_planner import CALL, ReadingPlanner, furniture, section
+
+from karma.agent.karma import KarmaMethod, KarmaSettings
+from karma.agent.planning.planner import Planner
+from karma.contracts import Decoding, Outcome, Recalled, SceneRef, SkillResult, SubTask
+from karma.files import to_json
+from karma.infer.vision.metadata import MetadataVision
+from karma.world.sim import EmbeddedWorld
+
+TAKE = "GoToObject(robot, 'DiningTable')\nExplore(robot, '{0}')\nPickupObject(robot, '{0}')\n"
+
+
+class LastUsed:
+    """Recalls what was used last."""
+
+    def recall(self, query, units, k):
+        return [Recalled(unit=unit, similarity=0.0) for unit in units[::-1][:k]]
+
+
+@pytest.fixture
+def start(tmp_path):
+    """A function that begins an episode in our kitchen, with more things in it."""
+
+    def begin(planner, *extra, **options):
+        path = tmp_path / "handmade.json"
+        path.write_bytes(to_json(kitchen(extra)))
+        world = EmbeddedWorld(str(path))
+        decoding = Decoding(attempts=2, inspected=options.pop("inspected", False))
+        method = KarmaMethod(
+            Planner(planner, "full", decoding),
+            LastUsed(),
+            MetadataVision(),
+            KarmaSettings(**options),
+        )
+        scene = SceneRef.of(str(path))
+        return method.begin(world, scene, seed=0, folder=tmp_path), world
+
+    return begin
+
+
+def done(episode, instruction, whole=""):
+    """Carry out an instruction that succeeds in the end; return its results."""
+    events = list(episode.do(SubTask(instruction=instruction, whole=whole)))
+    results = [one for one in events if isinstance(one, SkillResult)]
+    assert isinstance(events[-1], Outcome)
+    assert events[-1].finished, [(str(r.call), r.detail) for r in results if not r.ok]
+    return results
+
+
+def id_of(world, kind, number=0):
+    found = [t["objectId"] for t in world.last_event.metadata["objects"] if t["objectType"] == kind]
+    return found[number]
+
+
+def parents(world, object_id):
+    return look(world, object_id)["parentReceptacles"]
+
+
+def side_tables():
+    """Two tables that hold one thing each; a cup stands on the first."""
+    one = thing("SideTable", (-0.4, 0.25, -1.5), (0.26, 0.5, 0.26))
+    other = thing("SideTable", (0.6, 0.25, -1.5), (0.26, 0.5, 0.26))
+    return one, other, on(one, "Cup", -0.4, -1.5, size=(0.2, 0.1, 0.2))
+
+
+# ----------------------------------------------------------------- refusal, then repair
+
+
+def test_closed_receptacle_is_opened_first(start):
+    planner = ReadingPlanner(TAKE.format("Apple") + "PutObject(robot, 'Apple', 'Fridge')\n")
+    episode, world = start(planner)
+    done(episode, "put the apple in the fridge")
+    assert id_of(world, "Fridge") in parents(world, id_of(world, "Apple"))
+    assert "# FAILED: Fridge is closed; do OpenObject(robot, 'Fridge') first" in planner.prompts[1]
+
+
+def test_full_hand_is_freed_first(start):
+    planner = ReadingPlanner(TAKE.format("Apple") + "PickupObject(robot, 'Potato')\n")
+    episode, world = start(planner)
+    done(episode, "take the apple, then the potato")
+    assert look(world, id_of(world, "Potato"))["isPickedUp"]
+    assert "the hand holds Apple; put it down first" in planner.prompts[1]
+
+
+def test_empty_hand_takes_the_thing_first(start):
+    first = "Explore(robot, 'Apple')\nPutObject(robot, 'Apple', 'CounterTop')\n"
+    episode, world = start(ReadingPlanner(first))
+    done(episode, "put the apple on the counter")
+    assert id_of(world, "CounterTop") in parents(world, id_of(world, "Apple"))
+
+
+def test_hand_with_another_thing_is_freed_and_takes_the_right_one(start):
+    def repair(failed):
+        put, take = CALL.findall(failed.reason)
+        assert take == "PickupObject(robot, 'Potato')"
+        return [put, take, failed.call]
+
+    first = TAKE.format("Apple") + "PutObject(robot, 'Potato', 'CounterTop')\n"
+    episode, world = start(ReadingPlanner(first, repair=repair))
+    done(episode, "put the potato on the counter")
+    assert id_of(world, "CounterTop") in parents(world, id_of(world, "Potato"))
+
+
+@pytest.mark.parametrize(
+    ("program", "state"),
+    [
+        ("OpenObject(robot, 'Microwave')\nToggleOn(robot, 'Microwave')\n", "isToggled"),
+        ("ToggleOn(robot, 'Microwave')\nOpenObject(robot, 'Microwave')\n", "isOpen"),
+    ],
+)
+def test_microwave_is_closed_or_switched_off_first(start, program, state):
+    episode, world = start(ReadingPlanner(program))
+    done(episode, "see to the microwave")
+    assert look(world, id_of(world, "Microwave"))[state]
+
+
+def test_thing_in_a_closed_container_is_got_out(start):
+    shut_in = (
+        "OpenObject(robot, 'Fridge')\nGoToObject(robot, 'Egg')\nCloseObject(robot, 'Fridge')\n"
+    )
+    planner = ReadingPlanner(shut_in, "PickupObject(robot, 'Egg')\n")
+    episode, world = start(planner)
+    done(episode, "look at the egg")
+    done(episode, "take the egg")
+    assert look(world, id_of(world, "Egg"))["isPickedUp"]
+    assert "Egg is in Fridge, which is closed" in planner.prompts[2]
+
+
+def test_thing_that_nobody_has_seen_is_explored(start):
+    episode, world = start(ReadingPlanner("PickupObject(robot, 'Spoon')\n"))
+    done(episode, "take the spoon")
+    assert look(world, id_of(world, "Spoon"))["isPickedUp"]
+
+
+def test_thing_that_was_carried_off_is_explored(start):
+    put = "PutObject(robot, 'Apple', 'CounterTop')\nGoToObject(robot, 'DiningTable')\n"
+    planner = ReadingPlanner(TAKE.format("Apple") + put, "PickupObject(robot, 'Apple')\n")
+    episode, world = start(planner)
+    done(episode, "put the apple on the counter")
+    fridge = id_of(world, "Fridge")
+    world.step("OpenObject", objectId=fridge, forceAction=True)
+    apple = id_of(world, "Apple")
+    assert world.step("PickupObject", objectId=apple, forceAction=True)
+    assert world.step("PutObject", objectId=fridge, forceAction=True)
+    done(episode, "take the apple")
+    assert look(world, apple)["isPickedUp"]
+    assert "Apple is not where it was last seen, in or on CounterTop" in planner.prompts[2]
+
+
+def test_slice_of_what_is_in_the_hand_waits_until_it_lies(start):
+    def repair(failed):
+        put, take = CALL.findall(failed.reason)
+        assert "Apple is in the hand; put it down first, e.g. PutObject(robot" in failed.reason
+        return [put, "Explore(robot, 'Knife')", take, failed.call]
+
+    first = TAKE.format("Apple") + "SliceObject(robot, 'Apple')\n"
+    episode, world = start(ReadingPlanner(first, repair=repair))
+    done(episode, "slice the apple")
+    assert id_of(world, "AppleSliced")
+
+
+@pytest.mark.parametrize("inspected", [False, True])
+def test_thing_that_does_not_fit_goes_where_the_refusal_says(start, inspected):
+    told = []
+
+    def repair(failed):
+        place = failed.reason.partition("goes in or on ")[2].split(", ")[0]
+        told.append(place)
+        assert failed.ran is not inspected  # the inspector refuses before anything is done
+        return [*([] if failed.ran else failed.before), f"PutObject(robot, 'Apple', '{place}')"]
+
+    first = TAKE.format("Apple") + "PutObject(robot, 'Apple', 'Toaster')\n"
+    episode, world = start(ReadingPlanner(first, repair=repair), inspected=inspected)
+    done(episode, "put the apple away")
+    assert id_of(world, *told) in parents(world, id_of(world, "Apple"))
+
+
+def test_what_is_full_tells_another_place(start):
+    def repair(failed):
+        other = failed.reason.partition("others of its kind: ")[2].partition(".")[0]
+        return [failed.call.replace("SideTable_1", other)]
+
+    first = TAKE.format("Potato") + "PutObject(robot, 'Potato', 'SideTable_1')\n"
+    planner = ReadingPlanner(first, repair=repair)
+    one, other, cup = side_tables()
+    episode, world = start(planner, one, other, cup)
+    done(episode, "put the potato on a side table")
+    assert other.id in parents(world, id_of(world, "Potato"))
+    assert "SideTable_1 is full: there is Cup in or on it" in planner.prompts[1]
+
+
+def test_what_is_full_tells_what_could_be_taken_out(start):
+    def repair(failed):
+        put, take = CALL.findall(failed.reason)
+        thing = take.split("'")[1]
+        assert "Make room: put Potato down first" in failed.reason
+        return [put, take,
+                f"PutObject(robot, '{thing}', 'DiningTable')", "PickupObject(robot, 'Potato')",
+                failed.call]  # fmt: skip
+
+    first = TAKE.format("Potato") + "PutObject(robot, 'Potato', 'SideTable_1')\n"
+    one, other, cup = side_tables()
+    episode, world = start(ReadingPlanner(first, repair=repair), one, other, cup)
+    done(episode, "put the potato on the first side table")
+    assert one.id in parents(world, id_of(world, "Potato"))
+    assert id_of(world, "DiningTable") in parents(world, cup.id)
+
+
+def test_full_plate_tells_the_slice_in_the_hand_from_those_that_lie_there(start):
+    """Slice after slice goes on the plate; that for which there is no room takes one's place."""
+    table = next(one for one in kitchen().objects if one.type == "DiningTable")
+    small = on(table, "Pot", 1.85, 0.1, size=(0.13, 0.02, 0.13))
+    put = "PickupObject(robot, '{0}')\nPutObject(robot, '{0}', 'Pot')\n"
+
+    def another(text):
+        units = section(text, "Short-term memory")
+        return put.format(next(x.split(":")[0] for x in units if re.match("Bread.*: Dining", x)))
+
+    def repair(failed):
+        down, take = CALL.findall(failed.reason)
+        lies, held = take.split("'")[1], down.split("'")[1]
+        assert lies != held
+        away = down.replace(f"'{held}'", f"'{lies}'")
+        return [down, take, away, f"PickupObject(robot, '{held}')", failed.call]
+
+    cut = TAKE.format("Knife") + "SliceObject(robot, 'Bread')\n"
+    cut += "PutObject(robot, 'Knife', 'CounterTop')\n"
+    episode, world = start(ReadingPlanner(cut, *[another] * 3, repair=repair), small)
+    done(episode, "cut the bread")
+    results = [done(episode, "put another slice in the small pot") for _ in range(3)]
+    assert [len(one) for one in results] == [2, 2, 7]
+    assert small.id in parents(world, results[-1][-1].object_ids[0])
+
+
+def test_laptop_gets_into_a_cabinet_in_the_box_that_the_refusal_names(start):
+    stand = thing("SideTable", (-0.4, 0.25, -1.5), (0.4, 0.5, 0.4))
+    box = on(stand, "Box", -0.4, -1.5, size=(0.36, 0.2, 0.3), openness=1.0)
+    table = thing("SideTable", (0.6, 0.25, -1.5), (0.3, 0.5, 0.3))
+    laptop = on(table, "Laptop", 0.6, -1.5, size=(0.25, 0.05, 0.2))
+    deep = thing("Cabinet", (-0.9, 0.4, 1.1), (0.6, 0.6, 0.5), openness=1.0)
+
+    def repair(failed):
+        vessel, place = re.search(r"in (\w+) it can be carried to (\w+)", failed.reason).groups()
+        assert vessel in failed.reason.partition("goes in or on ")[2].split(", ")
+        return [f"PutObject(robot, 'Laptop', '{vessel}')", f"PickupObject(robot, '{vessel}')",
+                f"PutObject(robot, '{vessel}', '{place}')"]  # fmt: skip
+
+    first = TAKE.format("Laptop").replace("DiningTable", "SideTable_1")
+    first += "PutObject(robot, 'Laptop', 'Cabinet_2')\n"
+    episode, world = start(ReadingPlanner(first, repair=repair), stand, box, table, laptop, deep)
+    done(episode, "put the laptop in the second cabinet")
+    assert deep.id in parents(world, box.id)
+    assert box.id in parents(world, laptop.id)
+
+
+def test_what_was_searched_for_in_vain_is_not_searched_for_again(start):
+    def repair(failed):
+        assert section(failed.text, "Searched for in vain") == ["Kettle"]
+        (pan,) = [one for one in ("Kettle", "Pan") if one not in section(failed.text, "Searched")]
+        return [f"Explore(robot, '{pan}')", f"PickupObject(robot, '{pan}')"]
+
+    first = "Explore(robot, 'Kettle')\nPickupObject(robot, 'Kettle')\n"
+    episode, world = start(ReadingPlanner(first, repair=repair))
+    done(episode, "fetch the kettle, or a pan if there is none")
+    assert look(world, id_of(world, "Pan"))["isPickedUp"]
+
+
+def test_answer_that_does_not_parse_is_shown_with_its_line_marked(start):
+    def repair(failed):
+        assert "there is no skill Grab. " in failed.reason
+        return [*failed.before, failed.call.replace("Grab", "PickupObject"), *failed.rest]
+
+    first = TAKE.format("Apple").replace("PickupObject", "Grab")
+    episode, world = start(ReadingPlanner(first, repair=repair))
+    done(episode, "take the apple")
+    assert look(world, id_of(world, "Apple"))["isPickedUp"]
+
+
+def test_earlier_failures_stand_beside_the_last(start):
+    """Two things are in the way one after the other; the third program avoids both."""
+
+    def repair(failed):
+        told = section(failed.text, "Failed before")
+        closed = [line for line in told if "Fridge is closed; do OpenObject" in line]
+        if not closed:
+            return ["OpenObject(robot, 'Microwave')", "PutObject(robot, 'Apple', 'Toaster')"]
+        assert "goes in or on" in failed.reason
+        return ["OpenObject(robot, 'Fridge')", "PutObject(robot, 'Apple', 'Fridge')"]
+
+    first = TAKE.format("Apple") + "PutObject(robot, 'Apple', 'Fridge')\n"
+    planner = ReadingPlanner(first, repair=repair)
+    episode, _ = start(planner)
+    done(episode, "put the apple in the fridge")
+    assert len(planner.prompts) == 3
+
+
+# ----------------------------------------------------------------- what stands in the prompt
+
+
+def test_second_plate_that_was_only_seen_has_a_name(start):
+    table = next(one for one in kitchen().objects if one.type == "DiningTable")
+    second = on(table, "Plate", 1.85, 0.05, size=(0.2, 0.02, 0.2))
+
+    def repair(failed):
+        (line,) = [x for x in section(failed.text, "Also seen") if x.startswith("DiningTable: ")]
+        plates = [name for name in line.split(": ")[1].split(", ") if name.startswith("Plate")]
+        assert len(plates) == 2
+        return [f"PickupObject(robot, '{plates[1]}')", "PutObject(robot, 'Plate_2', 'CounterTop')"]
+
+    look_first = "GoToObject(robot, 'DiningTable')\nPickupObject(robot, 'Spatula')\n"
+    episode, world = start(ReadingPlanner(look_first, repair=repair), second)
+    *_, put = done(episode, "put the second plate on the counter")
+    moved = put.object_ids[0]
+    assert look(world, moved)["objectType"] == "Plate"
+    assert id_of(world, "CounterTop") in parents(world, moved)
+
+
+def test_furniture_is_named_by_instance_and_place(start):
+    """The planner finds "the side table right of the bin": to the left of who looks along -z."""
+
+    def first(text):
+        map_ = furniture(text)
+        bin_x, _, _ = map_["GarbageCan"]
+        right = [name for name, (x, _, _) in map_.items() if name.startswith("SideTable")
+                 and x > bin_x]  # fmt: skip
+        best = max(right, key=lambda name: map_[name][0])
+        assert best == "SideTable_2"
+        return TAKE.format("Apple") + f"PutObject(robot, 'Apple', '{best}')\n"
+
+    one, other, _ = side_tables()
+    episode, world = start(ReadingPlanner(first), one, other)
+    done(episode, "put the apple on the side table that is farthest from the bin")
+    assert other.id in parents(world, id_of(world, "Apple"))
+
+
+def test_bare_name_of_a_full_receptacle_means_any_of_them(start):
+    one, other, cup = side_tables()
+    first = TAKE.format("Potato") + "GoToObject(robot, 'SideTable_2')\nGoToObject(robot, '{}')\n"
+    first += "PutObject(robot, 'Potato', 'SideTable')\n"
+    episode, world = start(ReadingPlanner(first.format("SideTable_1")), one, other, cup)
+    put = done(episode, "put the potato on a side table")[-1]
+    assert other.id in parents(world, id_of(world, "Potato"))
+    assert put.reason == "the nearest SideTable is full, another one was taken"
+
+
+def test_vessel_is_emptied_and_no_longer_remembered_as_filled(start):
+    fill = (
+        TAKE.format("Mug") + "PutObject(robot, 'Mug', 'Sink')\nToggleOn(robot, 'Faucet')\n"
+        "ToggleOff(robot, 'Faucet')\nPickupObject(robot, 'Mug')\n"
+    )
+    planner = ReadingPlanner(fill, "EmptyObject(robot, 'Mug')\n", "EmptyObject(robot, 'Mug')\n")
+    episode, world = start(planner)
+    done(episode, "fill the mug")
+    assert look(world, id_of(world, "Mug"))["isFilledWithLiquid"]
+    done(episode, "pour it out")
+    assert not look(world, id_of(world, "Mug"))["isFilledWithLiquid"]
+    (again,) = done(episode, "pour it out")
+    assert again.reason == "it is empty already"
+    filled = [[line for line in section(text, "Short-term") if "filled" in line]
+              for text in planner.prompts]  # fmt: skip
+    assert [len(lines) for lines in filled] == [0, 1, 0]
+
+
+def test_prompt_has_all_of_memory_unless_the_row_wants_only_what_is_recalled(start):
+    look_about = "".join(f"Explore(robot, '{kind}')\n" for kind in ("Apple", "Mug", "Pan", "Bowl"))
+    handle = "".join(
+        f"PickupObject(robot, '{kind}')\nPutObject(robot, '{kind}', 'CounterTop')\n"
+        for kind in ("Apple", "Potato", "Mug", "Bowl", "Knife")
+    )
+    for whole, count in ((None, 5), (True, 5), (False, 3)):
+        planner = ReadingPlanner(look_about + handle, "GoToObject(robot, 'Fridge')\n")
+        episode, _ = start(planner, whole_memory=whole, seen_kept=0)
+        done(episode, "handle five things")
+        done(episode, "go to the fridge", whole="Handle five things and go to the fridge.")
+        assert len(section(planner.prompts[1], "Short-term memory")) == count
+        assert "# The user's whole request: Handle five things and go" in planner.prompts[1]
+        assert "The user's whole request" not in planner.prompts[0]
+
+
+def test_what_was_seen_stands_in_the_next_prompt_with_its_place_door_and_switch(start):
+    look = "Explore(robot, 'Egg')\nToggleOn(robot, 'StoveBurner')\nOpenObject(robot, 'Cabinet')\n"
+    planner = ReadingPlanner(look, "GoToObject(robot, 'Mug')\n")
+    episode, _ = start(planner, seen_kept=0)
+    done(episode, "look for the egg, light the stove and open the cabinet")
+    done(episode, "go to the mug")
+    places = dict(line.split(": ") for line in section(planner.prompts[1], "Also seen"))
+    assert "Egg" in places["Fridge"].split(", ")
+    assert "Bread" in places["DiningTable"].split(", ")
+    told = dict(line.split(": ") for line in section(planner.prompts[1], "Doors and switches"))
+    assert "Cabinet" in told["open"].split(", ")
+    assert {"Drawer", "Microwave"} <= {*told["closed"].split(", ")}
+    assert "StoveBurner" in told["on"]
+    assert {"Faucet", "Microwave"} <= {*told["off"].split(", ")}
+
+
+def test_map_of_the_paper_s_form_is_an_option(start):
+    planner = ReadingPlanner("GoToObject(robot, 'Sink')\n")
+    episode, _ = start(planner, map_form="paper")
+    done(episode, "go to the sink")
+    assert " <-> " in planner.prompts[0]
+    ours = ReadingPlanner("GoToObject(robot, 'Sink')\n")
+    episode, _ = start(ours)
+    done(episode, "go to the sink")
+    assert " <-> " not in ours.prompts[0]
+
+
+MICROWAVED = (
+    "OpenObject(robot, 'Microwave')\nPutObject(robot, 'Egg', 'Microwave')\n"
+    "CloseObject(robot, 'Microwave')\nToggleOn(robot, 'Microwave')\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("program", "kind", "state"),
+    [
+        ("Explore(robot, 'Egg')\nBreakObject(robot, 'Egg')\nPickupObject(robot, 'Egg')\n"
+         f"{MICROWAVED}", "EggCracked", "isCooked"),
+        ("Explore(robot, 'Knife')\nPickupObject(robot, 'Knife')\nSliceObject(robot, 'Bread')\n"
+         "PutObject(robot, 'Knife', 'DiningTable')\nPickupObject(robot, 'Bread')\n"
+         "PutObject(robot, 'Bread', 'Toaster')\nToggleOn(robot, 'Toaster')\n",
+         "BreadSliced", "isCooked"),
+        ("SwitchOn(robot, 'Microwave')\n", "Microwave", "isToggled"),
+        ("Explore(robot, 'Plate')\nPickupObject(robot, 'Plate')\n", "Tomato", "isPickedUp"),
+    ],
+)  # fmt: skip
+def test_what_the_prompt_says_of_skills_holds_in_the_world(start, program, kind, state):
+    episode, world = start(ReadingPlanner(program))
+    done(episode, "do as the prompt says")
+    things = [t for t in world.last_event.metadata["objects"] if t["objectType"] == kind]
+    held = [item["objectId"] for item in world.last_event.metadata["inventoryObjects"]]
+    if state == "isPickedUp":  # what lies on a plate comes along
+        assert things[0]["parentReceptacles"] and set(things[0]["parentReceptacles"]) & set(held)
+    else:
+        assert any(thing[state] for thing in things)
+
+
+def test_whole_egg_does_not_cook(start):
+    program = "Explore(robot, 'Egg')\nPickupObject(robot, 'Egg')\n" + MICROWAVED
+    episode, world = start(ReadingPlanner(program))
+    done(episode, "cook the egg")
+    assert not look(world, id_of(world, "Egg"))["isCooked"]

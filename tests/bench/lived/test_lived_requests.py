@@ -1,0 +1,270 @@
+"""Requests of residents: their truth by an oracle of its own, the judge, the reader."""
+
+from typing import get_args
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from karma.bench.suites.lived.drawing import draw_request
+from karma.bench.suites.lived.experiment import LivedExperiment, LivedRow
+from karma.bench.suites.lived.play import HomeLife
+from karma.bench.suites.lived.reading import Reader
+from karma.bench.suites.lived.request import LivedKind, answered_rightly, done, room_right
+from karma.contracts import HomeAnswer
+from karma.infer.embed.minilm import MiniLm
+from karma.language.clock import read_span, spans
+from karma.seeds import stream
+from tests.support.lived import DAY_S, HOUR_S
+
+KINDS = get_args(LivedKind)
+ROW = LivedRow(name="none", design="none")
+
+
+@pytest.fixture(scope="module")
+def reader():
+    return Reader(MiniLm())
+
+
+@pytest.fixture(scope="module")
+def drawn(reader):
+    """Return requests of all kinds, each with the view that it was drawn from."""
+    found = []
+    for home in range(3):
+        experiment = LivedExperiment(
+            name="x", benchmark="lived", rows=(ROW,), homes=1, first_home=home + 60, days=4
+        )
+        spec = next(experiment.specs())
+        life = HomeLife(experiment, ROW, spec, 0, MiniLm(), reader)
+        for day in range(4):
+            life.day(day)
+            view = life._view()
+            for kind in KINDS:
+                for number in range(3):
+                    rng = stream(7, "test", "requests", str(home), str(day), kind, str(number))
+                    request = draw_request(view, kind, rng)
+                    if request is not None:
+                        found.append((request, view))
+    return found
+
+
+def places_by_log(view, *, until_s):
+    """Return where each thing was at a time: the start, and the log alone."""
+    where = {key: one.place_id for key, one in view.start.items()}
+    for deed in view.log:
+        if deed.time_s <= until_s and deed.action in ("PutObject", "PickupObject"):
+            where[deed.object_id] = deed.place_id if deed.action == "PutObject" else "hand"
+    return where
+
+
+def furniture(view, place_id, where):
+    """Return the furniture that a place is, or is on."""
+    for _ in range(5):
+        if place_id in view.places or place_id is None:
+            return place_id
+        place_id = where.get(place_id)
+    return place_id
+
+
+def test_every_kind_is_drawn(drawn):
+    assert {request.kind for request, _ in drawn} == set(KINDS)
+
+
+def test_gold_places_are_where_the_log_says(drawn):
+    checked = 0
+    for request, view in drawn:
+        if request.asked == "place" and not request.unknown:
+            at = request.before_s if request.before_s is not None else view.time_s
+            where = places_by_log(view, until_s=at)
+            for object_id in request.object_ids:
+                assert furniture(view, where[object_id], where) in request.places
+            checked += 1
+    assert checked > 20
+
+
+def test_counts_are_what_the_log_says(drawn):
+    checked = 0
+    for request, view in drawn:
+        if request.asked == "count":
+            where = places_by_log(view, until_s=view.time_s)
+            things = [
+                key
+                for key, one in view.start.items()
+                if one.object_type == request.object_type
+                and furniture(view, where[key], where) in request.places
+            ]
+            assert request.count == len(things)
+            checked += 1
+    assert checked > 5
+
+
+def test_deeds_asked_for_are_in_the_log(drawn):
+    for request, view in drawn:
+        mine = [deed for deed in view.log if deed.object_id in request.object_ids]
+        if request.asked == "who":
+            moves = [one for one in mine if one.action in ("PutObject", "PickupObject")]
+            assert moves[-1].who == request.who
+        if request.asked == "time":
+            assert any(request.after_s <= one.time_s <= request.before_s for one in mine)
+
+
+def test_changed_and_exact_are_what_they_say(drawn):
+    for request, view in drawn:
+        if request.kind in ("changed", "exact"):
+            last = {one.object_id: one for moment in view.seen for one in moment.seen}
+            object_id = request.object_ids[0]
+            same = last[object_id].place_id == view.now[object_id].place_id
+            assert same == (request.kind == "exact")
+
+
+def test_unseen_things_are_not_in_the_home(drawn):
+    for request, view in drawn:
+        if request.kind == "unseen":
+            assert request.object_type not in {one.object_type for one in view.now.values()}
+
+
+def test_the_judge_takes_the_truth_and_little_else(drawn):
+    right = guesses = 0
+    for request, view in drawn:
+        if request.asked == "errand":
+            assert not done(request, view.now)
+            continue
+        gold = HomeAnswer(
+            place_id=request.places[0] if request.places else None, room=request.room,
+            count=request.count, who=request.who, unknown=request.unknown,
+            time_s=None if request.after_s is None else (request.after_s + request.before_s) / 2,
+        )  # fmt: skip
+        assert answered_rightly(request, gold, view.now)
+        assert not answered_rightly(request, HomeAnswer(unknown=not request.unknown), view.now)
+        if request.asked == "place" and not request.unknown:
+            assert room_right(request, gold, view.now)
+            for place_id in view.places:
+                right += answered_rightly(request, HomeAnswer(place_id=place_id), view.now)
+                guesses += 1
+    assert right / guesses < 0.05
+
+
+def test_an_errand_is_done_when_the_thing_is_there(drawn):
+    from dataclasses import replace
+
+    errands = [pair for pair in drawn if pair[0].asked == "errand"]
+    assert errands
+    for request, view in errands:
+        thing = request.object_ids[0]
+        there = {**view.now, thing: replace(view.now[thing], place_id=request.destinations[0])}
+        assert done(request, there)
+
+
+def test_drawing_again_gives_the_same(drawn):
+    request, view = drawn[0]
+    first = draw_request(view, request.kind, np.random.default_rng(3))
+    again = draw_request(view, request.kind, np.random.default_rng(3))
+    assert first == again
+
+
+def test_the_reader_reads_what_it_was_not_told(drawn, reader):
+    read = {"asked": [], "type": [], "who": [], "span": [], "destination": []}
+    for request, view in drawn:
+        question = reader.read(request.text, request.speaker, request.time_s)
+        assert question.unread == (), request.text
+        read["asked"].append(question.asked == request.asked)
+        if request.object_type:
+            read["type"].append(
+                bool(question.thing.types) and question.thing.types[0].name == request.object_type
+            )
+        if request.kind == "event":
+            read["who"].append(bool(question.thing.who) and question.thing.who in view.people)
+            read["span"].append(question.thing.before_s is not None)
+        if request.asked == "errand":
+            read["destination"].append(question.destination is not None)
+    shares = {name: sum(found) / len(found) for name, found in read.items() if found}
+    assert shares["asked"] == 1.0
+    assert shares["destination"] == 1.0
+    assert shares["who"] > 0.95
+    assert shares["type"] > 0.9
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.floats(6 * HOUR_S, 20 * DAY_S))
+def test_times_said_are_read_back(now_s):
+    for span in spans(now_s):
+        found, rest = read_span(f"the cup that Ann washed {span.words}", now_s)
+        assert (found.after_s, found.before_s) == (span.after_s, span.before_s)
+        assert rest == "the cup that Ann washed"
+        assert span.before_s <= now_s
+
+
+NOW_S = 9 * DAY_S + 10 * HOUR_S  # a Wednesday
+
+
+@pytest.mark.parametrize(
+    ("said", "hours"),
+    [
+        ("last night", (-16, -5)),
+        ("an hour ago", (-1.5, -0.5)),
+        ("two days ago", (-58, -34)),
+        ("last Monday", (-58, -34)),
+        ("Monday morning", (-53, -46)),
+        ("last Wednesday", (-178, -154)),
+        ("at noon", (-22.5, -21.5)),
+        ("at seven", (-3.5, -2.5)),
+        ("at 7 pm yesterday", (-15.5, -14.5)),
+        ("the day before yesterday", (-58, -34)),
+    ],
+)
+def test_times_are_read(reader, said, hours):
+    question = reader.read(f"where was the mug {said}?", "Ann", NOW_S)
+    assert question.unread == ()
+    span = (question.thing.after_s, question.thing.before_s)
+    assert span == tuple(NOW_S + one * HOUR_S for one in hours)
+
+
+@pytest.mark.parametrize(
+    ("text", "unread"),
+    [
+        ("where was the mug last week?", "last week"),
+        ("where was the mug before dinner?", "before dinner"),
+        ("where was the mug a few days ago?", "a few days ago"),
+        ("where was the mug at 25:00?", "25:00"),
+        ("where was the mug in March?", "in March"),
+        ("where was the mug this evening?", "this evening"),  # it is morning
+        ("how many cups are on the desk at noon?", "at noon"),  # what is counted is what is now
+        ("put the mug on the desk at seven", "at seven"),
+        ("when did my daughter wash the mug?", "my daughter"),
+        ("where is the cup that she washed?", "she"),
+        ("where is the cup ann washed?", "ann washed"),
+        ("where is the cup that Ann threw away?", "that Ann threw away"),
+    ],
+)
+def test_words_that_are_not_understood_are_told(reader, text, unread):
+    assert unread in reader.read(text, "Ben", NOW_S).unread
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "is the mug in the kitchen?", "has anyone moved the mug?", "whose cup is this?",
+        "the cup was in the kitchen", "wash the mug", "have you seen the cup?",
+    ],
+)  # fmt: skip
+def test_what_no_form_fits_is_no_errand(reader, text):
+    assert reader.read(text, "Ben", NOW_S).unread == (text,)
+
+
+@pytest.mark.parametrize("who", ["Ben", "Mary Ann", "Jean-Luc", "O'Brien", "李明", "ann", "Żaneta"])
+def test_people_of_any_script_are_read(reader, who):
+    for text in (
+        f"where is the mug that {who} washed this morning?", f"when did {who} wash the mug?",
+        f"where did {who} put the mug?",
+    ):  # fmt: skip
+        question = reader.read(text, "Cem", NOW_S)
+        assert (question.thing.who, question.unread) == (who, ()), text
+
+
+def test_a_question_that_is_not_understood_is_not_answered(drawn):
+    experiment = LivedExperiment(name="x", benchmark="lived", rows=(ROW,), homes=1, first_home=60)
+    life = HomeLife(experiment, ROW, next(experiment.specs()), 0, MiniLm(), Reader(MiniLm()))
+    question = life._reader.read("where was the mug last week?", "Ann", life._robot.time_s)
+    answer = life._server.serve(question)
+    assert (answer.unknown, answer.unread) == (True, ("last week",))

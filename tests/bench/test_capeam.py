@@ -1,0 +1,380 @@
+"""CAPEAM-style: programs as frames, the table, the environment memory, and a handmade kitchen."""
+
+import pytest
+from support.experiences import experience
+from support.household import kitchen
+
+from karma.agent.loading.alfred_sentences import GoalFacts, Sentence, facts_of, goals_of, program_of
+from karma.agent.planning.expert import ExpertView
+from karma.agent.planning.planner import Planner
+from karma.agent.planning.program import parse_program
+from karma.bench.rows.capeam.frames import SubGoal, expand, read
+from karma.bench.rows.capeam.memory import ANYWHERE, EnvironmentMemory
+from karma.bench.rows.capeam.method import CapeamMethod, CapeamSettings
+from karma.bench.rows.capeam.prior import likely_places
+from karma.contracts import (
+    Outcome,
+    Plan,
+    Resources,
+    SceneRef,
+    SeenObject,
+    SkillCall,
+    SkillResult,
+    SubTask,
+)
+from karma.errors import KarmaError
+from karma.files import to_json
+from karma.infer.scripted import ScriptedModel
+from karma.world.sim import EmbeddedWorld
+
+
+def program(*lines):
+    return parse_program("\n".join(lines))
+
+
+def frames(*lines, held=""):
+    return [(f.action, f.thing, f.place) for f in read(program(*lines), held).frames]
+
+
+FETCH_APPLE = ("GoToObject(robot, 'Apple')", "PickupObject(robot, 'Apple')")
+WASH_APPLE = (
+    "GoToObject(robot, 'Sink')",
+    "PutObject(robot, 'Apple', 'Sink')",
+    "ToggleOn(robot, 'Faucet')",
+    "ToggleOff(robot, 'Faucet')",
+)
+
+
+# ----------------------------------------------------------------- frames
+
+
+def test_washing_that_ends_in_the_hand_is_one_clean_frame():
+    on = ("PickupObject(robot, 'Apple')", "PutObject(robot, 'Apple', 'CounterTop')")
+    assert frames(*FETCH_APPLE, *WASH_APPLE, *on) == [
+        ("Pickup", "Apple", ""),
+        ("Clean", "Apple", "Sink"),
+        ("Put", "Apple", "CounterTop"),
+    ]
+
+
+def test_washing_that_leaves_the_thing_in_the_sink_puts_it_back():
+    assert frames(*FETCH_APPLE, *WASH_APPLE)[1:] == [
+        ("Clean", "Apple", "Sink"),
+        ("Put", "Apple", "Sink"),
+    ]
+
+
+def test_putting_into_a_sink_without_the_tap_is_only_putting():
+    assert frames(*FETCH_APPLE, *WASH_APPLE[:2])[1:] == [("Put", "Apple", "Sink")]
+
+
+def test_fridge_cools_only_what_is_taken_out_again():
+    put = ("PutObject(robot, 'Apple', 'Fridge')", "CloseObject(robot, 'Fridge')")
+    out = ("OpenObject(robot, 'Fridge')", "PickupObject(robot, 'Apple')")
+    assert frames(*FETCH_APPLE, *put)[1:] == [("Put", "Apple", "Fridge")]
+    assert frames(*FETCH_APPLE, *put, *out)[1:] == [("Cool", "Apple", "Fridge")]
+
+
+def test_cut_fetches_a_knife_and_frees_the_hand_of_it():
+    lines = ("SliceObject(robot, 'Bread')", "PickupObject(robot, 'Bread')")
+    assert frames(*lines) == [
+        ("Pickup", "Knife", ""),
+        ("Slice", "Bread", ""),
+        ("Put", "Knife", ""),
+        ("Pickup", "Bread", ""),
+    ]
+
+
+def test_hand_that_is_full_at_the_start_is_freed():
+    assert frames(*FETCH_APPLE, held="Pan") == [("Put", "Pan", ""), ("Pickup", "Apple", "")]
+
+
+def test_frames_of_one_chain_speak_of_one_object():
+    lines = (*FETCH_APPLE, "PutObject(robot, 'Tomato', 'Fridge')")
+    assert frames(*lines)[-1] == ("Put", "Apple", "Fridge")
+
+
+def test_throwing_away_is_putting_into_the_garbage_can():
+    lines = (*FETCH_APPLE, "ThrowObject(robot, 'Apple')")
+    assert frames(*lines)[-1] == ("Put", "Apple", "GarbageCan")
+
+
+@pytest.mark.parametrize(
+    ("lines", "unsupported"),
+    [
+        (("OpenObject(robot, 'Laptop')",), ["OpenObject"]),
+        (("BreakObject(robot, 'Vase')",), ["BreakObject"]),
+        (("CloseObject(robot, 'Laptop')", *FETCH_APPLE), ["CloseObject"]),
+        (("OpenObject(robot, 'Fridge')", *FETCH_APPLE, "CloseObject(robot, 'Fridge')"), []),
+    ],
+)
+def test_what_no_frame_says_is_reported(lines, unsupported):
+    assert [call.skill for call in read(program(*lines)).unsupported] == unsupported
+
+
+def test_taking_out_of_what_was_opened_names_the_place():
+    lines = ("OpenObject(robot, 'Fridge')", *FETCH_APPLE, "CloseObject(robot, 'Fridge')")
+    assert frames(*lines) == [("Pickup", "Apple", "Fridge")]
+
+
+@pytest.mark.parametrize("task", ["look", "simple", "stack", "clean", "cool", "heat", "two"])
+@pytest.mark.parametrize("sliced", [False, True])
+def test_context_of_an_experts_program_is_the_sentences_facts(task, sliced):
+    place = {"look": "DeskLamp", "cool": "DiningTable", "stack": "CounterTop"}.get(
+        task, "SideTable"
+    )
+    movable = "Plate" if task == "stack" else ""
+    truth = GoalFacts(task=task, thing="Tomato", movable=movable, place=place, sliced=sliced)
+    calls = program_of(Sentence(text="do it", facts=truth), ExpertView())
+    context = read(calls).context
+    found = GoalFacts(
+        task=context.task,
+        thing=context.thing,
+        movable=context.movable,
+        place=context.place,
+        sliced=context.sliced,
+    )
+    assert found == facts_of(calls) == truth
+    assert goals_of(truth, "Tomato", "do it")
+
+
+def test_program_of_nothing_has_no_context():
+    assert read(()).context is None
+
+
+# ----------------------------------------------------------------- the table
+
+
+def skills(*steps):
+    return [(step.skill.removesuffix("Object"), *step.objects) for step in steps]
+
+
+def test_table_expands_heating():
+    assert skills(*expand(SubGoal(action="Heat", thing="Egg", place="Microwave"))) == [
+        ("Open", "Microwave"), ("Put", "Egg", "Microwave"), ("Close", "Microwave"),
+        ("ToggleOn", "Microwave"), ("ToggleOff", "Microwave"),
+        ("Open", "Microwave"), ("Pickup", "Egg"), ("Close", "Microwave"),
+    ]  # fmt: skip
+
+
+def test_table_expands_cooling_and_cleaning():
+    assert skills(*expand(SubGoal(action="Cool", thing="Egg", place="Fridge"))) == [
+        ("Open", "Fridge"), ("Put", "Egg", "Fridge"), ("Close", "Fridge"),
+        ("Open", "Fridge"), ("Pickup", "Egg"), ("Close", "Fridge"),
+    ]  # fmt: skip
+    assert skills(*expand(SubGoal(action="Clean", thing="Egg", place="Sink"))) == [
+        ("Put", "Egg", "Sink"), ("ToggleOn", "Faucet"), ("ToggleOff", "Faucet"), ("Pickup", "Egg"),
+    ]  # fmt: skip
+
+
+def test_taking_out_is_wrapped_only_when_the_thing_is_shut_in():
+    taken = SubGoal(action="Pickup", thing="Egg")
+    assert expand(taken) == (SkillCall(skill="PickupObject", objects=("Egg",)),)
+    assert skills(*expand(taken, shut_in="Fridge")) == [
+        ("Open", "Fridge"), ("Pickup", "Egg"), ("Close", "Fridge")
+    ]  # fmt: skip
+
+
+def test_putting_is_wrapped_where_the_type_must_be_open():
+    box = expand(SubGoal(action="Put", thing="Fork", place="Drawer"))
+    assert [step.skill for step in box] == ["OpenObject", "PutObject", "CloseObject"]
+    assert len(expand(SubGoal(action="Put", thing="Fork", place="DiningTable"))) == 1
+
+
+# ----------------------------------------------------------------- memory and prior
+
+
+def sight(kind, x, z=0.0, **more):
+    at = (x, 1.0, z)
+    return SeenObject(
+        object_id=f"{kind}|{x}|{z}", object_type=kind, position_m=at, box_center_m=at,
+        box_size_m=(0.1, 0.1, 0.1), pickupable=True, **more,
+    )  # fmt: skip
+
+
+def remembering(*sights):
+    memory = EnvironmentMemory(here=lambda: (0.0, 0.9, 0.0))
+    memory.observe(experience(*sights))
+    return memory
+
+
+def test_what_was_put_somewhere_is_passed_over_when_the_same_is_asked_again():
+    memory = remembering(near := sight("Fork", 1.0), far := sight("Fork", 2.0))
+    memory.was_put("Fork", "Drawer", near.object_id)
+    memory.begin_subgoal("Fork", "Drawer")
+    assert memory.nearest("Fork") == far
+    memory.begin_subgoal("Fork", "Sink")
+    assert memory.nearest("Fork") == near
+
+
+def test_failed_things_are_passed_over_until_the_next_subgoal():
+    memory = remembering(near := sight("Mug", 1.0))
+    memory.masked.add(near.object_id)
+    assert memory.nearest("Mug") is None
+    memory.begin_subgoal()
+    assert memory.nearest("Mug") == near
+
+
+def test_pieces_are_looked_for_where_the_cut_was():
+    memory = remembering(
+        sight("Apple", 0.5), sight("AppleSliced", 1.0), there := sight("AppleSliced", 3.0)
+    )
+    memory.sliced_at["Apple"] = (3.1, 0.9, 0.0)
+    assert memory.nearest("Apple") == there
+
+
+def test_things_that_are_gone_are_forgotten():
+    memory = remembering(one := sight("Mug", 1.0))
+    memory.observe(experience(missed=[one.object_id]))
+    assert memory.where("Mug") is None
+
+
+def test_areas_by_likely_furniture_weigh_more():
+    memory = remembering(sight("Fridge", 5.0, states=("closed",)))
+    areas = [type("A", (), {"position_m": (x, 0.0, 0.0)}) for x in (0.0, 5.0)]
+    far, by_fridge = memory.weights("Egg", areas)
+    assert by_fridge > far > 0
+
+
+def test_closed_receptacles_that_can_hold_a_type_are_drawn_too_the_likely_ones_more():
+    closed = ("closed",)
+    memory = remembering(
+        sight("Fridge", 5.0, states=closed), sight("Cabinet", 1.0, states=closed),
+        sight("Cabinet", 2.0, states=closed), sight("Laptop", 3.0, states=closed),
+    )  # fmt: skip
+    shares = likely_places("Egg")
+    assert shares["Fridge"] > 0.5
+    assert "Cabinet" not in shares
+    weights = [(one.object_type, weight) for one, weight in memory.closed("Egg")]
+    few, many = pytest.approx(ANYWHERE / 2), pytest.approx(ANYWHERE + shares["Fridge"])
+    assert weights == [("Cabinet", few), ("Cabinet", few), ("Fridge", many)]
+    assert memory.closed("Safe") == []
+
+
+def test_prior_is_a_distribution_over_furniture():
+    for kind in ("Egg", "Fork", "TomatoSliced"):
+        shares = likely_places(kind)
+        assert sum(shares.values()) == pytest.approx(1.0, abs=0.05)
+        assert list(shares.values()) == sorted(shares.values(), reverse=True)
+    assert likely_places("Faucet") == {}
+
+
+# ----------------------------------------------------------------- in a kitchen
+
+
+@pytest.fixture
+def start(tmp_path):
+    path = tmp_path / "handmade.json"
+    path.write_bytes(to_json(kitchen()))
+
+    def begin(answers, seed=0, **settings):
+        method = CapeamMethod(
+            Planner(ScriptedModel(answers), "compact"), CapeamSettings(**settings)
+        )
+        world = EmbeddedWorld(path)
+        episode = method.begin(world, SceneRef.of(str(path)), seed=seed, folder=tmp_path)
+        return episode, world
+
+    return begin
+
+
+def do(episode, text):
+    return list(episode.do(SubTask(instruction=text, goals=())))
+
+
+def texts(moments):
+    return [
+        (m.call.skill, *(name.split("|")[0] for name in m.call.objects))
+        for m in moments
+        if isinstance(m, SkillResult) and m.call.skill != "Explore"
+    ]
+
+
+def test_washing_follows_the_table_and_leaves_the_apple_in_the_sink(start):
+    episode, _ = start(["\n".join((*FETCH_APPLE, *WASH_APPLE))])
+    moments = do(episode, "wash the apple")
+    assert texts(moments) == [
+        ("PickupObject", "Apple"),
+        ("PutObject", "Apple", "SinkBasin"),
+        ("ToggleOn", "Faucet"),
+        ("ToggleOff", "Faucet"),
+        ("PickupObject", "Apple"),
+        ("PutObject", "Apple", "SinkBasin"),
+    ]
+    assert moments[-1].finished
+    assert moments[-1].resident == ()
+
+
+def test_thing_that_is_shut_in_is_opened_for_and_closed_again(start):
+    put = ("PutObject(robot, 'Apple', 'Fridge')",)
+    episode, _ = start(["\n".join((*FETCH_APPLE, *put)), "\n".join(FETCH_APPLE)])
+    do(episode, "put the apple away")
+    moments = do(episode, "take the apple")
+    assert texts(moments) == [
+        ("OpenObject", "Fridge"), ("PickupObject", "Apple"), ("CloseObject", "Fridge")
+    ]  # fmt: skip
+    assert not any(isinstance(m, SkillResult) and m.explorations for m in moments)
+
+
+def test_planner_is_asked_once_whatever_fails(start):
+    episode, _ = start(["GoToObject(robot, 'Boots')\nPickupObject(robot, 'Boots')"], steps=200)
+    moments = do(episode, "bring boots")
+    assert [isinstance(m, Plan) for m in moments].count(True) == 1
+    assert not moments[-1].finished
+    spent = sum(m.actions for m in moments if isinstance(m, SkillResult))
+    assert 150 < spent <= 200
+
+
+def test_unsupported_sub_goal_is_a_refusal_and_the_rest_is_done(start):
+    episode, _ = start(["BreakObject(robot, 'Plate')\n" + "\n".join(FETCH_APPLE)])
+    moments = do(episode, "smash the plate")
+    refused = next(m for m in moments if isinstance(m, SkillResult))
+    assert (refused.ok, refused.reason) == (False, "CAPEAM has no sub-goal for it")
+    assert texts(moments)[-1] == ("PickupObject", "Apple")
+    assert not moments[-1].finished
+
+
+def test_answer_that_never_parses_ends_unfinished(start):
+    episode, _ = start(["I would rather not."] * 4)
+    *plans, outcome = do(episode, "go")
+    assert all(isinstance(plan, Plan) for plan in plans)
+    assert isinstance(outcome, Outcome)
+    assert not outcome.finished
+
+
+def test_what_is_nowhere_is_given_up_when_everything_was_looked_at_once(start):
+    episode, _ = start(["PickupObject(robot, 'Boots')"])
+    *moments, outcome = do(episode, "bring the boots")
+    looks = [m for m in moments if isinstance(m, SkillResult)]
+    places = [m.call.positions for m in looks]
+    assert len(places) == len(set(places)) > 3
+    assert not any(m.ok for m in looks)
+    assert sum(m.actions for m in looks) < episode.settings.steps
+    assert not outcome.finished
+
+
+def test_seed_decides_where_it_looks(start):
+    def places(seed):
+        episode, _ = start(["\n".join(FETCH_APPLE)], seed=seed)
+        return [
+            m.call.positions
+            for m in do(episode, "take the apple")
+            if isinstance(m, SkillResult) and m.call.skill == "Explore"
+        ]
+
+    assert places(0) == places(0)
+    assert len({tuple(places(seed)) for seed in range(6)}) > 1
+
+
+def test_planner_is_told_of_furniture_only_when_asked(start):
+    for told in (False, True):
+        episode, _ = start(["\n".join(FETCH_APPLE)] * 2, furniture=told)
+        do(episode, "take the apple")
+        plan = next(m for m in do(episode, "take the apple") if isinstance(m, Plan))
+        assert ("CounterTop" in plan.prompt.stable) == told
+
+
+def test_wrong_option_is_named():
+    resources = Resources(model=ScriptedModel(), profile="compact", recall=None, vision=None)
+    with pytest.raises(KarmaError, match="unknown option 'tries'"):
+        CapeamMethod.build(resources, {"tries": 1})

@@ -1,0 +1,42 @@
+"""The control row that copies the nearest example's program."""
+
+from dataclasses import replace
+
+import pytest
+from support.needs import need_models
+
+from karma import registry
+from karma.agent.loading.examples import bank_file, examples_for, read_bank
+from karma.bench.rows.copying import CopyingMethod
+from karma.contracts import Decoding, PlanRequest, Resources
+from karma.errors import KarmaError
+from karma.infer.scripted import ScriptedModel
+from karma.infer.vision.metadata import MetadataVision
+
+
+@pytest.fixture(scope="module")
+def resources():
+    need_models("minilm")
+    embedder = registry.load("embedders", "minilm")()
+    return Resources(
+        model=ScriptedModel(),
+        profile="full",
+        decoding=Decoding(attempts=1),
+        recall=registry.load("recalls", "cosine")(embedder),
+        vision=MetadataVision(),
+        embedder=embedder,
+        examples=examples_for(4, embedder=embedder),
+    )
+
+
+def test_a_sentence_of_the_bank_gets_its_own_program_whatever_was_asked_before(resources):
+    planner = CopyingMethod.build(resources, {}).planner
+    for one in list(read_bank(bank_file()))[:60:20]:
+        (plan,) = planner.plan(PlanRequest(instruction=one.instruction))
+        assert plan.completion.text == one.program
+        assert plan.examples[-1] == one.instruction
+
+
+def test_run_without_examples_is_refused_with_what_would_tell_some(resources):
+    with pytest.raises(KarmaError, match=r"needs examples: profile = .*, examples = 1 or more"):
+        CopyingMethod.build(replace(resources, examples=None), {})

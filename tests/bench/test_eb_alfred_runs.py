@@ -1,0 +1,148 @@
+"""Whole runs of EB-ALFRED: resumed, with workers, and with bad files."""
+
+import re
+
+import pytest
+from support.eb_alfred import run_files
+from support.tiny import export_tiny
+from typer.testing import CliRunner
+
+from karma.agent.journal.header import EPISODES, TABLE
+from karma.bench.engine.run import Run
+from karma.bench.suites.alfred.table import EB_TABLES, figures_of
+from karma.cli import app
+from karma.errors import FileError
+
+
+def finished(path, folder, workers=1, **more):
+    run = Run(path, folder, **more)
+    return list(run.episodes(workers)), run_files(folder)
+
+
+def test_run_gives_equal_bytes_twice_and_with_two_workers(experiment, tmp_path):
+    path = experiment()
+    records, first = finished(path, tmp_path / "a")
+    assert len(records) == 12
+    assert finished(path, tmp_path / "b")[1] == first
+    assert finished(path, tmp_path / "c", workers=2)[1] == first
+
+
+def test_trial_that_is_missing_is_in_no_rate_is_told_and_is_asked_for_again(experiment, tmp_path):
+    said = [("ours_1", "The apple goes into the fridge."), ("lost", "Find it.")]
+    path = experiment(tasks={"spatial": said})
+    run = Run(path, tmp_path / "a")
+    records = list(run.episodes())
+    figures = {(one["row"], one["subset"]): one for one in figures_of(records, EB_TABLES)}
+    assert figures["expert", "spatial"]["success"] == 1.0
+    assert figures["expert", "average"]["errors"] == 0
+    assert {one.reason for one in run.not_run} == {"there is no trial lost"}
+    words = ["eval", str(path), "--out", str(tmp_path / "a"), "--workers", "1"]
+    shown = CliRunner().invoke(app, words)
+    assert shown.exit_code == 1
+    assert f"{len(run.not_run)} not run, in no rate" in shown.output
+    shown = CliRunner().invoke(app, ["table", str(tmp_path / "a")])
+    assert "not run, in no rate" in (tmp_path / "a" / TABLE).read_text(), shown.output
+
+
+def test_run_that_was_stopped_goes_on_and_gives_the_same(experiment, tmp_path):
+    path = experiment()
+    _, whole = finished(path, tmp_path / "a")
+    stopped = Run(path, tmp_path / "b").episodes()
+    for _ in range(6):  # in the middle of a chain of the strict row
+        next(stopped)
+    stopped.close()
+    with (tmp_path / "b" / EPISODES).open("ab") as file:
+        file.write(b'{"torn":')
+    records, files = finished(path, tmp_path / "b")
+    assert files == whole
+    assert len(records) < 12  # whole chains are not done again
+
+
+def test_run_refuses_the_folder_of_another(experiment, tmp_path):
+    finished(experiment(), tmp_path / "a")
+    path = experiment(subsets=["base"])
+    with pytest.raises(FileError, match="a run of something else"):
+        Run(path, tmp_path / "a")
+    assert Run(path, tmp_path / "a", fresh=True).total == 6
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"subsets": ["basic"]}, "no list 'basic'"),
+        ({"only": ["base/7"]}, "no task 'base/7'"),
+        ({"seeds": []}, "seeds = []"),
+        ({"colour": "red"}, "unknown field `colour`"),
+        ({"types": "/nowhere/types.json"}, "/nowhere/types.json"),
+    ],
+)
+def test_experiment_that_is_wrong_is_refused_and_named(experiment, tmp_path, changed, message):
+    with pytest.raises(FileError, match=re.escape(message)):
+        finished(experiment(**changed), tmp_path / "a")
+
+
+def test_command_prints_the_table_and_refuses_what_a_benchmark_does_not_know(experiment, tmp_path):
+    path, out = experiment(), tmp_path / "run"
+    done = CliRunner().invoke(app, ["eval", str(path), "--out", str(out), "--workers", "1"])
+    assert done.exit_code == 0, done.output
+    assert "| expert | 4/4 |" in done.output
+    wrong = CliRunner().invoke(app, ["eval", str(path), "--out", str(out), "--half-width", "0.1"])
+    assert wrong.exit_code != 0
+    assert "has no --half-width" in wrong.output
+
+
+def test_table_command_writes_the_table_of_a_run_also_of_one_that_is_not_finished(
+    experiment, tmp_path
+):
+    path, out = experiment(), tmp_path / "run"
+    steps = Run(path, out).episodes()
+    next(steps)
+    steps.close()
+    done = CliRunner().invoke(app, ["table", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "| expert | 1/1 |" in done.output
+    finished(path, out)
+    whole = (out / TABLE).read_bytes()
+    (out / TABLE).unlink()
+    assert CliRunner().invoke(app, ["table", str(out)]).exit_code == 0
+    assert (out / TABLE).read_bytes() == whole
+
+
+@pytest.mark.parametrize("command", ["report", "compare"])
+def test_commands_that_cannot_read_a_benchmarks_run_say_what_to_do(experiment, tmp_path, command):
+    finished(experiment(), tmp_path / "run")
+    folder = str(tmp_path / "run")
+    more = [folder] if command == "compare" else []
+    done = CliRunner().invoke(app, [command, folder, *more])
+    assert done.exit_code == 1
+    said = " ".join(done.output.split())
+    assert "a run of the benchmark eb_alfred" in said
+    assert f"karma table {folder}" in said
+
+
+TINY = """
+[[rows]]
+name = "tiny"
+prompt = {{ constrained = true, most_text = 0, most_actions = 2, examples = 0 }}
+[models]
+planner = "{}"
+n_ctx = 6000
+beyond_training = true
+"""
+
+
+def test_planner_in_process_under_the_grammar_gives_equal_bytes_and_listed_actions(
+    experiment, tmp_path
+):
+    planner = export_tiny(tmp_path / "tiny.gguf")
+    path = experiment(TINY.format(planner), only=["base/0", "spatial/0"])
+    records, one = finished(path, tmp_path / "one")
+    assert finished(path, tmp_path / "two", workers=2)[1] == one
+    answers = [answer for record in records for answer in record.answers]
+    assert answers
+    assert {(answer.constrained, answer.no_json, answer.error) for answer in answers} == {
+        (True, False, "")
+    }
+    table = one[TABLE].decode()
+    assert "context of 6000 tokens may be longer than what it was trained for" in table
+    assert "tiny: answers are held to the JSON" in table

@@ -1,0 +1,360 @@
+"""The LoTa rows: what they say to a model, and what becomes of its steps."""
+
+import re
+from itertools import pairwise
+
+import pytest
+from support.household import kitchen
+from support.tiny import export_tiny
+
+from karma.agent.planning.planner import Planner
+from karma.agent.planning.program import parse_program
+from karma.agent.seeing.perceive import observe
+from karma.bench.rows.lota.forms import (
+    DONE,
+    Past,
+    code_prompt,
+    lines_prompt,
+    named_types,
+    smart_skills,
+    steps_in_lines,
+    steps_in_words,
+    words_prompt,
+)
+from karma.bench.rows.lota.method import (
+    LotaGenerate,
+    LotaGenerateSettings,
+    LotaScore,
+    LotaScoreSettings,
+    chooser_of,
+)
+from karma.contracts import END, Decoding, Plan, SceneRef, SkillResult, SubTask
+from karma.errors import ModelError
+from karma.files import to_json
+from karma.infer.llama.model import LlamaModel
+from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.scoring import SkillScorer
+from karma.infer.scripted import ScriptedModel
+from karma.world.sim import EmbeddedWorld
+
+PICK = " find an apple,\n pick up the apple,\n"
+
+
+@pytest.fixture
+def world(tmp_path):
+    path = tmp_path / "handmade.json"
+    path.write_bytes(to_json(kitchen()))
+    made = EmbeddedWorld(str(path))
+    made.scene = str(path)
+    return made
+
+
+def started(method, world, folder):
+    return method.begin(world, SceneRef.of(world.scene), seed=0, folder=folder)
+
+
+@pytest.fixture
+def score(world, tmp_path):
+    def start(answers, form="words", **settings):
+        method = LotaScore(ScriptedModel(answers), form, LotaScoreSettings(**settings))
+        return started(method, world, tmp_path)
+
+    return start
+
+
+@pytest.fixture
+def generate(world, tmp_path):
+    def start(answers, profile="full", **settings):
+        model = answers if isinstance(answers, ScriptedModel) else ScriptedModel(answers)
+        planner = Planner(model, profile, Decoding(attempts=3))
+        return started(LotaGenerate(planner, LotaGenerateSettings(**settings)), world, tmp_path)
+
+    return start
+
+
+def do(method, instruction="fetch the apple"):
+    *moments, outcome = method.do(SubTask(instruction=instruction))
+    plans = [moment for moment in moments if isinstance(moment, Plan)]
+    return plans, [moment for moment in moments if isinstance(moment, SkillResult)], outcome
+
+
+def held(world):
+    thing = observe(world.last_event).held
+    return thing.object_type if thing else None
+
+
+# ----------------------------------------------------------------- the closed lists
+
+
+@pytest.mark.parametrize("listed, end", [(steps_in_words, DONE), (steps_in_lines, END)])
+def test_no_step_begins_another_and_one_ends(listed, end):
+    steps = listed()
+    texts = sorted(set(steps) - {END})
+    assert len(texts) == len(steps) - (end == END)
+    assert not any(after.startswith(before) for before, after in pairwise(texts))
+    assert [text for text, call in steps.items() if call is None] == [end]
+
+
+def test_words_list_names_what_the_types_allow():
+    steps = steps_in_words()
+    assert str(steps[" find an apple,"]) == "Explore(robot, 'Apple')"
+    assert str(steps[" turn on the cell phone,"]) == "ToggleOn(robot, 'CellPhone')"
+    for never in (
+        " pick up the fridge,",
+        " open the apple,",
+        " slice the mug,",
+        " find an egg cracked,",
+    ):
+        assert never not in steps
+
+
+def test_lines_are_the_calls_that_they_say():
+    for text, call in steps_in_lines().items():
+        if call is not None:
+            (parsed,) = parse_program(text)
+            assert (parsed.skill, parsed.objects) == (call.skill, call.objects)
+
+
+def test_lines_pair_things_with_places_that_take_them():
+    lines = steps_in_lines()
+    assert "PutObject(robot, 'Apple', 'Sink')\n" in lines
+    assert "PutObject(robot, 'Bread', 'Toaster')\n" in lines
+    assert "PutObject(robot, 'Apple', 'Apple')\n" not in lines
+    assert "PutObject(robot, 'Apple', 'Faucet')\n" not in lines
+
+
+# ----------------------------------------------------------------- prompts
+
+
+def test_every_step_of_the_examples_is_on_the_list():
+    (examples,) = words_prompt((), "x", ())[:1]
+    said = re.findall(r"^Robot: 1\.(.*)$", examples, re.MULTILINE)
+    assert len(said) == 6
+    for line in said:
+        for step in re.split(r"(?<=,) \d+\.", line):
+            assert step in steps_in_words()
+
+
+def test_words_prompt_is_the_dialogue_so_far():
+    past = Past(instruction="open the fridge", steps=(" find a fridge,", " open the fridge,", DONE))
+    segments = words_prompt((past,), "take the mug", (" find a mug,",))
+    assert "".join(segments[1:]) == (
+        "Human: Open the fridge.\nRobot: 1. find a fridge, 2. open the fridge, 3. done.\n"
+        "Human: Take the mug.\nRobot: 1. find a mug, 2."
+    )
+
+
+def test_words_prompt_only_grows_by_segments_within_an_instruction():
+    before = words_prompt((), "take the mug", (" find a mug,",))
+    after = words_prompt((), "take the mug", (" find a mug,", " pick up the mug,"))
+    assert after[: len(before)] == before
+
+
+def test_lines_prompt_is_the_compact_profile_without_memory():
+    assert lines_prompt("Take the mug.", None, ("GoToObject(robot, 'Mug')\n",)) == (
+        "#areas\nunknown\n",
+        "#task take the mug\n#memory\n#program\n",
+        "GoToObject(robot, 'Mug')\n",
+    )
+
+
+def test_code_prompt_shows_skills_types_examples_and_earlier_plans_but_no_place():
+    past = Past(instruction="open the fridge", steps=("OpenObject(robot, 'Fridge')\n",))
+    prompt = code_prompt((past,), "take the mug")
+    names = [skill.name for skill in smart_skills()]
+    assert len(names) == 10
+    assert all(f"def {name}(robot" in prompt.stable for name in names)
+    assert all(f"'{name}'" in prompt.stable for name in named_types())
+    examples = prompt.stable.partition("\n\n# Task Description: ")[2].split("# Task Description: ")
+    assert len(examples) == 5
+    for example in examples:
+        assert parse_program(example.partition("\n")[2], smart_skills())
+    assert "node_" not in prompt.stable
+    assert prompt.changing == (
+        "# Task Description: Open the fridge.\nOpenObject(robot, 'Fridge')\n\n"
+        "# Task Description: Take the mug.\n"
+    )
+
+
+# ----------------------------------------------------------------- lota.score
+
+
+def test_score_takes_steps_until_done(score, world):
+    plans, results, outcome = do(score([PICK + DONE]))
+    assert [plan.completion.text for plan in plans] == [*PICK.splitlines(), DONE]
+    assert [result.ok for result in results] == [True, True]
+    assert outcome.finished
+    assert held(world) == "Apple"
+    assert [name.partition("|")[0] for name in outcome.handled_ids] == ["Apple"]
+
+
+def test_score_stops_at_the_step_limit_of_each_instruction(score):
+    method = score([" open the fridge,\n" * 80], max_steps=25)
+    for _ in range(2):
+        plans, results, outcome = do(method)
+        assert len(plans) == len(results) == 25
+        assert not outcome.finished
+
+
+def test_score_keeps_the_steps_of_earlier_instructions_in_the_prompt(score):
+    method = score([PICK + DONE, " find a fridge,\n" + DONE])
+    do(method)
+    plans, _, _ = do(method, "go to the fridge")
+    said = "find an apple, 2. pick up the apple, 3. done.\nHuman: Go to the fridge.\nRobot: 1."
+    assert said in plans[0].prompt.changing
+    assert plans[1].prompt.changing.endswith("Robot: 1. find a fridge, 2.")
+
+
+def test_score_refusal_is_counted_and_the_step_stays_in_the_history(score):
+    method = score([" pick up the apple,\n find an apple,\n pick up the apple,\n" + DONE])
+    plans, results, outcome = do(method)
+    assert [result.ok for result in results] == [False, True, True]
+    assert "no Apple is known" in results[0].reason
+    assert "pick up the apple, 2. find an apple, 3." in plans[-1].prompt.changing
+    assert outcome.finished
+
+
+def test_score_counts_explorations_of_find(score):
+    _, results, _ = do(score([" find an egg,\n find a watch,\n" + DONE]))
+    assert [result.ok for result in results] == [True, False]
+    assert all(result.explorations > 0 for result in results)
+
+
+def test_put_down_goes_where_the_last_find_was(score, world):
+    steps = PICK + " find a microwave,\n open the microwave,\n put down the apple,\n"
+    _, results, _ = do(score([steps + DONE]))
+    assert str(results[-1].call) == "PutObject(robot, 'Apple', 'Microwave')"
+    assert results[-1].ok
+    assert held(world) is None
+
+
+@pytest.mark.parametrize("between", ["", " find a microwave,\n pick up the mug,\n"])
+def test_put_down_without_a_place_is_refused(score, between):
+    _, results, _ = do(score([PICK + between + " put down the apple,\n" + DONE]))
+    assert not results[-1].ok
+    assert (results[-1].reason, results[-1].actions) == ("no place was found to put it down", 0)
+
+
+def test_score_in_lines_searches_what_was_not_seen_and_frees_the_hand(score, world):
+    lines = (
+        "GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
+        "GoToObject(robot, 'Mug')\nPickupObject(robot, 'Mug')\n"
+    )
+    method = score([lines], form="compact")
+    plans, results, outcome = do(method, "fetch the mug")
+    assert len(plans) == 5
+    called = [str(result.call) for result in results]
+    assert called[0] == "Explore(robot, 'Apple')"
+    assert any(text.startswith("PutObject(robot, 'Apple', ") for text in called)
+    assert all(result.ok for result in results)
+    assert outcome.finished
+    assert held(world) == "Mug"
+
+
+def test_score_says_in_its_name_which_form_was_used():
+    for form in ("words", "compact"):
+        assert LotaScore(ScriptedModel(), form).name == f"LoTa-Bench (modified: scored, {form})"
+
+
+def test_score_with_a_model_that_tells_no_probabilities_is_refused():
+    class Hosted:
+        name = "hosted"
+
+    with pytest.raises(ModelError, match=r"hosted: lota\.score needs.*lota\.generate"):
+        chooser_of(Hosted())
+
+
+def test_score_chooses_what_all_scores_say(world, tmp_path):
+    model = LlamaModel(export_tiny(tmp_path / "tiny.gguf"), options=LlamaOptions(threads=1))
+    method = LotaScore(chooser_of(model), "compact", LotaScoreSettings(max_steps=2))
+    plans, _, _ = do(started(method, world, tmp_path))
+    texts = tuple(steps_in_lines())
+    prompt = (plans[0].prompt.stable, plans[0].prompt.changing)
+    values = SkillScorer(model.gguf).scores(prompt, texts).values
+    chosen = values[texts.index(plans[0].completion.text)]
+    assert chosen == pytest.approx(values.max(), abs=1e-6)
+    model.close()
+
+
+# ----------------------------------------------------------------- lota.generate
+
+
+def test_generate_carries_out_the_whole_plan_of_one_answer(generate, world):
+    method = generate(["GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"])
+    plans, results, outcome = do(method)
+    assert len(plans) == 1
+    assert [str(result.call) for result in results] == [
+        "Explore(robot, 'Apple')",
+        "PickupObject(robot, 'Apple')",
+    ]
+    assert outcome.finished
+    assert held(world) == "Apple"
+
+
+def test_generate_passes_over_a_refused_line_and_asks_no_second_time(generate, world):
+    method = generate(
+        ["SliceObject(robot, 'Apple')\nGoToObject(robot, 'Mug')\nPickupObject(robot, 'Mug')\n"]
+    )
+    plans, results, outcome = do(method)
+    assert len(plans) == 1
+    assert [result.ok for result in results] == [False, True, True]
+    assert not outcome.finished
+    assert held(world) == "Mug"
+
+
+@pytest.mark.parametrize(
+    "answer, words",
+    [("Fly(robot)", "Fly"), ("", "no skill call"), ("Explore(robot, 'Mug')", "Explore")],
+)
+def test_generate_with_an_answer_that_is_no_plan_does_nothing(generate, answer, words):
+    plans, results, outcome = do(generate([answer]))
+    assert words in plans[0].error
+    assert (results, outcome.finished) == ([], False)
+
+
+def test_generate_asks_only_for_what_smart_llm_has(generate):
+    model = ScriptedModel(["GoToObject(robot, 'Mug')\n"])
+    do(generate(model))
+    (spec,) = model.specs
+    assert {skill.name for skill in spec.skills} == {skill.name for skill in smart_skills()}
+    assert (spec.objects, spec.positions) == (named_types(), ())
+
+
+def test_generate_keeps_earlier_plans_in_the_prompt(generate):
+    method = generate(["GoToObject(robot, 'Mug')\n", "GoToObject(robot, 'Fridge')\n"])
+    do(method, "go to the mug")
+    plans, _, _ = do(method, "go to the fridge")
+    assert plans[0].prompt.changing.startswith(
+        "# Task Description: Go to the mug.\nGoToObject(robot, 'Mug')\n"
+    )
+
+
+@pytest.mark.parametrize("inspected, first", [(True, "Explore"), (False, "GoToObject")])
+def test_generate_in_the_compact_profile_is_mended_as_for_karma(generate, inspected, first):
+    method = generate(["GoToObject(robot, 'Apple')\n"], profile="compact", inspected=inspected)
+    plans, results, _ = do(method)
+    assert plans[0].prompt.changing == "#task fetch the apple\n#memory\n#program\n"
+    assert results[0].call.skill == first
+    assert results[0].ok == inspected
+
+
+# ----------------------------------------------------------------- the scripted model
+
+
+def test_scripted_model_passes_over_what_is_not_on_the_list():
+    model = ScriptedModel(["a\nx\nb\n", "y"])
+    chosen = [model.choose(("p",), ["b", "a\n", END]).number for _ in range(4)]
+    assert chosen == [1, 0, 2, 2]
+    with pytest.raises(ModelError, match="run out"):
+        model.choose(("p",), ["b"])
+
+
+def test_scripted_model_passes_over_what_is_no_longer_on_the_list():
+    model = ScriptedModel(["a\nb\nc\n"])
+    assert model.choose(("p",), ["a\n", "b\n", "c\n"]).number == 0
+    assert model.choose(("p",), ["a\n", "c\n"]).number == 1
+
+
+def test_scripted_model_without_a_line_on_the_list_says_so():
+    with pytest.raises(ModelError, match="no line to choose: 'z'"):
+        ScriptedModel(["z"]).choose(("p",), ["b"])

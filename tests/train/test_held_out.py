@@ -1,0 +1,183 @@
+"""What training has not seen, and how far that is from what it has: figures that cannot flatter."""
+
+import re
+
+import pytest
+from support.paths import ROOT
+from support.sentence_forms import form_of, forms_of, nearest, templates_of, words_of
+
+from karma.agent.goals.files import load_tasks
+from karma.agent.loading.alfred_sentences import (
+    GoalFacts,
+    Sentence,
+    program_of,
+    read_sentences,
+    read_steps,
+)
+from karma.agent.loading.demonstrations import plain
+from karma.agent.loading.said_requests import load_texts
+from karma.agent.planning.expert import ExpertView
+from karma.bench.drawing.phrases import disjoint_book, our_book
+from karma.bench.tasks.authors import load_authors_tasks
+from karma.errors import ModelError
+from karma.infer.scripted import ScriptedModel
+from karma.train.planner.reading import read_goals, tell
+from karma.train.planner.sources import Sources
+
+TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
+BOOK, DISJOINT = our_book(), disjoint_book()
+OURS = templates_of(BOOK)
+TRAINED = templates_of(BOOK.part(held_out=False))
+
+
+# ----------------------------------------------------------------- templates
+
+
+def test_held_out_templates_are_one_word_from_trained_ones():
+    """Nearly all: they show that a sentence was not learnt by heart, and no more than that."""
+    trained = BOOK.part(held_out=False).templates
+    apart = [
+        nearest(text, trained[kind])
+        for kind, texts in BOOK.templates.items()
+        for text in texts
+        if BOOK.is_held_out(text)
+    ]
+    assert (len(apart), apart.count(1)) == (234, 228)
+
+
+def test_held_out_patterns_are_not_in_the_training_part():
+    """Each with all that its alternatives stand for."""
+    trained, held_out = (BOOK.part(held_out=side).spoken for side in (False, True))
+    assert not [one for kind, texts in held_out.items() for one in texts if one in trained[kind]]
+
+
+def test_held_out_patterns_are_mostly_more_than_one_word_from_trained_ones():
+    """Of the wording of each that is nearest to a trained one: 9 are the same, 30 far from all."""
+    part = BOOK.part(held_out=False)
+    apart = []
+    for kind, patterns in BOOK.part(held_out=True).spoken.items():
+        said = (text for pattern in part.spoken[kind] for text in BOOK.stated(pattern))
+        trained = {*part.templates[kind], *said}
+        apart += [min(nearest(text, trained) for text in BOOK.stated(one)) for one in patterns]
+    assert [sum(low <= far for far in apart) for low in (0, 1, 2, 3)] == [68, 59, 50, 30]
+
+
+def test_disjoint_templates_are_three_words_or_more_from_all_of_ours():
+    assert len(templates_of(DISJOINT)) == 68
+    assert [text for text in templates_of(DISJOINT) if nearest(text, OURS) < 3] == []
+
+
+def test_disjoint_templates_each_have_a_word_that_none_of_ours_has():
+    known = words_of(OURS)
+    assert [text for text in templates_of(DISJOINT) if words_of([text]) <= known] == []
+
+
+@pytest.mark.parametrize("part", ["adjectives", "just", "around", "references"])
+def test_disjoint_words_are_not_among_ours(part):
+    ours, others = getattr(BOOK, part), getattr(DISJOINT, part)
+    assert ours.keys() == others.keys()
+    for name, texts in others.items():
+        assert not set(texts) & set(ours[name])
+
+
+@pytest.mark.parametrize("kind", BOOK.templates)
+def test_disjoint_templates_of_a_kind_have_its_slots(kind):
+    def slots(texts):
+        return {slot for text in texts for slot in re.findall(r"\{(\w)", text)}
+
+    assert slots(DISJOINT.templates[kind]) == slots(BOOK.templates[kind])
+
+
+# ----------------------------------------------------------------- the tests' sentences
+
+
+def instructions(tasks):
+    return [sub.instruction for task in tasks for sub in task.subtasks]
+
+
+def authors_instructions(shared):
+    files = sorted((shared / "data" / "alfred_l").glob("*_tasks.json"))
+    if not files:
+        pytest.skip(f"needs {shared}/data/alfred_l")
+    return instructions(load_authors_tasks(files))
+
+
+def with_trained_form(sentences):
+    forms = forms_of(TRAINED)
+    return [text for text in sentences if form_of(text) in forms]
+
+
+def test_form_of_a_filled_template_is_the_templates():
+    assert with_trained_form(["Put the salt shaker on the dining table!", "Rinse an apple."])
+    assert not with_trained_form(["Put the salt shaker to bed.", "Rinse an apple twice."])
+
+
+def test_over_half_of_our_tasks_sentences_have_the_form_of_a_trained_template():
+    """The phrase book was extended after they had been read: they are no unseen phrasings."""
+    sentences = instructions(load_tasks(TASKS))
+    assert (len(sentences), len(with_trained_form(sentences))) == (182, 100)
+
+
+@pytest.mark.shared
+def test_over_half_of_the_authors_sentences_have_the_form_of_a_trained_template(shared):
+    sentences = authors_instructions(shared)
+    assert (len(sentences), len(with_trained_form(sentences))) == (81, 52)
+
+
+@pytest.mark.shared
+def test_some_sentences_of_the_tests_stand_in_alfreds_training_split(shared):
+    """Word for word, as short sentences do; a draw that says one of them is drawn again."""
+    path = shared / "data" / "alfred" / "train.jsonl.gz"
+    if not path.exists():
+        pytest.skip(f"needs {path}")
+    said = {plain(one.text) for one in (*read_sentences(path), *read_steps(path))}
+    ours, authors = instructions(load_tasks(TASKS)), authors_instructions(shared)
+    assert [sum(plain(text) in said for text in texts) for texts in (ours, authors)] == [8, 17]
+
+
+# ----------------------------------------------------------------- goal sentences read
+
+
+def goal(text, thing):
+    facts = GoalFacts(task="simple", thing=thing, movable="", place="Fridge", sliced=False)
+    return Sentence(text=text, facts=facts, floor_plan="FloorPlan1")
+
+
+APPLE, EGG, MUG = goal("Chill it!", "Apple"), goal("An egg, cold", "Egg"), goal("Mug in", "Mug")
+
+
+def program(sentence):
+    return "".join(f"{call}\n" for call in program_of(sentence, ExpertView()))
+
+
+def read(answers):
+    return list(read_goals(ScriptedModel(answers), [APPLE, EGG, MUG], [goal("chill it", "")]))
+
+
+def test_figures_of_read_sentences_set_those_of_the_training_split_apart():
+    found = read([program(APPLE), program(MUG), "no program"])
+    assert [(one.right, one.trained) for one in found] == [
+        (True, True), (False, False), (False, False),
+    ]  # fmt: skip
+    lines = {line[:26].rstrip(): line[26:].split() for line in tell(found)}
+    assert lines["all"][:3] == ["3", "exact", "0.333"]
+    assert lines["in the training split too"] == ["1", "exact", "1.000"]
+    assert lines["not in the training split"] == ["2", "exact", "0.000"]
+    assert lines["place"] == ["right", "0.667"]
+    assert lines["thing"] == ["right", "0.333"]
+
+
+def test_sentences_of_rooms_without_a_map_are_left_out_and_never_put_to_the_model():
+    assert list(read_goals(ScriptedModel(), [APPLE], [], plans={})) == []
+    with pytest.raises(ModelError, match="run out"):
+        list(read_goals(ScriptedModel(), [APPLE], []))
+
+
+def test_what_requests_say_is_kept_out_of_training(tmp_path):
+    said = [ROOT / "eval" / "requests" / f"{name}.jsonl" for name in ("do", "refuse", "several")]
+    sources = Sources(folder=tmp_path, shared=tmp_path, tests=(TASKS,), said=tuple(said))
+    forbidden = sources.unseen().sentences
+    for path in said:
+        assert {plain(text) for text in load_texts(path)} - {""} <= forbidden
+    assert plain("Put a fork in the sink.") in forbidden  # a task's
+    assert plain("\u628a\u676f\u5b50") not in forbidden  # else all Chinese would be
