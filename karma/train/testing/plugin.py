@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 @pytest.fixture
 def karma_resources(tmp_path: Path) -> "Callable[..., Resources]":
     """Return what makes `Resources` of a planner's answers: stand-ins in all other roles."""
+    from karma import registry
     from karma.contracts import Decoding, Resources
-    from karma.memory.recall import CosineRecall
     from karma.train.testing import ScriptedModel, StubEmbedder, StubVision
 
     def make(answers: Iterable[str], vision: "VisionModel | None" = None) -> "Resources":
@@ -27,7 +27,7 @@ def karma_resources(tmp_path: Path) -> "Callable[..., Resources]":
             model=ScriptedModel(answers),
             profile="compact",
             decoding=Decoding(),
-            recall=CosineRecall(embedder),
+            recall=registry.load("recalls", "cosine")(embedder),
             vision=vision or StubVision(),
             embedder=embedder,
             maps=tmp_path / "maps",
