@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from karma.world.render.form import CRACK, SIDES, Builder, Form, shade
+from karma.world.render.form import CRACK, SIDES, Form, shade
 from karma.world.render.mesh import (
     Colour,
     Mesh,
@@ -305,9 +305,3 @@ def cracks(x: float, y0: float, y1: float, z: float, colour: Colour = CRACK) -> 
         for (ax, ay), (bx, by) in itertools.pairwise(places):
             lines.append(rod((ax, ay, z), (bx, by, z), wide * 0.8, colour, sides=4))
     return lines
-
-
-BUILDERS: dict[str, Builder] = {
-    "case": case, "drawer": drawer, "carton": carton, "hamper": hamper, "toilet": toilet,
-    "laptop": laptop,
-}  # fmt: skip

@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 from math import cos, sin
 
-from karma.world.render.form import SIDES, Builder, Form, Pair, mix, shade
+from karma.world.render.form import SIDES, Builder, Form, mix, shade
 from karma.world.render.mesh import (
-    GLASS,
     Colour,
     Mesh,
     bent,
@@ -64,6 +63,7 @@ def _inside_out(f: Form, dark: float) -> list[Colour]:
     return [f.main, f.main, f.main, shade(f.main, 1.12), inner, inner, shade(inner, 0.9)]
 
 
+@fragile
 def mug(f: Form) -> list[Mesh]:
     """Return a cup with a handle at its right."""
     room = min(f.width, f.depth * 1.25)
@@ -76,21 +76,14 @@ def mug(f: Form) -> list[Mesh]:
     return [shifted(part, f.width / 2 - x1, 0, 0) for part in [*cup, *grip]]
 
 
+@fragile
 def cup(f: Form) -> list[Mesh]:
     """Return a cup without a handle."""
     x, _, z = f.half
     return _open(f, x, x * 0.68, x * 0.09, z / x)
 
 
-def bowl(f: Form) -> list[Mesh]:
-    """Return a round bowl."""
-    profile = [
-        (0, 0), (0.4, 0), (0.78, 0.4), (1, 1), (0.93, 1), (0.7, 0.45), (0.35, 0.1), (0, 0.1)
-    ]  # fmt: skip
-    whole = f.lathe(profile, _inside_out(f, 0.75), sides=18)
-    return [whole, f.drum(0.86, 0.5, 0.8, f.liquid, sides=18)] if f.filled else [whole]
-
-
+@fragile
 def pot(f: Form) -> list[Mesh]:
     """Return a pot with two grips along its longer side."""
     x, y, z = f.half
@@ -103,6 +96,7 @@ def pot(f: Form) -> list[Mesh]:
     return parts
 
 
+@fragile
 def pan(f: Form) -> list[Mesh]:
     """Return a pan with a long handle."""
     length, across = max(f.width, f.depth), min(f.width, f.depth)
@@ -116,6 +110,7 @@ def pan(f: Form) -> list[Mesh]:
     return [turned(part, 90) if f.width > f.depth else part for part in parts]
 
 
+@fragile
 def can(f: Form) -> list[Mesh]:
     """Return a garbage can with a rim and a band."""
     x, _, z = f.half
@@ -165,6 +160,7 @@ def kettle(f: Form) -> list[Mesh]:
 # ------------------------------------------------------------------ bottles
 
 
+@fragile
 def flask(f: Form) -> list[Mesh]:
     """Return a bottle with a neck and a label."""
     wine = f.style == "wine"
@@ -179,44 +175,7 @@ def flask(f: Form) -> list[Mesh]:
     return parts + ([f.lathe([(1.015, 0.49), (1.015, 0.58)], f.liquid)] if f.filled else [])
 
 
-def vase(f: Form) -> list[Mesh]:
-    """Return a banded vase, dark inside."""
-    profile = [
-        (0, 0), (0.55, 0), (1, 0.4), (0.8, 0.66), (0.4, 0.86), (0.62, 1), (0.5, 1), (0.3, 0.84),
-        (0, 0.8),
-    ]  # fmt: skip
-    dark, light = shade(f.main, 0.4), shade(f.main, 1.25)
-    return [f.lathe(profile, [f.main, f.main, light, f.main, light, f.main, dark, dark])]
-
-
-def shaker(f: Form) -> list[Mesh]:
-    """Return a shaker with holes in its cap."""
-    x, y, z = f.half
-    profile: list[Pair] = [(0, 0), (1, 0), (0.72, 0.72), (0.78, 0.74), (0.6, 1), (0, 1)]
-    body = f.lathe(profile, [f.main, f.main, f.main, f.second, f.second], sides=12)
-    dot = drum(x * 0.08, y, y * 1.01, (20.0, 20.0, 20.0), sides=5)
-    places = [(0.0, 0.0), (0.3, 0.0), (-0.3, 0.0), (0.0, 0.3), (0.0, -0.3)]
-    return [body, *[shifted(dot, a * x, 0, b * z) for a, b in places]]
-
-
-def pump(f: Form) -> list[Mesh]:
-    """Return a soap bottle with a pump; used up, one sees into it."""
-    x, y, z = f.half
-    if f.used_up:
-        body = drum(x, 0.0, y * 0.68, f.main, depth=z / x, clear=GLASS)
-        inside = f.drum(0.9, 0, 0.03, f.main)
-    else:
-        body = f.drum(1, 0, 0.68, f.main)
-        inside = f.lathe([(1.01, 0.18), (1.01, 0.5)], f.third)
-    return [
-        body,
-        inside,
-        drum(x * 0.5, y * 0.68, y * 0.78, f.second, sides=8),
-        f.rod((0, 0.78, 0), (0, 0.96, 0), x * 0.14, f.second, sides=6),
-        f.box((-0.2, 0.92, -0.2), (0.2, 1, 1), f.second),
-    ]
-
-
+@fragile
 def spray(f: Form) -> list[Mesh]:
     """Return a spray bottle, its nozzle to the front."""
     x, y, z = f.half
@@ -243,6 +202,7 @@ def _handle(f: Form, share: float, wide: float) -> Mesh:
     return box((-wide / 2, 0, -z), (wide / 2, f.height, -z + f.depth * share), f.second)
 
 
+@_cutlery
 def knife(f: Form) -> list[Mesh]:
     """Return a knife, or the narrower one for butter."""
     x, y, z = f.half
@@ -255,18 +215,7 @@ def knife(f: Form) -> list[Mesh]:
     return [_handle(f, share, x * narrow), blade._replace(vertices=points)]
 
 
-def fork(f: Form) -> list[Mesh]:
-    """Return a fork with four tines."""
-    x, y, z = f.half
-    neck = z - f.depth * 0.32
-    tines = [-x + (tine + 0.5) * x / 2 for tine in range(4)]
-    return [
-        _handle(f, 0.7, x * 0.7),
-        box((-x, 0, neck), (x, y, neck + f.depth * 0.1), f.main),
-        *[box((at - x * 0.14, 0, neck), (at + x * 0.14, y, z), f.main) for at in tines],
-    ]
-
-
+@_cutlery
 def spoon(f: Form) -> list[Mesh]:
     """Return a spoon."""
     x, y, z = f.half
@@ -276,6 +225,7 @@ def spoon(f: Form) -> list[Mesh]:
     return [_handle(f, 0.72, x * 0.6), shifted(hollow, 0, 0, z - long)]
 
 
+@_cutlery
 def ladle(f: Form) -> list[Mesh]:
     """Return a ladle with a deep bowl."""
     x, y, z = f.half
@@ -286,6 +236,7 @@ def ladle(f: Form) -> list[Mesh]:
     return [shifted(hollow, 0, 0, z - x), stick]
 
 
+@_cutlery
 def spatula(f: Form) -> list[Mesh]:
     """Return a spatula with slots."""
     x, y, z = f.half
@@ -326,15 +277,3 @@ def roll(f: Form) -> list[Mesh]:
     tail = f.box((0.9, 0.05, 0), (1, 1, 0.9), shade(f.main, 0.97))
     line = ring((0, y * 1.002, 0), x * 0.7, x * 0.05, shade(f.main, 0.8))
     return [paper, hole, line, *([tail] if f.style == "standing" else [])]
-
-
-BUILDERS: dict[str, Builder] = {
-    **{name: fragile(build) for name, build in {
-        "mug": mug, "cup": cup, "bowl": bowl, "pot": pot, "pan": pan, "can": can,
-        "flask": flask, "vase": vase, "shaker": shaker, "pump": pump, "spray": spray,
-    }.items()},
-    **{name: _cutlery(build) for name, build in {
-        "knife": knife, "fork": fork, "spoon": spoon, "ladle": ladle, "spatula": spatula,
-    }.items()},
-    "plate": plate, "kettle": kettle, "roll": roll, "lying_roll": lying_roll,
-}  # fmt: skip

@@ -3,11 +3,10 @@
 from math import cos, sin
 
 from karma.world.render.cases import cracks
-from karma.world.render.form import CRACK, WATER, Builder, Form, dial, shade
+from karma.world.render.form import CRACK, WATER, Form, dial, shade
 from karma.world.render.mesh import (
     GHOST,
     GLASS,
-    Colour,
     Mesh,
     ball,
     bent,
@@ -247,34 +246,6 @@ def wall_bar(f: Form) -> list[Mesh]:
     return [*posts, f.rod((-1, 0.5, 0.6), (1, 0.5, 0.6), min(0.012, y / 2), f.main)]
 
 
-def light_switch(f: Form) -> list[Mesh]:
-    """Return a plate with a rocker, up and bright when on."""
-    x, y, z = f.half
-    middle, reach = y * (0.6 if f.on else 0.4), y * 0.16
-    low, high = (-x * 0.35, middle - reach, z * 0.3), (x * 0.35, middle + reach, z)
-    return [
-        f.box((-1, 0, -1), (1, 1, 0.3), f.main),
-        f.box((-0.45, 0.22, 0.3), (0.45, 0.78, 0.4), f.second),
-        box(low, high, f.third if f.on else (90.0, 88.0, 82.0), glow=f.on),
-    ]
-
-
-def burner(f: Form) -> list[Mesh]:
-    """Return a plate with rings, red and glowing when on."""
-    f = f.at_least(0.012)
-    x, y, _ = f.half
-    hot = f.third if f.on else f.second
-    rings = [(0.3, 0.1, hot), (0.55, 0.1, hot), (0.8, 0.1, hot)]
-    flame: list[tuple[float, float, Colour]] = [(0.95, 0.06, (255.0, 170.0, 40.0))]
-    return [
-        f.drum(1, 0, 0.8, f.main, sides=18),
-        *[
-            ring((0, y * 0.9, 0), x * share, x * thick, colour, sides=16, glow=f.on)
-            for share, thick, colour in (rings + flame if f.on else rings)
-        ],
-    ]
-
-
 def knob(f: Form) -> list[Mesh]:
     """Return a knob whose mark stands upright when off, and across, lit, when on."""
     x, y, z = f.half
@@ -292,18 +263,3 @@ def knob(f: Form) -> list[Mesh]:
         dial(radius, -z, z * 0.7, y / 2, f.main),
         box((-a, y / 2 - b, z * 0.7), (a, y / 2 + b, z), mark, glow=f.on),
     ]
-
-
-def target(f: Form) -> list[Mesh]:
-    """Return rings of a target on the floor."""
-    colours = [f.main if step % 2 == 0 else f.second for step in range(4)]
-    return [f.lathe([(1 - i / 4, 0.5 + i * 0.1) for i in range(5)], colours, sides=18)]
-
-
-BUILDERS: dict[str, Builder] = {
-    "basin": basin, "faucet": faucet, "shower_head": shower_head, "window": window,
-    "mirror": mirror, "painting": painting, "poster": poster, "glass_door": glass_door,
-    "curtain": curtain, "blinds": blinds, "towel": towel, "cloth": cloth, "wall_ring": wall_ring,
-    "wall_bar": wall_bar, "light_switch": light_switch, "burner": burner, "knob": knob,
-    "target": target,
-}  # fmt: skip

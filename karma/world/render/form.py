@@ -48,6 +48,11 @@ class Form(NamedTuple):
         return self.width / 2, self.height, self.depth / 2
 
     @property
+    def opened(self) -> bool:
+        """Whether it stands open."""
+        return self.openness > 0
+
+    @property
     def along_x(self) -> bool:
         """Whether it is at least as wide as deep."""
         return self.width >= self.depth

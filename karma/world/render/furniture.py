@@ -5,7 +5,7 @@ from collections.abc import Callable
 from types import MappingProxyType
 from typing import NamedTuple
 
-from karma.world.render.form import CORNERS, SIDES, Builder, Form, Rectangle, shade
+from karma.world.render.form import CORNERS, SIDES, Form, Rectangle, shade
 from karma.world.render.mesh import Mesh, ball, box, sheet, slab, turned
 
 _HANDLE = (70.0, 66.0, 60.0)
@@ -44,11 +44,6 @@ SURFACES = MappingProxyType(
         "bed": Surface(lambda height: _bed_level(height) + 0.045, 0.2),
     }
 )
-
-
-def block(f: Form) -> list[Mesh]:
-    """Return a plain box."""
-    return [f.box((-1, 0, -1), (1, 1, 1), f.main)]
 
 
 def table(f: Form) -> list[Mesh]:
@@ -102,16 +97,6 @@ def stool(f: Form) -> list[Mesh]:
     for start, end in zip(around, [*around[1:], around[0]], strict=True):
         parts.append(f.rod(start, end, wide * 0.06, f.second, sides=4))
     return parts
-
-
-def footstool(f: Form) -> list[Mesh]:
-    """Return a cushioned footstool."""
-    x, y, z = f.half
-    return [
-        f.box((-1, 0.3, -1), (1, 0.8, 1), f.main),
-        slab(f.width * 0.96, f.depth * 0.96, y * 0.8, y, shade(f.main, 1.15)),
-        *f.legs(x * 0.85, z * 0.85, 0.03, y * 0.3),
-    ]
 
 
 def sofa(f: Form) -> list[Mesh]:
@@ -197,20 +182,6 @@ def counter(f: Form) -> list[Mesh]:
     ]
 
 
-def stand(f: Form) -> list[Mesh]:
-    """Return a low stand with an open middle."""
-    x, y, z = f.half
-    front = z - 0.02
-    return [
-        box((-x, y - 0.04, -z), (x, y, z), shade(f.main, 1.1)),
-        box((-x, 0, -z), (-x + 0.04, y, front), f.main),
-        box((x - 0.04, 0, -z), (x, y, front), f.main),
-        box((-x, 0, -z), (x, y, -z + 0.02), f.second),
-        box((-x, 0.0, -z), (x, 0.06, front), f.main),
-        box((-x, y * 0.45, -z), (x, y * 0.5, front - 0.03), f.main),
-    ]
-
-
 def chest(f: Form) -> list[Mesh]:
     """Return a dresser with drawer fronts."""
     x, y, z = f.half
@@ -251,16 +222,3 @@ def shelves(f: Form) -> list[Mesh]:
         box((-x, 0, -z), (x, y, -z + 0.01), f.second),
         *[box((-x, at - 0.015, -z), (x, at + 0.015, z * 0.98), f.main) for at in levels],
     ]
-
-
-def dog_bed(f: Form) -> list[Mesh]:
-    """Return a padded ring round a soft middle."""
-    rim = [(0.8, 0), (1, 0.3), (1, 0.7), (0.86, 1), (0.7, 0.6), (0.66, 0)]
-    return [f.lathe(rim, f.main, sides=18), f.drum(0.72, 0, 0.45, f.second, sides=18)]
-
-
-BUILDERS: dict[str, Builder] = {
-    "block": block, "table": table, "chair": chair, "stool": stool, "footstool": footstool,
-    "sofa": sofa, "bed": bed, "counter": counter, "chest": chest, "stand": stand, "shelf": shelf,
-    "shelves": shelves, "dog_bed": dog_bed,
-}  # fmt: skip

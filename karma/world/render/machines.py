@@ -1,7 +1,7 @@
 """Build lamps, screens, machines and small devices."""
 
 from karma.world.render.cases import cracks, glass
-from karma.world.render.form import SIDES, Builder, Form, dial, shade
+from karma.world.render.form import SIDES, Form, dial, shade
 from karma.world.render.mesh import (
     GHOST,
     Mesh,
@@ -90,28 +90,6 @@ def screen(f: Form) -> list[Mesh]:
     return parts
 
 
-def card(f: Form) -> list[Mesh]:
-    """Return a credit card, lying."""
-    f = f.at_least(0.004)
-    return [
-        f.box((-1, 0, -1), (1, 1, 1), f.main),
-        f.on_top((-1, 0.45), (1, 0.75), (25.0, 25.0, 28.0), 0.001),
-        f.on_top((-0.3, -0.5), (0.2, -0.2), f.second, 0.001),
-    ]
-
-
-def remote(f: Form) -> list[Mesh]:
-    """Return a remote control, lying."""
-    f = f.at_least(0.004)
-    x, y, z = f.half
-    rows = (-0.6, -0.35, -0.1, 0.15, 0.4)
-    return [
-        f.box((-1, 0, -1), (1, 1, 1), f.main),
-        *f.buttons((-0.5, 0.0, 0.5), rows, (x * 0.2, z * 0.05), f.second, 0.004),
-        shifted(drum(x * 0.22, y, y + 0.005, f.third), 0, 0, z * 0.75),
-    ]
-
-
 def phone(f: Form) -> list[Mesh]:
     """Return a phone, lying: dark, lit with icons, or cracked."""
     f = f.at_least(0.004)
@@ -128,23 +106,6 @@ def phone(f: Form) -> list[Mesh]:
     if f.broken:
         flat = cracks(x * 0.85, -z * 0.84, z * 0.84, 0.0, (235.0, 238.0, 240.0))
         parts += [shifted(turned(part, -90, axis=0), 0, y + 0.001, 0) for part in flat]
-    return parts
-
-
-def coffee_machine(f: Form) -> list[Mesh]:
-    """Return a coffee machine: back, head over a drip tray; on, a light and a stream."""
-    light = (255.0, 70.0, 40.0) if f.on else f.third
-    parts = [
-        f.box((-1, 0, -1), (1, 1, -0.1), f.main),
-        f.box((-1, 0.68, -1), (1, 1, 0.9), f.main),
-        f.box((-1, 0, -0.1), (1, 0.07, 1), f.second),
-        f.box((-0.8, 0.07, 0), (0.8, 0.08, 0.9), (40.0, 40.0, 42.0)),
-        f.box((-0.25, 0.6, 0.25), (0.25, 0.68, 0.65), f.second),
-        f.box((-0.9, 0.2, -0.1), (0.9, 0.64, -0.08), shade(f.main, 1.5)),
-        f.box((-0.5, 0.8, 0.9), (0.5, 0.9, 0.93), light, glow=f.on),
-    ]
-    if f.on:
-        parts.append(f.rod((0, 0.6, 0.45), (0, 0.1, 0.45), 0.007, (70.0, 36.0, 14.0), sides=5))
     return parts
 
 
@@ -214,10 +175,3 @@ def vacuum(f: Form) -> list[Mesh]:
         *bent(hose, x * 0.06, f.second),
         ring((0, y * 0.94, -z * 0.75), x * 0.2, x * 0.09, f.main, axis=0),
     ]
-
-
-BUILDERS: dict[str, Builder] = {
-    "lamp": lamp, "candle": candle, "screen": screen, "card": card, "remote": remote,
-    "phone": phone, "coffee_machine": coffee_machine, "toaster": toaster,
-    "alarm_clock": alarm_clock, "watch": watch, "vacuum": vacuum,
-}  # fmt: skip

@@ -1,55 +1,27 @@
-"""Build everything small and still: books, toys, tools, plants, cushions."""
+"""Build everything small: books, toys, tools, plants, cushions, and food with its pieces."""
 
-from math import cos, sin
+from math import cos, pi, sin
+
+import numpy as np
 
 from karma.world.render.dishes import shards
-from karma.world.render.form import SIDES, Builder, Form, shade
-from karma.world.render.mesh import Mesh, ball, box, drum, lathe, ring, rod, sheet, shifted, turned
+from karma.world.render.form import SIDES, Form, mix, shade
+from karma.world.render.mesh import (
+    Colour,
+    Mesh,
+    ball,
+    box,
+    drum,
+    lathe,
+    ring,
+    rod,
+    sheet,
+    shifted,
+    turned,
+)
 
-
-def book(f: Form) -> list[Mesh]:
-    """Return a closed book, or an open one with two white pages."""
-    f = f.at_least(0.01)
-    x, y, z = f.half
-    if f.openness <= 0:
-        return [
-            f.box((-1, 0, -1), (1, 0.12, 1), f.main),
-            f.box((-1, 0.88, -1), (1, 1, 1), f.main),
-            box((-x, 0, -z), (-x + 0.012, y, z), f.main),
-            f.box((-0.96, 0.1, -0.96), (0.97, 0.9, 0.96), f.second),
-            f.on_top((-0.5, 0.2), (0.5, 0.5), shade(f.second, 0.95)),
-        ]
-    page = y * 0.9
-    left, right = -0.5 * x, 0.5 * x
-    lines = [
-        box(
-            (middle - x * 0.34, page, b * z),
-            (middle + x * 0.34, page + 0.002, b * z + z * 0.05),
-            (120.0, 116.0, 110.0),
-        )
-        for middle in (left, right)
-        for b in (-0.7, -0.4, -0.1, 0.2, 0.5)
-    ]
-    return [
-        f.box((-1, 0, -1), (1, 0.3, 1), f.main),
-        f.box((-0.95, 0.3, -0.95), (-0.02, 0.9, 0.95), f.second),
-        f.box((0.02, 0.3, -0.95), (0.95, 0.9, 0.95), f.second),
-        f.box((-0.02, 0.3, -0.95), (0.02, 0.6, 0.95), shade(f.second, 0.6)),
-        *lines,
-    ]
-
-
-def newspaper(f: Form) -> list[Mesh]:
-    """Return folded paper with a heading, lines and a picture."""
-    f = f.at_least(0.01)
-    x, y, z = f.half
-    rows = [r * z for r in (-0.75, -0.55, -0.35, -0.15, 0.05, 0.25)]
-    return [
-        f.box((-1, 0, -1), (1, 1, 1), f.main),
-        f.on_top((-0.85, 0.6), (0.85, 0.85), f.second),
-        f.on_top((0.1, -0.3), (0.85, 0.4), (120.0, 122.0, 126.0)),
-        *[box((-x * 0.85, y, low), (0, y + 0.002, low + z * 0.07), f.second) for low in rows],
-    ]
+CRISP: Colour = (96.0, 52.0, 18.0)
+SEED: Colour = (84.0, 52.0, 30.0)
 
 
 def pen(f: Form) -> list[Mesh]:
@@ -113,34 +85,6 @@ def upright_stick(f: Form) -> list[Mesh]:
     ]
 
 
-def disc(f: Form) -> list[Mesh]:
-    """Return a CD: a shining ring with a hole."""
-    profile = [(0.14, 0), (1, 0), (1, 1), (0.75, 1), (0.4, 1), (0.14, 1)]
-    colours = [f.main, f.main, f.main, f.second, shade(f.main, 1.1)]
-    return [f.at_least(0.003).lathe(profile, colours, sides=20)]
-
-
-def sponge(f: Form) -> list[Mesh]:
-    """Return a yellow sponge with a green scouring side and holes."""
-    x, y, z = f.half
-    hole = drum(x * 0.11, y, y + 0.001, shade(f.main, 0.7), sides=6)
-    places = [(-0.5, -0.5), (0.4, -0.2), (-0.2, 0.3), (0.5, 0.6), (0.0, -0.7), (-0.6, 0.7)]
-    return [
-        f.box((-1, 0, -1), (1, 0.3, 1), f.second),
-        f.box((-1, 0.3, -1), (1, 1, 1), f.main),
-        *[shifted(hole, a * x, 0, b * z) for a, b in places],
-    ]
-
-
-def soap(f: Form) -> list[Mesh]:
-    """Return a rounded bar."""
-    mark = shade(f.main, 0.85)
-    return [
-        f.ball((0, 0.5, 0), (1, 0.5, 1), f.main, sides=14),
-        f.ball((0, 0.93, 0), (0.5, 0.09, 0.4), mark, sides=10, rings=4),
-    ]
-
-
 def dumbbell(f: Form) -> list[Mesh]:
     """Return two weights on a bar along z."""
     x, y, z = f.half
@@ -164,15 +108,6 @@ def boots(f: Form) -> list[Mesh]:
             box((a - x * 0.4, 0, -z * 0.9), (a + x * 0.4, y * 0.06, z * 0.95), f.second),
         ]
     return parts
-
-
-def garbage_bag(f: Form) -> list[Mesh]:
-    """Return a full bag with a knot."""
-    profile = ((0.7, 0), (1, 0.25), (0.9, 0.55), (0.35, 0.8), (0.12, 0.86), (0.3, 1))
-    return [
-        f.lathe(profile, [f.main, f.second, f.main, f.second, f.main], sides=11),
-        f.ball((0, 0.86, 0), (0.18, 0.05, 0.18), f.second, sides=8, rings=5),
-    ]
 
 
 def plant(f: Form) -> list[Mesh]:
@@ -258,28 +193,6 @@ def decor(f: Form) -> list[Mesh]:
     return parts
 
 
-def teddy(f: Form) -> list[Mesh]:
-    """Return a sitting bear."""
-    fur, light, dark = f.main, f.second, f.third
-    parts = [
-        f.ball((0, 0.32, 0), (0.62, 0.32, 0.6), fur),
-        f.ball((0, 0.3, 0.25), (0.4, 0.22, 0.4), light),
-        f.ball((0, 0.74, 0), (0.5, 0.23, 0.5), fur),
-        f.ball((0, 0.69, 0.4), (0.22, 0.1, 0.24), light, sides=8, rings=5),
-        f.ball((0, 0.72, 0.6), (0.08, 0.04, 0.08), dark, sides=6, rings=4),
-    ]
-    pairs = [  # ears, eyes, arms and legs: middle, half sizes, colour, sides and rings
-        ((0.42, 0.93, 0.0), (0.18, 0.08, 0.1), fur, 8, 5),
-        ((0.2, 0.79, 0.44), (0.06, 0.03, 0.06), dark, 6, 4),
-        ((0.72, 0.42, 0.2), (0.24, 0.17, 0.22), fur, 8, 5),
-        ((0.52, 0.12, 0.62), (0.24, 0.12, 0.36), fur, 8, 5),
-    ]
-    for side in SIDES:
-        for (a, b, c), half, colour, sides, rings in pairs:
-            parts.append(f.ball((side * a, b, c), half, colour, sides=sides, rings=rings))
-    return parts
-
-
 def tissue_box(f: Form) -> list[Mesh]:
     """Return a box with a tissue sticking out; used up, only the dark slot."""
     x, y, z = f.half
@@ -295,9 +208,166 @@ def tissue_box(f: Form) -> list[Mesh]:
     ]
 
 
-BUILDERS: dict[str, Builder] = {
-    "book": book, "newspaper": newspaper, "pen": pen, "bat": bat, "racket": racket,
-    "upright_stick": upright_stick, "disc": disc, "sponge": sponge, "soap": soap,
-    "dumbbell": dumbbell, "boots": boots, "garbage_bag": garbage_bag, "plant": plant, "keys": keys,
-    "pillow": pillow, "statue": statue, "decor": decor, "teddy": teddy, "tissue_box": tissue_box,
-}  # fmt: skip
+# ------------------------------------------------------------------ fruit, bread, eggs
+
+
+def _body(f: Form) -> Mesh:
+    skin = mix(f.main, CRISP, 0.7) if f.cooked else f.main
+    return f.ball((0, 0.5, 0), (1, 0.5, 1), skin, sides=16, rings=9)
+
+
+def apple(f: Form) -> list[Mesh]:
+    """Return an apple with its stem and a leaf."""
+    y = f.height
+    leaf = turned(ball((0, 0, 0), (y * 0.16, y * 0.03, y * 0.08), f.third, sides=6, rings=4), 25, 2)
+    return [
+        f.ball((0, 0.45, 0), (1, 0.45, 1), f.main, sides=16, rings=9),
+        rod((0, y * 0.84, 0), (y * 0.06, y, 0), y * 0.04, f.second, sides=5),
+        shifted(leaf, y * 0.16, y * 0.93, 0),
+    ]
+
+
+def tomato(f: Form) -> list[Mesh]:
+    """Return a tomato with its green."""
+    y = f.height
+    ends = [
+        (cos(a) * f.width * 0.25, y * 0.92, sin(a) * f.depth * 0.25)
+        for a in (0.3, 1.55, 2.8, 4.1, 5.3)
+    ]
+    arms = [rod((0, y * 0.97, 0), end, y * 0.06, f.second, sides=4, thin=0.002) for end in ends]
+    return [_body(f), *arms, drum(y * 0.08, y * 0.93, y * 1.03, f.second, sides=6)]
+
+
+def egg(f: Form) -> list[Mesh]:
+    """Return an egg, narrower above."""
+    body = _body(f)
+    points = body.vertices.copy()
+    narrow = 1 - 0.3 * np.clip(points[:, 1] / f.height, 0, 1) ** 2
+    points[:, 0] *= narrow
+    points[:, 2] *= narrow
+    return [body._replace(vertices=points)]
+
+
+def lettuce(f: Form) -> list[Mesh]:
+    """Return leaves round a heart."""
+    heart = (f.width * 0.3, f.height * 0.42, f.depth * 0.3)
+    return [
+        *_leaves(f, (f.main, f.second, shade(f.main, 0.8)), 9),
+        ball((0, f.height * 0.5, 0), heart, f.third),
+    ]
+
+
+def leaves(f: Form) -> list[Mesh]:
+    """Return a few loose leaves."""
+    low = f._replace(height=f.height * 0.9)
+    return _leaves(low, (f.main, f.second, shade(f.second, 1.1)), 5)
+
+
+def _leaves(f: Form, colours: tuple[Colour, ...], count: int) -> list[Mesh]:
+    x, y, z = f.half
+    found = []
+    for leaf in range(count):
+        angle = leaf * 2.4
+        middle = (cos(angle) * x * 0.55, y * (0.3 + 0.45 * leaf / count), sin(angle) * z * 0.55)
+        colour = colours[leaf % len(colours)]
+        found.append(ball(middle, f.at(0.44, 0.3, 0.44), colour, sides=8, rings=5))
+    return found
+
+
+def potato(f: Form) -> list[Mesh]:
+    """Return a potato with its eyes."""
+    x, y, z = f.half
+    half = (y * 0.1,) * 3
+    dark = shade(f.second, 0.5 if f.cooked else 0.7)
+    eyes = [(0.5, 0.75, 0.5), (-0.55, 0.7, 0.4), (0.1, 0.93, -0.35), (0.3, 0.55, 0.85)]
+    return [
+        _body(f),
+        *[
+            ball((a * x * 0.85, b * y, c * z * 0.85), half, dark, sides=6, rings=4)
+            for a, b, c in eyes
+        ],
+    ]
+
+
+def basketball(f: Form) -> list[Mesh]:
+    """Return a ball with three seams."""
+    middle, size = (0.0, f.height / 2, 0.0), f.width / 2
+    return [_body(f), *[ring(middle, size, size * 0.05, f.second, axis=axis) for axis in range(3)]]
+
+
+# ------------------------------------------------------------------ pieces
+
+
+def _skin_and_flesh(f: Form) -> tuple[Colour, Colour]:
+    if not f.cooked:
+        return f.main, f.second
+    return mix(f.main, (40.0, 22.0, 10.0), 0.6), mix(f.second, CRISP, 0.6)
+
+
+def round_slice(f: Form) -> list[Mesh]:
+    """Return a disc of flesh with a rim of skin across its thinnest side, perhaps with seeds."""
+    skin, flesh = _skin_and_flesh(f)
+    sides = (f.width, f.height, f.depth)
+    thin = int(np.argmin(sides))
+    a, b = (side / 2 for axis, side in enumerate(sides) if axis != thin)
+    t = sides[thin] * 0.86
+    profile = [(0.0, 0.0), (a * 0.86, 0.0), (a, 0.0), (a, t), (a * 0.86, t), (0.0, t)]
+    parts = [lathe(profile, [flesh, skin, skin, skin, flesh], depth=b / a)]
+    if f.style == "seeds":
+        seed = drum(a * 0.17, 0, t * 1.02, f.third, sides=6)
+        angles = [i * pi / 3 for i in range(6)]
+        parts += [shifted(seed, cos(one) * a * 0.5, 0, sin(one) * b * 0.5) for one in angles]
+    if thin == 1:
+        return parts
+    axis = 2 if thin == 0 else 0
+    upright = [turned(shifted(part, 0, -sides[thin] / 2, 0), 90, axis=axis) for part in parts]
+    return [shifted(part, 0, f.height / 2, 0) for part in upright]
+
+
+def wedge(f: Form) -> list[Mesh]:
+    """Return half a round of flesh, skin below, two seeds on top."""
+    skin, flesh = _skin_and_flesh(f)
+    rind = f.ball((0, 0.8, 0), (1, 0.8, 1), skin, sides=12, rings=9)
+    keep = rind.vertices.copy()
+    keep[:, 1] = np.minimum(keep[:, 1], f.height * 0.8)
+    seeds = [f.ball((0, 1, s * 0.2), (0.1, 0.04, 0.12), SEED, sides=6, rings=4) for s in SIDES]
+    return [rind._replace(vertices=keep), f.drum(0.93, 0.78, 1, flesh, sides=12), *seeds]
+
+
+def bread_slice(f: Form) -> list[Mesh]:
+    """Return a slice of bread, lying or standing."""
+    crust, crumb = _skin_and_flesh(f)
+    if f.height <= min(f.width, f.depth):
+        inner = f.box((-0.86, 0.02, -0.86), (0.86, 1.01, 0.86), crumb)
+        return [f.box((-1, 0, -1), (1, 0.97, 1), crust), inner]
+    x, z = (0.84, 1.02) if f.depth <= f.width else (1.02, 0.84)
+    return [f.box((-1, 0, -1), (1, 1, 1), crust), f.box((-x, 0.08, -z), (x, 0.9, z), crumb)]
+
+
+def loaf(f: Form) -> list[Mesh]:
+    """Return a bread with a rounded top and cuts across."""
+    parts = [
+        f.box((-0.88, 0, -0.92), (0.88, 0.52, 0.92), f.main),
+        f.ball((0, 0.5, 0), (1, 0.5, 1), shade(f.main, 1.08), sides=16, rings=9),
+    ]
+    for place, top in ((-0.45, 0.9), (0.0, 0.95), (0.45, 0.9)):
+        middle, half = (place, top, 0.0), (0.05, 0.07, 0.55)
+        if f.depth >= f.width:
+            middle, half = (0.0, top, place), (0.55, 0.07, 0.05)
+        parts.append(f.ball(middle, half, f.second, sides=8, rings=4))
+    return parts
+
+
+def egg_cracked(f: Form) -> list[Mesh]:
+    """Return the white with the yolk, between two halves of the shell."""
+    f = f.at_least(0.012)
+    x, y, z = f.half
+    white = mix(f.main, CRISP, 0.35) if f.cooked else f.main
+    edge = mix(f.main, CRISP, 0.8) if f.cooked else shade(f.main, 0.94)
+    pan = f.lathe([(1, 0), (0.95, 0.3), (0.8, 0.4), (0, 0.45)], [edge, edge, white])
+    yolk = ball((0, y * 0.42, 0), (x * 0.42, max(y * 0.6, x * 0.16), z * 0.42), f.second)
+    shell = [
+        f.ball((side * 0.86, 0.4, 0.5), (0.16, 0.5, 0.16), f.third, sides=6, rings=4)
+        for side in SIDES
+    ]
+    return [pan, yolk, *([] if f.cooked else shell)]
