@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from karma.world import event_base
-from karma.world.core.camera import Camera
 from karma.world.core.metadata import holders, records, xyz
 from karma.world.core.posing import hand_rotation
-from karma.world.core.state import Images, WorldState
+from karma.world.core.state import Camera, Images, WorldState
 from karma.world.core.view import camera
 
 try:

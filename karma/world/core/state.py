@@ -11,7 +11,6 @@ import numpy as np
 from karma.contracts import Pose, Vec3
 from karma.household.places import FLOOR
 from karma.household.types import RULES
-from karma.world.core.camera import Camera
 from karma.world.core.holes import walked_in
 from karma.world.core.metadata import box
 from karma.world.core.objects import Objects, derived
@@ -29,6 +28,20 @@ _ON_FLOOR_M = 0.15  # what begins lower stands on the floor
 
 Cell = tuple[int, int]  # column (x), row (z) on the scene's grid
 Point = tuple[float, float]  # x, z, metres
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Camera:
+    """One camera; angles as Unity gives them: pitch (down positive), yaw (0 = +z), roll."""
+
+    position_m: Vec3
+    rotation_deg: Vec3 = (0.0, 0.0, 0.0)
+    fov_deg: float = 90.0  # vertical; of a perspective camera
+    orthographic: bool = False
+    orthographic_size_m: float = 0.0  # half the height of what an orthographic camera takes in
+    near_m: float = 0.01
+    far_m: float = 20.0
+    sky: str = ""  # colour of what is not there, e.g. "white" or "#8080ff"; "" = the default sky
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.contracts import Vec3
+from karma.world.core.rays import own_frame
 from karma.world.core.scene import SceneObject
-from karma.world.core.silhouettes import own_frame
 
 Front = Literal["turn", "room", "thin", "long"]
 Floats = NDArray[np.float64]

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from karma.household import places
 from karma.world.core.objects import Objects
 from karma.world.render import shell as rooms
-from karma.world.render.layer import Layer
+from karma.world.render.layer import Layer, Rays
 from karma.world.render.mesh import GHOST, GLASS, SOLID, Floats, Packed, packed
-from karma.world.render.rays import Rays
 from karma.world.render.shell import Shell
 
 # rows of what is no object
