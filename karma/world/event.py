@@ -45,18 +45,10 @@ class _Drawn:
 
 
 class WorldEvent(Event):  # type: ignore[misc]
-    """One action's outcome: the moment after it, and how it went.
+    """One action's outcome: the moment after it, and how it went; `message` is why it did not.
 
-    Args:
-        state: the moment.
-        action: its name.
-        success: whether it happened.
-        message: why not, as AI2-THOR words it.
-        code: AI2-THOR's errorCode.
-        value: what it returns.
-        first: AI2-THOR leaves three fields null in the first event.
-        images: which pictures there are; None = those of the state's settings.
-        before: an earlier event of the same moment; its object list and pictures are shared.
+    AI2-THOR leaves three fields null in the `first` event. Images are those of the state's settings
+    unless given; the object list and pictures of an event `before`, of the same moment, are shared.
     """
 
     frame: Any = _Drawn("draw_agent")

@@ -18,10 +18,7 @@ from karma.world.core.scene import SceneObject
 from karma.world.core.thing import is_loose
 
 WORKTOP = "CounterTop"
-_LET_INTO: Mapping[str, tuple[str, ...]] = {
-    WORKTOP: (*BASIN_OF, *BASINS),
-    SINK: (BASIN_OF[SINK],),
-}
+_LET_INTO: Mapping[str, tuple[str, ...]] = {WORKTOP: (*BASIN_OF, *BASINS), SINK: (BASIN_OF[SINK],)}
 _BELOW_M = 0.3  # how far under a worktop's box a basin may end
 AHEAD_M = 0.55  # from a cell to the front of what is built in: a body, a step, a hand
 EDGE_M = 0.05  # by which a worktop stands out over such a front
@@ -99,14 +96,8 @@ def _near(places: Floats, box: Box) -> Flags:
 def _before(fronts: Floats, places: Floats) -> Floats:
     """Return the ground that the agent's body takes on cells, grown to the fronts it stands at.
 
-    Along fronts in a row it goes on to their ends: a worktop's edge is straight there.
-
-    Args:
-        fronts: the ground of boxes, each x0, z0, x1, z1, shape (n, 4).
-        places: of the cells, shape (m, 2).
-
-    Returns:
-        Ground likewise, shape (m + strips, 4).
+    Along fronts in a row it goes on to their ends: a worktop's edge is straight there. Fronts are
+    x0, z0, x1, z1, shape (n, 4), places (m, 2), what is returned (m + strips, 4).
     """
     r = AGENT_RADIUS_M
     found = np.concatenate([places - r, places + r], axis=1)

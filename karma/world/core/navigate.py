@@ -86,21 +86,11 @@ def interactable_poses(
     max_m: float | None = None,
     limit: int | None = None,
 ) -> list[Pose]:
-    """Return poses from which an object can be interacted with.
+    """Return poses, at most `limit`, from which an object can be interacted with.
 
-    Args:
-        state: the moment; what the agent holds is not in the way.
-        object_id: of the object.
-        cells: to stand on; None = all that the agent can walk to.
-        yaws: to look to, degrees.
-        horizons: to look to, degrees.
-        standings: standing, crouching, or both.
-        max_m: reach across the floor; None = the world's.
-        limit: how many poses at most.
-
-    Returns:
-        Nearest to the agent first by walking distance, standing first, the object's middle
-        nearest to the picture's; so the first is a good one to take.
+    What the agent holds is not in the way; cells are those it can walk to unless given, and the
+    reach is the world's. Nearest first by walking distance, standing first, the object's middle
+    nearest to the picture's; so the first is a good one to take.
     """
     objects, row = state.objects, state.objects.rows[object_id]
     start = agent_cell(state)

@@ -53,12 +53,9 @@ def _differing(before: SceneObject, after: SceneObject) -> Iterator[Aspect]:
 class Derived(Generic[T]):
     """A function of the objects: its result is kept with them, and carried on while it is true.
 
-    As an attribute of `Objects` it reads like a property.
-
-    Args:
-        build: works it out.
-        aspects: what of the objects it depends on; a change of anything else leaves it true.
-        patch: brings it up to date instead, from the objects before, the result and the change.
+    As an attribute of `Objects` it reads like a property. It depends on `aspects` of the objects:
+    a change of anything else leaves it true. `patch` brings it up to date instead, from the objects
+    before, the result and the change.
     """
 
     def __init__(
@@ -139,10 +136,8 @@ class Objects(Mapping[str, SceneObject]):
     def changed(self, changes: Mapping[str, SceneObject], *, in_hand: bool = False) -> "Objects":
         """Return the objects with some replaced or added; keeps what is known and still true.
 
-        Args:
-            changes: by id.
-            in_hand: they hang from the hand, before and after, and only moved: such things hide
-                nothing, so all that is known of hiding stays.
+        `in_hand`: they hang from the hand, before and after, and only moved. Such things hide
+        nothing, so all that is known of hiding stays.
         """
         if not changes:
             return self

@@ -49,16 +49,10 @@ _ROUNDS = (
 
 
 def find_place(state: WorldState, thing: SceneObject, receptacle: SceneObject) -> Vec3 | None:
-    """Return where the middle of a thing's box comes to be in or on a receptacle.
+    """Return where the middle of a thing's box comes to be in or on a receptacle that takes it.
 
-    Args:
-        state: the moment.
-        thing: in the hand.
-        receptacle: open, and of a type that takes the thing.
-
-    Returns:
-        The free place nearest to the agent, one in its picture if there is one; None when the
-        receptacle is full or too small.
+    It is the free place nearest to the agent, one in its picture if there is one; None when the
+    receptacle is full or too small.
     """
     if object_types()[receptacle.type].accepts_only:
         return _attach(state, thing, receptacle)

@@ -176,12 +176,9 @@ def _takes(other: SceneObject, thing: SceneObject) -> bool:
 
 
 def let_lie(state: WorldState, there: SceneObject, *, falls: bool) -> WorldState:
-    """Return the state with a thing put somewhere, out of any hand, lying in what is there.
+    """Return the state with a thing put in a new pose, out of any hand, lying in what is there.
 
-    Args:
-        state: the moment; the thing is among its objects, elsewhere or in the hand.
-        there: the thing in its new pose.
-        falls: whether it drops when nothing is below it; else it stays in the air.
+    With nothing below, it `falls` or stays in the air.
     """
     without = replace(state, held=there.id)  # it is in nobody's way, least of all its own
     holder = holder_of(state.objects, there)

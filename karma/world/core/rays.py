@@ -67,13 +67,8 @@ def stopped(
 ) -> tuple[Rows, Rows]:
     """Return which segments which objects stop, as pairs: a segment's number, an object's row.
 
-    Args:
-        objects: of this moment.
-        eye: where the segments begin, shape (3,).
-        ends: where they end, shape (segments, 3).
-        rows: of the objects that may stop them, shape (n,).
-        hides: whether each may, shape (segments, n), or what broadcasts to it.
-        shell: of the room.
+    Segments lead from an eye, shape (3,), to their ends, (segments, 3); `rows`, (n,), are of the
+    objects that may stop them, `hides` says which may which: (segments, n), or broadcasts to it.
     """
     low, high = (corners[rows] for corners in solid_boxes(objects))
     ray, box = np.nonzero(perhaps_cut(eye, ends, low, high) & hides)
@@ -119,11 +114,7 @@ def _open_grounds(objects: Objects, walked: Mapping[str, Floats]) -> Mapping[int
 def cut(starts: Floats, ends: Floats, low: Floats, high: Floats) -> Flags:
     """Return which segments pass through their boxes, shape (n,); a box at the end does not count.
 
-    Args:
-        starts: shape (n, 3), or (3,) when shared.
-        ends: shape (n, 3).
-        low: lower box corners, shape (n, 3), or (3,) when shared.
-        high: upper box corners, likewise.
+    All have shape (n, 3); starts and corners (3,) when shared.
     """
     enter, leave = crossing(starts, ends - starts, low, high)
     passes: Flags = (np.maximum(enter, 0.0) < np.minimum(leave, 1.0)) & (enter < 0.999)
@@ -183,11 +174,7 @@ _silhouettes: Derived[dict[int, Silhouette | None]] = Derived(
 def missed(objects: Objects, eye: Floats, ends: Floats, rows: NDArray[np.intp]) -> Flags:
     """Return which segments that meet the box of an object miss what fills it, shape (n,).
 
-    Args:
-        objects: of this moment.
-        eye: where the segments begin, shape (3,).
-        ends: where they end, shape (n, 3).
-        rows: of the object whose box each meets, shape (n,).
+    They lead from an eye, shape (3,), to their ends, (n, 3); `rows` says whose box each meets.
     """
     found: Flags = np.zeros(len(rows), dtype=bool)
     known, things = _silhouettes(objects), list(objects.values())

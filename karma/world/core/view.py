@@ -154,13 +154,9 @@ def camera_axes(yaw_deg: float, horizon_deg: float) -> Floats:
 
 
 def in_picture(offsets: Floats, axes: Floats, fov_deg: float, aspect: float) -> Flags:
-    """Return which points fall inside the picture.
+    """Return which points fall inside the picture; aspect is its width over height.
 
-    Args:
-        offsets: points relative to the camera, shape (..., points, 3).
-        axes: of `camera_axes`, shape (3, 3), or more that broadcast with the offsets.
-        fov_deg: vertical field of view.
-        aspect: width over height.
+    Offsets from the camera have shape (..., points, 3), axes (3, 3) or what broadcasts with them.
     """
     turned = offsets @ axes.swapaxes(-1, -2)
     right, up, forward = turned[..., 0], turned[..., 1], turned[..., 2]
@@ -186,17 +182,7 @@ def sight(
     aspect: float = 1.0,
     shell: RoomShell = NO_SHELL,
 ) -> InView:
-    """Return what is in view from a pose.
-
-    Args:
-        objects: of this moment.
-        pose: where the agent stands and looks.
-        held: ids in the hand, with their contents; always seen, hide nothing.
-        visibility_m: reach across the floor.
-        fov_deg: vertical field of view.
-        aspect: of the picture, width over height.
-        shell: of the room, the same for all of its moments.
-    """
+    """Return what is in view from a pose; what is held, with its contents, is: it hides nothing."""
     visible, interactable = np.zeros((2, len(objects)), dtype=bool)
     if len(objects):
         seen = _vantage(objects, pose, held, visibility_m, shell)
@@ -210,11 +196,7 @@ def sight(
 
 
 def _vantage(
-    objects: Objects,
-    pose: Pose,
-    held: frozenset[str],
-    visibility_m: float,
-    shell: RoomShell,
+    objects: Objects, pose: Pose, held: frozenset[str], visibility_m: float, shell: RoomShell
 ) -> _Vantage:
     """Return what can be seen from the camera's place; known places are looked up."""
     eye = camera(pose)
@@ -247,11 +229,7 @@ def _remember(table: dict[K, _Vantage], key: K, vantage: _Vantage, most: int) ->
 
 
 def _look_round(
-    objects: Objects,
-    pose: Pose,
-    held: frozenset[str],
-    visibility_m: float,
-    shell: RoomShell,
+    objects: Objects, pose: Pose, held: frozenset[str], visibility_m: float, shell: RoomShell
 ) -> _Vantage:
     x, y, z = pose.position_m
     near = across(objects, x, z) <= visibility_m
@@ -336,17 +314,7 @@ def aim(
     objects: Objects, pose: Pose, x: float, y: float, *, seen: frozenset[str], fov_deg: float,
     aspect: float = 1.0,
 ) -> str | None:  # fmt: skip
-    """Return the visible object nearest behind a point of the picture.
-
-    Args:
-        objects: of this moment.
-        pose: where the agent stands and looks.
-        x: in [0, 1], from the left.
-        y: in [0, 1], from the top.
-        seen: ids in view.
-        fov_deg: vertical field of view.
-        aspect: of the picture, width over height.
-    """
+    """Return the object among the seen nearest behind a point, in [0, 1] from the upper left."""
     scale = math.tan(math.radians(fov_deg) / 2)
     right, up, forward = camera_axes(pose.yaw_deg, pose.horizon_deg)
     ray = forward + right * (2 * x - 1) * scale * aspect + up * (1 - 2 * y) * scale

@@ -23,14 +23,9 @@ _MORE = ("bedroom", "living", "bathroom", "bedroom", "kitchen")
 
 
 def build_home(rooms: int, seed: int, *, name: str = "home_1", things: int | None = None) -> Scene:
-    """Return a home of several rooms; equal arguments give equal homes on every machine.
+    """Return a home of 1 to 12 rooms; equal arguments give equal homes on every machine.
 
-    Args:
-        rooms: 1 to 12; the first is a kitchen.
-        seed: >= 0.
-        name: of the scene.
-        things: how many movable things it is to have, as far as they find room; None: as many as
-            its rooms are drawn with.
+    It has so many movable `things` as find room; None: what its rooms are drawn with.
 
     Raises:
         KarmaError: no such number of rooms, or no draw worked out.

@@ -4,18 +4,7 @@ from collections.abc import Sequence
 from math import cos, sin
 
 from karma.world.render.form import SIDES, Builder, Form, mix, shade
-from karma.world.render.mesh import (
-    Colour,
-    Mesh,
-    bent,
-    box,
-    drum,
-    lathe,
-    ring,
-    rod,
-    shifted,
-    turned,
-)
+from karma.world.render.mesh import Colour, Mesh, bent, box, drum, lathe, ring, rod, shifted, turned
 
 
 def fragile(build: Builder) -> Builder:

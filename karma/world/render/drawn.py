@@ -61,10 +61,7 @@ def _appearance(thing: SceneObject) -> tuple[object, ...]:
 def tasks(objects: Objects, cells: Floats, walked: Mapping[str, Floats]) -> Iterator[DrawingTask]:
     """Yield a task for each object that shows: not the floor, not what is shut in or in pieces.
 
-    Args:
-        objects: of this moment.
-        cells: (x, z) where an agent can stand, shape (n, 2).
-        walked: floor within worktops' boxes, see `holes.walked_in`.
+    `cells` are (x, z) where an agent can stand, shape (n, 2); `walked` comes from `walked_in`.
     """
     slides = _slides(objects, cells)
     lifts: dict[str, float] = {}

@@ -26,12 +26,9 @@ class Layer:
     def __init__(
         self, owners: Sequence[str | int], meshes: Sequence[Mesh], before: "Layer | None" = None
     ) -> None:
-        """Build the scene.
+        """Build the scene; an owner is an object's id, or the row of what is no object.
 
-        Args:
-            owners: for each mesh the object's id, or the row of what is no object.
-            meshes: their triangles.
-            before: a layer whose scene serves again if only colours have changed since.
+        The scene of the layer `before` serves again if only colours have changed since.
         """
         whole = joined(meshes)
         self.owners = tuple(owners)
@@ -72,9 +69,7 @@ class Layer:
     def shot(self, origins: Floats, directions: Floats) -> tuple[Floats, NDArray[np.int32]]:
         """Return for each ray how far it gets and which triangle it meets, -1 = none.
 
-        Args:
-            origins: shape (n, 3).
-            directions: directions of any length, in which distances count; shape (n, 3).
+        Both arguments have shape (n, 3); distances count in lengths of the directions.
         """
         if not len(self):
             return np.full(len(directions), np.inf, np.float32), np.full(
@@ -95,12 +90,7 @@ class Layer:
         return np.flatnonzero(far <= np.float32(radius**2))
 
     def shaded(self, eye: Floats | None, forward: Floats) -> NDArray[np.uint8]:
-        """Return each triangle's colour as seen from an eye; None = from far behind.
-
-        Args:
-            eye: the camera's place, shape (3,).
-            forward: where it looks, shape (3,).
-        """
+        """Return each triangle's colour as seen from an eye, shape (3,); None = from far behind."""
         towards = -forward[None] if eye is None else eye - self.centres
         length = np.sqrt(np.einsum("ij,ij->i", towards, towards)) + np.float32(1e-9)
         facing = np.einsum("ij,ij->i", self.normals, np.broadcast_to(towards, self.normals.shape))

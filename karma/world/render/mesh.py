@@ -184,15 +184,9 @@ def lathe(
     profile: Sequence[tuple[float, float]], colour: Colour | Sequence[Colour], *, sides: int = 14,
     depth: float = 1.0, glow: bool = False, clear: int = SOLID,
 ) -> Mesh:  # fmt: skip
-    """Return a profile of (radius, y) turned round the y axis.
+    """Return a profile of (radius, y) turned round the y axis, normals outwards if it runs upwards.
 
-    Args:
-        profile: from the outer bottom upwards gives outward normals.
-        colour: of all, or one for each band between two points of the profile.
-        sides: corners of the circle.
-        depth: z radius as a share of the x radius.
-        glow: whether it shines.
-        clear: SOLID, GLASS or GHOST.
+    `colour` may be one for each band between two points; `depth` is z as a share of x.
     """
     rings = np.array(profile, dtype=np.float32)
     angles = np.arange(sides, dtype=np.float32) * np.float32(2 * pi / sides)

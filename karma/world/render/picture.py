@@ -67,15 +67,9 @@ def agent_camera(state: WorldState) -> Camera:
 def render(
     state: WorldState, camera: Camera, width: int, height: int, *, normals: bool = False
 ) -> Picture:
-    """Return the picture of a moment; equal moments and cameras give equal bytes.
+    """Return the picture of a moment, sides in pixels; equal arguments give equal bytes.
 
-    Args:
-        state: the moment. What is built for it is kept as long as its room lives, and used
-            again until something looks different.
-        camera: with a perspective or an orthographic view.
-        width: pixels.
-        height: pixels.
-        normals: whether to return them.
+    What is built for a moment is kept as long as its room lives, until something looks different.
 
     Raises:
         ValueError: the picture has no pixels.

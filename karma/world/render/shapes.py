@@ -145,13 +145,7 @@ _KEPT = 256  # shapes, some kilobytes each; shared by all worlds of a process
 
 @lru_cache(maxsize=_KEPT)
 def shape(name: str, form: Form, temperature: str) -> Mesh:
-    """Return the triangles of an object, x to the left of its front; never to be written to.
-
-    Args:
-        name: of a shape.
-        form: measures, colours, state.
-        temperature: RoomTemp, Hot or Cold.
-    """
+    """Return the triangles of an object, x to the left of its front; never to be written to."""
     whole = joined(builder(name)(form))
     if form.dirty and name != "bed":
         whole = _stained(whole)

@@ -179,13 +179,7 @@ def _shaded(
 
 
 def exits(shell: Shell, sources: Floats, steps: Floats) -> Exits:
-    """Return where rays leave the room.
-
-    Args:
-        shell: of the room.
-        sources: where they come from, shape (3, n), or (3, 1) when shared.
-        steps: directions, shape (3, n).
-    """
+    """Return where rays, shape (3, n), leave the room; sources likewise, or (3, 1) when shared."""
     low, high = shell.low[:, None] - sources, shell.high[:, None] - sources
     with np.errstate(divide="ignore", invalid="ignore"):
         scales = np.float32(1.0) / steps

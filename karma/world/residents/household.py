@@ -68,13 +68,9 @@ class _Move:
 
 
 class Household:
-    """A home with its people, its clock and its log of truth.
+    """A home with up to four people, its clock and its log of truth.
 
-    Args:
-        scene: of the home.
-        seed: of its people and their days, >= 0.
-        people: how many live there, 0 to 4.
-        disturbance: share of the movable things that are moved at least once a day, in [0, 0.5].
+    `disturbance` is the share of the movable things that are moved at least once a day, to 0.5.
 
     Raises:
         KarmaError: a number is out of its bounds.
