@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from karma.contracts import Vec3
-from karma.world.core.objects import Change, Derived, Objects, derived
+from karma.world.core.objects import Objects, derived, per_object
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.thing import is_loose
@@ -61,17 +61,7 @@ def fields(thing: SceneObject) -> dict[str, Any]:
     }
 
 
-def _records_patched(
-    before: Objects, known: list[dict[str, Any]], change: Change
-) -> list[dict[str, Any]]:
-    found = known.copy()
-    for _, thing in change.pairs:
-        found[before.rows[thing.id]] = fields(thing)
-    return found
-
-
-# the metadata of each object, without what depends on agent and contents
-records = Derived(lambda objects: [fields(t) for t in objects.values()], patch=_records_patched)
+records = per_object(fields)
 
 
 @derived()

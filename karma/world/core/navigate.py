@@ -13,7 +13,7 @@ import numpy as np
 from karma.contracts import Pose
 from karma.household.places import FLOOR
 from karma.world.core.arrays import Flags, Floats
-from karma.world.core.ground import walk
+from karma.world.core.ground import outside, walk
 from karma.world.core.hiding import blocking, hidden_rows
 from karma.world.core.rays import stopped
 from karma.world.core.state import BODY_M, SILL_M, Cell, WorldState
@@ -231,9 +231,7 @@ class Ground:
         return [(column, row) for column in _sides(across) for row in _sides(along)]
 
     def _touched(self, x: float, z: float) -> np.ndarray:
-        place = np.array((x, z))
-        gap = np.maximum(np.maximum(self._low - place, place - self._high), 0.0)
-        return np.asarray((gap**2).sum(axis=1) < (BODY_M - 1e-6) ** 2)
+        return np.asarray(outside(self._low, self._high, np.array((x, z))) < BODY_M - 1e-6)
 
 
 def _sides(value: float) -> tuple[int, ...]:

@@ -7,7 +7,7 @@ from typing import Any, Generic, Literal, TypeVar
 from karma.world.core.arrays import BoxArrays
 from karma.world.core.rules import STATES
 from karma.world.core.scene import SceneObject
-from karma.world.core.thing import is_inert
+from karma.world.core.thing import is_inert, is_movable
 
 T = TypeVar("T")
 Aspect = Literal["place", "parents", "inert", "open", "held", "state"]
@@ -91,6 +91,18 @@ def derived(*aspects: Aspect) -> "Callable[[Callable[[Objects], T]], Derived[T]]
     return lambda build: Derived(build, *aspects)
 
 
+def per_object(make: Callable[[SceneObject], T]) -> Derived[list[T]]:
+    """Return a function of each object by itself, as a list in their order."""
+
+    def patch(before: "Objects", known: list[T], change: Change) -> list[T]:
+        found = known.copy()
+        for _, thing in change.pairs:
+            found[before.rows[thing.id]] = make(thing)
+        return found
+
+    return Derived(lambda objects: [make(thing) for thing in objects.values()], patch=patch)
+
+
 def _by_type(objects: "Objects") -> dict[str, tuple[str, ...]]:
     found: dict[str, list[str]] = {}
     for object_id, thing in objects.items():
@@ -150,8 +162,7 @@ class Objects(Mapping[str, SceneObject]):
 
     def carried(self, object_id: str) -> tuple[str, ...]:
         """Return what moves along when an object is picked up."""
-        inside = ((child, self._items[child]) for child in self.containment.inside(object_id))
-        return tuple(c for c, t in inside if "pickupable" in t.capabilities and not is_inert(t))
+        return tuple(c for c in self.containment.inside(object_id) if is_movable(self._items[c]))
 
 
 class Containment:

@@ -18,7 +18,7 @@ from karma.world.core.objects import Objects
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Room, WorldState
-from karma.world.core.thing import bottom, is_inert, is_loose, is_shut, top
+from karma.world.core.thing import bottom, is_inert, is_loose, is_movable, is_shut, top
 from karma.world.core.view import camera, camera_axes, in_picture
 
 _LIFT_M = 0.002  # above what it rests on
@@ -84,8 +84,7 @@ def _in_picture(state: WorldState, places: Floats, height: float) -> Flags:
 
 def _attach(state: WorldState, thing: SceneObject, receptacle: SceneObject) -> Vec3 | None:
     """Return the one place of a burner, toaster, coffee machine or hanger; None when taken."""
-    here = state.objects.containment.children.get(receptacle.id, ())
-    if any(not is_inert(state.objects[other]) for other in here):
+    if not all(map(is_inert, _lying_in(state.objects, receptacle))):
         return None
     inside = receptacle.type in rules().put.inside
     level = bottom(receptacle) if inside else top(receptacle)
@@ -123,18 +122,17 @@ def _levels(objects: Objects, thing: SceneObject, receptacle: SceneObject) -> li
 def _in_use(objects: Objects, receptacle: SceneObject) -> list[float]:
     """Return the heights at which things lie in a receptacle, the most common first."""
     low, high = bottom(receptacle), top(receptacle)
-    used = [
-        bottom(objects[child])
-        for child in objects.containment.children.get(receptacle.id, ())
-        if "pickupable" in objects[child].capabilities and not is_inert(objects[child])
-    ]
+    used = [bottom(one) for one in _lying_in(objects, receptacle) if is_movable(one)]
     return _common([level for level in used if low - 0.05 <= level <= high + 0.05])
+
+
+def _lying_in(objects: Objects, receptacle: SceneObject) -> list[SceneObject]:
+    return [objects[child] for child in objects.containment.children.get(receptacle.id, ())]
 
 
 def _piled(objects: Objects, receptacle: SceneObject) -> list[float]:
     """Return the heights on top of what lies in a receptacle, below its rim, the lowest first."""
-    inside = (objects[child] for child in objects.containment.children.get(receptacle.id, ()))
-    tops = {top(one) for one in inside if "pickupable" in one.capabilities and not is_inert(one)}
+    tops = {top(one) for one in _lying_in(objects, receptacle) if is_movable(one)}
     return sorted(level for level in tops if level < top(receptacle))
 
 

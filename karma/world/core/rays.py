@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from karma.contracts import Vec3
 from karma.world.core.arrays import Flags, Floats, crossing
+from karma.world.core.ground import outside
 from karma.world.core.hiding import solid_boxes
 from karma.world.core.holes import holes_by_row
 from karma.world.core.objects import Change, Derived, Objects
@@ -27,36 +28,25 @@ from karma.world.core.thing import heading
 Rows = NDArray[np.intp]
 
 
-class WallBoxes(NamedTuple):
-    """The walls between rooms; they hide what is behind them and are no objects."""
-
-    low: Floats  # shape (walls, 3)
-    high: Floats
-
-    def hide(self, eye: Floats, ends: Floats) -> Flags:
-        """Return which points, shape (n, 3), cannot be seen from an eye for a wall."""
-        hidden = np.zeros(len(ends), dtype=bool)
-        gap = np.maximum(np.maximum(self.low - eye, eye - self.high), 0.0)[:, [0, 2]]
-        within = np.hypot(gap[:, 0], gap[:, 1]) <= farthest(eye, ends)
-        if not within.any():
-            return hidden
-        low, high = self.low[within], self.high[within]
-        point, wall = np.nonzero(perhaps_cut(eye, ends, low, high))
-        hidden[point[cut(eye, ends[point], low[wall], high[wall])]] = True
-        return hidden
-
-
 class RoomShell(NamedTuple):
     """What hides or shows, and is no object; the same for all moments of a room."""
 
-    walls: WallBoxes | None = None  # between rooms
+    low: Floats = np.empty((0, 3))  # of the walls between rooms
+    high: Floats = np.empty((0, 3))
     walked: Mapping[str, Floats] = MappingProxyType({})  # see `holes.walked_in`
 
     def hides(self, eye: Floats, ends: Floats) -> Flags:
         """Return which points, shape (n, 3), are behind a wall."""
-        if self.walls is None:
-            return np.zeros(len(ends), dtype=bool)
-        return self.walls.hide(eye, ends)
+        hidden = np.zeros(len(ends), dtype=bool)
+        if len(self.low):
+            across = [0, 2]
+            within = outside(self.low[:, across], self.high[:, across], eye[across]) <= farthest(
+                eye, ends
+            )
+            low, high = self.low[within], self.high[within]
+            point, wall = np.nonzero(perhaps_cut(eye, ends, low, high))
+            hidden[point[cut(eye, ends[point], low[wall], high[wall])]] = True
+        return hidden
 
 
 NO_SHELL = RoomShell()

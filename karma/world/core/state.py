@@ -13,8 +13,8 @@ from karma.household.places import FLOOR
 from karma.household.types import RULES
 from karma.world.core.holes import walked_in
 from karma.world.core.metadata import box
-from karma.world.core.objects import Objects, derived
-from karma.world.core.rays import RoomShell, WallBoxes
+from karma.world.core.objects import Derived, Objects
+from karma.world.core.rays import RoomShell
 from karma.world.core.rules import rules
 from karma.world.core.scene import Scene, SceneObject
 from karma.world.core.thing import bottom, gaps, heading, is_inert, top
@@ -77,10 +77,10 @@ class Settings:
         return self.width / self.height
 
 
-@derived("place", "parents", "inert", "held")
-def _cells_kept(objects: Objects) -> list[Mapping[Cell, Point]]:
-    """Return a list that holds the cells to stand on once a room has worked them out."""
-    return []
+# holds the cells to stand on once a room has worked them out
+_cells_kept: Derived[list[Mapping[Cell, Point]]] = Derived(
+    lambda objects: [], "place", "parents", "inert", "held"
+)
 
 
 class Room:
@@ -98,7 +98,11 @@ class Room:
         for x, z in scene.reachable:
             self.cells.setdefault(self.key(x, z), (x, z))
         self._home = {thing.id: thing for thing in scene.objects}
-        self.shell = RoomShell(_wall_boxes(scene), walked_in(scene.objects, scene.reachable))
+        self.shell = RoomShell(
+            np.array([wall.low for wall in scene.walls or ()]).reshape(-1, 3),
+            np.array([wall.high for wall in scene.walls or ()]).reshape(-1, 3),
+            walked_in(scene.objects, scene.reachable),
+        )
 
     def key(self, x: float, z: float) -> Cell:
         """Return the cell that a place belongs to, whether or not one can stand there."""
@@ -149,15 +153,6 @@ class Room:
                 if (cell_x - x) ** 2 + (cell_z - z) ** 2 <= radius_m**2:
                     return True
         return False
-
-
-def _wall_boxes(scene: Scene) -> WallBoxes | None:
-    walls = scene.walls or ()
-    if not walls:
-        return None
-    return WallBoxes(
-        low=np.array([wall.low for wall in walls]), high=np.array([wall.high for wall in walls])
-    )
 
 
 def _beside(thing: SceneObject, place: Point, room_m: float) -> bool:

@@ -28,6 +28,11 @@ def is_inert(thing: SceneObject) -> bool:
     return thing.is_sliced or (thing.is_broken and shatters(thing))
 
 
+def is_movable(thing: SceneObject) -> bool:
+    """Return whether a thing is there to be carried."""
+    return "pickupable" in thing.capabilities and not is_inert(thing)
+
+
 def shatters(thing: SceneObject) -> bool:
     """Return whether only pieces are left of an object that breaks; screens and panes stay."""
     return "pickupable" in thing.capabilities and thing.type not in rules().fragile.stays_whole

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from karma.contracts import Pose, Vec3
 from karma.world.core.arrays import Flags, Floats
 from karma.world.core.hiding import blocking, hidden_rows, solid_boxes
-from karma.world.core.objects import Change, Derived, Objects
+from karma.world.core.objects import Change, Derived, Objects, per_object
 from karma.world.core.rays import NO_SHELL, RoomShell, cut, farthest, stopped
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
@@ -89,11 +89,8 @@ def _out_of_reach(
     }
 
 
-def _no_vantages(objects: Objects) -> dict[_Place, _Vantage]:
-    return {}
-
-
-_vantages = Derived(_no_vantages, patch=_out_of_reach)  # filled as places are looked from
+# filled as places are looked from
+_vantages: Derived[dict[_Place, _Vantage]] = Derived(lambda objects: {}, patch=_out_of_reach)
 
 _Mark = tuple[object, ...]  # of what sight depends on in one object
 
@@ -105,16 +102,7 @@ def _mark(thing: SceneObject) -> _Mark:
     )  # fmt: skip
 
 
-def _marked_again(before: Objects, known: list[_Mark], change: Change) -> list[_Mark]:
-    if not change.aspects and not change.moved:
-        return known
-    found = known.copy()
-    for _, thing in change.pairs:
-        found[before.rows[thing.id]] = _mark(thing)
-    return found
-
-
-_marks = Derived(lambda objects: [_mark(one) for one in objects.values()], patch=_marked_again)
+_marks = per_object(_mark)
 
 
 class _LookFrom(NamedTuple):
@@ -126,12 +114,10 @@ class _LookFrom(NamedTuple):
     marks: tuple[_Mark, ...]
 
 
-def _no_looks(objects: Objects) -> dict[_LookFrom, _Vantage]:
-    return {}
-
-
 # Looks of all moments of a world, and of worlds that went on from one of them: as before, as seen.
-_looks = Derived(_no_looks, patch=lambda before, known, change: known)
+_looks: Derived[dict[_LookFrom, _Vantage]] = Derived(
+    lambda objects: {}, patch=lambda before, known, change: known
+)
 
 
 def camera(pose: Pose) -> Vec3:
