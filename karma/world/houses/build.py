@@ -67,9 +67,7 @@ def _room(kind: str, number: int, seed: int, attempt: int) -> LaidRoom:
     return LaidRoom(scene=scene, name=f"{kind}_{number}")
 
 
-def _joined(
-    laid: Sequence[LaidRoom], doorways: list[list[Cell]], name: str, seed: int
-) -> Scene:
+def _joined(laid: Sequence[LaidRoom], doorways: list[list[Cell]], name: str, seed: int) -> Scene:
     cells = {(round(x + room.x, 4), round(z + room.z, 4)) for room in laid
              for x, z in room.scene.reachable}  # fmt: skip
     cells |= {cell for door in doorways for cell in door}

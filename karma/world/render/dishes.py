@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from math import cos, sin
 
-from karma.world.render.form import SIDES, Builder, Form, mix, shade
+from karma.world.render.form import Builder, Form, mix, shade
 from karma.world.render.mesh import Colour, Mesh, bent, box, drum, lathe, ring, rod, shifted, turned
 
 
@@ -164,20 +164,6 @@ def flask(f: Form) -> list[Mesh]:
     return parts + ([f.lathe([(1.015, 0.49), (1.015, 0.58)], f.liquid)] if f.filled else [])
 
 
-@fragile
-def spray(f: Form) -> list[Mesh]:
-    """Return a spray bottle, its nozzle to the front."""
-    x, y, z = f.half
-    r = min(x, z)
-    return [
-        f.lathe([(0, 0), (1, 0), (1, 0.5), (0.35, 0.68), (0, 0.68)], f.main, radius=r),
-        f.lathe([(1.01, 0.12), (1.01, 0.42)], f.third, radius=r),
-        f.rod((0, 0.68, 0), (0, 0.8, 0), r * 0.3, f.second),
-        box((-r * 0.3, y * 0.8, -z * 0.6), (r * 0.3, y, z * 0.85), f.second),
-        box((-r * 0.12, y * 0.62, z * 0.35), (r * 0.12, y * 0.82, z * 0.6), f.third),
-    ]
-
-
 # ------------------------------------------------------------------ cutlery, its head in front
 
 
@@ -225,32 +211,7 @@ def ladle(f: Form) -> list[Mesh]:
     return [shifted(hollow, 0, 0, z - x), stick]
 
 
-@_cutlery
-def spatula(f: Form) -> list[Mesh]:
-    """Return a spatula with slots."""
-    x, y, z = f.half
-    low = min(y, 0.02)
-    head, neck = z - f.depth * 0.3, -z + f.depth * 0.4
-    bars = [bar * x for bar in (-0.8, -0.27, 0.27, 0.8)]
-    return [
-        box((-x * 0.25, y * 0.4, -z), (x * 0.25, y, neck), f.second),
-        rod((0, y * 0.7, neck), (0, low * 0.5, head), x * 0.13, f.main, sides=6),
-        *[box((at - x * 0.2, 0, head), (at + x * 0.2, low * 0.6, z), f.main) for at in bars],
-        box((-x, 0, z - f.depth * 0.03), (x, low * 0.6, z), f.main),
-    ]
-
-
 # ------------------------------------------------------------------ rolls
-
-
-def lying_roll(f: Form) -> list[Mesh]:
-    """Return a roll of foil along z."""
-    x, y, z = f.half
-    r, level = min(x, y / 2), y / 2
-    ends = [
-        rod((0, level, side * z), (0, level, side * z * 1.01), r * 0.4, f.second) for side in SIDES
-    ]
-    return [rod((0, level, -z), (0, level, z), r, f.main, sides=12), *ends]
 
 
 def roll(f: Form) -> list[Mesh]:

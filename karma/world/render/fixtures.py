@@ -13,7 +13,6 @@ from karma.world.render.mesh import (
     box,
     drum,
     lathe,
-    ring,
     rod,
     sheet,
     shifted,
@@ -37,25 +36,6 @@ def basin(f: Form) -> list[Mesh]:
         box((-x + wall, 0, -z + wall), (x - wall, floor, z - wall), shade(f.main, 0.9)),
         drum(min(x, z) * 0.12, floor, floor + 0.004, f.second),
     ]
-
-
-def faucet(f: Form) -> list[Mesh]:
-    """Return a tap; on, water runs from it."""
-    x, y, z = f.half
-    thick = max(min(x, z) * 0.16, 0.008)
-    left, right, end = f.at(-0.8, 0.25, -0.5), f.at(0.8, 0.25, -0.5), f.at(0, 0.7, 0.85)
-    way = [f.at(0, 0, -0.5), f.at(0, 0.9, -0.5), f.at(0, 0.93, 0.85), end]
-    knob = (thick * 1.5,) * 3
-    parts = [
-        *bent(way, thick, f.main),
-        drum(thick * 2, 0.0, y * 0.08, f.main),
-        rod(left, right, thick * 0.8, f.main),
-        ball(left, knob, (200.0, 60.0, 50.0), sides=6, rings=4),
-        ball(right, knob, (60.0, 90.0, 200.0), sides=6, rings=4),
-    ]
-    if f.on:
-        parts.append(rod(end, (0, -0.12, end[2]), thick * 0.75, f.second, sides=6))
-    return parts
 
 
 def shower_head(f: Form) -> list[Mesh]:
@@ -138,20 +118,6 @@ def painting(f: Form) -> list[Mesh]:
     ]
 
 
-def poster(f: Form) -> list[Mesh]:
-    """Return a poster with a disc and two lines."""
-    x, y, z = f.half
-    lines = [
-        f.in_front((-0.7, level), (0.7, level + 0.05), (60.0, 60.0, 64.0)) for level in (0.1, 0.2)
-    ]
-    return [
-        f.box((-1, 0, -1), (1, 1, 1), f.main),
-        f.in_front((-0.8, 0.35), (0.8, 0.9), f.second),
-        ball((0, y * 0.64, z), (x * 0.4, x * 0.4, 0.004), f.third),
-        *lines,
-    ]
-
-
 def glass_door(f: Form) -> list[Mesh]:
     """Return a pane of glass in a frame; a door swings when open, a broken one has cracks."""
     x, y, z = f.half
@@ -202,48 +168,6 @@ def blinds(f: Form) -> list[Mesh]:
     if f.openness > 0:
         parts.append(rod((x * 0.8, 0, 0), (x * 0.8, low, 0), 0.006, (90.0, 90.0, 90.0), sides=4))
     return parts
-
-
-def towel(f: Form) -> list[Mesh]:
-    """Return a hanging towel with stripes."""
-    x, y, z = f.half
-    face = (-x, 0, z * 0.7), (2 * x, 0, 0), (0, y, 0)
-    bands = [
-        f.box((-1.01, level, 0.3), (1.01, level + 0.05, 1.02), f.second) for level in (0.1, 0.22)
-    ]
-    return [
-        sheet(*face, f.main, cells=(8, 10), bump=z * 0.25),
-        f.box((-1, 0.1, -1), (1, 1, 0.3), shade(f.main, 0.85)),
-        *bands,
-    ]
-
-
-def cloth(f: Form) -> list[Mesh]:
-    """Return a cloth in a heap."""
-    f = f.at_least(0.015)
-    x, y, z = f.half
-    under = (-x, y * 0.15, z), (2 * x, 0, 0), (0, 0, -2 * z)
-    fold = (-x * 0.7, y * 0.75, z * 0.8), (1.3 * x, 0, -0.3 * z), (0.2 * x, 0, -1.4 * z)
-    return [
-        sheet(*under, f.main, cells=(8, 8), bump=y * 0.15),
-        sheet(*fold, shade(f.main, 1.1), cells=(8, 8), bump=y * 0.3),
-        f.box((-1, 0, 0.8), (1, 0.3, 0.9), f.second),
-    ]
-
-
-def wall_ring(f: Form) -> list[Mesh]:
-    """Return a ring on the wall for a towel."""
-    x, y, z = f.half
-    radius = min(x, y / 2) * 0.85
-    around = ring((0, radius, z * 0.3), radius, 0.012, f.main, axis=2)
-    return [around, box((-0.02, y - 0.04, -z), (0.02, y, z * 0.4), f.main)]
-
-
-def wall_bar(f: Form) -> list[Mesh]:
-    """Return a bar on the wall between two posts."""
-    x, y, z = f.half
-    posts = [box((s * x - 0.012, 0, -z), (s * x + 0.012, y, z), f.main) for s in (-0.95, 0.95)]
-    return [*posts, f.rod((-1, 0.5, 0.6), (1, 0.5, 0.6), min(0.012, y / 2), f.main)]
 
 
 def knob(f: Form) -> list[Mesh]:

@@ -18,10 +18,6 @@ class Surface(NamedTuple):
     lift_m: float  # things that lie at most this much deeper are drawn on it
 
 
-def _chair_level(height: float) -> float:
-    return min(0.46, height * 0.52)
-
-
 def _sofa_level(height: float) -> float:
     return min(0.42, height * 0.5)
 
@@ -67,21 +63,6 @@ def table(f: Form) -> list[Mesh]:
         ]
     if f.style == "back":
         parts.append(box((-x * 0.95, y * 0.35, -z * 0.96), (x * 0.95, low, -z * 0.9), f.second))
-    return parts
-
-
-def chair(f: Form) -> list[Mesh]:
-    """Return a chair with two boards for a back."""
-    x, y, z = f.half
-    level = _chair_level(y)
-    leg = min(0.04, x * 0.2)
-    parts = [slab(f.width, f.depth * 0.96, level - 0.05, level, f.main)]
-    for a in SIDES:
-        left, right = a * (x - leg) - leg / 2, a * (x - leg) + leg / 2
-        parts.append(box((left, 0, z - leg * 1.5), (right, level, z - leg / 2), f.second))
-        parts.append(box((left, 0, -z), (right, y, -z + leg), f.second))
-    for low, high in ((0.62, 0.72), (0.78, 1.0)):
-        parts.append(box((-x + leg, y * low, -z + 0.005), (x - leg, y * high, -z + 0.03), f.main))
     return parts
 
 
@@ -198,17 +179,6 @@ def chest(f: Form) -> list[Mesh]:
         parts.append(box((x0, y0, front), (x1, y1, z - 0.005), shade(f.main, 1.2)))
         parts.append(ball(middle, (0.02, 0.02, 0.02), f.third, sides=6, rings=4))
     return parts
-
-
-def shelf(f: Form) -> list[Mesh]:
-    """Return one board at the bottom of the box, on brackets when there is room."""
-    x, _, z = f.half
-    thick = min(f.height, 0.03)
-    brackets = [
-        box((at - 0.01, 0, -z), (at + 0.01, thick * 0.9, z * 1.005), f.second)
-        for at in (-0.8 * x, 0.8 * x)
-    ]
-    return [slab(f.width, f.depth, 0, thick, f.main), *brackets]
 
 
 def shelves(f: Form) -> list[Mesh]:

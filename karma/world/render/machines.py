@@ -1,7 +1,7 @@
 """Build lamps, screens, machines and small devices."""
 
 from karma.world.render.cases import cracks, glass
-from karma.world.render.form import SIDES, Form, dial, shade
+from karma.world.render.form import Form, shade
 from karma.world.render.mesh import (
     GHOST,
     Mesh,
@@ -11,7 +11,6 @@ from karma.world.render.mesh import (
     drum,
     lathe,
     ring,
-    rod,
     shifted,
     turned,
 )
@@ -36,32 +35,6 @@ def lamp(f: Form) -> list[Mesh]:
         halo = [(wide * 1.5, low - y * 0.12), (wide, low)]
         parts.append(ball(middle, (wide * 0.3,) * 3, (255.0, 250.0, 220.0), glow=True))
         parts.append(lathe(halo, (255.0, 244.0, 190.0), clear=GHOST))
-    return parts
-
-
-def candle(f: Form) -> list[Mesh]:
-    """Return a candle, with a flame when on."""
-    x, y, z = f.half
-    top, wide = y * 0.8, x * 0.5
-    body = [(0.0, 0.0), (x, 0.0), (x * 0.95, top), (x * 0.6, top * 0.97), (0.0, top * 0.95)]
-    parts = [
-        lathe(body, f.main, depth=z / x),
-        rod((0, top * 0.95, 0), (0, top + y * 0.08, 0), max(x * 0.08, 0.002), f.second, sides=4),
-    ]
-    if f.on:
-        flame = [
-            (0, top),
-            (wide, top + y * 0.12),
-            (wide * 0.6, top + y * 0.26),
-            (0, top + y * 0.45),
-        ]
-        core = (0, top + y * 0.1, 0), (wide * 0.5, y * 0.1, wide * 0.5), (255.0, 250.0, 210.0)
-        halo = (0, top + y * 0.15, 0), (x * 2, x * 2, x * 2), (255.0, 225.0, 130.0)
-        parts += [
-            lathe(flame, f.third, sides=8, glow=True),
-            ball(*core, sides=6, rings=5, glow=True),
-            ball(*halo, clear=GHOST),
-        ]
     return parts
 
 
@@ -127,38 +100,6 @@ def toaster(f: Form) -> list[Mesh]:
         ],
         box((x * 0.94, low, -z * 0.2), (x, low + y * 0.08, z * 0.2), f.second),
         f.in_front((0.5, 0.3), (0.7, 0.42), light, 0.004, glow=f.on),
-    ]
-
-
-def alarm_clock(f: Form) -> list[Mesh]:
-    """Return a round clock with hands, two bells and feet."""
-    x, y, z = f.half
-    r = min(x, y * 0.4)
-    middle, front = y * 0.48, z + 0.004
-    parts = [
-        dial(r, -z, z * 0.9, middle, f.main, sides=18),
-        dial(r * 0.84, z * 0.9, z, middle, f.third, sides=18),
-        box((-r * 0.06, middle, z), (r * 0.06, middle + r * 0.62, front), f.second),
-        box((0, middle - r * 0.06, z), (r * 0.5, middle + r * 0.06, front), f.second),
-    ]
-    for side in SIDES:
-        a, bell = side * r * 0.6, (r * 0.36, y * 0.1, z * 0.5)
-        parts.append(ball((a, y * 0.9, 0), bell, f.second, sides=8, rings=5))
-        parts.append(rod((a, 0, 0), (side * r * 0.4, y * 0.2, 0), r * 0.1, f.second, sides=5))
-    return parts
-
-
-def watch(f: Form) -> list[Mesh]:
-    """Return a wrist watch lying with its strap spread."""
-    f = f.at_least(0.008)
-    x, y, z = f.half
-    r = min(x, z * 0.5)
-    return [
-        f.box((-0.5, 0, -1), (0.5, 0.4, 1), f.main),
-        drum(r, 0, y * 0.85, f.second),
-        drum(r * 0.8, y * 0.85, y * 0.9, f.third),
-        box((-r * 0.07, y * 0.9, 0), (r * 0.07, y, r * 0.6), INK),
-        box((0, y * 0.9, -r * 0.07), (r * 0.45, y, r * 0.07), INK),
     ]
 
 

@@ -3,7 +3,9 @@
 A shape is an entry of `shapes.toml`, or a function of its name in one of the modules of shapes.
 """
 
+from collections.abc import Iterable
 from functools import cache, lru_cache
+from itertools import cycle
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
@@ -13,7 +15,7 @@ import numpy as np
 
 from karma.files import read_toml
 from karma.world.render import cases, dishes, fixtures, furniture, machines, things
-from karma.world.render.form import Builder, Form, shade
+from karma.world.render.form import Builder, Form, dial, shade
 from karma.world.render.looks import rgb
 from karma.world.render.mesh import (
     GHOST,
@@ -21,7 +23,6 @@ from karma.world.render.mesh import (
     SOLID,
     Colour,
     Mesh,
-    Point,
     ball,
     box,
     drum,
@@ -31,26 +32,41 @@ from karma.world.render.mesh import (
     mirrored,
     ring,
     rod,
+    sheet,
     shifted,
 )
 
 TABLE = Path(__file__).with_name("shapes.toml")
-Length = float | tuple[float, float]  # a share of a side, or a share and metres
+Length = float | tuple[float, float] | dict[str, float]  # see `shapes.toml`
+Sizes = dict[str, float]  # of an object: half its width x, its height y, half its depth z, and more
 Condition = Literal["filled", "on", "opened", "used_up"]  # of a Form
+_CLEAR = {"": SOLID, "glass": GLASS, "ghost": GHOST}
+
+
+class Measure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A length that other lengths of a shape are shares of."""
+
+    least: tuple[Length, ...]
+    most: Length = 0.0
 
 
 class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One solid of a shape; `shapes.toml` says what its numbers are."""
+    """One solid of a shape."""
 
-    solid: Literal["ball", "box", "drum", "lathe", "ring", "rod"]
+    solid: Literal["ball", "box", "dial", "drum", "lathe", "ring", "rod", "sheet"]
     at: tuple[Length, ...]
     colour: str | tuple[str, ...] = "main"  # several: one for each band of a lathe
     radius: Length = 0.0
-    thick: float = 0.0
+    thin: Length | None = None  # the radius at a rod's end
+    thick: Length = 0.0
+    depth: float = 1.0  # of what is round: z as a share of x
+    axis: int = 1
+    cells: tuple[int, int] = (1, 1)
+    bump: Length = 0.0
     sides: int = 14
     rings: int = 7
     glow: bool = False
-    glass: bool = False
+    clear: Literal["", "glass", "ghost"] = ""
     when: Condition | None = None
     unless: Condition | None = None
     moves: tuple[tuple[float, float], ...] = ((0.0, 0.0),)
@@ -61,39 +77,64 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
             self.unless is not None and getattr(f, self.unless)
         )
 
-    def mesh(self, f: Form, move_x: float, move_z: float) -> Mesh:
+    def mesh(self, f: Form, sizes: Sizes, move_x: float, move_z: float) -> Mesh:
         """Return the solid of an object, moved by shares of its half sides."""
-        x, y, z = f.half
-        by_x, by_z, radius = move_x * x, move_z * z, _metres(self.radius, x)
+        by_x, by_z = move_x * sizes["x"], move_z * sizes["z"]
+        if self.solid in ("dial", "drum", "lathe"):
+            return shifted(self._turned(f, sizes), by_x, 0, by_z)
+        at = _metres(self.at, "xyz", sizes)
+        start, *more = zip(at[::3], at[1::3], at[2::3], strict=True)
+        start = (start[0] + by_x, start[1], start[2] + by_z)
+        colour = _colour(f, str(self.colour))
+        thin = self.radius if self.thin is None else self.thin
+        radius, end_radius, thick, bump = _metres(
+            (self.radius, thin, self.thick, self.bump), "x", sizes
+        )
+        if self.solid == "sheet":
+            return sheet(start, more[0], more[1], colour, cells=self.cells, bump=bump)
+        if self.solid == "ring":
+            return ring(
+                start, radius, thick, colour, axis=self.axis, sides=self.sides, glow=self.glow
+            )
+        if self.solid == "ball":
+            return ball(
+                start, more[0], colour, sides=self.sides, rings=self.rings, glow=self.glow,
+                clear=_CLEAR[self.clear],
+            )  # fmt: skip
+        end = (more[0][0] + by_x, more[0][1], more[0][2] + by_z)
+        if self.solid == "rod":
+            return rod(start, end, radius, colour, sides=self.sides, thin=end_radius)
+        return box(start, end, colour, glow=self.glow)
+
+    def _turned(self, f: Form, sizes: Sizes) -> Mesh:
+        (radius,) = _metres((self.radius,), "x", sizes)
         names = (self.colour,) if isinstance(self.colour, str) else self.colour
         colour, *others = [_colour(f, name) for name in names]
         if self.solid == "lathe":
-            points = zip(self.at[::2], self.at[1::2], strict=True)
-            profile = [(_metres(a, x), _metres(b, y)) for a, b in points]
+            depth = self.depth if self.radius else sizes["z"] / sizes["x"]
+            at = _metres(self.at, "xy", {**sizes, "x": radius} if self.radius else sizes)
             return lathe(
-                profile, [colour, *others] if others else colour, sides=self.sides, depth=z / x,
-                clear=GLASS if self.glass else SOLID,
+                list(zip(at[::2], at[1::2], strict=True)), [colour, *others] if others else colour,
+                sides=self.sides, depth=depth, glow=self.glow, clear=_CLEAR[self.clear],
             )  # fmt: skip
         if self.solid == "drum":
-            a, c, low, high = map(_metres, self.at, (x, z, y, y))
-            return shifted(drum(radius, low, high, colour, sides=self.sides), a + by_x, 0, c + by_z)
-        start, end = _point(f, self.at[:3], by_x, by_z), _point(f, self.at[3:], by_x, by_z)
-        if self.solid == "ring":
-            return ring(start, radius, x * self.thick, colour, sides=self.sides, glow=self.glow)
-        if self.solid == "ball":
-            return ball(start, end, colour, sides=self.sides, rings=self.rings, glow=self.glow)
-        if self.solid == "rod":
-            return rod(start, end, radius, colour, sides=self.sides, glow=self.glow)
-        return box(start, end, colour, glow=self.glow)
+            x, z, low, high = _metres(self.at, "xzyy", sizes)
+            part = drum(radius, low, high, colour, sides=self.sides, depth=self.depth)
+            return shifted(part, x, 0, z)
+        y, back, front = _metres(self.at, "yzz", sizes)
+        return dial(radius, back, front, y, colour, sides=self.sides)
 
 
-def _metres(length: Length, side: float) -> float:
-    return side * length[0] + length[1] if isinstance(length, tuple) else side * length
-
-
-def _point(f: Form, lengths: tuple[Length, ...], by_x: float, by_z: float) -> Point:
-    x, y, z = map(_metres, lengths or (0.0, 0.0, 0.0), f.half)
-    return (x + by_x, y, z + by_z)
+def _metres(lengths: Iterable[Length], axes: str, sizes: Sizes) -> list[float]:
+    """Return lengths, each a share of the next of some axes unless it says of what."""
+    found = []
+    for length, axis in zip(lengths, cycle(axes), strict=False):
+        if isinstance(length, dict):
+            found.append(sum(sizes[name] * share for name, share in length.items()))
+        else:
+            share, more = length if isinstance(length, tuple) else (length, 0.0)
+            found.append(sizes[axis] * share + more)
+    return found
 
 
 def _colour(f: Form, name: str) -> Colour:
@@ -109,6 +150,7 @@ class PartList(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """A shape of `shapes.toml`."""
 
     parts: tuple[Part, ...]
+    measures: dict[str, Measure] = {}
     least: tuple[float, float] = (0.0, 0.0)  # width and height: less would not be seen, metres
     breaks: bool = False  # to pieces that lie about
 
@@ -116,9 +158,12 @@ class PartList(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         """Return the solids of an object in order."""
         if self.breaks and f.broken:
             return dishes.shards(f)
-        width, height = self.least
-        f = f._replace(width=max(f.width, width), height=max(f.height, height))
-        return [p.mesh(f, x, z) for p in self.parts if p.seen(f) for x, z in p.moves]
+        f = f._replace(width=max(f.width, self.least[0]), height=max(f.height, self.least[1]))
+        sizes = {**dict(zip("xyz", f.half, strict=True)), "m": 1.0}
+        for name, measure in self.measures.items():
+            least = min(_metres(measure.least, "x", sizes))
+            sizes[name] = max(least, *_metres([measure.most], "x", sizes))
+        return [p.mesh(f, sizes, x, z) for p in self.parts if p.seen(f) for x, z in p.moves]
 
 
 @cache

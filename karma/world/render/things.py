@@ -4,7 +4,6 @@ from math import cos, pi, sin
 
 import numpy as np
 
-from karma.world.render.dishes import shards
 from karma.world.render.form import SIDES, Form, mix, shade
 from karma.world.render.mesh import (
     Colour,
@@ -22,29 +21,6 @@ from karma.world.render.mesh import (
 
 CRISP: Colour = (96.0, 52.0, 18.0)
 SEED: Colour = (84.0, 52.0, 30.0)
-
-
-def pen(f: Form) -> list[Mesh]:
-    """Return a pen or a pencil along z."""
-    x, y, z = f.half
-    radius = max(min(x, y / 2), 0.004)
-    return [
-        rod((0, radius, -z), (0, radius, -z * 0.75), radius * 1.02, f.second, sides=6),
-        rod((0, radius, -z * 0.75), (0, radius, z * 0.75), radius, f.main, sides=6),
-        rod((0, radius, z * 0.75), (0, radius, z), radius, f.third, sides=6, thin=0.0008),
-    ]
-
-
-def bat(f: Form) -> list[Mesh]:
-    """Return a baseball bat along z."""
-    x, y, z = f.half
-    r = min(x, y / 2)
-    return [
-        rod((0, r, -z), (0, r, -z * 0.96), r * 0.6, f.second),
-        rod((0, r, -z * 0.96), (0, r, -z * 0.45), r * 0.38, f.second, thin=r * 0.42),
-        rod((0, r, -z * 0.45), (0, r, z * 0.3), r * 0.42, f.main, thin=r, sides=10),
-        rod((0, r, z * 0.3), (0, r, z), r, f.main, thin=r * 0.9, sides=10),
-    ]
 
 
 def racket(f: Form) -> list[Mesh]:
@@ -67,32 +43,6 @@ def racket(f: Form) -> list[Mesh]:
     grip = rod((0, level, -z), (0, level, -z * 0.4), 0.02, f.second)
     shaft = rod((0, level, -z * 0.4), (0, level, middle - long * 0.9), 0.014, f.main)
     return [shifted(hoop, 0, level, middle), *strings, grip, shaft]
-
-
-def upright_stick(f: Form) -> list[Mesh]:
-    """Return a plunger or a toilet brush, standing."""
-    x, y, z = f.half
-    wide = min(x, z)
-    stick = f.rod((0, 0.2, 0), (0, 1, 0), max(wide * 0.14, 0.008), f.second)
-    if f.style == "plunger":
-        return [f.lathe([(1, 0), (0.9, 0.12), (0.35, 0.22), (0, 0.26)], f.main, radius=wide), stick]
-    profile = [(0, 0), (1, 0), (0.8, 0.36), (0.6, 0.36), (0.6, 0.2)]
-    return [
-        f.lathe(profile, f.main, radius=wide),
-        drum(wide * 0.5, y * 0.2, y * 0.44, (235.0, 238.0, 225.0), sides=10),
-        stick,
-        ball((0, y * 0.97, 0), (wide * 0.25,) * 3, f.second, sides=8, rings=5),
-    ]
-
-
-def dumbbell(f: Form) -> list[Mesh]:
-    """Return two weights on a bar along z."""
-    x, y, z = f.half
-    r = min(x, y / 2)
-    return [
-        rod((0, r, -z * 0.6), (0, r, z * 0.6), r * 0.25, f.second),
-        *[rod((0, r, s * z * 0.45), (0, r, s * z), r, f.main, sides=6) for s in SIDES],
-    ]
 
 
 def boots(f: Form) -> list[Mesh]:
@@ -159,21 +109,6 @@ def pillow(f: Form) -> list[Mesh]:
     return [top._replace(vertices=points), top._replace(vertices=under), seam]
 
 
-def statue(f: Form) -> list[Mesh]:
-    """Return a bust on a plinth."""
-    if f.broken:
-        return shards(f)
-    x, y, z = f.half
-    wide = min(x, z)
-    profile = ((0.5, 0.14), (0.4, 0.3), (0.85, 0.52), (0.25, 0.66), (0.22, 0.7))
-    return [
-        f.box((-0.8, 0, -0.8), (0.8, 0.14, 0.8), f.second),
-        f.lathe(profile, f.main, radius=wide),
-        ball((0, y * 0.84, 0), (wide * 0.42, y * 0.16, wide * 0.46), f.main, sides=12),
-        box((-wide * 0.07, y * 0.8, wide * 0.4), (wide * 0.07, y * 0.87, wide * 0.58), f.main),
-    ]
-
-
 def decor(f: Form) -> list[Mesh]:
     """Return an ornament: a foot, a stem and coloured balls."""
     x, y, z = f.half
@@ -191,21 +126,6 @@ def decor(f: Form) -> list[Mesh]:
         parts.append(ball(end, (r, r, r), colour, sides=8, rings=5))
         parts.append(rod((0, end[1] * 0.8, 0), end, wide * 0.04, f.main, sides=4))
     return parts
-
-
-def tissue_box(f: Form) -> list[Mesh]:
-    """Return a box with a tissue sticking out; used up, only the dark slot."""
-    x, y, z = f.half
-    top = y * 0.62
-    wide = min(x, z) * 0.6
-    paper = [(wide * 0.4, top), (wide, y * 0.95), (wide * 0.5, y), (0.0, y * 0.9)]
-    low = f._replace(height=top)
-    return [
-        low.box((-1, 0, -1), (1, 1, 1), f.main),
-        low.box((-1.005, 0.3, -1.005), (1.005, 0.5, 1.005), shade(f.main, 1.3)),
-        drum(min(x, z) * 0.55, top, top + 0.002, f.third, depth=0.6),
-        *([] if f.used_up else [lathe(paper, f.second, sides=7, depth=0.5)]),
-    ]
 
 
 # ------------------------------------------------------------------ fruit, bread, eggs
