@@ -200,17 +200,6 @@ def spoon(f: Form) -> list[Mesh]:
     return [_handle(f, 0.72, x * 0.6), shifted(hollow, 0, 0, z - long)]
 
 
-@_cutlery
-def ladle(f: Form) -> list[Mesh]:
-    """Return a ladle with a deep bowl."""
-    x, y, z = f.half
-    dark = shade(f.main, 0.5)
-    profile = [(0, 0), (0.6, 0), (1, 1), (0.85, 1), (0.5, 0.3), (0, 0.3)]
-    hollow = f.lathe(profile, [f.main, f.main, f.main, dark, dark], radius=x)
-    stick = rod((0, y * 0.92, -z), (0, y * 0.85, z - x * 1.2), max(x * 0.14, 0.005), f.second)
-    return [shifted(hollow, 0, 0, z - x), stick]
-
-
 # ------------------------------------------------------------------ rolls
 
 

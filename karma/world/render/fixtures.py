@@ -66,43 +66,6 @@ def shower_head(f: Form) -> list[Mesh]:
     return parts
 
 
-def window(f: Form) -> list[Mesh]:
-    """Return a frame with a cross, and the outside behind it."""
-    x, y, z = f.half
-    edge = min(0.06, x * 0.15)
-    back = -z + 0.005
-    horizon = y * 0.38
-    cloud = (x * 0.2, y * 0.05, 0.004)
-    parts = [
-        box((-x + edge, horizon, back - 0.004), (x - edge, y - edge, back), f.second, glow=True),
-        box((-x + edge, edge, back - 0.004), (x - edge, horizon, back), f.third, glow=True),
-        *f.frame(edge),
-        box((-edge * 0.3, 0, back), (edge * 0.3, y, back + 0.03), f.main),
-        box((-x, y * 0.5 - edge * 0.3, back), (x, y * 0.5 + edge * 0.3, back + 0.03), f.main),
-        ball((x * 0.5, y * 0.76, back), cloud, (250.0, 252.0, 255.0), glow=True),
-    ]
-    return parts + (cracks(x - edge, edge, y - edge, back + 0.035) if f.broken else [])
-
-
-def mirror(f: Form) -> list[Mesh]:
-    """Return a mirror, which shines but shows nothing."""
-    x, y, z = f.half
-    edge = min(0.035, x * 0.12)
-    front = z * 0.4
-    wide, tall = (2 * (x - edge), 0, 0), (0, y - 2 * edge, 0)
-    shine = [
-        sheet((a * x, y * 0.2, front + 0.002), (x * 0.12, 0, 0), (x * 0.3, y * 0.6, 0), f.third)
-        for a in (-0.55, -0.3)
-    ]
-    parts = [
-        sheet((-x + edge, edge, front), wide, tall, f.second, cells=(8, 10)),
-        box((-x, 0, -z), (x, y, front - 0.002), shade(f.main, 0.8)),
-        *shine,
-        *f.frame(edge),
-    ]
-    return parts + (cracks(x - edge, edge, y - edge, front + 0.004) if f.broken else [])
-
-
 def painting(f: Form) -> list[Mesh]:
     """Return a framed landscape."""
     x, y, z = f.half

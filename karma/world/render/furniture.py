@@ -5,10 +5,8 @@ from collections.abc import Callable
 from types import MappingProxyType
 from typing import NamedTuple
 
-from karma.world.render.form import CORNERS, SIDES, Form, Rectangle, shade
-from karma.world.render.mesh import Mesh, ball, box, sheet, slab, turned
-
-_HANDLE = (70.0, 66.0, 60.0)
+from karma.world.render.form import SIDES, Form, Rectangle, shade
+from karma.world.render.mesh import Mesh, ball, box, sheet, turned
 
 
 class Surface(NamedTuple):
@@ -26,58 +24,16 @@ def _bed_level(height: float) -> float:
     return min(0.5, height * 0.62)
 
 
-def _top(height: float) -> float:
-    return height
-
-
 SURFACES = MappingProxyType(
     {
-        "counter": Surface(_top, 0.04),
-        "table": Surface(_top, 0.04),
-        "chest": Surface(_top, 0.04),
-        "stand": Surface(_top, 0.04),
+        **dict.fromkeys(
+            ("counter", "table", "side_table", "desk", "chest", "stand"),
+            Surface(lambda height: height, 0.04),
+        ),
         "sofa": Surface(_sofa_level, 0.2),
         "bed": Surface(lambda height: _bed_level(height) + 0.045, 0.2),
     }
 )
-
-
-def table(f: Form) -> list[Mesh]:
-    """Return a top on four legs; with a drawer front or a back panel by style."""
-    x, y, z = f.half
-    thick = min(0.05, y * 0.12)
-    low = y - thick
-    leg = min(0.06, x * 0.16, z * 0.16)
-    parts = [
-        slab(f.width, f.depth, low, y, f.main),
-        slab(f.width * 0.9, f.depth * 0.9, low - min(0.08, y * 0.15), low, f.second),
-        *f.legs(x - leg * 0.8, z - leg * 0.8, leg / 2, low),
-    ]
-    if f.style == "drawer":
-        front, middle = z * 0.97, y * 0.8
-        parts += [
-            slab(f.width * 0.9, f.depth * 0.94, y * 0.66, low, f.second),
-            box((-x * 0.8, y * 0.7, front - 0.01), (x * 0.8, y - thick * 1.5, front), f.main),
-            box((-0.04, middle - 0.012, front), (0.04, middle + 0.012, front + 0.02), _HANDLE),
-            slab(f.width * 0.85, f.depth * 0.85, y * 0.18, y * 0.2, f.second),
-        ]
-    if f.style == "back":
-        parts.append(box((-x * 0.95, y * 0.35, -z * 0.96), (x * 0.95, low, -z * 0.9), f.second))
-    return parts
-
-
-def stool(f: Form) -> list[Mesh]:
-    """Return a round stool with a frame between its legs."""
-    x, _, z = f.half
-    wide = min(x, z)
-    parts = [f.drum(1, 0.92, 1, f.main, sides=16)]
-    for a, b in CORNERS:
-        foot, top = (a * 0.8, 0, b * 0.8), (a * 0.5, 0.92, b * 0.5)
-        parts.append(f.rod(foot, top, wide * 0.11, f.second, sides=6))
-    around = [(x, 0.3, z) for x, z in ((-0.7, -0.7), (0.7, -0.7), (0.7, 0.7), (-0.7, 0.7))]
-    for start, end in zip(around, [*around[1:], around[0]], strict=True):
-        parts.append(f.rod(start, end, wide * 0.06, f.second, sides=4))
-    return parts
 
 
 def sofa(f: Form) -> list[Mesh]:

@@ -6,11 +6,9 @@ from karma.world.render.mesh import (
     GHOST,
     Mesh,
     ball,
-    bent,
     box,
     drum,
     lathe,
-    ring,
     shifted,
     turned,
 )
@@ -100,19 +98,4 @@ def toaster(f: Form) -> list[Mesh]:
         ],
         box((x * 0.94, low, -z * 0.2), (x, low + y * 0.08, z * 0.2), f.second),
         f.in_front((0.5, 0.3), (0.7, 0.42), light, 0.004, glow=f.on),
-    ]
-
-
-def vacuum(f: Form) -> list[Mesh]:
-    """Return an upright vacuum cleaner."""
-    x, y, z = f.half
-    profile = [(0, 0.1), (0.5, 0.1), (0.55, 0.55), (0.3, 0.62), (0, 0.62)]
-    body = f.lathe(profile, [f.second, f.main, f.main, f.third], radius=x)
-    hose = [f.at(0, 0.3, -0.5), f.at(0.6, 0.5, -0.6), f.at(0, 0.9, -0.75)]
-    return [
-        f.box((-0.9, 0, 0.1), (0.9, 0.1, 1), f.second),
-        turned(body, -8, axis=0),
-        f.rod((0, 0.6, -0.2), (0, 0.96, -0.8), x * 0.08, f.third),
-        *bent(hose, x * 0.06, f.second),
-        ring((0, y * 0.94, -z * 0.75), x * 0.2, x * 0.09, f.main, axis=0),
     ]

@@ -136,13 +136,6 @@ def box(low: Point, high: Point, colour: Colour, *, glow: bool = False, clear: i
     )  # fmt: skip
 
 
-def slab(
-    width: float, depth: float, y0: float, y1: float, colour: Colour, glow: bool = False
-) -> Mesh:
-    """Return a box centred on the y axis, between two heights."""
-    return box((-width / 2, y0, -depth / 2), (width / 2, y1, depth / 2), colour, glow=glow)
-
-
 def sheet(
     origin: Point, across: Point, along: Point, colour: Colour, *, cells: tuple[int, int] = (1, 1),
     bump: float = 0.0, glow: bool = False, clear: int = SOLID,

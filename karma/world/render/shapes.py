@@ -34,12 +34,13 @@ from karma.world.render.mesh import (
     rod,
     sheet,
     shifted,
+    turned,
 )
 
 TABLE = Path(__file__).with_name("shapes.toml")
 Length = float | tuple[float, float] | dict[str, float]  # see `shapes.toml`
 Sizes = dict[str, float]  # of an object: half its width x, its height y, half its depth z, and more
-Condition = Literal["filled", "on", "opened", "used_up"]  # of a Form
+Condition = Literal["broken", "filled", "on", "opened", "used_up"]  # of a Form
 _CLEAR = {"": SOLID, "glass": GLASS, "ghost": GHOST}
 
 
@@ -53,7 +54,9 @@ class Measure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One solid of a shape."""
 
-    solid: Literal["ball", "box", "dial", "drum", "lathe", "ring", "rod", "sheet"]
+    solid: Literal[
+        "ball", "box", "cracks", "dial", "drum", "frame", "lathe", "ring", "rod", "sheet"
+    ]  # fmt: skip
     at: tuple[Length, ...]
     colour: str | tuple[str, ...] = "main"  # several: one for each band of a lathe
     radius: Length = 0.0
@@ -69,7 +72,8 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     clear: Literal["", "glass", "ghost"] = ""
     when: Condition | None = None
     unless: Condition | None = None
-    moves: tuple[tuple[float, float], ...] = ((0.0, 0.0),)
+    turn: tuple[float, int] = (0.0, 1)  # degrees, about an axis
+    moves: tuple[tuple[Length, Length], ...] = ((0.0, 0.0),)
 
     def seen(self, f: Form) -> bool:
         """Return whether an object in this state shows the solid."""
@@ -77,11 +81,22 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
             self.unless is not None and getattr(f, self.unless)
         )
 
-    def mesh(self, f: Form, sizes: Sizes, move_x: float, move_z: float) -> Mesh:
-        """Return the solid of an object, moved by shares of its half sides."""
-        by_x, by_z = move_x * sizes["x"], move_z * sizes["z"]
+    def meshes(self, f: Form, sizes: Sizes) -> list[Mesh]:
+        """Return the solid of an object wherever it stands."""
+        if self.solid == "frame":
+            return f.frame(*_metres(self.at, "x", sizes))
+        if self.solid == "cracks":
+            x, low, high, front = _metres(self.at, "xyyz", sizes)
+            return cases.cracks(x, low, high, front, _colour(f, str(self.colour)))
+        moves = [_metres(move, "xz", sizes) for move in self.moves]
+        if self.turn[0]:
+            part = turned(self._mesh(f, sizes, 0.0, 0.0), *self.turn)
+            return [shifted(part, x, 0, z) for x, z in moves]
+        return [self._mesh(f, sizes, x, z) for x, z in moves]
+
+    def _mesh(self, f: Form, sizes: Sizes, by_x: float, by_z: float) -> Mesh:
         if self.solid in ("dial", "drum", "lathe"):
-            return shifted(self._turned(f, sizes), by_x, 0, by_z)
+            return shifted(self._round(f, sizes), by_x, 0, by_z)
         at = _metres(self.at, "xyz", sizes)
         start, *more = zip(at[::3], at[1::3], at[2::3], strict=True)
         start = (start[0] + by_x, start[1], start[2] + by_z)
@@ -106,7 +121,7 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
             return rod(start, end, radius, colour, sides=self.sides, thin=end_radius)
         return box(start, end, colour, glow=self.glow)
 
-    def _turned(self, f: Form, sizes: Sizes) -> Mesh:
+    def _round(self, f: Form, sizes: Sizes) -> Mesh:
         (radius,) = _metres((self.radius,), "x", sizes)
         names = (self.colour,) if isinstance(self.colour, str) else self.colour
         colour, *others = [_colour(f, name) for name in names]
@@ -118,9 +133,8 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
                 sides=self.sides, depth=depth, glow=self.glow, clear=_CLEAR[self.clear],
             )  # fmt: skip
         if self.solid == "drum":
-            x, z, low, high = _metres(self.at, "xzyy", sizes)
-            part = drum(radius, low, high, colour, sides=self.sides, depth=self.depth)
-            return shifted(part, x, 0, z)
+            low, high = _metres(self.at, "yy", sizes)
+            return drum(radius, low, high, colour, sides=self.sides, depth=self.depth)
         y, back, front = _metres(self.at, "yzz", sizes)
         return dial(radius, back, front, y, colour, sides=self.sides)
 
@@ -153,17 +167,20 @@ class PartList(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     measures: dict[str, Measure] = {}
     least: tuple[float, float] = (0.0, 0.0)  # width and height: less would not be seen, metres
     breaks: bool = False  # to pieces that lie about
+    like: str | None = None  # a shape whose parts and measures come first
 
     def __call__(self, f: Form) -> list[Mesh]:
         """Return the solids of an object in order."""
         if self.breaks and f.broken:
             return dishes.shards(f)
+        before = listed()[self.like] if self.like else PartList(parts=())
         f = f._replace(width=max(f.width, self.least[0]), height=max(f.height, self.least[1]))
         sizes = {**dict(zip("xyz", f.half, strict=True)), "m": 1.0}
-        for name, measure in self.measures.items():
+        for name, measure in (before.measures | self.measures).items():
             least = min(_metres(measure.least, "x", sizes))
             sizes[name] = max(least, *_metres([measure.most], "x", sizes))
-        return [p.mesh(f, sizes, x, z) for p in self.parts if p.seen(f) for x, z in p.moves]
+        seen = [part for part in (*before.parts, *self.parts) if part.seen(f)]
+        return [mesh for part in seen for mesh in part.meshes(f, sizes)]
 
 
 @cache

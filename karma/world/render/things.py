@@ -9,7 +9,6 @@ from karma.world.render.mesh import (
     Colour,
     Mesh,
     ball,
-    box,
     drum,
     lathe,
     ring,
@@ -45,21 +44,6 @@ def racket(f: Form) -> list[Mesh]:
     return [shifted(hoop, 0, level, middle), *strings, grip, shaft]
 
 
-def boots(f: Form) -> list[Mesh]:
-    """Return a pair of boots."""
-    x, y, z = f.half
-    leg = [(x * 0.36, y * 0.1), (x * 0.38, y), (x * 0.28, y), (x * 0.25, y * 0.5)]
-    parts = []
-    for side in SIDES:
-        a = side * x * 0.52
-        parts += [
-            shifted(lathe(leg, [f.main, f.main, f.second], depth=1.1), a, 0, -z * 0.4),
-            ball((a, y * 0.14, z * 0.2), (x * 0.4, y * 0.14, z * 0.75), f.main, sides=10),
-            box((a - x * 0.4, 0, -z * 0.9), (a + x * 0.4, y * 0.06, z * 0.95), f.second),
-        ]
-    return parts
-
-
 def plant(f: Form) -> list[Mesh]:
     """Return leaves in a pot with earth; watered, the earth is under water."""
     x, y, z = f.half
@@ -76,23 +60,6 @@ def plant(f: Form) -> list[Mesh]:
         colour = f.main if leaf % 2 else f.third
         parts.append(rod((0, top * 0.8, 0), end, wide * 0.03 + 0.002, shade(f.main, 0.7), sides=3))
         parts.append(ball(end, f.at(0.2, 0.045, 0.2), colour, sides=6, rings=4))
-    return parts
-
-
-def keys(f: Form) -> list[Mesh]:
-    """Return two keys on a ring."""
-    f = f.at_least(0.006)
-    x, y, z = f.half
-    r = min(x, z) * 0.5
-    parts = [ring((-x * 0.5, y / 2, 0), r, r * 0.2, f.second)]
-    for turn, colour in ((-22, f.main), (22, f.second)):
-        key = [
-            drum(r * 0.45, 0, y, colour, sides=8),
-            box((0, 0, -r * 0.12), (x * 1.1, y, r * 0.12), colour),
-            box((x * 0.8, 0, 0), (x * 0.9, y, r * 0.4), colour),
-            box((x * 1.0, 0, 0), (x * 1.1, y, r * 0.4), colour),
-        ]
-        parts += [shifted(turned(part, turn), -x * 0.15, 0, 0) for part in key]
     return parts
 
 
