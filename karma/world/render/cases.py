@@ -187,7 +187,7 @@ def carton(f: Form) -> list[Mesh]:
         tape = shade(f.second, 1.25)
         return [
             f.box((-1, 0, -1), (1, 1, 1), f.main),
-            f.on_top((-0.12, -1), (0.12, 1), tape),
+            box((-0.12 * x, y, -z), (0.12 * x, y + 0.002, z), tape),
             f.in_front((-0.12, 0.7), (0.12, 1), tape),
         ]
     a, b, top = x * 0.8, z * 0.8, y * 0.86

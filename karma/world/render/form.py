@@ -19,7 +19,6 @@ WINE: Colour = (120.0, 10.0, 40.0)
 LIQUIDS = {"water": WATER, "coffee": COFFEE, "wine": WINE}
 CRACK: Colour = (12.0, 12.0, 14.0)
 SIDES = (-1, 1)
-CORNERS = ((-1, -1), (-1, 1), (1, -1), (1, 1))
 
 
 class Form(NamedTuple):
@@ -72,43 +71,12 @@ class Form(NamedTuple):
         """Return a box between two corners given in shares."""
         return mesh.box(self.at(*low), self.at(*high), colour, glow=glow, clear=clear)
 
-    def on_top(
-        self, low: Pair, high: Pair, colour: Colour, thick: float = 0.002, *, glow: bool = False
-    ) -> Mesh:
-        """Return a plate on the upper side, between two corners (x, z) in shares."""
-        (x0, _, z0), (x1, y, z1) = self.at(low[0], 1, low[1]), self.at(high[0], 1, high[1])
-        return mesh.box((x0, y, z0), (x1, y + thick, z1), colour, glow=glow)
-
     def in_front(
         self, low: Pair, high: Pair, colour: Colour, thick: float = 0.002, *, glow: bool = False
     ) -> Mesh:
         """Return a plate on the front, between two corners (x, y) in shares."""
         (x0, y0, z), (x1, y1, _) = self.at(*low, 1), self.at(*high, 1)
         return mesh.box((x0, y0, z), (x1, y1, z + thick), colour, glow=glow)
-
-    def buttons(
-        self, columns: Sequence[float], rows: Sequence[float], half: Pair, colour: Colour,
-        thick: float, *, glow: bool = False,
-    ) -> list[Mesh]:  # fmt: skip
-        """Return plates on the upper side, `half` (x, z) metres round places in shares."""
-        x, y, z = self.half
-        a, b = half
-        return [
-            mesh.box(
-                (p * x - a, y, q * z - b), (p * x + a, y + thick, q * z + b), colour, glow=glow
-            )
-            for p in columns
-            for q in rows
-        ]
-
-    def legs(self, x: float, z: float, half: float, top: float) -> list[Mesh]:
-        """Return four posts of the second colour round (x, z) and its mirror images, metres."""
-        return [
-            mesh.box(
-                (a * x - half, 0, b * z - half), (a * x + half, top, b * z + half), self.second
-            )
-            for a, b in CORNERS
-        ]
 
     def frame(self, edge: float) -> list[Mesh]:
         """Return a border all round the front, as deep as the object; `edge` in metres."""

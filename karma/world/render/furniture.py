@@ -58,7 +58,9 @@ def sofa(f: Form) -> list[Mesh]:
         parts.append(box((low + 0.01, seat, back), (high - 0.01, level, z * 0.97), light))
         upper = (high - 0.015, y * 0.96, -z + deep * 1.5)
         parts.append(box((low + 0.015, level, back), upper, light))
-    return [*parts, *f.legs(x - 0.05, z - 0.05, 0.03, 0.05)]
+    for a, b in itertools.product((0.05 - x, x - 0.05), (0.05 - z, z - 0.05)):
+        parts.append(box((a - 0.03, 0, b - 0.03), (a + 0.03, 0.05, b + 0.03), f.second))
+    return parts
 
 
 def bed(f: Form) -> list[Mesh]:

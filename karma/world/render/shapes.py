@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from karma.files import read_toml
-from karma.world.render import cases, dishes, fixtures, furniture, machines, things
+from karma.world.render import cases, dishes, fixtures, furniture, things
 from karma.world.render.form import Builder, Form, dial, shade
 from karma.world.render.looks import rgb
 from karma.world.render.mesh import (
@@ -191,7 +191,7 @@ def listed() -> MappingProxyType[str, PartList]:
 
 def builder(name: str) -> Builder:
     """Return what builds the shape of this name; KeyError when nothing does."""
-    modules = (dishes, furniture, cases, fixtures, machines, things)
+    modules = (dishes, furniture, cases, fixtures, things)
     functions = (vars(module)[name] for module in modules if name in vars(module))
     return next(functions, None) or listed()[name]
 
