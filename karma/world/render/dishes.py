@@ -190,16 +190,6 @@ def knife(f: Form) -> list[Mesh]:
     return [_handle(f, share, x * narrow), blade._replace(vertices=points)]
 
 
-@_cutlery
-def spoon(f: Form) -> list[Mesh]:
-    """Return a spoon."""
-    x, y, z = f.half
-    long = f.depth * 0.16
-    profile = [(0.0, 0.0), (x * 0.7, 0.0), (x, y), (x * 0.8, y), (0.0, y * 0.3)]
-    hollow = lathe(profile, [f.main, f.main, f.main, shade(f.main, 0.7)], depth=long / x)
-    return [_handle(f, 0.72, x * 0.6), shifted(hollow, 0, 0, z - long)]
-
-
 # ------------------------------------------------------------------ rolls
 
 

@@ -62,7 +62,7 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     radius: Length = 0.0
     thin: Length | None = None  # the radius at a rod's end
     thick: Length = 0.0
-    depth: float = 1.0  # of what is round: z as a share of x
+    depth: float | dict[str, float] = 1.0  # of what is round: a share of its radius, or a length
     axis: int = 1
     cells: tuple[int, int] = (1, 1)
     bump: Length = 0.0
@@ -126,7 +126,7 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         names = (self.colour,) if isinstance(self.colour, str) else self.colour
         colour, *others = [_colour(f, name) for name in names]
         if self.solid == "lathe":
-            depth = self.depth if self.radius else sizes["z"] / sizes["x"]
+            depth = self._depth(radius, sizes) if self.radius else sizes["z"] / sizes["x"]
             at = _metres(self.at, "xy", {**sizes, "x": radius} if self.radius else sizes)
             return lathe(
                 list(zip(at[::2], at[1::2], strict=True)), [colour, *others] if others else colour,
@@ -134,9 +134,15 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
             )  # fmt: skip
         if self.solid == "drum":
             low, high = _metres(self.at, "yy", sizes)
-            return drum(radius, low, high, colour, sides=self.sides, depth=self.depth)
+            depth = self._depth(radius, sizes)
+            return drum(radius, low, high, colour, sides=self.sides, depth=depth)
         y, back, front = _metres(self.at, "yzz", sizes)
         return dial(radius, back, front, y, colour, sides=self.sides)
+
+    def _depth(self, radius: float, sizes: Sizes) -> float:
+        if isinstance(self.depth, dict):
+            return _metres([self.depth], "x", sizes)[0] / radius
+        return self.depth
 
 
 def _metres(lengths: Iterable[Length], axes: str, sizes: Sizes) -> list[float]:

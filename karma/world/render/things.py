@@ -11,7 +11,6 @@ from karma.world.render.mesh import (
     ball,
     drum,
     lathe,
-    ring,
     rod,
     sheet,
     shifted,
@@ -20,28 +19,6 @@ from karma.world.render.mesh import (
 
 CRISP: Colour = (96.0, 52.0, 18.0)
 SEED: Colour = (84.0, 52.0, 30.0)
-
-
-def racket(f: Form) -> list[Mesh]:
-    """Return a tennis racket along z."""
-    x, y, z = f.half
-    level = y / 2
-    long = f.depth * 0.28
-    middle = z - long
-    section = [(x * 0.86, -0.01), (x, -0.01), (x, 0.01), (x * 0.86, 0.01), (x * 0.86, -0.01)]
-    hoop = lathe(section, f.main, depth=long / x, sides=18)
-    near, far = middle - long * 0.75, middle + long * 0.75
-    strings = [
-        rod((a * x, level, near), (a * x, level, far), 0.003, f.third, sides=3)
-        for a in (-0.5, -0.25, 0.0, 0.25, 0.5)
-    ]
-    rows = [middle + b * long for b in (-0.6, -0.3, 0.0, 0.3, 0.6)]
-    strings += [
-        rod((-x * 0.8, level, at), (x * 0.8, level, at), 0.003, f.third, sides=3) for at in rows
-    ]
-    grip = rod((0, level, -z), (0, level, -z * 0.4), 0.02, f.second)
-    shaft = rod((0, level, -z * 0.4), (0, level, middle - long * 0.9), 0.014, f.main)
-    return [shifted(hoop, 0, level, middle), *strings, grip, shaft]
 
 
 def plant(f: Form) -> list[Mesh]:
@@ -74,25 +51,6 @@ def pillow(f: Form) -> list[Mesh]:
     under[:, 1] = y * 0.9 - under[:, 1]
     seam = f.box((-0.99, 0.42, -0.99), (0.99, 0.48, 0.99), shade(f.main, 0.7))
     return [top._replace(vertices=points), top._replace(vertices=under), seam]
-
-
-def decor(f: Form) -> list[Mesh]:
-    """Return an ornament: a foot, a stem and coloured balls."""
-    x, y, z = f.half
-    wide = min(x, z)
-    r = min(wide * 0.36, y * 0.12)
-    parts = [
-        f.lathe([(0, 0), (0.9, 0), (0.5, 0.2), (0.3, 0.3)], f.main),
-        f.rod((0, 0.2, 0), (0, 0.9, 0), wide * 0.07, f.main),
-    ]
-    places = (
-        (0, 0.88, 0), (-0.5, 0.6, 0.2), (0.5, 0.65, -0.2), (0.1, 0.5, 0.5), (-0.1, 0.72, -0.5),
-    )  # fmt: skip
-    for number, place in enumerate(places):
-        end, colour = f.at(*place), (f.second, f.third)[number % 2]
-        parts.append(ball(end, (r, r, r), colour, sides=8, rings=5))
-        parts.append(rod((0, end[1] * 0.8, 0), end, wide * 0.04, f.main, sides=4))
-    return parts
 
 
 # ------------------------------------------------------------------ fruit, bread, eggs
@@ -174,12 +132,6 @@ def potato(f: Form) -> list[Mesh]:
             for a, b, c in eyes
         ],
     ]
-
-
-def basketball(f: Form) -> list[Mesh]:
-    """Return a ball with three seams."""
-    middle, size = (0.0, f.height / 2, 0.0), f.width / 2
-    return [_body(f), *[ring(middle, size, size * 0.05, f.second, axis=axis) for axis in range(3)]]
 
 
 # ------------------------------------------------------------------ pieces
