@@ -214,7 +214,7 @@ def hamper(f: Form) -> list[Mesh]:
     weave = [f.main if band % 2 else f.second for band in range(6)]
     profile = [(r * (0.85 + 0.15 * band / 6), top * band / 6) for band in range(7)]
     inner = [(r * 0.95, top), (r * 0.8, y * 0.05), (0.0, y * 0.05)]
-    lid = _moved(f.drum(1, 0, 0.08, f.second), 0, top, 0)
+    lid = _moved(f.lathe([(0, 0), (1, 0), (1, 0.08), (0, 0.08)], f.second), 0, top, 0)
     if f.openness > 0:
         lid = turned(lid, -95 * f.openness, axis=0, about=(0, top, -z))
     return [lathe(profile, weave, depth=z / x), lathe(inner, f.third, depth=z / x), lid]

@@ -102,7 +102,7 @@ def glass_door(f: Form) -> list[Mesh]:
 def curtain(f: Form) -> list[Mesh]:
     """Return folds of cloth on a rod; an open shower curtain is pushed aside."""
     x, y, z = f.half
-    parts = [f.rod((-1, 0.985, 0), (1, 0.985, 0), min(0.02, z), f.second, sides=6)]
+    parts = [rod((-x, 0.985 * y, 0), (x, 0.985 * y, 0), min(0.02, z), f.second, sides=6)]
     spans = [(-x, -x * 0.45), (x * 0.45, x)]
     if f.style == "shower":
         spans = [(-x, x - f.openness * 1.4 * x)]
@@ -164,7 +164,7 @@ def lamp(f: Form) -> list[Mesh]:
     middle = (0, low + (y - low) * 0.3, 0)
     parts = [
         drum(wide * 0.6, 0, y * 0.03 + 0.005, f.second),
-        f.rod((0, 0, 0), (0, 0.95, 0), max(wide * 0.06, 0.008), f.second),
+        rod((0, 0, 0), (0, 0.95 * y, 0), max(wide * 0.06, 0.008), f.second),
         lathe([(wide, low), (wide * 0.62, y)], lit, depth=z / x if x == wide else 1.0, glow=f.on),
         drum(wide * 0.61, y * 0.985, y * 0.99, shade(lit, 0.95), glow=f.on),
     ]

@@ -65,11 +65,9 @@ class Form(NamedTuple):
         a, b, c = self.half
         return a * x, b * y, c * z
 
-    def box(
-        self, low: Point, high: Point, colour: Colour, *, glow: bool = False, clear: int = SOLID
-    ) -> Mesh:
+    def box(self, low: Point, high: Point, colour: Colour) -> Mesh:
         """Return a box between two corners given in shares."""
-        return mesh.box(self.at(*low), self.at(*high), colour, glow=glow, clear=clear)
+        return mesh.box(self.at(*low), self.at(*high), colour)
 
     def in_front(
         self, low: Pair, high: Pair, colour: Colour, thick: float = 0.002, *, glow: bool = False
@@ -95,40 +93,16 @@ class Form(NamedTuple):
         x, y, _ = self.half
         return mesh.box((-x + edge, edge, z0), (x - edge, y - edge, z1), colour, clear=clear)
 
-    def ball(
-        self, middle: Point, half: Point, colour: Colour, *, sides: int = 12, rings: int = 7,
-        glow: bool = False,
-    ) -> Mesh:  # fmt: skip
+    def ball(self, middle: Point, half: Point, colour: Colour, *, sides: int, rings: int) -> Mesh:
         """Return an ellipsoid by its middle and half its sides in shares."""
-        place, radii = self.at(*middle), self.at(*half)
-        return mesh.ball(place, radii, colour, sides=sides, rings=rings, glow=glow)
-
-    def rod(
-        self, start: Point, end: Point, radius: float, colour: Colour, *, sides: int = 8,
-        thin: float | None = None,
-    ) -> Mesh:  # fmt: skip
-        """Return a cylinder between two points in shares; its radii are in metres."""
-        a, b = self.at(*start), self.at(*end)
-        return mesh.rod(a, b, radius, colour, sides=sides, thin=thin)
+        return mesh.ball(self.at(*middle), self.at(*half), colour, sides=sides, rings=rings)
 
     def lathe(
-        self, profile: Sequence[Pair], colour: Colour | Sequence[Colour], *, sides: int = 14,
-        radius: float | None = None,
+        self, profile: Sequence[Pair], colour: Colour | Sequence[Colour], *, sides: int = 14
     ) -> Mesh:  # fmt: skip
-        """Return a turned profile in shares of the half width and the height, as deep as the form.
-
-        With a `radius`, in metres, it is round, and the shares are of that.
-        """
+        """Return a turned profile in shares of half the width and the height, as deep as the form."""
         x, y, z = self.half
-        wide, depth = (x, z / x) if radius is None else (radius, 1.0)
-        points = [(wide * a, y * b) for a, b in profile]
-        return mesh.lathe(points, colour, sides=sides, depth=depth)
-
-    def drum(
-        self, radius: float, y0: float, y1: float, colour: Colour, *, sides: int = 14
-    ) -> Mesh:  # fmt: skip
-        """Return a closed upright cylinder in shares, as deep as the form."""
-        return self.lathe([(0, y0), (radius, y0), (radius, y1), (0, y1)], colour, sides=sides)
+        return mesh.lathe([(x * a, y * b) for a, b in profile], colour, sides=sides, depth=z / x)
 
 
 Builder = Callable[[Form], list[Mesh]]

@@ -170,7 +170,8 @@ def wedge(f: Form) -> list[Mesh]:
     keep = rind.vertices.copy()
     keep[:, 1] = np.minimum(keep[:, 1], f.height * 0.8)
     seeds = [f.ball((0, 1, s * 0.2), (0.1, 0.04, 0.12), SEED, sides=6, rings=4) for s in SIDES]
-    return [rind._replace(vertices=keep), f.drum(0.93, 0.78, 1, flesh, sides=12), *seeds]
+    cut = f.lathe([(0, 0.78), (0.93, 0.78), (0.93, 1), (0, 1)], flesh, sides=12)
+    return [rind._replace(vertices=keep), cut, *seeds]
 
 
 def bread_slice(f: Form) -> list[Mesh]:
