@@ -17,7 +17,7 @@ from karma.world.core.placement import land, parents_in
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import HAND_M, Refusal, WorldState
-from karma.world.core.thing import bottom, difference, is_inert, moved, top, turned
+from karma.world.core.thing import bottom, corners, difference, is_inert, moved, top, turned
 
 _SAME_M, _SAME_DEG = 1e-4, 1e-3
 _LEVEL_M = 0.06  # a thing whose bottom is so near to a surface lies on it
@@ -87,25 +87,13 @@ def _half_turn(degrees: float) -> float:
 
 def spun(thing: SceneObject, delta: Floats, rotation: Vec3) -> SceneObject:
     """Return a thing turned about its position by a rotation, which leaves it at `rotation`."""
-    (sx, sy, sz), origin = thing.size, np.array(thing.position)
-    corners = np.array(
-        thing.corners
-        or [
-            (
-                thing.center[0] + i * sx / 2,
-                thing.center[1] + j * sy / 2,
-                thing.center[2] + k * sz / 2,
-            )
-            for j in (-1, 1)
-            for i, k in ((1, 1), (-1, 1), (-1, -1), (1, -1))
-        ]
-    )
-    corners = (corners - origin) @ delta.T + origin
-    low, high = corners.min(axis=0), corners.max(axis=0)
+    origin = np.array(thing.position)
+    there = (np.array(corners(thing)) - origin) @ delta.T + origin
+    low, high = there.min(axis=0), there.max(axis=0)
     return msgspec.structs.replace(
         thing,
         rotation=rotation,
-        corners=tuple(_rounded(corner) for corner in corners),
+        corners=tuple(_rounded(corner) for corner in there),
         center=_rounded((low + high) / 2),
         size=_rounded(high - low),
     )

@@ -75,6 +75,16 @@ def turned(thing: SceneObject, degrees: float, about: Vec3) -> SceneObject:
     return msgspec.structs.replace(thing, **change)
 
 
+def corners(thing: SceneObject) -> tuple[Vec3, ...]:
+    """Return the oriented box, its lower side first, each side in turn."""
+    if thing.corners is not None:
+        return thing.corners
+    (x, y, z), (sx, sy, sz) = thing.center, thing.size
+    low = y - sy / 2
+    ring = ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    return tuple((x + i * sx / 2, low + up, z + k * sz / 2) for up in (0.0, sy) for i, k in ring)
+
+
 def difference(a: Vec3, b: Vec3) -> Vec3:
     """Return a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])

@@ -4,20 +4,8 @@ import itertools
 
 import numpy as np
 
-from karma.world.render.form import CRACK, SIDES, Form, shade
-from karma.world.render.mesh import (
-    Colour,
-    Mesh,
-    ball,
-    box,
-    drum,
-    joined,
-    lathe,
-    ring,
-    rod,
-    sheet,
-    turned,
-)
+from karma.world.render.form import CRACK, Form, shade
+from karma.world.render.mesh import Colour, Mesh, ball, box, drum, joined, lathe, ring, rod, turned
 
 WALL_M = 0.018
 SWING_DEG = 100.0
@@ -177,34 +165,6 @@ def drawer(f: Form) -> list[Mesh]:
         box((-x, 0, -z), (-x + 0.004, y, back), shade(f.third, 0.5)),
         box((x - 0.004, 0, -z), (x, y, back), shade(f.third, 0.5)),
     ]
-
-
-def carton(f: Form) -> list[Mesh]:
-    """Return a cardboard box: closed with tape, open with its flaps out."""
-    x, y, z = f.half
-    thick = 0.006
-    if f.openness <= 0:
-        tape = shade(f.second, 1.25)
-        return [
-            f.box((-1, 0, -1), (1, 1, 1), f.main),
-            box((-0.12 * x, y, -z), (0.12 * x, y + 0.002, z), tape),
-            f.in_front((-0.12, 0.7), (0.12, 1), tape),
-        ]
-    a, b, top = x * 0.8, z * 0.8, y * 0.86
-    parts = [
-        box((-a, 0, -b), (a, thick, b), f.third),
-        box((-a, 0, -b), (-a + thick, top, b), f.main),
-        box((a - thick, 0, -b), (a, top, b), f.main),
-        box((-a, 0, -b), (a, top, -b + thick), f.main),
-        box((-a, 0, b - thick), (a, top, b), f.main),
-        box((-a + thick, thick, -b + thick), (a - thick, thick * 1.5, b - thick), f.third),
-    ]
-    lift = y - top
-    for side in SIDES:
-        across, along = (side * (x - a), lift, 0), (0, lift, side * (z - b))
-        parts.append(sheet((side * a, top, -b), (0, 0, 2 * b), across, f.second))
-        parts.append(sheet((-a, top, side * b), (2 * a, 0, 0), along, f.second))
-    return parts
 
 
 def hamper(f: Form) -> list[Mesh]:

@@ -14,7 +14,6 @@ from karma.world.render.mesh import (
     drum,
     lathe,
     rod,
-    sheet,
     shifted,
     turned,
 )
@@ -64,21 +63,6 @@ def shower_head(f: Form) -> list[Mesh]:
             rod((a, low, b), (a, head_y - 0.1, b), 0.008, WATER, sides=4),
         ]
     return parts
-
-
-def painting(f: Form) -> list[Mesh]:
-    """Return a framed landscape."""
-    x, y, z = f.half
-    edge = min(0.05, x * 0.14, y * 0.14)
-    a, front = x - edge, z * 0.6
-    peak = (-a * 0.3, edge, front + 0.002), (a * 0.9, 0, 0), (0, y * 0.3, 0)
-    return [
-        box((-x, 0, -z), (x, y, front), f.second),
-        sheet((-a, edge, front + 0.003), (2 * a, 0, 0), (0, (y - 2 * edge) * 0.36, 0), f.third),
-        turned(sheet(*peak, shade(f.third, 0.7)), 30, axis=2, about=(0, y * 0.35, 0)),
-        ball((a * 0.5, y * 0.74, front), (min(a, y) * 0.14,) * 2 + (0.004,), (250.0, 220.0, 120.0)),
-        *f.frame(edge),
-    ]
 
 
 def glass_door(f: Form) -> list[Mesh]:
@@ -153,26 +137,6 @@ def knob(f: Form) -> list[Mesh]:
 
 
 # ------------------------------------------------------------------ machines
-
-
-def lamp(f: Form) -> list[Mesh]:
-    """Return a lamp with a shade that glows when on."""
-    x, y, z = f.half
-    wide = min(x, z)
-    lit = f.third if f.on else shade(f.main, 0.8)
-    low = y * (0.8 if f.style == "floor" else 0.6)
-    middle = (0, low + (y - low) * 0.3, 0)
-    parts = [
-        drum(wide * 0.6, 0, y * 0.03 + 0.005, f.second),
-        rod((0, 0, 0), (0, 0.95 * y, 0), max(wide * 0.06, 0.008), f.second),
-        lathe([(wide, low), (wide * 0.62, y)], lit, depth=z / x if x == wide else 1.0, glow=f.on),
-        drum(wide * 0.61, y * 0.985, y * 0.99, shade(lit, 0.95), glow=f.on),
-    ]
-    if f.on:
-        halo = [(wide * 1.5, low - y * 0.12), (wide, low)]
-        parts.append(ball(middle, (wide * 0.3,) * 3, (255.0, 250.0, 220.0), glow=True))
-        parts.append(lathe(halo, (255.0, 244.0, 190.0), clear=GHOST))
-    return parts
 
 
 def screen(f: Form) -> list[Mesh]:

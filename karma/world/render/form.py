@@ -100,7 +100,7 @@ class Form(NamedTuple):
     def lathe(
         self, profile: Sequence[Pair], colour: Colour | Sequence[Colour], *, sides: int = 14
     ) -> Mesh:  # fmt: skip
-        """Return a turned profile in shares of half the width and the height, as deep as the form."""
+        """Return a turned profile in shares of half the width and of the height."""
         x, y, z = self.half
         return mesh.lathe([(x * a, y * b) for a, b in profile], colour, sides=sides, depth=z / x)
 

@@ -36,21 +36,17 @@ FEET_M = 0.9  # the agent's origin is this far above the floor
 
 
 class Picture(NamedTuple):
-    """What a camera takes in, the top row first.
+    """What a camera takes in, shape (H, W) or (H, W, 3), the top row first.
 
-    Attributes:
-        rgb: uint8 (H, W, 3).
-        depth_m: float32 (H, W), metres along the camera's forward axis, far_m where nothing is.
-        rows: int32 (H, W), row of the object in `state.objects`, or one of NOTHING, WALL,
-            CEILING, FLOOR (of a scene without a Floor object), PIECES (of what broke), AGENT, and
-            STAND (a stove's body, a worktop's legs).
-        normals: float32 (H, W, 3), in the world's axes, towards the camera; None unless asked for.
+    Rows are those of the objects in `state.objects`, or one of NOTHING, WALL, CEILING, FLOOR (of a
+    scene without a Floor object), PIECES (of what broke), AGENT, and STAND (a stove's body, a
+    worktop's legs).
     """
 
     rgb: NDArray[np.uint8]
-    depth_m: Floats
+    depth_m: Floats  # along the camera's forward axis, far_m where nothing is
     rows: NDArray[np.int32]
-    normals: Floats | None = None
+    normals: Floats | None = None  # in the world's axes, towards the camera; None unless asked for
 
 
 def agent_camera(state: WorldState) -> Camera:

@@ -73,6 +73,7 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     when: Condition | None = None
     unless: Condition | None = None
     turn: tuple[float, int] = (0.0, 1)  # degrees, about an axis
+    about: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)  # which goes through here
     moves: tuple[tuple[Length, Length], ...] = ((0.0, 0.0),)
 
     def seen(self, f: Form) -> bool:
@@ -90,7 +91,8 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
             return cases.cracks(x, low, high, front, _colour(f, str(self.colour)))
         moves = [_metres(move, "xz", sizes) for move in self.moves]
         if self.turn[0]:
-            part = turned(self._mesh(f, sizes, 0.0, 0.0), *self.turn)
+            x, y, z = _metres(self.about, "xyz", sizes)
+            part = turned(self._mesh(f, sizes, 0.0, 0.0), *self.turn, about=(x, y, z))
             return [shifted(part, x, 0, z) for x, z in moves]
         return [self._mesh(f, sizes, x, z) for x, z in moves]
 
@@ -135,7 +137,7 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         if self.solid == "drum":
             low, high = _metres(self.at, "yy", sizes)
             depth = self._depth(radius, sizes)
-            return drum(radius, low, high, colour, sides=self.sides, depth=depth)
+            return drum(radius, low, high, colour, sides=self.sides, depth=depth, glow=self.glow)
         y, back, front = _metres(self.at, "yzz", sizes)
         return dial(radius, back, front, y, colour, sides=self.sides)
 

@@ -5,17 +5,7 @@ from math import cos, pi, sin
 import numpy as np
 
 from karma.world.render.form import SIDES, Form, mix, shade
-from karma.world.render.mesh import (
-    Colour,
-    Mesh,
-    ball,
-    drum,
-    lathe,
-    rod,
-    sheet,
-    shifted,
-    turned,
-)
+from karma.world.render.mesh import Colour, Mesh, ball, drum, lathe, rod, sheet, shifted, turned
 
 CRISP: Colour = (96.0, 52.0, 18.0)
 SEED: Colour = (84.0, 52.0, 30.0)
@@ -59,17 +49,6 @@ def pillow(f: Form) -> list[Mesh]:
 def _body(f: Form) -> Mesh:
     skin = mix(f.main, CRISP, 0.7) if f.cooked else f.main
     return f.ball((0, 0.5, 0), (1, 0.5, 1), skin, sides=16, rings=9)
-
-
-def apple(f: Form) -> list[Mesh]:
-    """Return an apple with its stem and a leaf."""
-    y = f.height
-    leaf = turned(ball((0, 0, 0), (y * 0.16, y * 0.03, y * 0.08), f.third, sides=6, rings=4), 25, 2)
-    return [
-        f.ball((0, 0.45, 0), (1, 0.45, 1), f.main, sides=16, rings=9),
-        rod((0, y * 0.84, 0), (y * 0.06, y, 0), y * 0.04, f.second, sides=5),
-        shifted(leaf, y * 0.16, y * 0.93, 0),
-    ]
 
 
 def tomato(f: Form) -> list[Mesh]:
