@@ -35,14 +35,12 @@ def hidden_rows(objects: Objects) -> Flags:
     """Return whether each object lies in something closed, or is no longer there, shape (n,)."""
     view, containment = rules().view, objects.containment
     shut = {
-        object_id
-        for kind in view.hides_when_closed
-        for object_id in objects.by_type.get(kind, ())
-        if "openable" in objects[object_id].capabilities and objects[object_id].openness <= 0
+        one.id
+        for one in objects.of_types(*view.hides_when_closed)
+        if "openable" in one.capabilities and one.openness <= 0
     }
     found = inert_rows(objects).copy()
-    for kind in view.never:
-        found[[objects.rows[object_id] for object_id in objects.by_type.get(kind, ())]] = True
+    found[[objects.rows[one.id] for one in objects.of_types(*view.never)]] = True
     for container in shut:
         for child in containment.inside(container):
             if container in containment.nearest(child):

@@ -160,6 +160,10 @@ class Objects(Mapping[str, SceneObject]):
                 part.carry(self, after, change)
         return after
 
+    def of_types(self, *kinds: str) -> list[SceneObject]:
+        """Return the objects of some types, type by type."""
+        return [self._items[one] for kind in kinds for one in self.by_type.get(kind, ())]
+
     def carried(self, object_id: str) -> tuple[str, ...]:
         """Return what moves along when an object is picked up."""
         return tuple(c for c in self.containment.inside(object_id) if is_movable(self._items[c]))

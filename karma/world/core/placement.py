@@ -19,7 +19,7 @@ from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Room, WorldState
 from karma.world.core.thing import bottom, is_inert, is_loose, is_movable, is_shut, top
-from karma.world.core.view import camera, camera_axes, in_picture
+from karma.world.core.view import boxes_round, camera, camera_axes, in_picture
 
 _LIFT_M = 0.002  # above what it rests on
 _STEP_M = 0.06  # between the places tried
@@ -214,7 +214,7 @@ def land(state: WorldState, thing: SceneObject, x: float, z: float) -> tuple[Vec
 
     It falls on the highest surface below it; on the floor where the agent can stand.
     """
-    best, holder = state.room.floor_y, _floor(state.objects)
+    best, holder = state.room.floor_y, floor_id(state.objects)
     if not state.room.stands(x, z):
         for other in lying_below(state, x, z):
             for level in _surfaces(state, other):
@@ -223,16 +223,15 @@ def land(state: WorldState, thing: SceneObject, x: float, z: float) -> tuple[Vec
     return (x, resting(thing, best), z), holder
 
 
-def _floor(objects: Objects) -> str | None:
+def floor_id(objects: Objects) -> str | None:
+    """Return the id of the floor, if it is an object."""
     return next(iter(objects.by_type.get(FLOOR, ())), None)
 
 
 def lying_below(state: WorldState, x: float, z: float) -> list[SceneObject]:
     """Return what has a vertical line through its box, the floor apart; receptacles last."""
     objects = state.objects
-    boxes = objects.boxes
-    inside = np.all(np.abs(boxes.center[:, [0, 2]] - (x, z)) <= boxes.half[:, [0, 2]], axis=1)
-    inside &= ~inert_rows(objects)
+    inside = boxes_round(objects, x, z) & ~inert_rows(objects)
     things = list(objects.values())
     found = [things[row] for row in np.flatnonzero(inside)]
     found = [one for one in found if one.type != FLOOR and one.id not in state.in_hand]

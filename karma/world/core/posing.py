@@ -13,7 +13,7 @@ from karma.world.core.arguments import Place
 from karma.world.core.arrays import Floats
 from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.objects import Objects
-from karma.world.core.placement import land, parents_in
+from karma.world.core.placement import floor_id, land, parents_in
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import HAND_M, Refusal, WorldState
@@ -170,12 +170,11 @@ def let_lie(state: WorldState, there: SceneObject, *, falls: bool) -> WorldState
     """
     without = replace(state, held=there.id)  # it is in nobody's way, least of all its own
     holder = holder_of(state.objects, there)
-    floor = next(iter(state.objects.by_type.get(FLOOR, ())), None)
     if holder is None and falls:
         middle, holder = land(without, there, there.center[0], there.center[2])
         there = moved(there, difference(middle, there.center))
     elif holder is None and bottom(there) <= state.room.floor_y + _ON_FLOOR_M:
-        holder = floor
+        holder = floor_id(state.objects)
     if holder is not None and holder in state.objects.containment.inside(there.id):
         holder = None
     parents = () if holder is None else parents_in(state.objects, there, holder)

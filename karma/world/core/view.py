@@ -263,7 +263,8 @@ def _blocked(
 ) -> tuple[Flags, Flags]:
     """Return per ray whether something solid, or something see-through, is in its way."""
     hiding, glass = occluders(objects, held)
-    hiding &= ~_over(objects, eye)
+    # L-shaped counters and open doors that the agent stands in hide nothing
+    hiding &= ~boxes_round(objects, eye[0], eye[2])
     hiding &= across(objects, eye[0], eye[2]) <= farthest(eye, ends)  # others cut no segment
     rows = np.flatnonzero(hiding)
     things, which = np.unique(targets, return_inverse=True)
@@ -282,17 +283,16 @@ def occluders(objects: Objects, held: frozenset[str]) -> tuple[Flags, Flags]:
     for object_id in held:
         hiding[objects.rows[object_id]] = False
     glass = np.zeros(len(objects), dtype=bool)
-    for kind in rules().view.see_through:
-        glass[[objects.rows[object_id] for object_id in objects.by_type.get(kind, ())]] = True
+    glass[[objects.rows[one.id] for one in objects.of_types(*rules().view.see_through)]] = True
     return hiding, glass
 
 
-def _over(objects: Objects, eye: Floats) -> Flags:
-    """Return whose box the agent stands in: L-shaped counters, open doors; they hide nothing."""
-    across_eye = (
-        np.abs(objects.boxes.center[:, [0, 2]] - eye[[0, 2]]) <= objects.boxes.half[:, [0, 2]]
+def boxes_round(objects: Objects, x: float, z: float) -> Flags:
+    """Return whether each box has a vertical line through it, shape (n,)."""
+    boxes = objects.boxes
+    inside: Flags = np.all(
+        np.abs(boxes.center[:, [0, 2]] - (x, z)) <= boxes.half[:, [0, 2]], axis=1
     )
-    inside: Flags = np.all(across_eye, axis=1)
     return inside
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from karma.world.core.boxes import Box, rounded
 from karma.world.core.ground import GRID_M, Cell
 from karma.world.core.scene import Scene, Wall
+from karma.world.core.thing import box_of
 
 WALL_M = 0.05  # thickness on either side of a wall's middle
 LEAST_GAP_M = 0.1  # between the insides of two rooms
@@ -58,9 +59,7 @@ class LaidRoom:
         span = (along - half, along + half)
         xs, zs = (reach, span) if side[0] == "x" else (span, reach)
         gate = Box(xs[0], box.y0 + 0.05, zs[0], xs[1], box.y1, zs[1])
-        return any(
-            gate.overlaps(Box.around(thing.center, thing.size)) for thing in self.scene.objects
-        )
+        return any(gate.overlaps(box_of(thing)) for thing in self.scene.objects)
 
 
 def lay(rooms: Sequence[LaidRoom], rng: np.random.Generator) -> list[list[Cell]] | None:

@@ -118,11 +118,10 @@ def _outline(colours: Packed, rows: NDArray[np.int32]) -> None:
 
 def _light(objects: Objects) -> float:
     """Return how bright the room is: dark when it has light switches and all are off."""
-    switches = objects.by_type.get("LightSwitch", ())
-    if not switches or any(objects[one].is_toggled for one in switches):
+    switches = objects.of_types("LightSwitch")
+    if not switches or any(one.is_toggled for one in switches):
         return 1.0
-    lamps = [one for kind in LAMPS for one in objects.by_type.get(kind, ())]
-    return min(1.0, DARK + LAMP * sum(objects[one].is_toggled for one in lamps))
+    return min(1.0, DARK + LAMP * sum(one.is_toggled for one in objects.of_types(*LAMPS)))
 
 
 def _lit(found: Pixels, light: float) -> NDArray[np.uint8]:
