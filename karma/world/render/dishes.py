@@ -1,10 +1,9 @@
 """Build vessels, bottles, plates and cutlery."""
 
-from collections.abc import Sequence
 from math import cos, sin
 
 from karma.world.render.form import Builder, Form, mix, shade
-from karma.world.render.mesh import Colour, Mesh, bent, box, drum, lathe, ring, rod, shifted, turned
+from karma.world.render.mesh import Colour, Mesh, bent, box, drum, lathe, rod, shifted, turned
 
 
 def fragile(build: Builder) -> Builder:
@@ -117,35 +116,6 @@ def plate(f: Form) -> list[Mesh]:
     return [f.at_least(0.012).lathe(profile, colours, sides=20)]
 
 
-def kettle(f: Form) -> list[Mesh]:
-    """Return a kettle or a watering can: body, spout, handle, lid."""
-    x, y, z = f.half
-    length, across = (x, z) if f.along_x else (z, x)
-    watering = f.style == "watering"
-    radius = min(across, length * (0.62 if watering else 0.8))
-    back = -length + radius
-    top = y * (0.62 if watering else 0.7)
-    upper = radius * (1.0 if watering else 0.72)
-    parts = [shifted(lathe([(0, 0), (radius, 0), (upper, top), (0, top)], f.main), back)]
-    tip = (length, y * (0.92 if watering else 0.62), 0.0)
-    root = (back + radius * 0.75, y * (0.15 if watering else 0.3), 0.0)
-    parts.append(rod(root, tip, radius * 0.16, f.main, thin=radius * (0.3 if watering else 0.12)))
-    arch = [
-        (back - radius * 0.75, top * 0.9, 0.0), (back - radius * 0.6, y * 0.97, 0.0),
-        (back + radius * 0.6, y * 0.97, 0.0), (back + radius * 0.6, top * 0.9, 0.0),
-    ]  # fmt: skip
-    parts += bent(arch, y * 0.035, f.second)
-    if f.openness <= 0 and not watering:
-        parts.append(shifted(drum(radius * 0.5, top, top + y * 0.06, f.second), back))
-    elif not watering:
-        lid = turned(drum(radius * 0.5, 0, y * 0.05, f.second), 75, axis=2)
-        parts.append(shifted(lid, back - radius * 0.6, top + y * 0.14, 0))
-        parts.append(shifted(drum(radius * 0.5, top, top + 0.002, (15.0, 15.0, 18.0)), back))
-    if f.filled:
-        parts.append(shifted(drum(radius * 0.62, top, top + 0.006, f.liquid), back))
-    return parts if f.along_x else [turned(part, 90) for part in parts]
-
-
 # ------------------------------------------------------------------ bottles
 
 
@@ -191,18 +161,3 @@ def knife(f: Form) -> list[Mesh]:
 
 
 # ------------------------------------------------------------------ rolls
-
-
-def roll(f: Form) -> list[Mesh]:
-    """Return a roll of paper; used up, only its core is left."""
-    x, y, z = f.half
-    core = min(x, z) * 0.36
-    hole = lathe([(core, 0), (core, y), (core * 0.8, y), (core * 0.8, 0)],
-                 [f.second, f.second, shade(f.second, 0.5)])  # fmt: skip
-    if f.used_up:
-        return [hole]
-    colours: Sequence[Colour] = [f.main, f.main, shade(f.main, 0.93)]
-    paper = lathe([(core, 0), (x, 0), (x, y), (core, y)], colours, depth=z / x, sides=16)
-    tail = f.box((0.9, 0.05, 0), (1, 1, 0.9), shade(f.main, 0.97))
-    line = ring((0, y * 1.002, 0), x * 0.7, x * 0.05, shade(f.main, 0.8))
-    return [paper, hole, line, *([tail] if f.style == "standing" else [])]

@@ -2,13 +2,12 @@
 
 from math import cos, sin
 
-from karma.world.render.cases import cracks, glass
+from karma.world.render.cases import cracks
 from karma.world.render.form import CRACK, WATER, Form, dial, shade
 from karma.world.render.mesh import (
     GHOST,
     GLASS,
     Mesh,
-    ball,
     bent,
     box,
     drum,
@@ -139,31 +138,6 @@ def knob(f: Form) -> list[Mesh]:
 # ------------------------------------------------------------------ machines
 
 
-def screen(f: Form) -> list[Mesh]:
-    """Return a television, or a computer with its keyboard."""
-    x, y, z = f.half
-    desktop = f.style == "desktop"
-    plane, low, wide = (
-        (-z * 0.2, y * 0.25, x * 0.95) if desktop else (min(z * 0.3, 0.05), y * 0.1, x)
-    )
-    edge = min(0.025, wide * 0.06)
-    pane = glass(wide - edge, low + edge, y - edge, 0.003, f, lit=f.on and not f.broken)
-    parts = [
-        box((-wide, low, plane - 0.03), (wide, y, plane), f.main),
-        *[shifted(part, 0, 0, plane) for part in pane],
-        box((-x * 0.08, 0, plane - 0.03), (x * 0.08, low, plane - 0.01), f.second),
-        box((-x * 0.45, 0, -z * 0.6), (x * 0.45, 0.015, min(z, plane + 0.12)), f.second),
-    ]
-    if desktop:
-        dark = (60.0, 62.0, 66.0)
-        parts += [
-            box((-x * 0.9, 0, z * 0.45), (x * 0.5, 0.02, z * 0.9), dark),
-            box((-x * 0.85, 0.02, z * 0.5), (x * 0.45, 0.024, z * 0.85), (150.0, 152.0, 156.0)),
-            ball((x * 0.75, 0.015, z * 0.7), (x * 0.1, 0.018, z * 0.12), dark),
-        ]
-    return parts
-
-
 def phone(f: Form) -> list[Mesh]:
     """Return a phone, lying: dark, lit with icons, or cracked."""
     f = f.at_least(0.004)
@@ -184,24 +158,3 @@ def phone(f: Form) -> list[Mesh]:
         flat = cracks(x * 0.85, -z * 0.84, z * 0.84, 0.0, (235.0, 238.0, 240.0))
         parts += [shifted(turned(part, -90, axis=0), 0, y + 0.001, 0) for part in flat]
     return parts
-
-
-def toaster(f: Form) -> list[Mesh]:
-    """Return a toaster with two slots that glow when on, and a lever."""
-    if not f.along_x:
-        return [turned(part, 90) for part in toaster(f._replace(width=f.depth, depth=f.width))]
-    x, y, z = f.half
-    slot = (255.0, 96.0, 24.0) if f.on else (20.0, 18.0, 18.0)
-    light = (255.0, 80.0, 30.0) if f.on else f.second
-    low = y * (0.35 if f.on else 0.62)
-    middles = (-z * 0.42, z * 0.42)
-    return [
-        box((-x * 0.94, 0.01, -z), (x * 0.94, y * 0.96, z), f.main),
-        f.box((-0.96, 0, -1), (0.96, 0.12, 1), f.second),
-        *[
-            box((-x * 0.75, y * 0.96, c - z * 0.16), (x * 0.75, y, c + z * 0.16), slot, glow=f.on)
-            for c in middles
-        ],
-        box((x * 0.94, low, -z * 0.2), (x, low + y * 0.08, z * 0.2), f.second),
-        f.in_front((0.5, 0.3), (0.7, 0.42), light, 0.004, glow=f.on),
-    ]

@@ -48,14 +48,15 @@ class Measure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """A length that other lengths of a shape are shares of."""
 
     least: tuple[Length, ...]
-    most: Length = 0.0
+    most: Length | None = None
 
 
 class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One solid of a shape."""
 
     solid: Literal[
-        "ball", "box", "cracks", "dial", "drum", "frame", "lathe", "ring", "rod", "sheet"
+        "ball", "box", "cracks", "dial", "drum", "frame", "lathe", "ring", "rod", "screen",
+        "sheet",
     ]  # fmt: skip
     at: tuple[Length, ...]
     colour: str | tuple[str, ...] = "main"  # several: one for each band of a lathe
@@ -89,6 +90,9 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         if self.solid == "cracks":
             x, low, high, front = _metres(self.at, "xyyz", sizes)
             return cases.cracks(x, low, high, front, _colour(f, str(self.colour)))
+        if self.solid == "screen":
+            x, low, high, front = _metres(self.at, "xyyz", sizes)
+            return cases.glass(x, low, high, front, f, lit=f.on and not f.broken)
         moves = [_metres(move, "xz", sizes) for move in self.moves]
         if self.turn[0]:
             x, y, z = _metres(self.about, "xyz", sizes)
@@ -176,19 +180,26 @@ class PartList(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     least: tuple[float, float] = (0.0, 0.0)  # width and height: less would not be seen, metres
     breaks: bool = False  # to pieces that lie about
     like: str | None = None  # a shape whose parts and measures come first
+    along: bool = False  # x is along the longer side
 
     def __call__(self, f: Form) -> list[Mesh]:
         """Return the solids of an object in order."""
         if self.breaks and f.broken:
             return dishes.shards(f)
+        across = self.along and not f.along_x
+        if across:
+            f = f._replace(width=f.depth, depth=f.width)
         before = listed()[self.like] if self.like else PartList(parts=())
         f = f._replace(width=max(f.width, self.least[0]), height=max(f.height, self.least[1]))
         sizes = {**dict(zip("xyz", f.half, strict=True)), "m": 1.0}
         for name, measure in (before.measures | self.measures).items():
             least = min(_metres(measure.least, "x", sizes))
-            sizes[name] = max(least, *_metres([measure.most], "x", sizes))
+            sizes[name] = least
+            if measure.most is not None:
+                sizes[name] = max(least, *_metres([measure.most], "x", sizes))
         seen = [part for part in (*before.parts, *self.parts) if part.seen(f)]
-        return [mesh for part in seen for mesh in part.meshes(f, sizes)]
+        meshes = [mesh for part in seen for mesh in part.meshes(f, sizes)]
+        return [turned(mesh, 90) for mesh in meshes] if across else meshes
 
 
 @cache
