@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from karma.files import read_toml
-from karma.world.render import cases, dishes, fixtures, furniture, things
+from karma.world.render import cases, furniture, things
 from karma.world.render.form import Builder, Form, dial, shade
 from karma.world.render.looks import rgb
 from karma.world.render.mesh import (
@@ -185,7 +185,7 @@ class PartList(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     def __call__(self, f: Form) -> list[Mesh]:
         """Return the solids of an object in order."""
         if self.breaks and f.broken:
-            return dishes.shards(f)
+            return things.shards(f)
         across = self.along and not f.along_x
         if across:
             f = f._replace(width=f.depth, depth=f.width)
@@ -210,7 +210,7 @@ def listed() -> MappingProxyType[str, PartList]:
 
 def builder(name: str) -> Builder:
     """Return what builds the shape of this name; KeyError when nothing does."""
-    modules = (dishes, furniture, cases, fixtures, things)
+    modules = (furniture, cases, things)
     functions = (vars(module)[name] for module in modules if name in vars(module))
     return next(functions, None) or listed()[name]
 
