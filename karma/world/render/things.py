@@ -1,4 +1,4 @@
-"""Build small things: vessels, bottles, plates and cutlery; plants, pillows, food and its pieces."""
+"""Build small things: vessels, bottles, plates, cutlery; plants, pillows, food and its pieces."""
 
 from math import cos, pi, sin
 
