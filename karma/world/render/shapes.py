@@ -44,14 +44,14 @@ Condition = Literal["broken", "filled", "on", "opened", "used_up"]  # of a Form
 _CLEAR = {"": SOLID, "glass": GLASS, "ghost": GHOST}
 
 
-class Measure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ShapeMeasure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A length that other lengths of a shape are shares of."""
 
     least: tuple[Length, ...]
     most: Length | None = None
 
 
-class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Solid(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One solid of a shape."""
 
     solid: Literal[
@@ -172,11 +172,11 @@ def _colour(f: Form, name: str) -> Colour:
     return colour
 
 
-class PartList(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ListedShape(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A shape of `shapes.toml`."""
 
-    parts: tuple[Part, ...]
-    measures: dict[str, Measure] = {}
+    parts: tuple[Solid, ...]
+    measures: dict[str, ShapeMeasure] = {}
     least: tuple[float, float] = (0.0, 0.0)  # width and height: less would not be seen, metres
     breaks: bool = False  # to pieces that lie about
     like: str | None = None  # a shape whose parts and measures come first
@@ -189,7 +189,7 @@ class PartList(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         across = self.along and not f.along_x
         if across:
             f = f._replace(width=f.depth, depth=f.width)
-        before = listed()[self.like] if self.like else PartList(parts=())
+        before = listed()[self.like] if self.like else ListedShape(parts=())
         f = f._replace(width=max(f.width, self.least[0]), height=max(f.height, self.least[1]))
         sizes = {**dict(zip("xyz", f.half, strict=True)), "m": 1.0}
         for name, measure in (before.measures | self.measures).items():
@@ -203,9 +203,9 @@ class PartList(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 @cache
-def listed() -> MappingProxyType[str, PartList]:
+def listed() -> MappingProxyType[str, ListedShape]:
     """Return the shapes of `shapes.toml`, read once."""
-    return MappingProxyType(read_toml(TABLE, dict[str, PartList]))
+    return MappingProxyType(read_toml(TABLE, dict[str, ListedShape]))
 
 
 def builder(name: str) -> Builder:
