@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from karma.world import event_base
-from karma.world.core.camera import Camera
 from karma.world.core.metadata import holders, records, xyz
 from karma.world.core.posing import hand_rotation
-from karma.world.core.state import Images, WorldState
+from karma.world.core.state import Camera, Images, WorldState
 from karma.world.core.view import camera
 
 try:
@@ -27,6 +26,15 @@ except ImportError:  # the extra `thor` is not installed
 
 if TYPE_CHECKING:
     from karma.world.render.picture import Picture
+
+
+_FRAMES = {  # of the agent: that of third-party cameras
+    "frame": "third_party_camera_frames",
+    "depth_frame": "third_party_depth_frames",
+    "normals_frame": "third_party_normals_frames",
+    "instance_segmentation_frame": "third_party_instance_segmentation_frames",
+    "semantic_segmentation_frame": "third_party_semantic_segmentation_frames",
+}
 
 
 class _Drawn:
@@ -46,18 +54,10 @@ class _Drawn:
 
 
 class WorldEvent(Event):  # type: ignore[misc]
-    """One action's outcome: the moment after it, and how it went.
+    """One action's outcome: the moment after it, and how it went; `message` is why it did not.
 
-    Args:
-        state: the moment.
-        action: its name.
-        success: whether it happened.
-        message: why not, as AI2-THOR words it.
-        code: AI2-THOR's errorCode.
-        value: what it returns.
-        first: AI2-THOR leaves three fields null in the first event.
-        images: which pictures there are; None = those of the state's settings.
-        before: an earlier event of the same moment; its object list and pictures are shared.
+    AI2-THOR leaves three fields null in the `first` event. Images are those of the state's settings
+    unless given; the object list and pictures of an event `before`, of the same moment, are shared.
     """
 
     frame: Any = _Drawn("draw_agent")
@@ -198,48 +198,45 @@ class WorldEvent(Event):  # type: ignore[misc]
 
     def draw_agent(self) -> None:
         """Set the agent's frames, masks and boxes."""
-        wanted = self.images
-        self.frame = self.picture.rgb if wanted.rgb else None
-        self.depth_frame = self.picture.depth_m if wanted.rgb and wanted.depth else None
-        self.normals_frame = None
-        if wanted.rgb and wanted.normals:
+        frames: dict[str, Any] = {}
+        if self.images.rgb:
             from karma.world.render.picture import agent_camera
 
-            self.normals_frame = self._normals(agent_camera(self.state))
-        self.instance_segmentation_frame = self.semantic_segmentation_frame = None
+            frames = self._frames(self.picture, agent_camera(self.state))
+        for name in _FRAMES:
+            setattr(self, name, frames.get(name))
         self.instance_masks, self.class_masks = {}, {}
         self.instance_detections2D, self.class_detections2D = None, {}
-        if wanted.rgb and wanted.classes:
-            self.semantic_segmentation_frame = self._classes(self.picture)
-        if wanted.rgb and wanted.instances:
-            self.instance_segmentation_frame = self._instances(self.picture)
+        if self.instance_segmentation_frame is not None:
             self.process_colors_ids(rgba_bytes(self.instance_segmentation_frame))
 
     def draw_cameras(self) -> None:
         """Set the lists of the third-party cameras' frames and masks."""
-        wanted = self.images
-        pictures = self.camera_pictures if wanted.rgb else []
-        self.third_party_camera_frames = [one.rgb for one in pictures]
-        self.third_party_depth_frames = [one.depth_m for one in pictures if wanted.depth]
-        views = self.state.cameras if wanted.rgb and wanted.normals else ()
-        self.third_party_normals_frames = [self._normals(view) for view in views]
-        classes = [self._classes(one) for one in pictures if wanted.classes]
-        instances = [self._instances(one) for one in pictures if wanted.instances]
-        self.third_party_semantic_segmentation_frames = classes
-        self.third_party_instance_segmentation_frames = instances
-        readers = [self._reader(frame) for frame in instances]
+        pairs = (
+            zip(self.camera_pictures, self.state.cameras, strict=True) if self.images.rgb else ()
+        )
+        frames = [self._frames(picture, view) for picture, view in pairs]
+        for name, of_cameras in _FRAMES.items():
+            setattr(self, of_cameras, [one[name] for one in frames if name in one])
+        readers = [self._reader(one) for one in self.third_party_instance_segmentation_frames]
         self.third_party_instance_masks = [one.instance_masks for one in readers]
         self.third_party_class_masks = [one.class_masks for one in readers]
 
-    def _instances(self, picture: "Picture") -> np.ndarray:
-        from karma.world.render.colours import instance_frame
+    def _frames(self, picture: "Picture", view: Camera) -> dict[str, Any]:
+        """Return the wanted frames of what a camera sees, by name."""
+        from karma.world.render.colours import class_frame, instance_frame
 
-        return np.asarray(instance_frame(picture.rows, self.state.objects))
-
-    def _classes(self, picture: "Picture") -> np.ndarray:
-        from karma.world.render.colours import class_frame
-
-        return np.asarray(class_frame(picture.rows, self.state.objects))
+        wanted, objects = self.images, self.state.objects
+        found: dict[str, Any] = {"frame": picture.rgb}
+        if wanted.depth:
+            found["depth_frame"] = picture.depth_m
+        if wanted.normals:
+            found["normals_frame"] = self._normals(view)
+        if wanted.classes:
+            found["semantic_segmentation_frame"] = class_frame(picture.rows, objects)
+        if wanted.instances:
+            found["instance_segmentation_frame"] = instance_frame(picture.rows, objects)
+        return found
 
     def _normals(self, view: Camera) -> np.ndarray:
         """Return a camera's normals as a picture: each axis from -1..1 to 0..255."""

@@ -31,12 +31,7 @@ class MetadataWrapper(dict[str, Any]):
 
 
 class Lazy(Mapping[str, T]):
-    """Values that are worked out each time they are asked for.
-
-    Args:
-        keys: in order.
-        make: returns the value of a key.
-    """
+    """Values by their keys in order, that are worked out each time they are asked for."""
 
     def __init__(self, keys: Collection[str], make: Callable[[str], T]) -> None:
         self._keys, self._make = keys, make

@@ -13,11 +13,7 @@ from karma.household.places import BESIDE_A_DOOR
 
 
 class Home:
-    """The rooms of a home; as a `World`, it is the room that the agent is in.
-
-    Args:
-        make: returns a world for one more room.
-    """
+    """The rooms of a home, made as entered; as a `World`, it is the room that the agent is in."""
 
     def __init__(self, make: Callable[[], World]) -> None:
         self._make = make

@@ -20,15 +20,7 @@ from karma.world.actions.table import ACTIONS
 from karma.world.core.effects import settle
 from karma.world.core.placement import land, lying_below, parents_in, resting
 from karma.world.core.scene import Scene, SceneObject, load
-from karma.world.core.state import (
-    Images,
-    Performed,
-    Refusal,
-    Result,
-    Settings,
-    WorldState,
-    begin,
-)
+from karma.world.core.state import Images, Performed, Refusal, Result, Settings, WorldState, begin
 from karma.world.core.thing import GRAVITY_MS2, bottom, difference, moved, top
 from karma.world.event import WorldEvent
 
@@ -49,16 +41,9 @@ _PAST = (0.0, -0.05, 0.0)  # what it has slipped through does not catch it
 class EmbeddedWorld:
     """A household of boxes; implements `contracts.World`.
 
-    Args:
-        scene: loaded at once when given; a name, a path, or a `Scene`.
-        gridSize: metres of one step; None = the scene's own.
-        visibilityDistance: reach across the floor, metres.
-        fieldOfView: vertical, degrees.
-        width: of the picture, pixels.
-        height: of the picture, pixels.
-        rotateStepDegrees: of one turn.
-        snapToGrid: whether a step ends on a cell.
-        render: AI2-THOR's flags, e.g. `renderDepthImage=True`; pictures are drawn when asked for.
+    A scene, by name or path or read already, is loaded at once when given. AI2-THOR's names and
+    units; gridSize None = the scene's own; flags as `renderDepthImage=True` say which pictures are
+    drawn when asked for.
 
     Raises:
         TypeError: an unknown flag.
@@ -131,11 +116,9 @@ class EmbeddedWorld:
         self._event = event
 
     def step(self, action: str | Mapping[str, Any], **arguments: Any) -> WorldEvent:
-        """Do one action, as AI2-THOR's Controller does.
+        """Do one action, by name or as a mapping with it under "action" and its arguments.
 
-        Args:
-            action: its name, or a mapping with the name under "action" and its arguments.
-            arguments: of the action; `raise_for_failure=True` turns a refusal into RuntimeError.
+        `raise_for_failure=True` turns a refusal into RuntimeError, as in AI2-THOR's Controller.
 
         Raises:
             ValueError: the action is unknown, or its arguments do not fit; nothing changes.

@@ -3,9 +3,8 @@
 import math
 from dataclasses import replace
 
-from karma.world.core.camera import Camera
 from karma.world.core.scene import AgentPose, Scene
-from karma.world.core.state import Settings, begin
+from karma.world.core.state import Camera, Settings, begin
 from support.household import thing
 
 

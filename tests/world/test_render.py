@@ -16,13 +16,11 @@ from support.household import kitchen, reach, thing
 from support.paths import ROOT
 from support.stage import facing, map_camera, moment, room, towards
 
-from karma.world.core.camera import Camera
 from karma.world.core.scene import SCENES, load
-from karma.world.core.state import Room, Settings, begin
+from karma.world.core.state import Camera, Room, Settings, begin
 from karma.world.importing.scenes import import_dump
 from karma.world.render.drawn import drawn, tasks
-from karma.world.render.kept import _ROOMS
-from karma.world.render.picture import Picture, agent_camera, render
+from karma.world.render.picture import _ROOMS, Picture, agent_camera, render
 from karma.world.render.pixels import AGENT, CEILING, FLOOR, NOTHING, PIECES, STAND, WALL
 from karma.world.sim import EmbeddedWorld
 

@@ -6,8 +6,8 @@ import pytest
 from support.household import kitchen, look, on, thing
 
 from karma.world.core.holes import walked_in
+from karma.world.core.rays import own_frame
 from karma.world.core.rules import rules
-from karma.world.core.silhouettes import own_frame
 from karma.world.render.drawn import DrawingTask, drawn
 from karma.world.sim import EmbeddedWorld
 

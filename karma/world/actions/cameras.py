@@ -5,9 +5,8 @@ from dataclasses import replace
 from typing import Any
 
 from karma.world.core.arguments import Place
-from karma.world.core.camera import Camera
 from karma.world.core.posing import vector
-from karma.world.core.state import Performed, Refusal, Result, WorldState, refuse
+from karma.world.core.state import Camera, Performed, Refusal, Result, WorldState, refuse
 
 _COLORS = (
     "default", "red", "cyan", "blue", "darkblue", "lightblue", "purple", "yellow", "lime",

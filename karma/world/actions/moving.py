@@ -9,8 +9,8 @@ import numpy as np
 from karma.contracts import Pose
 from karma.household.places import FLOOR
 from karma.world.core.arguments import Place
-from karma.world.core.footing import BODY_TOP_M, Ground, finer, snapped
 from karma.world.core.hiding import inert_rows
+from karma.world.core.navigate import BODY_TOP_M, Ground, finer, snapped
 from karma.world.core.objects import Objects
 from karma.world.core.state import BODY_M, SILL_M, Performed, Refusal, Result, WorldState, refuse
 from karma.world.core.thing import difference, heading, moved, turned

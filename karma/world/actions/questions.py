@@ -7,9 +7,8 @@ import numpy as np
 from karma.contracts import Pose
 from karma.world.actions.aiming import outside, shown_at
 from karma.world.core.arrays import Floats, crossing
-from karma.world.core.camera import Camera
 from karma.world.core.hiding import inert_rows, solid_boxes
-from karma.world.core.state import Performed, Refusal, Result, WorldState, refuse
+from karma.world.core.state import Camera, Performed, Refusal, Result, WorldState, refuse
 from karma.world.core.view import CAMERA_M, camera, camera_axes, in_picture
 
 _SCHEMES = ("Collider", "Distance")

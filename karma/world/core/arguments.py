@@ -68,14 +68,8 @@ def fit(action: str, name: str, value: Any, annotation: Any, admitted: tuple[typ
     """Return a value as a handler takes it, or a Refusal that says what is wrong with it.
 
     As in AI2-THOR's player a wrong number or text is misuse, which raises in the client, while a
-    vector or list of the wrong form is a failure of the action.
-
-    Args:
-        action: its name.
-        name: of the argument.
-        value: what was said.
-        annotation: the handler's, of the argument.
-        admitted: `kinds` of the annotation.
+    vector or list of the wrong form is a failure of the action. `admitted` are the annotation's
+    `kinds`.
     """
     kind = type(value)
     if kind in admitted and _is_usual(value):

@@ -12,13 +12,7 @@ Flags = NDArray[np.bool_]
 
 
 class BoxArrays:
-    """Positions and boxes, each array of shape (n, 3), metres.
-
-    Args:
-        origin: positions.
-        center: of the boxes.
-        half: half the sizes of the boxes.
-    """
+    """Positions, and boxes by their middles and half their sizes; shape (n, 3) each, metres."""
 
     def __init__(self, origin: Floats, center: Floats, half: Floats) -> None:
         self.origin, self.center, self.half = origin, center, half
@@ -46,11 +40,7 @@ def crossing(
 ) -> tuple[Floats, Floats]:
     """Return how far along their rays boxes begin and end, each shape (n,); met if less in turn.
 
-    Args:
-        starts: shape (n, d), or (d,) when shared.
-        directions: likewise; distances are in their lengths.
-        low: lower box corners, likewise.
-        high: upper box corners, likewise.
+    Arguments have shape (n, d), or (d,) when shared; distances are in lengths of the directions.
     """
     along = np.where(np.abs(directions) < 1e-9, 1e-9, directions)
     ends = (low - starts) / along, (high - starts) / along

@@ -1,6 +1,5 @@
 """Apply the rule table to the objects of a moment until nothing changes."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -43,8 +42,10 @@ def effects(objects: Objects) -> Effects:
     changes: dict[str, SceneObject] = {}
     kept: set[str] = set()
     for effect in rules().effect:
-        for source in _sources(objects, effect):
-            for target in _zone(objects, effect, source):
+        for source in objects.of_types(*effect.source):
+            if source.is_broken or (effect.on and not source.is_toggled):
+                continue
+            for target in _zone(objects, effect, source.id):
                 thing = changes.get(target, objects[target])
                 if not effect.fits(thing):
                     continue
@@ -61,14 +62,6 @@ def effects(objects: Objects) -> Effects:
     )
     changes = {key: thing for key, thing in changes.items() if thing != objects[key]}
     return Effects(changes, frozenset(kept), tuple(fading))
-
-
-def _sources(objects: Objects, effect: Effect) -> Iterator[str]:
-    for kind in effect.source:
-        for object_id in objects.by_type.get(kind, ()):
-            thing = objects[object_id]
-            if (thing.is_toggled or not effect.on) and not thing.is_broken:
-                yield object_id
 
 
 def _zone(objects: Objects, effect: Effect, source: str) -> tuple[str, ...]:

@@ -49,9 +49,7 @@ def parts(cells: Collection[Key]) -> list[list[Key]]:
 def reachable_cells(room: Box, obstacles: Iterable[Box]) -> tuple[Cell, ...]:
     """Return the largest part of the free floor, sorted; () when there is none.
 
-    Args:
-        room: the inside of the walls; its y0 is the floor.
-        obstacles: boxes of which those that begin below the agent's head block cells.
+    The room's y0 is the floor; of obstacles those that begin below the agent's head block cells.
     """
     free = set(_grid(room.grown(-AGENT_RADIUS_M, 0.0, -AGENT_RADIUS_M)))
     for box in obstacles:
@@ -76,13 +74,7 @@ def nearest_to_centre(cells: Sequence[Cell]) -> Cell:
 
 
 def outside(low: Any, high: Any, points: Any) -> NDArray[np.float64]:
-    """Return how far points are from boxes across the floor, whatever the arrays' leading sides.
-
-    Args:
-        low: lower corners (x, z).
-        high: upper ones.
-        points: (x, z).
-    """
+    """Return how far points (x, z) are from boxes' corners (x, z), whatever the leading sides."""
     gap = np.maximum(np.maximum(low - points, points - high), 0.0)
     return np.asarray(np.hypot(gap[..., 0], gap[..., 1]))
 
@@ -100,13 +92,7 @@ def edges(corners: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:
 
 
 def inside(corners: Sequence[Cell], x: Any, z: Any) -> Any:
-    """Return whether points are in a polygon, by counting the edges to their right.
-
-    Args:
-        corners: (x, z) in order.
-        x: of one point, or of many as an array.
-        z: likewise; the two may broadcast.
-    """
+    """Return whether points, one or arrays that broadcast, are in a polygon."""
     found: Any = False
     for (x0, z0), (x1, z1) in edges(corners):
         if z0 != z1:

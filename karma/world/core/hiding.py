@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.world.core.arrays import Flags, Floats
-from karma.world.core.objects import Objects, derived
+from karma.world.core.objects import Derived, Objects, derived
 from karma.world.core.rules import rules
 from karma.world.core.thing import is_inert, is_loose
 
@@ -35,14 +35,12 @@ def hidden_rows(objects: Objects) -> Flags:
     """Return whether each object lies in something closed, or is no longer there, shape (n,)."""
     view, containment = rules().view, objects.containment
     shut = {
-        object_id
-        for kind in view.hides_when_closed
-        for object_id in objects.by_type.get(kind, ())
-        if "openable" in objects[object_id].capabilities and objects[object_id].openness <= 0
+        one.id
+        for one in objects.of_types(*view.hides_when_closed)
+        if "openable" in one.capabilities and one.openness <= 0
     }
     found = inert_rows(objects).copy()
-    for kind in view.never:
-        found[[objects.rows[object_id] for object_id in objects.by_type.get(kind, ())]] = True
+    found[[objects.rows[one.id] for one in objects.of_types(*view.never)]] = True
     for container in shut:
         for child in containment.inside(container):
             if container in containment.nearest(child):
@@ -50,10 +48,11 @@ def hidden_rows(objects: Objects) -> Flags:
     return found
 
 
-@derived("place", "parents", "inert", "open", "held")
-def _rows_known(objects: Objects) -> dict[int, Flags]:
-    """Return a table that holds rows of `blocking` once they have been worked out."""
-    return {}
+# rows of `blocking` that have been worked out
+_rows_known: Derived[dict[int, Flags]] = Derived(
+    lambda objects: {}, "place", "parents", "inert", "open", "held"
+)
+_fixed: Derived[Flags] = Derived(lambda all_: np.array([not is_loose(t) for t in all_.values()]))
 
 
 def blocking(objects: Objects, rows: Sequence[int] | NDArray[np.intp]) -> Flags:
@@ -76,7 +75,7 @@ def _worked_out(objects: Objects, rows: Sequence[int]) -> Flags:
     center, low, high = boxes.center[rows, None], boxes.low[None] - 0.05, boxes.high[None] + 0.05
     found: Flags = ~np.all((center >= low) & (center <= high), axis=2)
     found &= ~inert_rows(objects)[None]
-    names = _ids(objects)
+    names = tuple(objects)
     for at, row in enumerate(rows):
         object_id = names[row]
         kin = (*containment.around(object_id), *containment.inside(object_id))
@@ -84,11 +83,6 @@ def _worked_out(objects: Objects, rows: Sequence[int]) -> Flags:
         for holder in _open_holders(objects, object_id):
             found[at, _built_round(objects, objects.rows[holder])] = False
     return found
-
-
-@derived()
-def _ids(objects: Objects) -> tuple[str, ...]:
-    return tuple(objects)
 
 
 def _open_holders(objects: Objects, object_id: str) -> list[str]:
@@ -113,8 +107,3 @@ def _built_round(objects: Objects, row: int) -> Flags:
     low, high = objects.boxes.low, objects.boxes.high
     touch: Flags = np.all((low <= high[row] + 0.06) & (high >= low[row] - 0.06), axis=1)
     return touch & _fixed(objects)
-
-
-@derived()
-def _fixed(objects: Objects) -> Flags:
-    return np.array([not is_loose(thing) for thing in objects.values()])

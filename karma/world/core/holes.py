@@ -15,13 +15,10 @@ from karma.world.core.boxes import Box
 from karma.world.core.ground import AGENT_RADIUS_M, Cell
 from karma.world.core.objects import Objects, derived
 from karma.world.core.scene import SceneObject
-from karma.world.core.thing import is_loose
+from karma.world.core.thing import box_of, is_loose
 
 WORKTOP = "CounterTop"
-_LET_INTO: Mapping[str, tuple[str, ...]] = {
-    WORKTOP: (*BASIN_OF, *BASINS),
-    SINK: (BASIN_OF[SINK],),
-}
+_LET_INTO: Mapping[str, tuple[str, ...]] = {WORKTOP: (*BASIN_OF, *BASINS), SINK: (BASIN_OF[SINK],)}
 _BELOW_M = 0.3  # how far under a worktop's box a basin may end
 AHEAD_M = 0.55  # from a cell to the front of what is built in: a body, a step, a hand
 EDGE_M = 0.05  # by which a worktop stands out over such a front
@@ -30,22 +27,16 @@ EDGE_M = 0.05  # by which a worktop stands out over such a front
 @derived("place")
 def holes(objects: Objects) -> Mapping[str, tuple[Box, ...]]:
     """Return the boxes of the basins let into each worktop and sink that has some."""
-    found = {
-        object_id: tuple(_let_in(objects, objects[object_id]))
-        for kind in _LET_INTO
-        for object_id in objects.by_type.get(kind, ())
-    }
+    found = {one.id: tuple(_let_in(objects, one)) for one in objects.of_types(*_LET_INTO)}
     return {object_id: boxes for object_id, boxes in found.items() if boxes}
 
 
 def _let_in(objects: Objects, thing: SceneObject) -> Iterator[Box]:
-    own = Box.around(thing.center, thing.size)
-    for kind in _LET_INTO[thing.type]:
-        for object_id in objects.by_type.get(kind, ()):
-            other = Box.around(objects[object_id].center, objects[object_id].size)
-            level = own.y0 - _BELOW_M < other.y1 and other.y0 < own.y1
-            if level and own.overlaps(other._replace(y0=own.y0, y1=own.y1)):
-                yield other
+    own = box_of(thing)
+    for other in map(box_of, objects.of_types(*_LET_INTO[thing.type])):
+        level = own.y0 - _BELOW_M < other.y1 and other.y0 < own.y1
+        if level and own.overlaps(other._replace(y0=own.y0, y1=own.y1)):
+            yield other
 
 
 @derived("place")
@@ -69,7 +60,7 @@ def walked_in(things: Iterable[SceneObject], cells: Sequence[Cell]) -> Mapping[s
     for thing in every:
         if thing.type != WORKTOP:
             continue
-        own = Box.around(thing.center, thing.size)
+        own = box_of(thing)
         fronts = np.array([(b.x0, b.z0, b.x1, b.z1) for b in built_in(own, every)]).reshape(-1, 4)
         grounds = _before(fronts, places[_near(places, own)])
         low, high = np.array((own.x0, own.z0)), np.array((own.x1, own.z1))
@@ -82,9 +73,7 @@ def walked_in(things: Iterable[SceneObject], cells: Sequence[Cell]) -> Mapping[s
 def built_in(worktop: Box, things: Iterable[SceneObject]) -> list[Box]:
     """Return the boxes of the fixed objects beneath a worktop."""
     boxes = [
-        Box.around(one.center, one.size)
-        for one in things
-        if one.type not in (FLOOR, WORKTOP) and not is_loose(one)
+        box_of(one) for one in things if one.type not in (FLOOR, WORKTOP) and not is_loose(one)
     ]
     return [b for b in boxes if b.y0 < worktop.y0 and worktop.overlaps(b._replace(y1=worktop.y1))]
 
@@ -99,14 +88,8 @@ def _near(places: Floats, box: Box) -> Flags:
 def _before(fronts: Floats, places: Floats) -> Floats:
     """Return the ground that the agent's body takes on cells, grown to the fronts it stands at.
 
-    Along fronts in a row it goes on to their ends: a worktop's edge is straight there.
-
-    Args:
-        fronts: the ground of boxes, each x0, z0, x1, z1, shape (n, 4).
-        places: of the cells, shape (m, 2).
-
-    Returns:
-        Ground likewise, shape (m + strips, 4).
+    Along fronts in a row it goes on to their ends: a worktop's edge is straight there. Fronts are
+    x0, z0, x1, z1, shape (n, 4), places (m, 2), what is returned (m + strips, 4).
     """
     r = AGENT_RADIUS_M
     found = np.concatenate([places - r, places + r], axis=1)

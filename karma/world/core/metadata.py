@@ -4,10 +4,10 @@ import math
 from typing import Any
 
 from karma.contracts import Vec3
-from karma.world.core.objects import Change, Derived, Objects, derived
+from karma.world.core.objects import Objects, derived, per_object
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
-from karma.world.core.thing import is_loose
+from karma.world.core.thing import corners, is_loose
 
 _SIGNS = (1, -1)
 
@@ -57,21 +57,13 @@ def fields(thing: SceneObject) -> dict[str, Any]:
         "controlledObjects": list(thing.controls) if "toggleable" in can else None,
         "isMoving": False,
         "axisAlignedBoundingBox": box(*_outline(thing)),
-        "objectOrientedBoundingBox": {"cornerPoints": _corners(thing)} if is_loose(thing) else None,
+        "objectOrientedBoundingBox": {"cornerPoints": [list(corner) for corner in corners(thing)]}
+        if is_loose(thing)
+        else None,
     }
 
 
-def _records_patched(
-    before: Objects, known: list[dict[str, Any]], change: Change
-) -> list[dict[str, Any]]:
-    found = known.copy()
-    for _, thing in change.pairs:
-        found[before.rows[thing.id]] = fields(thing)
-    return found
-
-
-# the metadata of each object, without what depends on agent and contents
-records = Derived(lambda objects: [fields(t) for t in objects.values()], patch=_records_patched)
+records = per_object(fields)
 
 
 @derived()
@@ -106,13 +98,3 @@ def box(center: Vec3, size: Vec3) -> dict[str, Any]:
         [cx + i * sx, cy + j * sy, cz + k * sz] for i in _SIGNS for j in _SIGNS for k in _SIGNS
     ]
     return {"cornerPoints": corners, "center": xyz(center), "size": xyz(size)}
-
-
-def _corners(thing: SceneObject) -> list[list[float]]:
-    """Return the oriented box, its lower side first, each side in turn."""
-    if thing.corners is not None:
-        return [list(corner) for corner in thing.corners]
-    (x, y, z), (sx, sy, sz) = thing.center, thing.size
-    low = y - sy / 2
-    ring = ((1, 1), (-1, 1), (-1, -1), (1, -1))
-    return [[x + i * sx / 2, low + up, z + k * sz / 2] for up in (0.0, sy) for i, k in ring]

@@ -1,17 +1,23 @@
-"""Find paths across the floor, and places to stand and look from. All orders are fixed."""
+"""Find paths across the floor, and places to stand and look from, also between the cells.
+
+All orders are fixed.
+"""
 
 from collections.abc import Container, Iterator, Sequence
 from itertools import product
+from math import ceil, floor
 from typing import NamedTuple
 
 import numpy as np
 
 from karma.contracts import Pose
+from karma.household.places import FLOOR
 from karma.world.core.arrays import Flags, Floats
-from karma.world.core.ground import walk
+from karma.world.core.ground import outside, walk
 from karma.world.core.hiding import blocking, hidden_rows
 from karma.world.core.rays import stopped
-from karma.world.core.state import Cell, WorldState
+from karma.world.core.state import BODY_M, SILL_M, Cell, WorldState
+from karma.world.core.thing import is_inert
 from karma.world.core.view import camera, camera_axes, in_picture, occluders, sample_points
 
 _YAWS = (0.0, 90.0, 180.0, 270.0)
@@ -80,21 +86,11 @@ def interactable_poses(
     max_m: float | None = None,
     limit: int | None = None,
 ) -> list[Pose]:
-    """Return poses from which an object can be interacted with.
+    """Return poses, at most `limit`, from which an object can be interacted with.
 
-    Args:
-        state: the moment; what the agent holds is not in the way.
-        object_id: of the object.
-        cells: to stand on; None = all that the agent can walk to.
-        yaws: to look to, degrees.
-        horizons: to look to, degrees.
-        standings: standing, crouching, or both.
-        max_m: reach across the floor; None = the world's.
-        limit: how many poses at most.
-
-    Returns:
-        Nearest to the agent first by walking distance, standing first, the object's middle
-        nearest to the picture's; so the first is a good one to take.
+    What the agent holds is not in the way; cells are those it can walk to unless given, and the
+    reach is the world's. Nearest first by walking distance, standing first, the object's middle
+    nearest to the picture's; so the first is a good one to take.
     """
     objects, row = state.objects, state.objects.rows[object_id]
     start = agent_cell(state)
@@ -174,3 +170,70 @@ def _open_points(state: WorldState, row: int, eyes: Floats) -> tuple[Floats, Fla
         hidden[index] = state.room.shell.hides(eye, points[index])
         hidden[index, ray] = True
     return points, ~hidden
+
+
+# ----------------------------------------------------------------- between the cells
+
+BODY_TOP_M = 1.8  # above the floor
+_ON_LINE = 0.04  # of a cell: so near to a line of cells that it counts as on it
+
+
+def finer(state: WorldState) -> bool:
+    """Return whether the agent's steps are shorter than the cells are apart."""
+    return state.settings.grid_m < state.room.grid_m * 0.99
+
+
+def snapped(state: WorldState, x: float, z: float) -> tuple[float, float]:
+    """Return the point of the agent's own, finer grid that is nearest to a place.
+
+    As in AI2-THOR it consists of the whole multiples of gridSize.
+    """
+    grid = state.settings.grid_m
+    return (round(round(x / grid) * grid, 6), round(round(z / grid) * grid, 6))
+
+
+class Ground:
+    """The floor of one moment: the cells, and what stands where."""
+
+    def __init__(self, state: WorldState) -> None:
+        self._room = room = state.room
+        self._cells = state.cells
+        objects, floor_y = state.objects, state.room.floor_y
+        rows = [
+            objects.rows[thing.id]
+            for thing in objects.values()
+            if "pickupable" not in thing.capabilities and thing.type != FLOOR
+            and not is_inert(thing)
+        ]  # fmt: skip
+        high = objects.boxes.high[rows, 1] >= floor_y + SILL_M
+        low = objects.boxes.low[rows, 1] <= floor_y + BODY_TOP_M
+        self._low = objects.boxes.low[rows][high & low][:, [0, 2]]
+        self._high = objects.boxes.high[rows][high & low][:, [0, 2]]
+        self._origin = room.cells.get((0, 0), (0.0, 0.0))
+
+    def free(self, x: float, z: float) -> bool:
+        """Return whether the agent can stand at a place.
+
+        It can where all cells round the place are free; beside a free cell, also where no box
+        comes within its body that does not come within it on the cell already.
+        """
+        cells = self._cells
+        if all(key in cells for key in self._around(x, z)):
+            return True
+        nearest = cells.get(self._room.key(x, z))
+        if nearest is None:
+            return False
+        return not np.any(self._touched(x, z) & ~self._touched(*nearest))
+
+    def _around(self, x: float, z: float) -> list[tuple[int, int]]:
+        grid = self._room.grid_m
+        across, along = (x - self._origin[0]) / grid, (z - self._origin[1]) / grid
+        return [(column, row) for column in _sides(across) for row in _sides(along)]
+
+    def _touched(self, x: float, z: float) -> np.ndarray:
+        return np.asarray(outside(self._low, self._high, np.array((x, z))) < BODY_M - 1e-6)
+
+
+def _sides(value: float) -> tuple[int, ...]:
+    whole = round(value)
+    return (whole,) if abs(value - whole) <= _ON_LINE else (floor(value), ceil(value))

@@ -7,7 +7,7 @@ from typing import Any, Generic, Literal, TypeVar
 from karma.world.core.arrays import BoxArrays
 from karma.world.core.rules import STATES
 from karma.world.core.scene import SceneObject
-from karma.world.core.thing import is_inert
+from karma.world.core.thing import is_inert, is_movable
 
 T = TypeVar("T")
 Aspect = Literal["place", "parents", "inert", "open", "held", "state"]
@@ -53,12 +53,9 @@ def _differing(before: SceneObject, after: SceneObject) -> Iterator[Aspect]:
 class Derived(Generic[T]):
     """A function of the objects: its result is kept with them, and carried on while it is true.
 
-    As an attribute of `Objects` it reads like a property.
-
-    Args:
-        build: works it out.
-        aspects: what of the objects it depends on; a change of anything else leaves it true.
-        patch: brings it up to date instead, from the objects before, the result and the change.
+    As an attribute of `Objects` it reads like a property. It depends on `aspects` of the objects:
+    a change of anything else leaves it true. `patch` brings it up to date instead, from the objects
+    before, the result and the change.
     """
 
     def __init__(
@@ -92,6 +89,18 @@ class Derived(Generic[T]):
 def derived(*aspects: Aspect) -> "Callable[[Callable[[Objects], T]], Derived[T]]":
     """Return the decorator that keeps a function's result with the objects, see `Derived`."""
     return lambda build: Derived(build, *aspects)
+
+
+def per_object(make: Callable[[SceneObject], T]) -> Derived[list[T]]:
+    """Return a function of each object by itself, as a list in their order."""
+
+    def patch(before: "Objects", known: list[T], change: Change) -> list[T]:
+        found = known.copy()
+        for _, thing in change.pairs:
+            found[before.rows[thing.id]] = make(thing)
+        return found
+
+    return Derived(lambda objects: [make(thing) for thing in objects.values()], patch=patch)
 
 
 def _by_type(objects: "Objects") -> dict[str, tuple[str, ...]]:
@@ -139,10 +148,8 @@ class Objects(Mapping[str, SceneObject]):
     def changed(self, changes: Mapping[str, SceneObject], *, in_hand: bool = False) -> "Objects":
         """Return the objects with some replaced or added; keeps what is known and still true.
 
-        Args:
-            changes: by id.
-            in_hand: they hang from the hand, before and after, and only moved: such things hide
-                nothing, so all that is known of hiding stays.
+        `in_hand`: they hang from the hand, before and after, and only moved. Such things hide
+        nothing, so all that is known of hiding stays.
         """
         if not changes:
             return self
@@ -153,10 +160,13 @@ class Objects(Mapping[str, SceneObject]):
                 part.carry(self, after, change)
         return after
 
+    def of_types(self, *kinds: str) -> list[SceneObject]:
+        """Return the objects of some types, type by type."""
+        return [self._items[one] for kind in kinds for one in self.by_type.get(kind, ())]
+
     def carried(self, object_id: str) -> tuple[str, ...]:
         """Return what moves along when an object is picked up."""
-        inside = ((child, self._items[child]) for child in self.containment.inside(object_id))
-        return tuple(c for c, t in inside if "pickupable" in t.capabilities and not is_inert(t))
+        return tuple(c for c in self.containment.inside(object_id) if is_movable(self._items[c]))
 
 
 class Containment:

@@ -18,8 +18,8 @@ from karma.world.core.objects import Objects
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Room, WorldState
-from karma.world.core.thing import bottom, is_inert, is_loose, is_shut, top
-from karma.world.core.view import camera, camera_axes, in_picture
+from karma.world.core.thing import bottom, is_inert, is_loose, is_movable, is_shut, top
+from karma.world.core.view import boxes_round, camera, camera_axes, in_picture
 
 _LIFT_M = 0.002  # above what it rests on
 _STEP_M = 0.06  # between the places tried
@@ -49,16 +49,10 @@ _ROUNDS = (
 
 
 def find_place(state: WorldState, thing: SceneObject, receptacle: SceneObject) -> Vec3 | None:
-    """Return where the middle of a thing's box comes to be in or on a receptacle.
+    """Return where the middle of a thing's box comes to be in or on a receptacle that takes it.
 
-    Args:
-        state: the moment.
-        thing: in the hand.
-        receptacle: open, and of a type that takes the thing.
-
-    Returns:
-        The free place nearest to the agent, one in its picture if there is one; None when the
-        receptacle is full or too small.
+    It is the free place nearest to the agent, one in its picture if there is one; None when the
+    receptacle is full or too small.
     """
     if object_types()[receptacle.type].accepts_only:
         return _attach(state, thing, receptacle)
@@ -90,8 +84,7 @@ def _in_picture(state: WorldState, places: Floats, height: float) -> Flags:
 
 def _attach(state: WorldState, thing: SceneObject, receptacle: SceneObject) -> Vec3 | None:
     """Return the one place of a burner, toaster, coffee machine or hanger; None when taken."""
-    here = state.objects.containment.children.get(receptacle.id, ())
-    if any(not is_inert(state.objects[other]) for other in here):
+    if not all(map(is_inert, _lying_in(state.objects, receptacle))):
         return None
     inside = receptacle.type in rules().put.inside
     level = bottom(receptacle) if inside else top(receptacle)
@@ -129,18 +122,17 @@ def _levels(objects: Objects, thing: SceneObject, receptacle: SceneObject) -> li
 def _in_use(objects: Objects, receptacle: SceneObject) -> list[float]:
     """Return the heights at which things lie in a receptacle, the most common first."""
     low, high = bottom(receptacle), top(receptacle)
-    used = [
-        bottom(objects[child])
-        for child in objects.containment.children.get(receptacle.id, ())
-        if "pickupable" in objects[child].capabilities and not is_inert(objects[child])
-    ]
+    used = [bottom(one) for one in _lying_in(objects, receptacle) if is_movable(one)]
     return _common([level for level in used if low - 0.05 <= level <= high + 0.05])
+
+
+def _lying_in(objects: Objects, receptacle: SceneObject) -> list[SceneObject]:
+    return [objects[child] for child in objects.containment.children.get(receptacle.id, ())]
 
 
 def _piled(objects: Objects, receptacle: SceneObject) -> list[float]:
     """Return the heights on top of what lies in a receptacle, below its rim, the lowest first."""
-    inside = (objects[child] for child in objects.containment.children.get(receptacle.id, ()))
-    tops = {top(one) for one in inside if "pickupable" in one.capabilities and not is_inert(one)}
+    tops = {top(one) for one in _lying_in(objects, receptacle) if is_movable(one)}
     return sorted(level for level in tops if level < top(receptacle))
 
 
@@ -222,7 +214,7 @@ def land(state: WorldState, thing: SceneObject, x: float, z: float) -> tuple[Vec
 
     It falls on the highest surface below it; on the floor where the agent can stand.
     """
-    best, holder = state.room.floor_y, _floor(state.objects)
+    best, holder = state.room.floor_y, floor_id(state.objects)
     if not state.room.stands(x, z):
         for other in lying_below(state, x, z):
             for level in _surfaces(state, other):
@@ -231,16 +223,15 @@ def land(state: WorldState, thing: SceneObject, x: float, z: float) -> tuple[Vec
     return (x, resting(thing, best), z), holder
 
 
-def _floor(objects: Objects) -> str | None:
+def floor_id(objects: Objects) -> str | None:
+    """Return the id of the floor, if it is an object."""
     return next(iter(objects.by_type.get(FLOOR, ())), None)
 
 
 def lying_below(state: WorldState, x: float, z: float) -> list[SceneObject]:
     """Return what has a vertical line through its box, the floor apart; receptacles last."""
     objects = state.objects
-    boxes = objects.boxes
-    inside = np.all(np.abs(boxes.center[:, [0, 2]] - (x, z)) <= boxes.half[:, [0, 2]], axis=1)
-    inside &= ~inert_rows(objects)
+    inside = boxes_round(objects, x, z) & ~inert_rows(objects)
     things = list(objects.values())
     found = [things[row] for row in np.flatnonzero(inside)]
     found = [one for one in found if one.type != FLOOR and one.id not in state.in_hand]

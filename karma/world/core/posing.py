@@ -13,11 +13,11 @@ from karma.world.core.arguments import Place
 from karma.world.core.arrays import Floats
 from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.objects import Objects
-from karma.world.core.placement import land, parents_in
+from karma.world.core.placement import floor_id, land, parents_in
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import HAND_M, Refusal, WorldState
-from karma.world.core.thing import bottom, difference, is_inert, moved, top, turned
+from karma.world.core.thing import bottom, corners, difference, is_inert, moved, top, turned
 
 _SAME_M, _SAME_DEG = 1e-4, 1e-3
 _LEVEL_M = 0.06  # a thing whose bottom is so near to a surface lies on it
@@ -87,25 +87,13 @@ def _half_turn(degrees: float) -> float:
 
 def spun(thing: SceneObject, delta: Floats, rotation: Vec3) -> SceneObject:
     """Return a thing turned about its position by a rotation, which leaves it at `rotation`."""
-    (sx, sy, sz), origin = thing.size, np.array(thing.position)
-    corners = np.array(
-        thing.corners
-        or [
-            (
-                thing.center[0] + i * sx / 2,
-                thing.center[1] + j * sy / 2,
-                thing.center[2] + k * sz / 2,
-            )
-            for j in (-1, 1)
-            for i, k in ((1, 1), (-1, 1), (-1, -1), (1, -1))
-        ]
-    )
-    corners = (corners - origin) @ delta.T + origin
-    low, high = corners.min(axis=0), corners.max(axis=0)
+    origin = np.array(thing.position)
+    there = (np.array(corners(thing)) - origin) @ delta.T + origin
+    low, high = there.min(axis=0), there.max(axis=0)
     return msgspec.structs.replace(
         thing,
         rotation=rotation,
-        corners=tuple(_rounded(corner) for corner in corners),
+        corners=tuple(_rounded(corner) for corner in there),
         center=_rounded((low + high) / 2),
         size=_rounded(high - low),
     )
@@ -176,21 +164,17 @@ def _takes(other: SceneObject, thing: SceneObject) -> bool:
 
 
 def let_lie(state: WorldState, there: SceneObject, *, falls: bool) -> WorldState:
-    """Return the state with a thing put somewhere, out of any hand, lying in what is there.
+    """Return the state with a thing put in a new pose, out of any hand, lying in what is there.
 
-    Args:
-        state: the moment; the thing is among its objects, elsewhere or in the hand.
-        there: the thing in its new pose.
-        falls: whether it drops when nothing is below it; else it stays in the air.
+    With nothing below, it `falls` or stays in the air.
     """
     without = replace(state, held=there.id)  # it is in nobody's way, least of all its own
     holder = holder_of(state.objects, there)
-    floor = next(iter(state.objects.by_type.get(FLOOR, ())), None)
     if holder is None and falls:
         middle, holder = land(without, there, there.center[0], there.center[2])
         there = moved(there, difference(middle, there.center))
     elif holder is None and bottom(there) <= state.room.floor_y + _ON_FLOOR_M:
-        holder = floor
+        holder = floor_id(state.objects)
     if holder is not None and holder in state.objects.containment.inside(there.id):
         holder = None
     parents = () if holder is None else parents_in(state.objects, there, holder)

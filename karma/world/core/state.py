@@ -11,11 +11,10 @@ import numpy as np
 from karma.contracts import Pose, Vec3
 from karma.household.places import FLOOR
 from karma.household.types import RULES
-from karma.world.core.camera import Camera
 from karma.world.core.holes import walked_in
 from karma.world.core.metadata import box
-from karma.world.core.objects import Objects, derived
-from karma.world.core.rays import RoomShell, WallBoxes
+from karma.world.core.objects import Derived, Objects
+from karma.world.core.rays import RoomShell
 from karma.world.core.rules import rules
 from karma.world.core.scene import Scene, SceneObject
 from karma.world.core.thing import bottom, gaps, heading, is_inert, top
@@ -29,6 +28,20 @@ _ON_FLOOR_M = 0.15  # what begins lower stands on the floor
 
 Cell = tuple[int, int]  # column (x), row (z) on the scene's grid
 Point = tuple[float, float]  # x, z, metres
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Camera:
+    """One camera; angles as Unity gives them: pitch (down positive), yaw (0 = +z), roll."""
+
+    position_m: Vec3
+    rotation_deg: Vec3 = (0.0, 0.0, 0.0)
+    fov_deg: float = 90.0  # vertical; of a perspective camera
+    orthographic: bool = False
+    orthographic_size_m: float = 0.0  # half the height of what an orthographic camera takes in
+    near_m: float = 0.01
+    far_m: float = 20.0
+    sky: str = ""  # colour of what is not there, e.g. "white" or "#8080ff"; "" = the default sky
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,10 +77,10 @@ class Settings:
         return self.width / self.height
 
 
-@derived("place", "parents", "inert", "held")
-def _cells_kept(objects: Objects) -> list[Mapping[Cell, Point]]:
-    """Return a list that holds the cells to stand on once a room has worked them out."""
-    return []
+# holds the cells to stand on once a room has worked them out
+_cells_kept: Derived[list[Mapping[Cell, Point]]] = Derived(
+    lambda objects: [], "place", "parents", "inert", "held"
+)
 
 
 class Room:
@@ -85,7 +98,11 @@ class Room:
         for x, z in scene.reachable:
             self.cells.setdefault(self.key(x, z), (x, z))
         self._home = {thing.id: thing for thing in scene.objects}
-        self.shell = RoomShell(_wall_boxes(scene), walked_in(scene.objects, scene.reachable))
+        self.shell = RoomShell(
+            np.array([wall.low for wall in scene.walls or ()]).reshape(-1, 3),
+            np.array([wall.high for wall in scene.walls or ()]).reshape(-1, 3),
+            walked_in(scene.objects, scene.reachable),
+        )
 
     def key(self, x: float, z: float) -> Cell:
         """Return the cell that a place belongs to, whether or not one can stand there."""
@@ -136,15 +153,6 @@ class Room:
                 if (cell_x - x) ** 2 + (cell_z - z) ** 2 <= radius_m**2:
                     return True
         return False
-
-
-def _wall_boxes(scene: Scene) -> WallBoxes | None:
-    walls = scene.walls or ()
-    if not walls:
-        return None
-    return WallBoxes(
-        low=np.array([wall.low for wall in walls]), high=np.array([wall.high for wall in walls])
-    )
 
 
 def _beside(thing: SceneObject, place: Point, room_m: float) -> bool:

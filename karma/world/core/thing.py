@@ -6,6 +6,7 @@ from typing import Any
 import msgspec
 
 from karma.contracts import Vec3
+from karma.world.core.boxes import Box
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 
@@ -18,6 +19,11 @@ def ground(thing: SceneObject) -> tuple[float, float, float, float]:
     return (x - long / 2, z - wide / 2, x + long / 2, z + wide / 2)
 
 
+def box_of(thing: SceneObject) -> Box:
+    """Return the box of a thing."""
+    return Box.around(thing.center, thing.size)
+
+
 def is_loose(thing: SceneObject) -> bool:
     """Return whether a thing can be carried or pushed."""
     return "pickupable" in thing.capabilities or "moveable" in thing.capabilities
@@ -26,6 +32,11 @@ def is_loose(thing: SceneObject) -> bool:
 def is_inert(thing: SceneObject) -> bool:
     """Return whether an object is only kept for its id: sliced, or broken to pieces."""
     return thing.is_sliced or (thing.is_broken and shatters(thing))
+
+
+def is_movable(thing: SceneObject) -> bool:
+    """Return whether a thing is there to be carried."""
+    return "pickupable" in thing.capabilities and not is_inert(thing)
 
 
 def shatters(thing: SceneObject) -> bool:
@@ -68,6 +79,16 @@ def turned(thing: SceneObject, degrees: float, about: Vec3) -> SceneObject:
     elif round(degrees / 90) % 2:
         change["size"] = (thing.size[2], thing.size[1], thing.size[0])
     return msgspec.structs.replace(thing, **change)
+
+
+def corners(thing: SceneObject) -> tuple[Vec3, ...]:
+    """Return the oriented box, its lower side first, each side in turn."""
+    if thing.corners is not None:
+        return thing.corners
+    (x, y, z), (sx, sy, sz) = thing.center, thing.size
+    low = y - sy / 2
+    ring = ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    return tuple((x + i * sx / 2, low + up, z + k * sz / 2) for up in (0.0, sy) for i, k in ring)
 
 
 def difference(a: Vec3, b: Vec3) -> Vec3:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from karma.contracts import Pose, Vec3
 from karma.world.core.arrays import Flags, Floats
 from karma.world.core.hiding import blocking, hidden_rows, solid_boxes
-from karma.world.core.objects import Change, Derived, Objects
+from karma.world.core.objects import Change, Derived, Objects, per_object
 from karma.world.core.rays import NO_SHELL, RoomShell, cut, farthest, stopped
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
@@ -89,11 +89,8 @@ def _out_of_reach(
     }
 
 
-def _no_vantages(objects: Objects) -> dict[_Place, _Vantage]:
-    return {}
-
-
-_vantages = Derived(_no_vantages, patch=_out_of_reach)  # filled as places are looked from
+# filled as places are looked from
+_vantages: Derived[dict[_Place, _Vantage]] = Derived(lambda objects: {}, patch=_out_of_reach)
 
 _Mark = tuple[object, ...]  # of what sight depends on in one object
 
@@ -105,16 +102,7 @@ def _mark(thing: SceneObject) -> _Mark:
     )  # fmt: skip
 
 
-def _marked_again(before: Objects, known: list[_Mark], change: Change) -> list[_Mark]:
-    if not change.aspects and not change.moved:
-        return known
-    found = known.copy()
-    for _, thing in change.pairs:
-        found[before.rows[thing.id]] = _mark(thing)
-    return found
-
-
-_marks = Derived(lambda objects: [_mark(one) for one in objects.values()], patch=_marked_again)
+_marks = per_object(_mark)
 
 
 class _LookFrom(NamedTuple):
@@ -126,12 +114,10 @@ class _LookFrom(NamedTuple):
     marks: tuple[_Mark, ...]
 
 
-def _no_looks(objects: Objects) -> dict[_LookFrom, _Vantage]:
-    return {}
-
-
 # Looks of all moments of a world, and of worlds that went on from one of them: as before, as seen.
-_looks = Derived(_no_looks, patch=lambda before, known, change: known)
+_looks: Derived[dict[_LookFrom, _Vantage]] = Derived(
+    lambda objects: {}, patch=lambda before, known, change: known
+)
 
 
 def camera(pose: Pose) -> Vec3:
@@ -154,13 +140,9 @@ def camera_axes(yaw_deg: float, horizon_deg: float) -> Floats:
 
 
 def in_picture(offsets: Floats, axes: Floats, fov_deg: float, aspect: float) -> Flags:
-    """Return which points fall inside the picture.
+    """Return which points fall inside the picture; aspect is its width over height.
 
-    Args:
-        offsets: points relative to the camera, shape (..., points, 3).
-        axes: of `camera_axes`, shape (3, 3), or more that broadcast with the offsets.
-        fov_deg: vertical field of view.
-        aspect: width over height.
+    Offsets from the camera have shape (..., points, 3), axes (3, 3) or what broadcasts with them.
     """
     turned = offsets @ axes.swapaxes(-1, -2)
     right, up, forward = turned[..., 0], turned[..., 1], turned[..., 2]
@@ -186,17 +168,7 @@ def sight(
     aspect: float = 1.0,
     shell: RoomShell = NO_SHELL,
 ) -> InView:
-    """Return what is in view from a pose.
-
-    Args:
-        objects: of this moment.
-        pose: where the agent stands and looks.
-        held: ids in the hand, with their contents; always seen, hide nothing.
-        visibility_m: reach across the floor.
-        fov_deg: vertical field of view.
-        aspect: of the picture, width over height.
-        shell: of the room, the same for all of its moments.
-    """
+    """Return what is in view from a pose; what is held, with its contents, is: it hides nothing."""
     visible, interactable = np.zeros((2, len(objects)), dtype=bool)
     if len(objects):
         seen = _vantage(objects, pose, held, visibility_m, shell)
@@ -210,11 +182,7 @@ def sight(
 
 
 def _vantage(
-    objects: Objects,
-    pose: Pose,
-    held: frozenset[str],
-    visibility_m: float,
-    shell: RoomShell,
+    objects: Objects, pose: Pose, held: frozenset[str], visibility_m: float, shell: RoomShell
 ) -> _Vantage:
     """Return what can be seen from the camera's place; known places are looked up."""
     eye = camera(pose)
@@ -247,11 +215,7 @@ def _remember(table: dict[K, _Vantage], key: K, vantage: _Vantage, most: int) ->
 
 
 def _look_round(
-    objects: Objects,
-    pose: Pose,
-    held: frozenset[str],
-    visibility_m: float,
-    shell: RoomShell,
+    objects: Objects, pose: Pose, held: frozenset[str], visibility_m: float, shell: RoomShell
 ) -> _Vantage:
     x, y, z = pose.position_m
     near = across(objects, x, z) <= visibility_m
@@ -299,7 +263,8 @@ def _blocked(
 ) -> tuple[Flags, Flags]:
     """Return per ray whether something solid, or something see-through, is in its way."""
     hiding, glass = occluders(objects, held)
-    hiding &= ~_over(objects, eye)
+    # L-shaped counters and open doors that the agent stands in hide nothing
+    hiding &= ~boxes_round(objects, eye[0], eye[2])
     hiding &= across(objects, eye[0], eye[2]) <= farthest(eye, ends)  # others cut no segment
     rows = np.flatnonzero(hiding)
     things, which = np.unique(targets, return_inverse=True)
@@ -318,17 +283,16 @@ def occluders(objects: Objects, held: frozenset[str]) -> tuple[Flags, Flags]:
     for object_id in held:
         hiding[objects.rows[object_id]] = False
     glass = np.zeros(len(objects), dtype=bool)
-    for kind in rules().view.see_through:
-        glass[[objects.rows[object_id] for object_id in objects.by_type.get(kind, ())]] = True
+    glass[[objects.rows[one.id] for one in objects.of_types(*rules().view.see_through)]] = True
     return hiding, glass
 
 
-def _over(objects: Objects, eye: Floats) -> Flags:
-    """Return whose box the agent stands in: L-shaped counters, open doors; they hide nothing."""
-    across_eye = (
-        np.abs(objects.boxes.center[:, [0, 2]] - eye[[0, 2]]) <= objects.boxes.half[:, [0, 2]]
+def boxes_round(objects: Objects, x: float, z: float) -> Flags:
+    """Return whether each box has a vertical line through it, shape (n,)."""
+    boxes = objects.boxes
+    inside: Flags = np.all(
+        np.abs(boxes.center[:, [0, 2]] - (x, z)) <= boxes.half[:, [0, 2]], axis=1
     )
-    inside: Flags = np.all(across_eye, axis=1)
     return inside
 
 
@@ -336,17 +300,7 @@ def aim(
     objects: Objects, pose: Pose, x: float, y: float, *, seen: frozenset[str], fov_deg: float,
     aspect: float = 1.0,
 ) -> str | None:  # fmt: skip
-    """Return the visible object nearest behind a point of the picture.
-
-    Args:
-        objects: of this moment.
-        pose: where the agent stands and looks.
-        x: in [0, 1], from the left.
-        y: in [0, 1], from the top.
-        seen: ids in view.
-        fov_deg: vertical field of view.
-        aspect: of the picture, width over height.
-    """
+    """Return the object among the seen nearest behind a point, in [0, 1] from the upper left."""
     scale = math.tan(math.radians(fov_deg) / 2)
     right, up, forward = camera_axes(pose.yaw_deg, pose.horizon_deg)
     ray = forward + right * (2 * x - 1) * scale * aspect + up * (1 - 2 * y) * scale

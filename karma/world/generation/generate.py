@@ -29,12 +29,7 @@ LAMPS_ON, BEDS_UNMADE = 0.85, 0.6  # shares at reset
 
 
 def build_scene(kind: str, number: int, seed: int) -> Scene:
-    """Return a room; equal arguments give equal rooms on every machine.
-
-    Args:
-        kind: "kitchen", "living", "bedroom" or "bathroom".
-        number: names the room within its kind, e.g. 1 for "kitchen_1".
-        seed: >= 0.
+    """Return a room of a kind, named by its number; equal arguments give equal rooms everywhere.
 
     Raises:
         UnknownNameError: there is no such kind.

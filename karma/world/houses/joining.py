@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from karma.world.core.boxes import Box, rounded
+from karma.world.core.ground import GRID_M, Cell
 from karma.world.core.scene import Scene, Wall
+from karma.world.core.thing import box_of
 
-GRID_M = 0.25
 WALL_M = 0.05  # thickness on either side of a wall's middle
 LEAST_GAP_M = 0.1  # between the insides of two rooms
 DOOR_M = 0.9  # wide
@@ -58,20 +59,11 @@ class LaidRoom:
         span = (along - half, along + half)
         xs, zs = (reach, span) if side[0] == "x" else (span, reach)
         gate = Box(xs[0], box.y0 + 0.05, zs[0], xs[1], box.y1, zs[1])
-        return any(
-            gate.overlaps(Box.around(thing.center, thing.size)) for thing in self.scene.objects
-        )
+        return any(gate.overlaps(box_of(thing)) for thing in self.scene.objects)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Doorway:
-    """A gap in two walls, and the cells through it."""
-
-    cells: tuple[tuple[float, float], ...]
-
-
-def lay(rooms: Sequence[LaidRoom], rng: np.random.Generator) -> list[Doorway] | None:
-    """Move rooms beside one another; None where a room can be joined to no other.
+def lay(rooms: Sequence[LaidRoom], rng: np.random.Generator) -> list[list[Cell]] | None:
+    """Move rooms beside one another and return the cells of each doorway; None where one has none.
 
     Each room but the first is put where the home stays most compact; of equals, a drawn one.
     """
@@ -98,30 +90,17 @@ def _choices(there: Sequence[LaidRoom], room: LaidRoom) -> Iterator[_Choice]:
     own = Box.around(room.scene.bounds_center, room.scene.bounds_size)
     for host in there:
         for side in SIDES:
-            taken = host.doors.get(side, [])
-            theirs = [
-                along
-                for along in host.openings(side)
-                if all(
-                    abs(along + (host.z if side[0] == "x" else host.x) - other) > DOOR_M
-                    for other in taken
-                )
-            ]
-            for along in theirs[::2]:
+            taken, by = host.doors.get(side, []), host.z if side[0] == "x" else host.x
+            theirs = [along + by for along in host.openings(side)]
+            free = [one for one in theirs if all(abs(one - other) > DOOR_M for other in taken)]
+            for home_along in free[::2]:
                 for mine in room.openings(OPPOSITE[side])[::2]:
-                    home_along = along + (host.z if side[0] == "x" else host.x)
                     x, z = _shift(host, own, side, home_along - mine)
                     box = own.shifted(x, z)
                     if any(_too_near(box, other.inside) for other in there):
                         continue
-                    yield (
-                        _extent([*(one.inside for one in there), box]),
-                        host,
-                        side,
-                        (home_along),
-                        x,
-                        z,
-                    )
+                    size = _extent([*(one.inside for one in there), box])
+                    yield (size, host, side, home_along, x, z)
 
 
 def _shift(host: LaidRoom, own: Box, side: str, along: float) -> tuple[float, float]:
@@ -137,9 +116,8 @@ def _shift(host: LaidRoom, own: Box, side: str, along: float) -> tuple[float, fl
 
 
 def _too_near(box: Box, other: Box) -> bool:
-    return box.grown(LEAST_GAP_M / 2 - 1e-6, 0.0, LEAST_GAP_M / 2 - 1e-6).overlaps(
-        other.grown(LEAST_GAP_M / 2 - 1e-6, 0.0, LEAST_GAP_M / 2 - 1e-6)
-    )
+    by = LEAST_GAP_M / 2 - 1e-6
+    return box.grown(by, 0.0, by).overlaps(other.grown(by, 0.0, by))
 
 
 def _extent(boxes: Sequence[Box]) -> float:
@@ -148,18 +126,16 @@ def _extent(boxes: Sequence[Box]) -> float:
     return max(x, z) + 0.3 * min(x, z)
 
 
-def _doorway(host: LaidRoom, room: LaidRoom, side: str, along: float) -> Doorway:
+def _doorway(host: LaidRoom, room: LaidRoom, side: str, along: float) -> list[Cell]:
     """Return the cells that lead through a doorway."""
     start = _edge_column(host.inside, side)
     end = _edge_column(room.inside, OPPOSITE[side])
     low, high = sorted((round(start / GRID_M), round(end / GRID_M)))
-    return Doorway(
-        cells=tuple(
-            _point(side, number * GRID_M, along + step)
-            for number in range(low, high + 1)
-            for step in _ALONG
-        )
-    )
+    return [
+        _point(side, number * GRID_M, along + step)
+        for number in range(low, high + 1)
+        for step in _ALONG
+    ]
 
 
 def _edge_column(box: Box, side: str) -> float:

@@ -4,20 +4,8 @@ import itertools
 
 import numpy as np
 
-from karma.world.render.form import CRACK, SIDES, Builder, Form, shade
-from karma.world.render.mesh import (
-    Colour,
-    Mesh,
-    ball,
-    box,
-    drum,
-    joined,
-    lathe,
-    ring,
-    rod,
-    sheet,
-    turned,
-)
+from karma.world.render.form import CRACK, Form, shade
+from karma.world.render.mesh import Colour, Mesh, ball, box, drum, joined, lathe, ring, rod, turned
 
 WALL_M = 0.018
 SWING_DEG = 100.0
@@ -179,34 +167,6 @@ def drawer(f: Form) -> list[Mesh]:
     ]
 
 
-def carton(f: Form) -> list[Mesh]:
-    """Return a cardboard box: closed with tape, open with its flaps out."""
-    x, y, z = f.half
-    thick = 0.006
-    if f.openness <= 0:
-        tape = shade(f.second, 1.25)
-        return [
-            f.box((-1, 0, -1), (1, 1, 1), f.main),
-            f.on_top((-0.12, -1), (0.12, 1), tape),
-            f.in_front((-0.12, 0.7), (0.12, 1), tape),
-        ]
-    a, b, top = x * 0.8, z * 0.8, y * 0.86
-    parts = [
-        box((-a, 0, -b), (a, thick, b), f.third),
-        box((-a, 0, -b), (-a + thick, top, b), f.main),
-        box((a - thick, 0, -b), (a, top, b), f.main),
-        box((-a, 0, -b), (a, top, -b + thick), f.main),
-        box((-a, 0, b - thick), (a, top, b), f.main),
-        box((-a + thick, thick, -b + thick), (a - thick, thick * 1.5, b - thick), f.third),
-    ]
-    lift = y - top
-    for side in SIDES:
-        across, along = (side * (x - a), lift, 0), (0, lift, side * (z - b))
-        parts.append(sheet((side * a, top, -b), (0, 0, 2 * b), across, f.second))
-        parts.append(sheet((-a, top, side * b), (2 * a, 0, 0), along, f.second))
-    return parts
-
-
 def hamper(f: Form) -> list[Mesh]:
     """Return a basket with a lid that stands up when open."""
     x, y, z = f.half
@@ -214,7 +174,7 @@ def hamper(f: Form) -> list[Mesh]:
     weave = [f.main if band % 2 else f.second for band in range(6)]
     profile = [(r * (0.85 + 0.15 * band / 6), top * band / 6) for band in range(7)]
     inner = [(r * 0.95, top), (r * 0.8, y * 0.05), (0.0, y * 0.05)]
-    lid = _moved(f.drum(1, 0, 0.08, f.second), 0, top, 0)
+    lid = _moved(f.lathe([(0, 0), (1, 0), (1, 0.08), (0, 0.08)], f.second), 0, top, 0)
     if f.openness > 0:
         lid = turned(lid, -95 * f.openness, axis=0, about=(0, top, -z))
     return [lathe(profile, weave, depth=z / x), lathe(inner, f.third, depth=z / x), lid]
@@ -305,9 +265,3 @@ def cracks(x: float, y0: float, y1: float, z: float, colour: Colour = CRACK) -> 
         for (ax, ay), (bx, by) in itertools.pairwise(places):
             lines.append(rod((ax, ay, z), (bx, by, z), wide * 0.8, colour, sides=4))
     return lines
-
-
-BUILDERS: dict[str, Builder] = {
-    "case": case, "drawer": drawer, "carton": carton, "hamper": hamper, "toilet": toilet,
-    "laptop": laptop,
-}  # fmt: skip

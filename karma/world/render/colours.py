@@ -26,11 +26,7 @@ _OFFSET = -min(STRUCTURE)
 
 
 def colour(name: str, turn: int = 0) -> RGB:
-    """Return a colour that depends on the name alone, never black.
-
-    Args:
-        name: of an object, a type or a part of the room.
-        turn: which of the name's colours, when the first is taken.
+    """Return a colour that depends on the name alone, never black; `turn` when others are taken.
 
     >>> colour("Mug") == colour("Mug") != colour("Cup")
     True
@@ -74,17 +70,12 @@ def colour_table(objects: Mapping[str, SceneObject]) -> list[dict[str, Any]]:
 def instance_frame(
     rows: NDArray[np.int32], objects: Mapping[str, SceneObject]
 ) -> NDArray[np.uint8]:
-    """Return each pixel's object as its colour, uint8 (H, W, 3).
-
-    Args:
-        rows: of a `Picture`.
-        objects: of the same moment.
-    """
+    """Return each pixel's object as its colour, uint8 (H, W, 3), by the rows of a `Picture`."""
     return _painted(rows, objects, list(objects))
 
 
 def class_frame(rows: NDArray[np.int32], objects: Mapping[str, SceneObject]) -> NDArray[np.uint8]:
-    """Return each pixel's type as its colour, uint8 (H, W, 3); arguments as `instance_frame`."""
+    """Return each pixel's type as its colour, uint8 (H, W, 3), by the rows of a `Picture`."""
     return _painted(rows, objects, [thing.type for thing in objects.values()])
 
 

@@ -14,7 +14,7 @@ from karma.world.core.hiding import hidden_rows
 from karma.world.core.holes import WORKTOP, holes_by_row
 from karma.world.core.objects import Objects
 from karma.world.core.scene import SceneObject
-from karma.world.core.thing import bottom, is_inert, is_shut
+from karma.world.core.thing import bottom, box_of, is_inert, is_shut
 from karma.world.render.cases import SLIDE
 from karma.world.render.form import LIQUIDS, WATER, Form, Rectangle
 from karma.world.render.frame import Floats, ObjectFrame, frame
@@ -61,10 +61,7 @@ def _appearance(thing: SceneObject) -> tuple[object, ...]:
 def tasks(objects: Objects, cells: Floats, walked: Mapping[str, Floats]) -> Iterator[DrawingTask]:
     """Yield a task for each object that shows: not the floor, not what is shut in or in pieces.
 
-    Args:
-        objects: of this moment.
-        cells: (x, z) where an agent can stand, shape (n, 2).
-        walked: floor within worktops' boxes, see `holes.walked_in`.
+    `cells` are (x, z) where an agent can stand, shape (n, 2); `walked` comes from `walked_in`.
     """
     slides = _slides(objects, cells)
     lifts: dict[str, float] = {}
@@ -116,12 +113,11 @@ def _lies_about(objects: Objects, thing: SceneObject) -> bool:
 def _slides(objects: Objects, cells: Floats) -> dict[str, Vec3]:
     """Return how far the contents of open drawers have come out with them."""
     found: dict[str, Vec3] = {}
-    for object_id in objects.by_type.get("Drawer", ()):
-        drawer = objects[object_id]
+    for drawer in objects.of_types("Drawer"):
         if drawer.openness > 0:
             stand = _frame(drawer, looks()["Drawer"], cells)
             x, y, z = stand.axes[2] * stand.size[2] * SLIDE * drawer.openness
-            for child in objects.containment.inside(object_id):
+            for child in objects.containment.inside(drawer.id):
                 found[child] = (float(x), float(y), float(z))
     return found
 
@@ -183,24 +179,21 @@ def supports(objects: Objects, floor_y: float) -> tuple[Box, ...]:
     AI2-THOR shows them too, but they are no objects and stand in no metadata.
     """
     fixed = [
-        Box.around(thing.center, thing.size)
+        box_of(thing)
         for thing in objects.values()
         if "pickupable" not in thing.capabilities and thing.type not in (FLOOR, BURNER)
     ]
     found = [_stove(group, floor_y) for group in _burners(objects)]
     found = [stove for stove in found if not any(_under(stove, box) for box in fixed)]
-    for object_id in objects.by_type.get(WORKTOP, ()):
-        found += _legs(
-            Box.around(objects[object_id].center, objects[object_id].size), fixed, floor_y
-        )
+    for worktop in objects.of_types(WORKTOP):
+        found += _legs(box_of(worktop), fixed, floor_y)
     return tuple(found)
 
 
 def _burners(objects: Objects) -> list[list[Box]]:
     """Return the burners, those near to each other together."""
     groups: list[list[Box]] = []
-    for object_id in objects.by_type.get(BURNER, ()):
-        burner = Box.around(objects[object_id].center, objects[object_id].size)
+    for burner in map(box_of, objects.of_types(BURNER)):
         wide = burner.grown(0.25, 0.3, 0.25)
         near = [group for group in groups if any(wide.overlaps(other) for other in group)]
         groups = [group for group in groups if group not in near]
@@ -258,7 +251,7 @@ def _ground(task: DrawingTask, stand: ObjectFrame) -> tuple[Rectangle, ...]:
     free = (*task.holes, *task.walked)
     if not free:
         return ()
-    own = Box.around(task.thing.center, task.thing.size)
+    own = box_of(task.thing)
     least = STRIP_M if task.walked else SLIVER_M
     parts = _without((own.x0, own.z0, own.x1, own.z1), free)
     parts = [part for part in parts if min(part[2] - part[0], part[3] - part[1]) > least]

@@ -19,7 +19,6 @@ WINE: Colour = (120.0, 10.0, 40.0)
 LIQUIDS = {"water": WATER, "coffee": COFFEE, "wine": WINE}
 CRACK: Colour = (12.0, 12.0, 14.0)
 SIDES = (-1, 1)
-CORNERS = ((-1, -1), (-1, 1), (1, -1), (1, 1))
 
 
 class Form(NamedTuple):
@@ -48,6 +47,11 @@ class Form(NamedTuple):
         return self.width / 2, self.height, self.depth / 2
 
     @property
+    def opened(self) -> bool:
+        """Whether it stands open."""
+        return self.openness > 0
+
+    @property
     def along_x(self) -> bool:
         """Whether it is at least as wide as deep."""
         return self.width >= self.depth
@@ -61,18 +65,9 @@ class Form(NamedTuple):
         a, b, c = self.half
         return a * x, b * y, c * z
 
-    def box(
-        self, low: Point, high: Point, colour: Colour, *, glow: bool = False, clear: int = SOLID
-    ) -> Mesh:
+    def box(self, low: Point, high: Point, colour: Colour) -> Mesh:
         """Return a box between two corners given in shares."""
-        return mesh.box(self.at(*low), self.at(*high), colour, glow=glow, clear=clear)
-
-    def on_top(
-        self, low: Pair, high: Pair, colour: Colour, thick: float = 0.002, *, glow: bool = False
-    ) -> Mesh:
-        """Return a plate on the upper side, between two corners (x, z) in shares."""
-        (x0, _, z0), (x1, y, z1) = self.at(low[0], 1, low[1]), self.at(high[0], 1, high[1])
-        return mesh.box((x0, y, z0), (x1, y + thick, z1), colour, glow=glow)
+        return mesh.box(self.at(*low), self.at(*high), colour)
 
     def in_front(
         self, low: Pair, high: Pair, colour: Colour, thick: float = 0.002, *, glow: bool = False
@@ -80,30 +75,6 @@ class Form(NamedTuple):
         """Return a plate on the front, between two corners (x, y) in shares."""
         (x0, y0, z), (x1, y1, _) = self.at(*low, 1), self.at(*high, 1)
         return mesh.box((x0, y0, z), (x1, y1, z + thick), colour, glow=glow)
-
-    def buttons(
-        self, columns: Sequence[float], rows: Sequence[float], half: Pair, colour: Colour,
-        thick: float, *, glow: bool = False,
-    ) -> list[Mesh]:  # fmt: skip
-        """Return plates on the upper side, `half` (x, z) metres round places in shares."""
-        x, y, z = self.half
-        a, b = half
-        return [
-            mesh.box(
-                (p * x - a, y, q * z - b), (p * x + a, y + thick, q * z + b), colour, glow=glow
-            )
-            for p in columns
-            for q in rows
-        ]
-
-    def legs(self, x: float, z: float, half: float, top: float) -> list[Mesh]:
-        """Return four posts of the second colour round (x, z) and its mirror images, metres."""
-        return [
-            mesh.box(
-                (a * x - half, 0, b * z - half), (a * x + half, top, b * z + half), self.second
-            )
-            for a, b in CORNERS
-        ]
 
     def frame(self, edge: float) -> list[Mesh]:
         """Return a border all round the front, as deep as the object; `edge` in metres."""
@@ -122,40 +93,16 @@ class Form(NamedTuple):
         x, y, _ = self.half
         return mesh.box((-x + edge, edge, z0), (x - edge, y - edge, z1), colour, clear=clear)
 
-    def ball(
-        self, middle: Point, half: Point, colour: Colour, *, sides: int = 12, rings: int = 7,
-        glow: bool = False,
-    ) -> Mesh:  # fmt: skip
+    def ball(self, middle: Point, half: Point, colour: Colour, *, sides: int, rings: int) -> Mesh:
         """Return an ellipsoid by its middle and half its sides in shares."""
-        place, radii = self.at(*middle), self.at(*half)
-        return mesh.ball(place, radii, colour, sides=sides, rings=rings, glow=glow)
-
-    def rod(
-        self, start: Point, end: Point, radius: float, colour: Colour, *, sides: int = 8,
-        thin: float | None = None,
-    ) -> Mesh:  # fmt: skip
-        """Return a cylinder between two points in shares; its radii are in metres."""
-        a, b = self.at(*start), self.at(*end)
-        return mesh.rod(a, b, radius, colour, sides=sides, thin=thin)
+        return mesh.ball(self.at(*middle), self.at(*half), colour, sides=sides, rings=rings)
 
     def lathe(
-        self, profile: Sequence[Pair], colour: Colour | Sequence[Colour], *, sides: int = 14,
-        radius: float | None = None,
+        self, profile: Sequence[Pair], colour: Colour | Sequence[Colour], *, sides: int = 14
     ) -> Mesh:  # fmt: skip
-        """Return a turned profile in shares of the half width and the height, as deep as the form.
-
-        With a `radius`, in metres, it is round, and the shares are of that.
-        """
+        """Return a turned profile in shares of half the width and of the height."""
         x, y, z = self.half
-        wide, depth = (x, z / x) if radius is None else (radius, 1.0)
-        points = [(wide * a, y * b) for a, b in profile]
-        return mesh.lathe(points, colour, sides=sides, depth=depth)
-
-    def drum(
-        self, radius: float, y0: float, y1: float, colour: Colour, *, sides: int = 14
-    ) -> Mesh:  # fmt: skip
-        """Return a closed upright cylinder in shares, as deep as the form."""
-        return self.lathe([(0, y0), (radius, y0), (radius, y1), (0, y1)], colour, sides=sides)
+        return mesh.lathe([(x * a, y * b) for a, b in profile], colour, sides=sides, depth=z / x)
 
 
 Builder = Callable[[Form], list[Mesh]]

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.contracts import Vec3
+from karma.world.core.rays import own_frame
 from karma.world.core.scene import SceneObject
-from karma.world.core.silhouettes import own_frame
 
 Front = Literal["turn", "room", "thin", "long"]
 Floats = NDArray[np.float64]
@@ -25,15 +25,11 @@ class ObjectFrame(NamedTuple):
 
 
 def frame(thing: SceneObject, cells: Floats, *, front: Front, laid: bool) -> ObjectFrame:
-    """Return the frame of an object.
+    """Return the frame of an object among cells (x, z) where an agent can stand, shape (n, 2).
 
-    Args:
-        thing: with its box.
-        cells: (x, z) where an agent can stand, shape (n, 2).
-        front: "turn" = where the object's yaw points; "room" = the side before which an agent
-            can best stand; "thin" and "long" = the same, among the sides across the thinner or
-            along the longer side.
-        laid: whether the longest side counts as depth and the shortest as height, as for cutlery.
+    Its front is where its yaw points ("turn"), or the side before which an agent can best stand
+    ("room"), among those across the thinner ("thin") or along the longer side ("long"). What is
+    laid has its longest side as depth and its shortest as height, as cutlery.
     """
     axes, size = own_frame(thing)
     if laid:

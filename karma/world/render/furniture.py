@@ -1,14 +1,27 @@
-"""Build tables, seats, beds, shelves and chests."""
+"""Build furniture and fixtures: seats, beds, worktops, shelves; basins, doors, curtains, knobs."""
 
 import itertools
 from collections.abc import Callable
+from math import cos, sin
 from types import MappingProxyType
 from typing import NamedTuple
 
-from karma.world.render.form import CORNERS, SIDES, Builder, Form, Rectangle, shade
-from karma.world.render.mesh import Mesh, ball, box, sheet, slab, turned
-
-_HANDLE = (70.0, 66.0, 60.0)
+from karma.world.render.cases import cracks
+from karma.world.render.form import CRACK, SIDES, WATER, Form, Rectangle, dial, shade
+from karma.world.render.mesh import (
+    GHOST,
+    GLASS,
+    Mesh,
+    ball,
+    bent,
+    box,
+    drum,
+    lathe,
+    rod,
+    sheet,
+    shifted,
+    turned,
+)
 
 
 class Surface(NamedTuple):
@@ -16,10 +29,6 @@ class Surface(NamedTuple):
 
     level: Callable[[float], float]  # above its foot, of its height
     lift_m: float  # things that lie at most this much deeper are drawn on it
-
-
-def _chair_level(height: float) -> float:
-    return min(0.46, height * 0.52)
 
 
 def _sofa_level(height: float) -> float:
@@ -30,88 +39,16 @@ def _bed_level(height: float) -> float:
     return min(0.5, height * 0.62)
 
 
-def _top(height: float) -> float:
-    return height
-
-
 SURFACES = MappingProxyType(
     {
-        "counter": Surface(_top, 0.04),
-        "table": Surface(_top, 0.04),
-        "chest": Surface(_top, 0.04),
-        "stand": Surface(_top, 0.04),
+        **dict.fromkeys(
+            ("counter", "table", "side_table", "desk", "chest", "stand"),
+            Surface(lambda height: height, 0.04),
+        ),
         "sofa": Surface(_sofa_level, 0.2),
         "bed": Surface(lambda height: _bed_level(height) + 0.045, 0.2),
     }
 )
-
-
-def block(f: Form) -> list[Mesh]:
-    """Return a plain box."""
-    return [f.box((-1, 0, -1), (1, 1, 1), f.main)]
-
-
-def table(f: Form) -> list[Mesh]:
-    """Return a top on four legs; with a drawer front or a back panel by style."""
-    x, y, z = f.half
-    thick = min(0.05, y * 0.12)
-    low = y - thick
-    leg = min(0.06, x * 0.16, z * 0.16)
-    parts = [
-        slab(f.width, f.depth, low, y, f.main),
-        slab(f.width * 0.9, f.depth * 0.9, low - min(0.08, y * 0.15), low, f.second),
-        *f.legs(x - leg * 0.8, z - leg * 0.8, leg / 2, low),
-    ]
-    if f.style == "drawer":
-        front, middle = z * 0.97, y * 0.8
-        parts += [
-            slab(f.width * 0.9, f.depth * 0.94, y * 0.66, low, f.second),
-            box((-x * 0.8, y * 0.7, front - 0.01), (x * 0.8, y - thick * 1.5, front), f.main),
-            box((-0.04, middle - 0.012, front), (0.04, middle + 0.012, front + 0.02), _HANDLE),
-            slab(f.width * 0.85, f.depth * 0.85, y * 0.18, y * 0.2, f.second),
-        ]
-    if f.style == "back":
-        parts.append(box((-x * 0.95, y * 0.35, -z * 0.96), (x * 0.95, low, -z * 0.9), f.second))
-    return parts
-
-
-def chair(f: Form) -> list[Mesh]:
-    """Return a chair with two boards for a back."""
-    x, y, z = f.half
-    level = _chair_level(y)
-    leg = min(0.04, x * 0.2)
-    parts = [slab(f.width, f.depth * 0.96, level - 0.05, level, f.main)]
-    for a in SIDES:
-        left, right = a * (x - leg) - leg / 2, a * (x - leg) + leg / 2
-        parts.append(box((left, 0, z - leg * 1.5), (right, level, z - leg / 2), f.second))
-        parts.append(box((left, 0, -z), (right, y, -z + leg), f.second))
-    for low, high in ((0.62, 0.72), (0.78, 1.0)):
-        parts.append(box((-x + leg, y * low, -z + 0.005), (x - leg, y * high, -z + 0.03), f.main))
-    return parts
-
-
-def stool(f: Form) -> list[Mesh]:
-    """Return a round stool with a frame between its legs."""
-    x, _, z = f.half
-    wide = min(x, z)
-    parts = [f.drum(1, 0.92, 1, f.main, sides=16)]
-    for a, b in CORNERS:
-        foot, top = (a * 0.8, 0, b * 0.8), (a * 0.5, 0.92, b * 0.5)
-        parts.append(f.rod(foot, top, wide * 0.11, f.second, sides=6))
-    around = [(x, 0.3, z) for x, z in ((-0.7, -0.7), (0.7, -0.7), (0.7, 0.7), (-0.7, 0.7))]
-    for start, end in zip(around, [*around[1:], around[0]], strict=True):
-        parts.append(f.rod(start, end, wide * 0.06, f.second, sides=4))
-    return parts
-
-
-def footstool(f: Form) -> list[Mesh]:
-    """Return a cushioned footstool."""
-    x, y, z = f.half
-    return [
-        f.box((-1, 0.3, -1), (1, 0.8, 1), f.main),
-        slab(f.width * 0.96, f.depth * 0.96, y * 0.8, y, shade(f.main, 1.15)),
-        *f.legs(x * 0.85, z * 0.85, 0.03, y * 0.3),
-    ]
 
 
 def sofa(f: Form) -> list[Mesh]:
@@ -136,7 +73,9 @@ def sofa(f: Form) -> list[Mesh]:
         parts.append(box((low + 0.01, seat, back), (high - 0.01, level, z * 0.97), light))
         upper = (high - 0.015, y * 0.96, -z + deep * 1.5)
         parts.append(box((low + 0.015, level, back), upper, light))
-    return [*parts, *f.legs(x - 0.05, z - 0.05, 0.03, 0.05)]
+    for a, b in itertools.product((0.05 - x, x - 0.05), (0.05 - z, z - 0.05)):
+        parts.append(box((a - 0.03, 0, b - 0.03), (a + 0.03, 0.05, b + 0.03), f.second))
+    return parts
 
 
 def bed(f: Form) -> list[Mesh]:
@@ -197,20 +136,6 @@ def counter(f: Form) -> list[Mesh]:
     ]
 
 
-def stand(f: Form) -> list[Mesh]:
-    """Return a low stand with an open middle."""
-    x, y, z = f.half
-    front = z - 0.02
-    return [
-        box((-x, y - 0.04, -z), (x, y, z), shade(f.main, 1.1)),
-        box((-x, 0, -z), (-x + 0.04, y, front), f.main),
-        box((x - 0.04, 0, -z), (x, y, front), f.main),
-        box((-x, 0, -z), (x, y, -z + 0.02), f.second),
-        box((-x, 0.0, -z), (x, 0.06, front), f.main),
-        box((-x, y * 0.45, -z), (x, y * 0.5, front - 0.03), f.main),
-    ]
-
-
 def chest(f: Form) -> list[Mesh]:
     """Return a dresser with drawer fronts."""
     x, y, z = f.half
@@ -229,17 +154,6 @@ def chest(f: Form) -> list[Mesh]:
     return parts
 
 
-def shelf(f: Form) -> list[Mesh]:
-    """Return one board at the bottom of the box, on brackets when there is room."""
-    x, _, z = f.half
-    thick = min(f.height, 0.03)
-    brackets = [
-        box((at - 0.01, 0, -z), (at + 0.01, thick * 0.9, z * 1.005), f.second)
-        for at in (-0.8 * x, 0.8 * x)
-    ]
-    return [slab(f.width, f.depth, 0, thick, f.main), *brackets]
-
-
 def shelves(f: Form) -> list[Mesh]:
     """Return an open case of shelves with a back."""
     x, y, z = f.half
@@ -253,14 +167,143 @@ def shelves(f: Form) -> list[Mesh]:
     ]
 
 
-def dog_bed(f: Form) -> list[Mesh]:
-    """Return a padded ring round a soft middle."""
-    rim = [(0.8, 0), (1, 0.3), (1, 0.7), (0.86, 1), (0.7, 0.6), (0.66, 0)]
-    return [f.lathe(rim, f.main, sides=18), f.drum(0.72, 0, 0.45, f.second, sides=18)]
+# ------------------------------------------------------------------ fixtures
 
 
-BUILDERS: dict[str, Builder] = {
-    "block": block, "table": table, "chair": chair, "stool": stool, "footstool": footstool,
-    "sofa": sofa, "bed": bed, "counter": counter, "chest": chest, "stand": stand, "shelf": shelf,
-    "shelves": shelves, "dog_bed": dog_bed,
-}  # fmt: skip
+def basin(f: Form) -> list[Mesh]:
+    """Return a tub, a sink's rim round its basin, or the basin itself."""
+    x, y, z = f.half
+    if f.style == "rim" and f.filled_parts:
+        low = max(0.0, y - 0.02)
+        return [box((x0, low, z0), (x1, y, z1), f.main) for x0, z0, x1, z1 in f.filled_parts]
+    wall = min(0.08 if f.style == "tub" else 0.02, x * 0.2, z * 0.2)
+    floor = y * (0.22 if f.style == "tub" else 0.06)
+    return [
+        box((-x, 0, -z), (-x + wall, y, z), f.main),
+        box((x - wall, 0, -z), (x, y, z), f.main),
+        box((-x, 0, -z), (x, y, -z + wall), f.main),
+        box((-x, 0, z - wall), (x, y, z), f.main),
+        box((-x + wall, 0, -z + wall), (x - wall, floor, z - wall), shade(f.main, 0.9)),
+        drum(min(x, z) * 0.12, floor, floor + 0.004, f.second),
+    ]
+
+
+def shower_head(f: Form) -> list[Mesh]:
+    """Return a shower head on its arm, or on a pole when it is tall; on, it rains."""
+    x, y, z = f.half
+    pole = y > 0.6
+    top = y * 0.97
+    head_y = y * (0.88 if pole else 0.45)
+    low = head_y - 0.02
+    wide = min(x, z) * 0.75
+    front = z - wide if z > wide else 0.0
+    arm = [
+        (0.0, 0.0 if pole else y * 0.8, -z), (0.0, top, -z * 0.9), (0.0, top, front),
+        (0.0, head_y + 0.03, front),
+    ]  # fmt: skip
+    parts = [
+        *bent(arm, max(0.012, wide * 0.08), f.main),
+        shifted(lathe([(wide * 0.3, head_y + 0.05), (wide, head_y)], f.main), 0, 0, front),
+        shifted(drum(wide, low, head_y, shade(f.main, 0.8)), 0, 0, front),
+    ]
+    for drop in range(10 if f.on else 0):
+        angle, far = drop * 2.4, wide * 0.9 * (drop / 10) ** 0.5
+        a, b = sin(angle) * far, front + cos(angle) * far
+        parts += [
+            rod((a, low, b), (a, head_y - 0.65, b), 0.006, WATER, sides=4, clear=GHOST),
+            rod((a, low, b), (a, head_y - 0.1, b), 0.008, WATER, sides=4),
+        ]
+    return parts
+
+
+def glass_door(f: Form) -> list[Mesh]:
+    """Return a pane of glass in a frame; a door swings when open, a broken one has cracks."""
+    x, y, z = f.half
+    z = max(z, 0.008)
+    edge = 0.025
+    pane = f.pane(edge, -0.003, 0.003, f.second, clear=GLASS)
+    parts = [pane, *f._replace(depth=2 * z).frame(edge)]
+    if f.style == "door":
+        a, front = x * 0.8, z + 0.03
+        parts.append(rod((a, y * 0.4, front), (a, y * 0.6, front), 0.014, (90.0, 95.0, 100.0)))
+    if f.broken:
+        parts += cracks(x - edge, edge, y - edge, 0.006, (245.0, 250.0, 252.0))
+        parts += cracks(x - edge, edge, y * 0.6, 0.008, CRACK)
+    if f.openness > 0:
+        parts = [turned(part, -95 * f.openness, about=(-x, 0, 0)) for part in parts]
+    return parts
+
+
+def curtain(f: Form) -> list[Mesh]:
+    """Return folds of cloth on a rod; an open shower curtain is pushed aside."""
+    x, y, z = f.half
+    parts = [rod((-x, 0.985 * y, 0), (x, 0.985 * y, 0), min(0.02, z), f.second, sides=6)]
+    spans = [(-x, -x * 0.45), (x * 0.45, x)]
+    if f.style == "shower":
+        spans = [(-x, x - f.openness * 1.4 * x)]
+    for low, high in spans:
+        folds = max(3, round((high - low) / 0.09))
+        step = (high - low) / folds
+        for fold in range(folds):
+            colour = f.main if fold % 2 else shade(f.main, 0.82)
+            wave = drum(step * 0.62, 0.0, y * 0.97, colour, sides=6, depth=z / step)
+            parts.append(shifted(wave, low + step * (fold + 0.5)))
+    return parts
+
+
+def blinds(f: Form) -> list[Mesh]:
+    """Return slats: drawn up to a bundle when open, all the way down the box when closed."""
+    x, y, z = f.half
+    top = y - min(0.05, y * 0.25)
+    parts = [box((-x, top, -z), (x, y, z), shade(f.second, 0.9))]
+    low = top * min(f.openness, 1.0) * 0.75
+    count = max(3, min(24, round(top / 0.045)))
+    for slat in range(count):
+        level = low + (top - low) * (slat + 0.5) / count
+        colour = f.main if slat % 2 else f.second
+        high = (top - low) / count * 0.42
+        parts.append(box((-x, level - high, -z * 0.6), (x, level + high, z * 0.7), colour))
+    if f.openness > 0:
+        parts.append(rod((x * 0.8, 0, 0), (x * 0.8, low, 0), 0.006, (90.0, 90.0, 90.0), sides=4))
+    return parts
+
+
+def knob(f: Form) -> list[Mesh]:
+    """Return a knob whose mark stands upright when off, and across, lit, when on."""
+    x, y, z = f.half
+    lying = y < min(f.width, f.depth)
+    radius = min(x, z) if lying else min(x, y / 2)
+    mark = f.third if f.on else f.second
+    long, short = radius * 0.95, radius * 0.24
+    a, b = (long, short) if f.on else (short, long)
+    if lying:
+        return [
+            drum(radius, 0, y * 0.8, f.main),
+            box((-a, y * 0.8, -b), (a, y, b), mark, glow=f.on),
+        ]
+    return [
+        dial(radius, -z, z * 0.7, y / 2, f.main),
+        box((-a, y / 2 - b, z * 0.7), (a, y / 2 + b, z), mark, glow=f.on),
+    ]
+
+
+def phone(f: Form) -> list[Mesh]:
+    """Return a phone, lying: dark, lit with icons, or cracked."""
+    f = f.at_least(0.004)
+    x, y, z = f.half
+    lit = f.on and not f.broken
+    dark = (8.0, 9.0, 12.0) if not f.broken else (44.0, 46.0, 50.0)
+    shine = f.third if lit else dark
+    parts = [
+        f.box((-1, 0, -1), (1, 1, 1), f.second),
+        box((-0.88 * x, y, -0.86 * z), (0.88 * x, y + 0.001, 0.86 * z), shine, glow=lit),
+    ]
+    if lit:
+        side, places = x * 0.14, (-0.5, 0.0, 0.5)
+        for a, b in ((p * x, q * z) for p in places for q in places):
+            low, high = (a - side, y, b - side), (a + side, y + 0.002, b + side)
+            parts.append(box(low, high, (255.0, 255.0, 255.0), glow=True))
+    if f.broken:
+        flat = cracks(x * 0.85, -z * 0.84, z * 0.84, 0.0, (235.0, 238.0, 240.0))
+        parts += [shifted(turned(part, -90, axis=0), 0, y + 0.001, 0) for part in flat]
+    return parts

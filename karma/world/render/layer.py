@@ -1,12 +1,18 @@
-"""Shoot rays at sets of triangles."""
+"""Cast a camera's rays, one for each pixel, and shoot them at sets of triangles."""
 
 from collections.abc import Sequence
+from functools import lru_cache
+from math import radians, tan
+from typing import NamedTuple
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
+from karma.world.core.state import Camera
+from karma.world.core.thing import heading
+from karma.world.core.view import camera_axes
 from karma.world.render.mesh import Floats, Mesh, joined
 
 LIGHT = np.array([0.38, 0.80, 0.46], dtype=np.float32)  # towards the lamp; length 1
@@ -20,12 +26,9 @@ class Layer:
     def __init__(
         self, owners: Sequence[str | int], meshes: Sequence[Mesh], before: "Layer | None" = None
     ) -> None:
-        """Build the scene.
+        """Build the scene; an owner is an object's id, or the row of what is no object.
 
-        Args:
-            owners: for each mesh the object's id, or the row of what is no object.
-            meshes: their triangles.
-            before: a layer whose scene serves again if only colours have changed since.
+        The scene of the layer `before` serves again if only colours have changed since.
         """
         whole = joined(meshes)
         self.owners = tuple(owners)
@@ -66,9 +69,7 @@ class Layer:
     def shot(self, origins: Floats, directions: Floats) -> tuple[Floats, NDArray[np.int32]]:
         """Return for each ray how far it gets and which triangle it meets, -1 = none.
 
-        Args:
-            origins: shape (n, 3).
-            directions: directions of any length, in which distances count; shape (n, 3).
+        Both arguments have shape (n, 3); distances count in lengths of the directions.
         """
         if not len(self):
             return np.full(len(directions), np.inf, np.float32), np.full(
@@ -89,12 +90,7 @@ class Layer:
         return np.flatnonzero(far <= np.float32(radius**2))
 
     def shaded(self, eye: Floats | None, forward: Floats) -> NDArray[np.uint8]:
-        """Return each triangle's colour as seen from an eye; None = from far behind.
-
-        Args:
-            eye: the camera's place, shape (3,).
-            forward: where it looks, shape (3,).
-        """
+        """Return each triangle's colour as seen from an eye, shape (3,); None = from far behind."""
         towards = -forward[None] if eye is None else eye - self.centres
         length = np.sqrt(np.einsum("ij,ij->i", towards, towards)) + np.float32(1e-9)
         facing = np.einsum("ij,ij->i", self.normals, np.broadcast_to(towards, self.normals.shape))
@@ -114,3 +110,71 @@ def _shared(centres: Floats, normals: Floats) -> Floats:
     counts = np.diff(np.concatenate([starts, [len(centres)]]))
     means = np.add.reduceat(centres, starts, axis=0) / counts[:, None]
     return np.repeat(means, counts, axis=0).astype(np.float32)
+
+
+# ------------------------------------------------------------------ rays
+
+
+class Rays(NamedTuple):
+    """Where rays start and point; a ray's length along the view is 1, so distances are depths."""
+
+    origins: Floats  # (n, 3), on the near plane or further
+    directions: Floats  # (n, 3)
+    steps: Floats  # (3, n): the directions again, each part in one piece
+    sources: Floats  # (3, 1) or (3, n): where rays come from: the eye, or the near plane
+    passed: Floats | float  # (n,): how far from there the origins are
+    forward: Floats  # (3,)
+    eye: Floats | None  # (3,), where all meet; None when they are parallel
+
+    def beyond(self, pixels: NDArray[np.intp], far: Floats) -> "Rays":
+        """Return some of the rays from further along."""
+        directions = self.directions[pixels]
+        passed = self.passed if isinstance(self.passed, float) else self.passed[pixels]
+        return self._replace(
+            origins=self.origins[pixels] + directions * far[:, None],
+            directions=directions,
+            steps=self.steps[:, pixels],
+            sources=self.sources if self.sources.shape[1] == 1 else self.sources[:, pixels],
+            passed=far + np.float32(passed) if isinstance(passed, float) else passed + far,
+        )
+
+
+def rays(view: Camera, width: int, height: int) -> Rays:
+    """Return the rays of a camera's pixels, row by row."""
+    axes = _axes(view)
+    eye = np.array(view.position_m, dtype=np.float32)
+    near = np.float32(view.near_m)
+    if view.orthographic:
+        plane, _ = _plane(width, height, view.orthographic_size_m)
+        directions = np.empty_like(plane)
+        directions[:] = axes[2]
+        origins = eye + near * axes[2] + plane[:, :2] @ axes[:2]
+        steps, sources = (np.ascontiguousarray(part.T) for part in (directions, origins))
+        return Rays(origins, directions, steps, sources, 0.0, axes[2], None)
+    plane, across = _plane(width, height, tan(radians(view.fov_deg) / 2))
+    directions, steps = plane @ axes, axes.T @ across
+    return Rays(eye + directions * near, directions, steps, eye[:, None], float(near), axes[2], eye)
+
+
+def _axes(view: Camera) -> Floats:
+    """Return the rows right, up and forward, shape (3, 3)."""
+    pitch, yaw, roll = view.rotation_deg
+    right, up, forward = camera_axes(yaw, pitch)
+    if roll % 360:
+        sine, cosine = heading(roll)
+        right, up = cosine * right + sine * up, cosine * up - sine * right
+    return np.array([right, up, forward], dtype=np.float32)
+
+
+@lru_cache(maxsize=8)
+def _plane(width: int, height: int, reach: float) -> tuple[Floats, Floats]:
+    """Return each pixel's (right, up, 1), shapes (n, 3) and (3, n); up reaches to `reach`."""
+    x = ((np.arange(width) + 0.5) / width * 2 - 1) * reach * (width / height)
+    y = (1 - (np.arange(height) + 0.5) / height * 2) * reach
+    plane = np.empty((height, width, 3), dtype=np.float32)
+    plane[..., 0], plane[..., 1], plane[..., 2] = x[None], y[:, None], 1.0
+    flat = plane.reshape(-1, 3)
+    across = np.ascontiguousarray(flat.T)
+    flat.setflags(write=False)
+    across.setflags(write=False)
+    return flat, across

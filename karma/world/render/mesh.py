@@ -136,16 +136,9 @@ def box(low: Point, high: Point, colour: Colour, *, glow: bool = False, clear: i
     )  # fmt: skip
 
 
-def slab(
-    width: float, depth: float, y0: float, y1: float, colour: Colour, glow: bool = False
-) -> Mesh:
-    """Return a box centred on the y axis, between two heights."""
-    return box((-width / 2, y0, -depth / 2), (width / 2, y1, depth / 2), colour, glow=glow)
-
-
 def sheet(
     origin: Point, across: Point, along: Point, colour: Colour, *, cells: tuple[int, int] = (1, 1),
-    bump: float = 0.0, glow: bool = False, clear: int = SOLID,
+    bump: float = 0.0,
 ) -> Mesh:  # fmt: skip
     """Return a parallelogram in cells, its normal across x along; `bump` rumples it."""
     columns, rows = cells
@@ -160,10 +153,7 @@ def sheet(
         normal /= np.linalg.norm(normal)
         wave = np.sin(grid_u * 17 + grid_v * 5) * np.cos(grid_v * 13 - grid_u * 7)
         points = points + (wave * bump)[..., None] * normal
-    return mesh(
-        points.reshape(-1, 3).astype(np.float32), _cells(columns, rows), colour, glow=glow,
-        clear=clear,
-    )  # fmt: skip
+    return mesh(points.reshape(-1, 3).astype(np.float32), _cells(columns, rows), colour)
 
 
 @cache
@@ -184,15 +174,9 @@ def lathe(
     profile: Sequence[tuple[float, float]], colour: Colour | Sequence[Colour], *, sides: int = 14,
     depth: float = 1.0, glow: bool = False, clear: int = SOLID,
 ) -> Mesh:  # fmt: skip
-    """Return a profile of (radius, y) turned round the y axis.
+    """Return a profile of (radius, y) turned round the y axis, normals outwards if it runs upwards.
 
-    Args:
-        profile: from the outer bottom upwards gives outward normals.
-        colour: of all, or one for each band between two points of the profile.
-        sides: corners of the circle.
-        depth: z radius as a share of the x radius.
-        glow: whether it shines.
-        clear: SOLID, GLASS or GHOST.
+    `colour` may be one for each band between two points; `depth` is z as a share of x.
     """
     rings = np.array(profile, dtype=np.float32)
     angles = np.arange(sides, dtype=np.float32) * np.float32(2 * pi / sides)
@@ -226,11 +210,11 @@ def _without_slivers(whole: Mesh) -> Mesh:
 
 def drum(
     radius: float, y0: float, y1: float, colour: Colour, *, sides: int = 14, depth: float = 1.0,
-    glow: bool = False, clear: int = SOLID,
+    glow: bool = False,
 ) -> Mesh:  # fmt: skip
     """Return a closed upright cylinder."""
     profile = [(0.0, y0), (radius, y0), (radius, y1), (0.0, y1)]
-    return lathe(profile, colour, sides=sides, depth=depth, glow=glow, clear=clear)
+    return lathe(profile, colour, sides=sides, depth=depth, glow=glow)
 
 
 def ball(
@@ -247,14 +231,14 @@ def ball(
 
 def rod(
     start: Point, end: Point, radius: float, colour: Colour, *, sides: int = 8,
-    thin: float | None = None, glow: bool = False, clear: int = SOLID,
+    thin: float | None = None, clear: int = SOLID,
 ) -> Mesh:  # fmt: skip
     """Return a cylinder between two points; `thin` = the radius at its end."""
     a, b = np.array(start, dtype=np.float64), np.array(end, dtype=np.float64)
     length = float(np.linalg.norm(b - a))
     tip = radius if thin is None else thin
     profile = [(0.0, 0.0), (radius, 0.0), (tip, length), (0.0, length)]
-    upright = lathe(profile, colour, sides=sides, glow=glow, clear=clear)
+    upright = lathe(profile, colour, sides=sides, clear=clear)
     up = (b - a) / max(length, 1e-9)
     side = np.cross(up, (0.0, 0.0, 1.0) if abs(up[2]) < 0.9 else (1.0, 0.0, 0.0))
     side /= np.linalg.norm(side)
@@ -262,12 +246,9 @@ def rod(
     return upright._replace(vertices=upright.vertices @ axes + a.astype(np.float32))
 
 
-def bent(
-    points: Sequence[Point], radius: float, colour: Colour, *, sides: int = 6
-) -> list[Mesh]:  # fmt: skip
+def bent(points: Sequence[Point], radius: float, colour: Colour) -> list[Mesh]:
     """Return rods from point to point."""
-    pairs = itertools.pairwise(points)
-    return [rod(a, b, radius, colour, sides=sides) for a, b in pairs]
+    return [rod(a, b, radius, colour, sides=6) for a, b in itertools.pairwise(points)]
 
 
 def ring(

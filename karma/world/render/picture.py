@@ -2,23 +2,24 @@
 
 from functools import lru_cache
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from karma.contracts import Pose
 from karma.household.uses import LAMPS
-from karma.world.core.camera import Camera
+from karma.world.core.boxes import Box
 from karma.world.core.objects import Objects
-from karma.world.core.state import WorldState
+from karma.world.core.state import Camera, Room, WorldState
 from karma.world.core.thing import heading
 from karma.world.core.view import camera as eye
-from karma.world.render.kept import built
-from karma.world.render.layer import Layer
+from karma.world.render import shell
+from karma.world.render.drawn import DrawingTask, drawn, support, supports, tasks
+from karma.world.render.layer import Layer, rays
 from karma.world.render.looks import rgb
-from karma.world.render.mesh import Colour, Floats, Packed, ball, box, joined, lathe, packed
-from karma.world.render.pixels import AGENT, NOTHING, Pixels, look, scenery
-from karma.world.render.rays import rays
+from karma.world.render.mesh import Colour, Floats, Mesh, Packed, ball, box, joined, lathe, packed
+from karma.world.render.pixels import AGENT, NOTHING, STAND, Pixels, look, scenery
 
 SKY: Colour = (158.0, 190.0, 222.0)
 SKIES: dict[str, Colour] = {
@@ -35,21 +36,17 @@ FEET_M = 0.9  # the agent's origin is this far above the floor
 
 
 class Picture(NamedTuple):
-    """What a camera takes in, the top row first.
+    """What a camera takes in, shape (H, W) or (H, W, 3), the top row first.
 
-    Attributes:
-        rgb: uint8 (H, W, 3).
-        depth_m: float32 (H, W), metres along the camera's forward axis, far_m where nothing is.
-        rows: int32 (H, W), row of the object in `state.objects`, or one of NOTHING, WALL,
-            CEILING, FLOOR (of a scene without a Floor object), PIECES (of what broke), AGENT, and
-            STAND (a stove's body, a worktop's legs).
-        normals: float32 (H, W, 3), in the world's axes, towards the camera; None unless asked for.
+    Rows are those of the objects in `state.objects`, or one of NOTHING, WALL, CEILING, FLOOR (of a
+    scene without a Floor object), PIECES (of what broke), AGENT, and STAND (a stove's body, a
+    worktop's legs).
     """
 
     rgb: NDArray[np.uint8]
-    depth_m: Floats
+    depth_m: Floats  # along the camera's forward axis, far_m where nothing is
     rows: NDArray[np.int32]
-    normals: Floats | None = None
+    normals: Floats | None = None  # in the world's axes, towards the camera; None unless asked for
 
 
 def agent_camera(state: WorldState) -> Camera:
@@ -66,15 +63,9 @@ def agent_camera(state: WorldState) -> Camera:
 def render(
     state: WorldState, camera: Camera, width: int, height: int, *, normals: bool = False
 ) -> Picture:
-    """Return the picture of a moment; equal moments and cameras give equal bytes.
+    """Return the picture of a moment, sides in pixels; equal arguments give equal bytes.
 
-    Args:
-        state: the moment. What is built for it is kept as long as its room lives, and used
-            again until something looks different.
-        camera: with a perspective or an orthographic view.
-        width: pixels.
-        height: pixels.
-        normals: whether to return them.
+    What is built for a moment is kept as long as its room lives, until something looks different.
 
     Raises:
         ValueError: the picture has no pixels.
@@ -127,11 +118,10 @@ def _outline(colours: Packed, rows: NDArray[np.int32]) -> None:
 
 def _light(objects: Objects) -> float:
     """Return how bright the room is: dark when it has light switches and all are off."""
-    switches = objects.by_type.get("LightSwitch", ())
-    if not switches or any(objects[one].is_toggled for one in switches):
+    switches = objects.of_types("LightSwitch")
+    if not switches or any(one.is_toggled for one in switches):
         return 1.0
-    lamps = [one for kind in LAMPS for one in objects.by_type.get(kind, ())]
-    return min(1.0, DARK + LAMP * sum(objects[one].is_toggled for one in lamps))
+    return min(1.0, DARK + LAMP * sum(one.is_toggled for one in objects.of_types(*LAMPS)))
 
 
 def _lit(found: Pixels, light: float) -> NDArray[np.uint8]:
@@ -173,3 +163,78 @@ def body(pose: Pose) -> Layer:
     axes = np.array([(cosine, 0, -sine), (0, 1, 0), (sine, 0, cosine)], dtype=np.float32)
     place = np.array([x, 0.0, z], dtype=np.float32)
     return Layer((AGENT,), [whole._replace(vertices=whole.vertices @ axes + place)])
+
+
+# ------------------------------------------------------------------ what is built for a room
+
+
+class BuiltRoom:
+    """The triangles of the last moment of one room.
+
+    Attributes:
+        layers: what stands still, then what is in the hand, if anything is.
+        shell: the room itself.
+    """
+
+    def __init__(self, state: WorldState) -> None:
+        self._cells = np.array(list(state.room.cells.values()), dtype=float).reshape(-1, 2)
+        self._objects = state.objects
+        self._in_hand = state.in_hand
+        self._still: list[DrawingTask] = []
+        self._held: list[DrawingTask] = []
+        self._stands: tuple[Box, ...] = ()
+        self._meshes: dict[str, Mesh] = {}
+        self.layers = [Layer((), ())]
+        self._build(state)
+
+    def update(self, state: WorldState) -> None:
+        """Build anew what looks different now."""
+        if self._objects is not state.objects or self._in_hand != state.in_hand:
+            self._build(state)
+            self._objects, self._in_hand = state.objects, state.in_hand
+
+    def _build(self, state: WorldState) -> None:
+        wanted = list(tasks(state.objects, self._cells, state.room.shell.walked))
+        still = [task for task in wanted if task.thing.id not in state.in_hand]
+        held = [task for task in wanted if task.thing.id in state.in_hand]
+        self.shell = shell.around(state.room, state.objects)
+        stands = supports(state.objects, state.room.floor_y)
+        if not _same(still, self._still) or stands != self._stands:
+            kept = {task.thing.id: task for task in self._still}
+            self._meshes = {task.thing.id: self._mesh(task, kept, state) for task in still}
+            self.layers[0] = Layer(
+                [*(task.owner for task in still), STAND],
+                [*self._meshes.values(), support(stands)],
+                self.layers[0],
+            )
+            self._still, self._stands = still, stands
+        if not _same(held, self._held):
+            meshes = [drawn(task, self._cells, state.room.name) for task in held]
+            self.layers[1:] = [Layer([task.owner for task in held], meshes)] if held else []
+            self._held = held
+
+    def _mesh(self, task: DrawingTask, kept: dict[str, DrawingTask], state: WorldState) -> Mesh:
+        before = kept.get(task.thing.id)
+        if before is not None and before.same(task):
+            return self._meshes[task.thing.id]
+        return drawn(task, self._cells, state.room.name)
+
+
+_ROOMS: WeakKeyDictionary[Room, BuiltRoom] = WeakKeyDictionary()  # the longest unused first
+_AT_ONCE = 16  # rooms of which something is kept; Embree dies of some thousand scenes at once
+
+
+def built(state: WorldState) -> BuiltRoom:
+    """Return the layers and the shell of a moment."""
+    found = _ROOMS.pop(state.room, None)
+    if found is None:
+        for room in list(_ROOMS)[: max(0, len(_ROOMS) - _AT_ONCE + 1)]:
+            del _ROOMS[room]
+        found = BuiltRoom(state)
+    _ROOMS[state.room] = found
+    found.update(state)
+    return found
+
+
+def _same(some: list[DrawingTask], others: list[DrawingTask]) -> bool:
+    return len(some) == len(others) and all(map(DrawingTask.same, some, others))

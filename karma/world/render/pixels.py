@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from karma.household import places
 from karma.world.core.objects import Objects
 from karma.world.render import shell as rooms
-from karma.world.render.layer import Layer
+from karma.world.render.layer import Layer, Rays
 from karma.world.render.mesh import GHOST, GLASS, SOLID, Floats, Packed, packed
-from karma.world.render.rays import Rays
 from karma.world.render.shell import Shell
 
 # rows of what is no object
@@ -76,15 +75,7 @@ def scenery(layers: list[Layer], shell: Shell, objects: Objects, view: Rays) -> 
 def look(
     seen: Scenery, view: Rays, sky: Packed, *, normals: bool = False, panes: int = _PANES
 ) -> Pixels:
-    """Return what rays see; what is clear is blended with what lies behind it.
-
-    Args:
-        seen: what there is.
-        view: the rays.
-        sky: colour of nothing, shape (1,).
-        normals: whether to find them.
-        panes: clear faces that a ray may pass.
-    """
+    """Return what rays see; up to `panes` clear faces are blended with what lies behind them."""
     along, triangle = _nearest(seen.layers, view)
     found = _solid(seen, view, along, triangle, sky, normals)
     if not panes or not seen.any_clear:

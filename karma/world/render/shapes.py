@@ -1,18 +1,220 @@
-"""Build an object's triangles from its form, with what dirt, heat and cold do to any shape."""
+"""Build an object's triangles from its form, with what dirt, heat and cold do to any shape.
 
-from functools import lru_cache
+A shape is an entry of `shapes.toml`, or a function of its name in one of the modules of shapes.
+"""
+
+from collections.abc import Iterable
+from functools import cache, lru_cache
+from itertools import cycle
+from pathlib import Path
 from types import MappingProxyType
+from typing import Literal
 
+import msgspec
 import numpy as np
 
-from karma.world.render import cases, dishes, fixtures, food, furniture, machines, things
-from karma.world.render.form import Builder, Form
-from karma.world.render.mesh import GHOST, Mesh, finer, joined, lathe, mirrored, shifted
-
-_MODULES = (food, dishes, furniture, cases, fixtures, machines, things)
-BUILDERS = MappingProxyType(
-    {name: builder for module in _MODULES for name, builder in module.BUILDERS.items()}
+from karma.files import read_toml
+from karma.world.render import cases, furniture, things
+from karma.world.render.form import Builder, Form, dial, shade
+from karma.world.render.looks import rgb
+from karma.world.render.mesh import (
+    GHOST,
+    GLASS,
+    SOLID,
+    Colour,
+    Mesh,
+    ball,
+    box,
+    drum,
+    finer,
+    joined,
+    lathe,
+    mirrored,
+    ring,
+    rod,
+    sheet,
+    shifted,
+    turned,
 )
+
+TABLE = Path(__file__).with_name("shapes.toml")
+Length = float | tuple[float, float] | dict[str, float]  # see `shapes.toml`
+Sizes = dict[str, float]  # of an object: half its width x, its height y, half its depth z, and more
+Condition = Literal["broken", "filled", "on", "opened", "used_up"]  # of a Form
+_CLEAR = {"": SOLID, "glass": GLASS, "ghost": GHOST}
+
+
+class ShapeMeasure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A length that other lengths of a shape are shares of."""
+
+    least: tuple[Length, ...]
+    most: Length | None = None
+
+
+class Solid(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One solid of a shape."""
+
+    solid: Literal[
+        "ball", "box", "cracks", "dial", "drum", "frame", "lathe", "ring", "rod", "screen",
+        "sheet",
+    ]  # fmt: skip
+    at: tuple[Length, ...]
+    colour: str | tuple[str, ...] = "main"  # several: one for each band of a lathe
+    radius: Length = 0.0
+    thin: Length | None = None  # the radius at a rod's end
+    thick: Length = 0.0
+    depth: float | dict[str, float] = 1.0  # of what is round: a share of its radius, or a length
+    axis: int = 1
+    cells: tuple[int, int] = (1, 1)
+    bump: Length = 0.0
+    sides: int = 14
+    rings: int = 7
+    glow: bool = False
+    clear: Literal["", "glass", "ghost"] = ""
+    when: Condition | None = None
+    unless: Condition | None = None
+    turn: tuple[float, int] = (0.0, 1)  # degrees, about an axis
+    about: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)  # which goes through here
+    moves: tuple[tuple[Length, Length], ...] = ((0.0, 0.0),)
+
+    def seen(self, f: Form) -> bool:
+        """Return whether an object in this state shows the solid."""
+        return (self.when is None or getattr(f, self.when)) and not (
+            self.unless is not None and getattr(f, self.unless)
+        )
+
+    def meshes(self, f: Form, sizes: Sizes) -> list[Mesh]:
+        """Return the solid of an object wherever it stands."""
+        if self.solid == "frame":
+            return f.frame(*_metres(self.at, "x", sizes))
+        if self.solid == "cracks":
+            x, low, high, front = _metres(self.at, "xyyz", sizes)
+            return cases.cracks(x, low, high, front, _colour(f, str(self.colour)))
+        if self.solid == "screen":
+            x, low, high, front = _metres(self.at, "xyyz", sizes)
+            return cases.glass(x, low, high, front, f, lit=f.on and not f.broken)
+        moves = [_metres(move, "xz", sizes) for move in self.moves]
+        if self.turn[0]:
+            x, y, z = _metres(self.about, "xyz", sizes)
+            part = turned(self._mesh(f, sizes, 0.0, 0.0), *self.turn, about=(x, y, z))
+            return [shifted(part, x, 0, z) for x, z in moves]
+        return [self._mesh(f, sizes, x, z) for x, z in moves]
+
+    def _mesh(self, f: Form, sizes: Sizes, by_x: float, by_z: float) -> Mesh:
+        if self.solid in ("dial", "drum", "lathe"):
+            return shifted(self._round(f, sizes), by_x, 0, by_z)
+        at = _metres(self.at, "xyz", sizes)
+        start, *more = zip(at[::3], at[1::3], at[2::3], strict=True)
+        start = (start[0] + by_x, start[1], start[2] + by_z)
+        colour = _colour(f, str(self.colour))
+        thin = self.radius if self.thin is None else self.thin
+        radius, end_radius, thick, bump = _metres(
+            (self.radius, thin, self.thick, self.bump), "x", sizes
+        )
+        if self.solid == "sheet":
+            return sheet(start, more[0], more[1], colour, cells=self.cells, bump=bump)
+        if self.solid == "ring":
+            return ring(
+                start, radius, thick, colour, axis=self.axis, sides=self.sides, glow=self.glow
+            )
+        if self.solid == "ball":
+            return ball(
+                start, more[0], colour, sides=self.sides, rings=self.rings, glow=self.glow,
+                clear=_CLEAR[self.clear],
+            )  # fmt: skip
+        end = (more[0][0] + by_x, more[0][1], more[0][2] + by_z)
+        if self.solid == "rod":
+            return rod(start, end, radius, colour, sides=self.sides, thin=end_radius)
+        return box(start, end, colour, glow=self.glow)
+
+    def _round(self, f: Form, sizes: Sizes) -> Mesh:
+        (radius,) = _metres((self.radius,), "x", sizes)
+        names = (self.colour,) if isinstance(self.colour, str) else self.colour
+        colour, *others = [_colour(f, name) for name in names]
+        if self.solid == "lathe":
+            depth = self._depth(radius, sizes) if self.radius else sizes["z"] / sizes["x"]
+            at = _metres(self.at, "xy", {**sizes, "x": radius} if self.radius else sizes)
+            return lathe(
+                list(zip(at[::2], at[1::2], strict=True)), [colour, *others] if others else colour,
+                sides=self.sides, depth=depth, glow=self.glow, clear=_CLEAR[self.clear],
+            )  # fmt: skip
+        if self.solid == "drum":
+            low, high = _metres(self.at, "yy", sizes)
+            depth = self._depth(radius, sizes)
+            return drum(radius, low, high, colour, sides=self.sides, depth=depth, glow=self.glow)
+        y, back, front = _metres(self.at, "yzz", sizes)
+        return dial(radius, back, front, y, colour, sides=self.sides)
+
+    def _depth(self, radius: float, sizes: Sizes) -> float:
+        if isinstance(self.depth, dict):
+            return _metres([self.depth], "x", sizes)[0] / radius
+        return self.depth
+
+
+def _metres(lengths: Iterable[Length], axes: str, sizes: Sizes) -> list[float]:
+    """Return lengths, each a share of the next of some axes unless it says of what."""
+    found = []
+    for length, axis in zip(lengths, cycle(axes), strict=False):
+        if isinstance(length, dict):
+            found.append(sum(sizes[name] * share for name, share in length.items()))
+        else:
+            share, more = length if isinstance(length, tuple) else (length, 0.0)
+            found.append(sizes[axis] * share + more)
+    return found
+
+
+def _colour(f: Form, name: str) -> Colour:
+    """Return one of a form's colours, or "#rrggbb", times the factors behind it."""
+    base, *factors = name.split("*")
+    colour: Colour = rgb(base) if base.startswith("#") else getattr(f, base)
+    for factor in factors:
+        colour = shade(colour, float(factor))
+    return colour
+
+
+class ListedShape(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A shape of `shapes.toml`."""
+
+    parts: tuple[Solid, ...]
+    measures: dict[str, ShapeMeasure] = {}
+    least: tuple[float, float] = (0.0, 0.0)  # width and height: less would not be seen, metres
+    breaks: bool = False  # to pieces that lie about
+    like: str | None = None  # a shape whose parts and measures come first
+    along: bool = False  # x is along the longer side
+
+    def __call__(self, f: Form) -> list[Mesh]:
+        """Return the solids of an object in order."""
+        if self.breaks and f.broken:
+            return things.shards(f)
+        across = self.along and not f.along_x
+        if across:
+            f = f._replace(width=f.depth, depth=f.width)
+        before = listed()[self.like] if self.like else ListedShape(parts=())
+        f = f._replace(width=max(f.width, self.least[0]), height=max(f.height, self.least[1]))
+        sizes = {**dict(zip("xyz", f.half, strict=True)), "m": 1.0}
+        for name, measure in (before.measures | self.measures).items():
+            least = min(_metres(measure.least, "x", sizes))
+            sizes[name] = least
+            if measure.most is not None:
+                sizes[name] = max(least, *_metres([measure.most], "x", sizes))
+        seen = [part for part in (*before.parts, *self.parts) if part.seen(f)]
+        meshes = [mesh for part in seen for mesh in part.meshes(f, sizes)]
+        return [turned(mesh, 90) for mesh in meshes] if across else meshes
+
+
+@cache
+def listed() -> MappingProxyType[str, ListedShape]:
+    """Return the shapes of `shapes.toml`, read once."""
+    return MappingProxyType(read_toml(TABLE, dict[str, ListedShape]))
+
+
+def builder(name: str) -> Builder:
+    """Return what builds the shape of this name; KeyError when nothing does."""
+    modules = (furniture, cases, things)
+    functions = (vars(module)[name] for module in modules if name in vars(module))
+    return next(functions, None) or listed()[name]
+
+
 BROWN = np.array([92.0, 62.0, 28.0], dtype=np.float32)
 TINTS = {
     "Hot": (np.array([240.0, 70.0, 30.0], dtype=np.float32), 0.32),
@@ -23,17 +225,10 @@ _KEPT = 256  # shapes, some kilobytes each; shared by all worlds of a process
 
 
 @lru_cache(maxsize=_KEPT)
-def shape(builder: str, form: Form, temperature: str) -> Mesh:
-    """Return the triangles of an object, x to the left of its front; never to be written to.
-
-    Args:
-        builder: one of `BUILDERS`.
-        form: measures, colours, state.
-        temperature: RoomTemp, Hot or Cold.
-    """
-    build: Builder = BUILDERS[builder]
-    whole = joined(build(form))
-    if form.dirty and builder != "bed":
+def shape(name: str, form: Form, temperature: str) -> Mesh:
+    """Return the triangles of an object, x to the left of its front; never to be written to."""
+    whole = joined(builder(name)(form))
+    if form.dirty and name != "bed":
         whole = _stained(whole)
     if temperature in TINTS:
         whole = _tinted(whole, temperature)

@@ -14,6 +14,7 @@ from karma.contracts import Vec3
 from karma.household.places import FLOOR
 from karma.household.types import RoomType
 from karma.household.uses import BURNER, FRIDGE, SHOWER_HEAD
+from karma.world.core.ground import outside
 from karma.world.core.hiding import inert_rows
 from karma.world.core.objects import Objects
 from karma.world.core.state import Room
@@ -171,21 +172,14 @@ def _shaded(
         if not len(columns) or not len(rows):
             continue
         part = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
-        gap_x = np.maximum(np.maximum(x0 - x[part], x[part] - x1), 0.0)
-        gap_z = np.maximum(np.maximum(z0 - z[part], z[part] - z1), 0.0)
-        near = np.clip(1 - np.hypot(gap_x, gap_z) / SHADOW_M, 0, 1)
+        places = np.stack([x[part], z[part]], axis=-1)
+        near = np.clip(1 - outside((x0, z0), (x1, z1), places) / SHADOW_M, 0, 1)
         light[part] = np.minimum(light[part], 1 - 0.4 * near**1.5)
     return light
 
 
 def exits(shell: Shell, sources: Floats, steps: Floats) -> Exits:
-    """Return where rays leave the room.
-
-    Args:
-        shell: of the room.
-        sources: where they come from, shape (3, n), or (3, 1) when shared.
-        steps: directions, shape (3, n).
-    """
+    """Return where rays, shape (3, n), leave the room; sources likewise, or (3, 1) when shared."""
     low, high = shell.low[:, None] - sources, shell.high[:, None] - sources
     with np.errstate(divide="ignore", invalid="ignore"):
         scales = np.float32(1.0) / steps

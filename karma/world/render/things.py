@@ -1,178 +1,186 @@
-"""Build everything small and still: books, toys, tools, plants, cushions."""
+"""Build small things: vessels, bottles, plates, cutlery; plants, pillows, food and its pieces."""
 
-from math import cos, sin
+from math import cos, pi, sin
 
-from karma.world.render.dishes import shards
-from karma.world.render.form import SIDES, Builder, Form, shade
-from karma.world.render.mesh import Mesh, ball, box, drum, lathe, ring, rod, sheet, shifted, turned
+import numpy as np
+
+from karma.world.render.form import SIDES, Builder, Form, mix, shade
+from karma.world.render.mesh import (
+    Colour,
+    Mesh,
+    ball,
+    bent,
+    box,
+    drum,
+    lathe,
+    rod,
+    sheet,
+    shifted,
+    turned,
+)
+
+CRISP: Colour = (96.0, 52.0, 18.0)
+SEED: Colour = (84.0, 52.0, 30.0)
 
 
-def book(f: Form) -> list[Mesh]:
-    """Return a closed book, or an open one with two white pages."""
-    f = f.at_least(0.01)
+def fragile(build: Builder) -> Builder:
+    """Return a builder that draws shards of what is broken."""
+    return lambda f: shards(f) if f.broken else build(f)
+
+
+def shards(f: Form) -> list[Mesh]:
+    """Return what lies about when a thing has broken."""
     x, y, z = f.half
-    if f.openness <= 0:
-        return [
-            f.box((-1, 0, -1), (1, 0.12, 1), f.main),
-            f.box((-1, 0.88, -1), (1, 1, 1), f.main),
-            box((-x, 0, -z), (-x + 0.012, y, z), f.main),
-            f.box((-0.96, 0.1, -0.96), (0.97, 0.9, 0.96), f.second),
-            f.on_top((-0.5, 0.2), (0.5, 0.5), shade(f.second, 0.95)),
-        ]
-    page = y * 0.9
-    left, right = -0.5 * x, 0.5 * x
-    lines = [
-        box(
-            (middle - x * 0.34, page, b * z),
-            (middle + x * 0.34, page + 0.002, b * z + z * 0.05),
-            (120.0, 116.0, 110.0),
-        )
-        for middle in (left, right)
-        for b in (-0.7, -0.4, -0.1, 0.2, 0.5)
-    ]
-    return [
-        f.box((-1, 0, -1), (1, 0.3, 1), f.main),
-        f.box((-0.95, 0.3, -0.95), (-0.02, 0.9, 0.95), f.second),
-        f.box((0.02, 0.3, -0.95), (0.95, 0.9, 0.95), f.second),
-        f.box((-0.02, 0.3, -0.95), (0.02, 0.6, 0.95), shade(f.second, 0.6)),
-        *lines,
-    ]
+    found = []
+    for number in range(9):
+        angle = number * 2.39996
+        far = 0.25 + 0.7 * (number / 9)
+        size = min(x, z) * (0.5 - 0.03 * number) + 0.006
+        colour = f.main if number % 2 else shade(f.main, 0.72)
+        piece = rod((0, 0, 0), (0, max(min(y * 0.12, 0.02), 0.004), 0), size, colour, sides=3)
+        piece = turned(piece, 12 + 9 * (number % 4), axis=0 if number % 2 else 2)
+        piece = turned(piece, number * 53)
+        found.append(shifted(piece, cos(angle) * x * far, size * 0.28, sin(angle) * z * far))
+    return found
 
 
-def newspaper(f: Form) -> list[Mesh]:
-    """Return folded paper with a heading, lines and a picture."""
-    f = f.at_least(0.01)
-    x, y, z = f.half
-    rows = [r * z for r in (-0.75, -0.55, -0.35, -0.15, 0.05, 0.25)]
-    return [
-        f.box((-1, 0, -1), (1, 1, 1), f.main),
-        f.on_top((-0.85, 0.6), (0.85, 0.85), f.second),
-        f.on_top((0.1, -0.3), (0.85, 0.4), (120.0, 122.0, 126.0)),
-        *[box((-x * 0.85, y, low), (0, y + 0.002, low + z * 0.07), f.second) for low in rows],
-    ]
+# ------------------------------------------------------------------ vessels
 
 
-def pen(f: Form) -> list[Mesh]:
-    """Return a pen or a pencil along z."""
-    x, y, z = f.half
-    radius = max(min(x, y / 2), 0.004)
-    return [
-        rod((0, radius, -z), (0, radius, -z * 0.75), radius * 1.02, f.second, sides=6),
-        rod((0, radius, -z * 0.75), (0, radius, z * 0.75), radius, f.main, sides=6),
-        rod((0, radius, z * 0.75), (0, radius, z), radius, f.third, sides=6, thin=0.0008),
-    ]
-
-
-def bat(f: Form) -> list[Mesh]:
-    """Return a baseball bat along z."""
-    x, y, z = f.half
-    r = min(x, y / 2)
-    return [
-        rod((0, r, -z), (0, r, -z * 0.96), r * 0.6, f.second),
-        rod((0, r, -z * 0.96), (0, r, -z * 0.45), r * 0.38, f.second, thin=r * 0.42),
-        rod((0, r, -z * 0.45), (0, r, z * 0.3), r * 0.42, f.main, thin=r, sides=10),
-        rod((0, r, z * 0.3), (0, r, z), r, f.main, thin=r * 0.9, sides=10),
-    ]
-
-
-def racket(f: Form) -> list[Mesh]:
-    """Return a tennis racket along z."""
-    x, y, z = f.half
-    level = y / 2
-    long = f.depth * 0.28
-    middle = z - long
-    section = [(x * 0.86, -0.01), (x, -0.01), (x, 0.01), (x * 0.86, 0.01), (x * 0.86, -0.01)]
-    hoop = lathe(section, f.main, depth=long / x, sides=18)
-    near, far = middle - long * 0.75, middle + long * 0.75
-    strings = [
-        rod((a * x, level, near), (a * x, level, far), 0.003, f.third, sides=3)
-        for a in (-0.5, -0.25, 0.0, 0.25, 0.5)
-    ]
-    rows = [middle + b * long for b in (-0.6, -0.3, 0.0, 0.3, 0.6)]
-    strings += [
-        rod((-x * 0.8, level, at), (x * 0.8, level, at), 0.003, f.third, sides=3) for at in rows
-    ]
-    grip = rod((0, level, -z), (0, level, -z * 0.4), 0.02, f.second)
-    shaft = rod((0, level, -z * 0.4), (0, level, middle - long * 0.9), 0.014, f.main)
-    return [shifted(hoop, 0, level, middle), *strings, grip, shaft]
-
-
-def upright_stick(f: Form) -> list[Mesh]:
-    """Return a plunger or a toilet brush, standing."""
-    x, y, z = f.half
-    wide = min(x, z)
-    stick = f.rod((0, 0.2, 0), (0, 1, 0), max(wide * 0.14, 0.008), f.second)
-    if f.style == "plunger":
-        return [f.lathe([(1, 0), (0.9, 0.12), (0.35, 0.22), (0, 0.26)], f.main, radius=wide), stick]
-    profile = [(0, 0), (1, 0), (0.8, 0.36), (0.6, 0.36), (0.6, 0.2)]
-    return [
-        f.lathe(profile, f.main, radius=wide),
-        drum(wide * 0.5, y * 0.2, y * 0.44, (235.0, 238.0, 225.0), sides=10),
-        stick,
-        ball((0, y * 0.97, 0), (wide * 0.25,) * 3, f.second, sides=8, rings=5),
-    ]
-
-
-def disc(f: Form) -> list[Mesh]:
-    """Return a CD: a shining ring with a hole."""
-    profile = [(0.14, 0), (1, 0), (1, 1), (0.75, 1), (0.4, 1), (0.14, 1)]
-    colours = [f.main, f.main, f.main, f.second, shade(f.main, 1.1)]
-    return [f.at_least(0.003).lathe(profile, colours, sides=20)]
-
-
-def sponge(f: Form) -> list[Mesh]:
-    """Return a yellow sponge with a green scouring side and holes."""
-    x, y, z = f.half
-    hole = drum(x * 0.11, y, y + 0.001, shade(f.main, 0.7), sides=6)
-    places = [(-0.5, -0.5), (0.4, -0.2), (-0.2, 0.3), (0.5, 0.6), (0.0, -0.7), (-0.6, 0.7)]
-    return [
-        f.box((-1, 0, -1), (1, 0.3, 1), f.second),
-        f.box((-1, 0.3, -1), (1, 1, 1), f.main),
-        *[shifted(hole, a * x, 0, b * z) for a, b in places],
-    ]
-
-
-def soap(f: Form) -> list[Mesh]:
-    """Return a rounded bar."""
-    mark = shade(f.main, 0.85)
-    return [
-        f.ball((0, 0.5, 0), (1, 0.5, 1), f.main, sides=14),
-        f.ball((0, 0.93, 0), (0.5, 0.09, 0.4), mark, sides=10, rings=4),
-    ]
-
-
-def dumbbell(f: Form) -> list[Mesh]:
-    """Return two weights on a bar along z."""
-    x, y, z = f.half
-    r = min(x, y / 2)
-    return [
-        rod((0, r, -z * 0.6), (0, r, z * 0.6), r * 0.25, f.second),
-        *[rod((0, r, s * z * 0.45), (0, r, s * z), r, f.main, sides=6) for s in SIDES],
-    ]
-
-
-def boots(f: Form) -> list[Mesh]:
-    """Return a pair of boots."""
-    x, y, z = f.half
-    leg = [(x * 0.36, y * 0.1), (x * 0.38, y), (x * 0.28, y), (x * 0.25, y * 0.5)]
-    parts = []
-    for side in SIDES:
-        a = side * x * 0.52
-        parts += [
-            shifted(lathe(leg, [f.main, f.main, f.second], depth=1.1), a, 0, -z * 0.4),
-            ball((a, y * 0.14, z * 0.2), (x * 0.4, y * 0.14, z * 0.75), f.main, sides=10),
-            box((a - x * 0.4, 0, -z * 0.9), (a + x * 0.4, y * 0.06, z * 0.95), f.second),
-        ]
+def _open(f: Form, radius: float, foot: float, wall: float, depth: float) -> list[Mesh]:
+    """Return a cup with an inside, and what is in it."""
+    y = f.height
+    profile = [
+        (0.0, 0.0), (foot, 0.0), ((foot + radius) / 2 * 1.02, y * 0.5), (radius, y),
+        (radius - wall, y), ((foot + radius) / 2 - wall, y * 0.5), (foot - wall, y * 0.07),
+        (0.0, y * 0.07),
+    ]  # fmt: skip
+    parts = [lathe(profile, _inside_out(f, 0.72), depth=depth, sides=16)]
+    if f.filled:
+        level = max(radius * 0.95 - wall, 0.004)
+        parts.append(drum(level, y * 0.6, y * 0.92, f.liquid, depth=depth, sides=16))
     return parts
 
 
-def garbage_bag(f: Form) -> list[Mesh]:
-    """Return a full bag with a knot."""
-    profile = ((0.7, 0), (1, 0.25), (0.9, 0.55), (0.35, 0.8), (0.12, 0.86), (0.3, 1))
-    return [
-        f.lathe(profile, [f.main, f.second, f.main, f.second, f.main], sides=11),
-        f.ball((0, 0.86, 0), (0.18, 0.05, 0.18), f.second, sides=8, rings=5),
+def _inside_out(f: Form, dark: float) -> list[Colour]:
+    """Return the colours of a vessel's bands: outside, rim, inside, floor."""
+    inner = shade(f.main, dark)
+    return [f.main, f.main, f.main, shade(f.main, 1.12), inner, inner, shade(inner, 0.9)]
+
+
+@fragile
+def mug(f: Form) -> list[Mesh]:
+    """Return a cup with a handle at its right."""
+    room = min(f.width, f.depth * 1.25)
+    radius = min(room * 0.4, f.depth / 2)
+    y = f.height
+    cup = _open(f, radius, radius * 0.9, radius * 0.12, min(1.0, f.depth / 2 / radius))
+    x0, x1 = radius * 0.9, max(f.width - radius, radius * 1.3)
+    arch = [(x0, y * 0.78, 0), (x1, y * 0.7, 0), (x1, y * 0.32, 0), (x0, y * 0.22, 0)]
+    grip = bent(arch, y * 0.065, shade(f.main, 0.85))
+    return [shifted(part, f.width / 2 - x1, 0, 0) for part in [*cup, *grip]]
+
+
+@fragile
+def cup(f: Form) -> list[Mesh]:
+    """Return a cup without a handle."""
+    x, _, z = f.half
+    return _open(f, x, x * 0.68, x * 0.09, z / x)
+
+
+@fragile
+def pot(f: Form) -> list[Mesh]:
+    """Return a pot with two grips along its longer side."""
+    x, y, z = f.half
+    radius = min(x, z) if abs(f.width - f.depth) > 0.02 else x * 0.84
+    parts = _open(f._replace(height=y * 0.96), radius, radius * 0.97, radius * 0.06, 1.0)
+    low, high = (radius * 0.95, y * 0.68, -radius * 0.25), (max(x, z), y * 0.78, radius * 0.25)
+    grip = box(low, high, f.second)
+    for one in (turned(grip, 180), turned(grip, 0)):
+        parts.append(one if f.along_x else turned(one, 90))
+    return parts
+
+
+@fragile
+def pan(f: Form) -> list[Mesh]:
+    """Return a pan with a long handle."""
+    length, across = max(f.width, f.depth), min(f.width, f.depth)
+    radius = across / 2 if length >= across * 1.15 else across * 0.36
+    low = f._replace(height=f.height * 0.9)
+    parts = _open(low, radius, radius * 0.86, radius * 0.06, 1.0)
+    parts = [shifted(part, 0, 0, length / 2 - radius) for part in parts]
+    start = (-across * 0.06, f.height * 0.62, -length / 2)
+    end = (across * 0.06, f.height * 0.95, length / 2 - 2 * radius + 0.02)
+    parts.append(box(start, end, f.second))
+    return [turned(part, 90) if f.width > f.depth else part for part in parts]
+
+
+@fragile
+def can(f: Form) -> list[Mesh]:
+    """Return a garbage can with a rim and a band."""
+    x, _, z = f.half
+    rim = f.lathe([(0.9, 0.95), (1, 0.95), (1, 1), (0.9, 1)], f.second, sides=16)
+    band = f.lathe([(0.9, 0.6), (0.93, 0.66)], f.second, sides=16)
+    return [*_open(f, x, x * 0.78, x * 0.06, z / x), rim, band]
+
+
+def plate(f: Form) -> list[Mesh]:
+    """Return a disc with a raised, coloured rim."""
+    if f.broken:
+        return shards(f._replace(height=0.05))
+    profile = [(0, 0), (0.6, 0), (1, 1), (0.93, 1), (0.62, 0.5), (0.3, 0.45), (0, 0.45)]
+    colours = [f.main, f.main, f.second, shade(f.main, 0.95), f.main, shade(f.main, 1.02)]
+    return [f.at_least(0.012).lathe(profile, colours, sides=20)]
+
+
+# ------------------------------------------------------------------ bottles
+
+
+@fragile
+def flask(f: Form) -> list[Mesh]:
+    """Return a bottle with a neck and a label."""
+    wine = f.style == "wine"
+    low = 0.6 if wine else 0.66
+    profile = [(0, 0), (1, 0), (1, low), (0.32, low + 0.16), (0.32, 0.94), (0.32, 1), (0, 1)]
+    glass = mix(f.main, f.liquid, 0.55) if f.filled and not wine else f.main
+    label = f.third if not f.filled or wine else f.liquid
+    parts = [
+        f.lathe(profile, [glass, glass, glass, glass, f.second, f.second]),
+        f.lathe([(1.01, 0.18), (1.01, 0.46)], label),
     ]
+    return parts + ([f.lathe([(1.015, 0.49), (1.015, 0.58)], f.liquid)] if f.filled else [])
+
+
+# ------------------------------------------------------------------ cutlery, its head in front
+
+
+def _cutlery(build: Builder) -> Builder:
+    """Return a builder of what would be too thin to be seen."""
+    return lambda f: build(f.at_least(0.006)._replace(width=max(f.width, 0.014)))
+
+
+def _handle(f: Form, share: float, wide: float) -> Mesh:
+    z = f.depth / 2
+    return box((-wide / 2, 0, -z), (wide / 2, f.height, -z + f.depth * share), f.second)
+
+
+@_cutlery
+def knife(f: Form) -> list[Mesh]:
+    """Return a knife, or the narrower one for butter."""
+    x, y, z = f.half
+    share, narrow = (0.38, 1.0) if f.style == "knife" else (0.45, 0.8)
+    root = -z + f.depth * share
+    blade = rod((0, y * 0.5, root), (0, y * 0.5, z), 1.0, f.main, sides=4, thin=0.25)
+    points = blade.vertices.copy()
+    points[:, 0] *= x * narrow
+    points[:, 1] = y * 0.5 + (points[:, 1] - y * 0.5) * 0.25 * y
+    return [_handle(f, share, x * narrow), blade._replace(vertices=points)]
+
+
+# ------------------------------------------------------------------ rolls
+
+
+# ------------------------------------------------------------------ plants and food
 
 
 def plant(f: Form) -> list[Mesh]:
@@ -194,23 +202,6 @@ def plant(f: Form) -> list[Mesh]:
     return parts
 
 
-def keys(f: Form) -> list[Mesh]:
-    """Return two keys on a ring."""
-    f = f.at_least(0.006)
-    x, y, z = f.half
-    r = min(x, z) * 0.5
-    parts = [ring((-x * 0.5, y / 2, 0), r, r * 0.2, f.second)]
-    for turn, colour in ((-22, f.main), (22, f.second)):
-        key = [
-            drum(r * 0.45, 0, y, colour, sides=8),
-            box((0, 0, -r * 0.12), (x * 1.1, y, r * 0.12), colour),
-            box((x * 0.8, 0, 0), (x * 0.9, y, r * 0.4), colour),
-            box((x * 1.0, 0, 0), (x * 1.1, y, r * 0.4), colour),
-        ]
-        parts += [shifted(turned(part, turn), -x * 0.15, 0, 0) for part in key]
-    return parts
-
-
 def pillow(f: Form) -> list[Mesh]:
     """Return a cushion, thick in the middle."""
     x, y, z = f.half
@@ -224,80 +215,150 @@ def pillow(f: Form) -> list[Mesh]:
     return [top._replace(vertices=points), top._replace(vertices=under), seam]
 
 
-def statue(f: Form) -> list[Mesh]:
-    """Return a bust on a plinth."""
-    if f.broken:
-        return shards(f)
-    x, y, z = f.half
-    wide = min(x, z)
-    profile = ((0.5, 0.14), (0.4, 0.3), (0.85, 0.52), (0.25, 0.66), (0.22, 0.7))
+# ------------------------------------------------------------------ fruit, bread, eggs
+
+
+def _body(f: Form) -> Mesh:
+    skin = mix(f.main, CRISP, 0.7) if f.cooked else f.main
+    return f.ball((0, 0.5, 0), (1, 0.5, 1), skin, sides=16, rings=9)
+
+
+def tomato(f: Form) -> list[Mesh]:
+    """Return a tomato with its green."""
+    y = f.height
+    ends = [
+        (cos(a) * f.width * 0.25, y * 0.92, sin(a) * f.depth * 0.25)
+        for a in (0.3, 1.55, 2.8, 4.1, 5.3)
+    ]
+    arms = [rod((0, y * 0.97, 0), end, y * 0.06, f.second, sides=4, thin=0.002) for end in ends]
+    return [_body(f), *arms, drum(y * 0.08, y * 0.93, y * 1.03, f.second, sides=6)]
+
+
+def egg(f: Form) -> list[Mesh]:
+    """Return an egg, narrower above."""
+    body = _body(f)
+    points = body.vertices.copy()
+    narrow = 1 - 0.3 * np.clip(points[:, 1] / f.height, 0, 1) ** 2
+    points[:, 0] *= narrow
+    points[:, 2] *= narrow
+    return [body._replace(vertices=points)]
+
+
+def lettuce(f: Form) -> list[Mesh]:
+    """Return leaves round a heart."""
+    heart = (f.width * 0.3, f.height * 0.42, f.depth * 0.3)
     return [
-        f.box((-0.8, 0, -0.8), (0.8, 0.14, 0.8), f.second),
-        f.lathe(profile, f.main, radius=wide),
-        ball((0, y * 0.84, 0), (wide * 0.42, y * 0.16, wide * 0.46), f.main, sides=12),
-        box((-wide * 0.07, y * 0.8, wide * 0.4), (wide * 0.07, y * 0.87, wide * 0.58), f.main),
+        *_leaves(f, (f.main, f.second, shade(f.main, 0.8)), 9),
+        ball((0, f.height * 0.5, 0), heart, f.third),
     ]
 
 
-def decor(f: Form) -> list[Mesh]:
-    """Return an ornament: a foot, a stem and coloured balls."""
+def leaves(f: Form) -> list[Mesh]:
+    """Return a few loose leaves."""
+    low = f._replace(height=f.height * 0.9)
+    return _leaves(low, (f.main, f.second, shade(f.second, 1.1)), 5)
+
+
+def _leaves(f: Form, colours: tuple[Colour, ...], count: int) -> list[Mesh]:
     x, y, z = f.half
-    wide = min(x, z)
-    r = min(wide * 0.36, y * 0.12)
-    parts = [
-        f.lathe([(0, 0), (0.9, 0), (0.5, 0.2), (0.3, 0.3)], f.main),
-        f.rod((0, 0.2, 0), (0, 0.9, 0), wide * 0.07, f.main),
+    found = []
+    for leaf in range(count):
+        angle = leaf * 2.4
+        middle = (cos(angle) * x * 0.55, y * (0.3 + 0.45 * leaf / count), sin(angle) * z * 0.55)
+        colour = colours[leaf % len(colours)]
+        found.append(ball(middle, f.at(0.44, 0.3, 0.44), colour, sides=8, rings=5))
+    return found
+
+
+def potato(f: Form) -> list[Mesh]:
+    """Return a potato with its eyes."""
+    x, y, z = f.half
+    half = (y * 0.1,) * 3
+    dark = shade(f.second, 0.5 if f.cooked else 0.7)
+    eyes = [(0.5, 0.75, 0.5), (-0.55, 0.7, 0.4), (0.1, 0.93, -0.35), (0.3, 0.55, 0.85)]
+    return [
+        _body(f),
+        *[
+            ball((a * x * 0.85, b * y, c * z * 0.85), half, dark, sides=6, rings=4)
+            for a, b, c in eyes
+        ],
     ]
-    places = (
-        (0, 0.88, 0), (-0.5, 0.6, 0.2), (0.5, 0.65, -0.2), (0.1, 0.5, 0.5), (-0.1, 0.72, -0.5),
-    )  # fmt: skip
-    for number, place in enumerate(places):
-        end, colour = f.at(*place), (f.second, f.third)[number % 2]
-        parts.append(ball(end, (r, r, r), colour, sides=8, rings=5))
-        parts.append(rod((0, end[1] * 0.8, 0), end, wide * 0.04, f.main, sides=4))
+
+
+# ------------------------------------------------------------------ pieces
+
+
+def _skin_and_flesh(f: Form) -> tuple[Colour, Colour]:
+    if not f.cooked:
+        return f.main, f.second
+    return mix(f.main, (40.0, 22.0, 10.0), 0.6), mix(f.second, CRISP, 0.6)
+
+
+def round_slice(f: Form) -> list[Mesh]:
+    """Return a disc of flesh with a rim of skin across its thinnest side, perhaps with seeds."""
+    skin, flesh = _skin_and_flesh(f)
+    sides = (f.width, f.height, f.depth)
+    thin = int(np.argmin(sides))
+    a, b = (side / 2 for axis, side in enumerate(sides) if axis != thin)
+    t = sides[thin] * 0.86
+    profile = [(0.0, 0.0), (a * 0.86, 0.0), (a, 0.0), (a, t), (a * 0.86, t), (0.0, t)]
+    parts = [lathe(profile, [flesh, skin, skin, skin, flesh], depth=b / a)]
+    if f.style == "seeds":
+        seed = drum(a * 0.17, 0, t * 1.02, f.third, sides=6)
+        angles = [i * pi / 3 for i in range(6)]
+        parts += [shifted(seed, cos(one) * a * 0.5, 0, sin(one) * b * 0.5) for one in angles]
+    if thin == 1:
+        return parts
+    axis = 2 if thin == 0 else 0
+    upright = [turned(shifted(part, 0, -sides[thin] / 2, 0), 90, axis=axis) for part in parts]
+    return [shifted(part, 0, f.height / 2, 0) for part in upright]
+
+
+def wedge(f: Form) -> list[Mesh]:
+    """Return half a round of flesh, skin below, two seeds on top."""
+    skin, flesh = _skin_and_flesh(f)
+    rind = f.ball((0, 0.8, 0), (1, 0.8, 1), skin, sides=12, rings=9)
+    keep = rind.vertices.copy()
+    keep[:, 1] = np.minimum(keep[:, 1], f.height * 0.8)
+    seeds = [f.ball((0, 1, s * 0.2), (0.1, 0.04, 0.12), SEED, sides=6, rings=4) for s in SIDES]
+    cut = f.lathe([(0, 0.78), (0.93, 0.78), (0.93, 1), (0, 1)], flesh, sides=12)
+    return [rind._replace(vertices=keep), cut, *seeds]
+
+
+def bread_slice(f: Form) -> list[Mesh]:
+    """Return a slice of bread, lying or standing."""
+    crust, crumb = _skin_and_flesh(f)
+    if f.height <= min(f.width, f.depth):
+        inner = f.box((-0.86, 0.02, -0.86), (0.86, 1.01, 0.86), crumb)
+        return [f.box((-1, 0, -1), (1, 0.97, 1), crust), inner]
+    x, z = (0.84, 1.02) if f.depth <= f.width else (1.02, 0.84)
+    return [f.box((-1, 0, -1), (1, 1, 1), crust), f.box((-x, 0.08, -z), (x, 0.9, z), crumb)]
+
+
+def loaf(f: Form) -> list[Mesh]:
+    """Return a bread with a rounded top and cuts across."""
+    parts = [
+        f.box((-0.88, 0, -0.92), (0.88, 0.52, 0.92), f.main),
+        f.ball((0, 0.5, 0), (1, 0.5, 1), shade(f.main, 1.08), sides=16, rings=9),
+    ]
+    for place, top in ((-0.45, 0.9), (0.0, 0.95), (0.45, 0.9)):
+        middle, half = (place, top, 0.0), (0.05, 0.07, 0.55)
+        if f.depth >= f.width:
+            middle, half = (0.0, top, place), (0.55, 0.07, 0.05)
+        parts.append(f.ball(middle, half, f.second, sides=8, rings=4))
     return parts
 
 
-def teddy(f: Form) -> list[Mesh]:
-    """Return a sitting bear."""
-    fur, light, dark = f.main, f.second, f.third
-    parts = [
-        f.ball((0, 0.32, 0), (0.62, 0.32, 0.6), fur),
-        f.ball((0, 0.3, 0.25), (0.4, 0.22, 0.4), light),
-        f.ball((0, 0.74, 0), (0.5, 0.23, 0.5), fur),
-        f.ball((0, 0.69, 0.4), (0.22, 0.1, 0.24), light, sides=8, rings=5),
-        f.ball((0, 0.72, 0.6), (0.08, 0.04, 0.08), dark, sides=6, rings=4),
-    ]
-    pairs = [  # ears, eyes, arms and legs: middle, half sizes, colour, sides and rings
-        ((0.42, 0.93, 0.0), (0.18, 0.08, 0.1), fur, 8, 5),
-        ((0.2, 0.79, 0.44), (0.06, 0.03, 0.06), dark, 6, 4),
-        ((0.72, 0.42, 0.2), (0.24, 0.17, 0.22), fur, 8, 5),
-        ((0.52, 0.12, 0.62), (0.24, 0.12, 0.36), fur, 8, 5),
-    ]
-    for side in SIDES:
-        for (a, b, c), half, colour, sides, rings in pairs:
-            parts.append(f.ball((side * a, b, c), half, colour, sides=sides, rings=rings))
-    return parts
-
-
-def tissue_box(f: Form) -> list[Mesh]:
-    """Return a box with a tissue sticking out; used up, only the dark slot."""
+def egg_cracked(f: Form) -> list[Mesh]:
+    """Return the white with the yolk, between two halves of the shell."""
+    f = f.at_least(0.012)
     x, y, z = f.half
-    top = y * 0.62
-    wide = min(x, z) * 0.6
-    paper = [(wide * 0.4, top), (wide, y * 0.95), (wide * 0.5, y), (0.0, y * 0.9)]
-    low = f._replace(height=top)
-    return [
-        low.box((-1, 0, -1), (1, 1, 1), f.main),
-        low.box((-1.005, 0.3, -1.005), (1.005, 0.5, 1.005), shade(f.main, 1.3)),
-        drum(min(x, z) * 0.55, top, top + 0.002, f.third, depth=0.6),
-        *([] if f.used_up else [lathe(paper, f.second, sides=7, depth=0.5)]),
+    white = mix(f.main, CRISP, 0.35) if f.cooked else f.main
+    edge = mix(f.main, CRISP, 0.8) if f.cooked else shade(f.main, 0.94)
+    pan = f.lathe([(1, 0), (0.95, 0.3), (0.8, 0.4), (0, 0.45)], [edge, edge, white])
+    yolk = ball((0, y * 0.42, 0), (x * 0.42, max(y * 0.6, x * 0.16), z * 0.42), f.second)
+    shell = [
+        f.ball((side * 0.86, 0.4, 0.5), (0.16, 0.5, 0.16), f.third, sides=6, rings=4)
+        for side in SIDES
     ]
-
-
-BUILDERS: dict[str, Builder] = {
-    "book": book, "newspaper": newspaper, "pen": pen, "bat": bat, "racket": racket,
-    "upright_stick": upright_stick, "disc": disc, "sponge": sponge, "soap": soap,
-    "dumbbell": dumbbell, "boots": boots, "garbage_bag": garbage_bag, "plant": plant, "keys": keys,
-    "pillow": pillow, "statue": statue, "decor": decor, "teddy": teddy, "tissue_box": tissue_box,
-}  # fmt: skip
+    return [pan, yolk, *([] if f.cooked else shell)]

@@ -94,13 +94,7 @@ class HomeRates:
     def drawn(
         cls, things: Mapping[str, str], disturbance: float, rng: np.random.Generator
     ) -> "HomeRates":
-        """Draw a home's rates so that the wanted share of things is moved on a day, on average.
-
-        Args:
-            things: movable ones, object id -> type.
-            disturbance: share of them that is moved at least once a day.
-            rng: draws how restless each thing is.
-        """
+        """Draw a home's rates by its movable things, id -> type, and the share moved on a day."""
         table = habits()
         spread = rng.normal(0.0, table.people.temper, size=len(things))
         base = np.array([table.types[t].rate if t in table.types else 0.0 for t in things.values()])

@@ -22,9 +22,9 @@ from karma.world.actions.table import ACTIONS
 from karma.world.core.effects import settle
 from karma.world.core.scene import Scene, SceneObject
 from karma.world.core.state import Performed, WorldState
-from karma.world.core.thing import is_inert
+from karma.world.core.thing import is_inert, is_movable
 from karma.world.event import WorldEvent
-from karma.world.houses.floor_plan import room_name
+from karma.world.houses import room_name
 from karma.world.residents.habits import HomeRates, Span, habits
 from karma.world.sim import EmbeddedWorld
 
@@ -68,13 +68,9 @@ class _Move:
 
 
 class Household:
-    """A home with its people, its clock and its log of truth.
+    """A home with up to four people, its clock and its log of truth.
 
-    Args:
-        scene: of the home.
-        seed: of its people and their days, >= 0.
-        people: how many live there, 0 to 4.
-        disturbance: share of the movable things that are moved at least once a day, in [0, 0.5].
+    `disturbance` is the share of the movable things that are moved at least once a day, to 0.5.
 
     Raises:
         KarmaError: a number is out of its bounds.
@@ -95,7 +91,7 @@ class Household:
         self.residents = tuple(_drawn(name, seed) for name in habits().people.names[:people])
         self._rooms = {one.name: _bedroom(scene) for one in self.residents}
         self._places = resting_places(scene)
-        things = {one.id: one.type for one in scene.objects if _is_movable(one)}
+        things = {one.id: one.type for one in scene.objects if is_movable(one)}
         rng = stream(seed, "residents", "rates")
         self._rates = HomeRates.drawn(things, disturbance if people else 0.0, rng)
         self._usual = {one.id: one.parents[0] for one in scene.objects if one.parents}
@@ -155,7 +151,7 @@ class Household:
         """Return where every movable thing is: the nearest receptacle, or furniture of some ids."""
         state = self.world.state
         found = {}
-        for thing in filter(_is_movable, state.objects.values()):
+        for thing in filter(is_movable, state.objects.values()):
             there = (one for one in thing.parents if not among or one in among)
             place_id = HAND if thing.id in state.in_hand else next(there, None)
             place = self._places.get(place_id or "")
@@ -381,10 +377,6 @@ class _Attempt:
             self.fine = isinstance(result, Performed)
             self.state = result.state if isinstance(result, Performed) else self.state
         return self.fine
-
-
-def _is_movable(thing: SceneObject) -> bool:
-    return "pickupable" in thing.capabilities and not is_inert(thing)
 
 
 def resting_places(scene: Scene) -> Mapping[str, RestingPlace]:
