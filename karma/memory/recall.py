@@ -1,19 +1,17 @@
 """Which units go into the prompt: the nearest to the query by cosine (KARMA §3.5)."""
 
 import json
-import re
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from karma.contracts import Embedder, MemoryUnit, Recalled, Vectors
 from karma.errors import UnknownNameError
+from karma.household.types import in_words
 from karma.memory.index import UnitIndex
 from karma.memory.short_term import listing
 
 Verbaliser = Callable[[MemoryUnit], str]
-
-_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")  # "TVStand" is TV, Stand
 
 
 def unit_text(unit: MemoryUnit) -> str:
@@ -28,19 +26,10 @@ def unit_sentence(unit: MemoryUnit) -> str:
     ...                          states=("cleaned", "used up")))
     'a cleaned, used up dish sponge'
     """
-    name = name_in_words(unit.object_type)
+    name = in_words(unit.object_type)
     states = ", ".join(state for state in unit.states if state != "none")
     phrase = f"{states} {name}" if states else name
     return f"{'an' if phrase[:1] in tuple('aeiou') else 'a'} {phrase}"
-
-
-def name_in_words(object_type: str) -> str:
-    """Return a type's name as people write it.
-
-    >>> name_in_words("TVStand"), name_in_words("DishSponge")
-    ('tv stand', 'dish sponge')
-    """
-    return " ".join(_WORD.findall(object_type)).lower()
 
 
 VERBALISERS: dict[str, Verbaliser] = {"listing": unit_text, "sentence": unit_sentence}

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
-from karma.household.states import LACKING_WORDS, OPPOSITES, STATE_WORDS
+from karma.household.states import OPPOSITES, state_words
 from karma.language.parts import NounPhrase, Phrases
 from karma.language.phrases import phrases_of
 from karma.language.words import word_lists
@@ -219,12 +219,12 @@ def _any_of(words: Iterable[str]) -> str:
 
 @cache
 def _has_words() -> Mapping[str, tuple[str, ...]]:
-    return _by_word(STATE_WORDS)
+    return _by_word(state_words().has)
 
 
 @cache
 def _lacking_words() -> Mapping[str, tuple[str, ...]]:
-    return _by_word(LACKING_WORDS)
+    return _by_word(state_words().lacks)
 
 
 def _by_word(words_of: Mapping[str, Iterable[str]]) -> Mapping[str, tuple[str, ...]]:
