@@ -7,26 +7,15 @@ import re
 from dataclasses import dataclass, field, replace
 
 from karma.contracts import Condition, Mention, SaidDeed
+from karma.language.clock import time_words
 from karma.language.nouns import Nouns
 from karma.language.pairs import Pairs
 from karma.language.request_words import is_deed, request_words
 from karma.language.sentence import SaidSentence
-from karma.language.times import time_words
+from karma.language.slips import FORMS
 from karma.language.words import word_lists
 
-_LEAD = re.compile(
-    r"(?:and |so |now |well |oh |then |, )*(?:"
-    r"(?:can|could|would|will|wo|ca|may|might) (?:n't )?(?:you|ya|u|i|we)(?: please)?"
-    r"(?: maybe| perhaps| possibly| just| kindly)?"
-    r"(?: be so kind as to| be able to| mind| go and| go ahead and| have| ask you to| get you to)?"
-    r"|why (?:do )?(?:n't )?(?:you|not)|i (?:would|'d) (?:like|love|want|prefer) you to"
-    r"|i (?:want|need|wish|expect) you to"
-    r"|(?:please )?(?:make sure|be sure|ensure|see to it)(?: that| to)?(?: you)?"
-    r"|do n't forget to|remember to|try to|go ahead and|go and"
-    r"|you (?:should|must|need to|have to|can|could|may|might)|let 's|let us|it is time to|time to"
-    r"|feel free to|(?:i was )?wondering if you (?:could|can)|(?:would it be|is it) possible to"
-    r")\b(?: ,)? ?"
-)
+_LEAD = re.compile(rf"(?:and |so |now |well |oh |then |, )*(?:{'|'.join(FORMS.orders)})\b(?: ,)? ?")
 _WISH = re.compile(r"\b(?:would|'d) (?:be|appreciate|like|love)\b|\bwondering$")
 _WHEN = frozenset(("when", "whenever", "once", "after", "until", "till", "before", "while"))
 _LIMITS = frozenset(("not", "n't", "never", "to", "limits", "bounds", "forbidden", "stay", "taken"))

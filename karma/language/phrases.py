@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
-from karma.language.cursor import STOPS, Cursor, tokens_of
+from karma.language.cursor import FORMS_OF_BE, STOPS, Cursor, read_tail, tokens_of
 from karma.language.parts import NounPhrase, Phrases, Pronoun, VerbPhrase, head_of, with_roles
-from karma.language.tails import FORMS_OF_BE, read_tail
 from karma.language.words import base_of, verb_forms, verb_tense, word_lists
 
 _SEEMS = frozenset(["looks", "feels", "seems", "smells", "gets", "got"])

@@ -18,6 +18,7 @@ from karma.household.types import Capability, object_types
 from karma.language.antecedents import left_out_of, of_what
 from karma.language.asides import Asides
 from karma.language.clauses import said
+from karma.language.clock import time_words
 from karma.language.lexicon import Lexicon
 from karma.language.nouns import Nouns
 from karma.language.pairs import Pairs
@@ -31,6 +32,7 @@ from karma.language.request_words import (
 from karma.language.said_deeds import SentenceDeeds
 from karma.language.sentence import SaidSentence
 from karma.language.slips import (
+    FORMS,
     as_meant,
     in_order,
     sentences_of,
@@ -39,30 +41,14 @@ from karma.language.slips import (
     without_lead,
     without_remarks,
 )
-from karma.language.times import time_words
 from karma.language.words import closed_words, word_lists
 
 _LONGEST = 4000  # characters; reading takes a second then
 _ENDS = (".", "!", "?", ";", "...")
 _MODALS = ("can", "could", "would", "will", "may", "might", "won't", "ca", "wo")
-_TELL_ME = re.compile(
-    r"(?:please )?(?:(?:go (?:and )?|have a look (?:and )?)?(?:see|check|find out)"
-    r"(?= (?:if|whether))|tell me|any idea|i wonder|do you know|can you tell|remind me)"
-    r" ?(?:what|where|who|when|why|how|which|whether|if)"
-)
-_NOT_SERVED = re.compile(  # what no skill or field has a place for
-    r"\b(?:upside down|inside out|face (?:down|up)|on its side|half (?:of|the|an?)"
-    r"|half ?way|part(?:ly|ially|way| way)|slightly|ajar|a (?:little|bit|crack)(?= ?$)"
-    r"|whichever|all but (?:one|two|three|\d+)|every (?:other|second|third)"
-    r"|otherwise|or else|if not)\b"
-)
-_PARTING = re.compile(
-    r"(?:and |so |ok(?:ay)?,? |thanks,? |well,? )*"
-    r"(?:that's|that is|that'll be|that will be|this is)"
-    r" (?:all|it|enough|everything|great|fine|perfect|good)"
-    r"(?: for (?:now|today|the moment)| then| thanks?(?: you)?)*\W*"
-    r"|(?:(?:wait|stop|hold on|hang on|one moment|just a (?:moment|second|minute))\W*)+"
-)
+_TELL_ME = re.compile("|".join(FORMS.asks_to_tell))
+_NOT_SERVED = re.compile(rf"\b(?:{'|'.join(FORMS.not_served)})\b")
+_PARTING = re.compile("|".join(FORMS.parting))
 _SMALL_TAGS = frozenset((
     "RB", "JJ", "JJR", "UH", "CC", "DT", "IN", "TO", "MD", "PRP", "PRP$", "WDT", "WP", "WRB", "RP",
     "EX", "POS", "PDT", ".", ",", "HYPH",

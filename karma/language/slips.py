@@ -13,41 +13,33 @@ import msgspec
 
 from karma.files import read_toml
 
+
+class _Forms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The forms of speech as their file has them."""
+
+    fillers: tuple[str, ...]
+    taken_back: tuple[str, ...]
+    polite: tuple[str, ...]
+    leads: tuple[str, ...]
+    orders: tuple[str, ...]
+    not_served: tuple[str, ...]
+    parting: tuple[str, ...]
+    asks_to_tell: tuple[str, ...]
+    spoken: tuple[tuple[str, str], ...]
+
+
+FORMS = read_toml(Path(__file__).with_name("spoken.toml"), _Forms)
 _SIGNS = str.maketrans(
     {"‘": "'", "’": "'", "“": '"', "”": '"', "…": ".", "–": "-", "—": "-", "\t": " "}
 )
-_FILLERS = (
-    "u+m+", "u+h+", "so{2,}", "e+r+m?", "hm+", "pls", "plz", "please", "kindly",
-    "thanks(?: a lot| so much)?",
-    "thank you(?: so much| very much)?", "thx", "ta", "cheers", "mate", "dear", "buddy", "pal",
-    "hey", "hi", "hello", "ok", "okay", "alright", "listen", "well then", "you know",
-    "i mean,? like", "yeah", "good (?:morning|evening|day|afternoon)", "excuse me",
-    "pardon(?: me| the interruption)?",
-    "sorry(?: to (?:bother|ask|trouble|disturb)(?: you)?| about (?:this|that))?",
-    "at your (?:earliest )?convenience", "if you (?:don't|do not|wouldn't) mind",
-    "if (?:it's|it is) no(?:t too much)? trouble", "if possible", "if you (?:can|could)",
-    "(?:when|if) you (?:have|get) (?:time|a (?:moment|minute|second|chance))", "no need to hurry",
-    "for me", "one more thing:?", r"(?:love|darling|honey|sweetheart|sweetie)(?=\W*$)",
-)  # fmt: skip
 _FILLER = re.compile(
-    rf"(?<![\w'])(?:{'|'.join(_FILLERS)})(?![\w'])[,!.]*(?:\s*\bbut\b)?", re.IGNORECASE
+    rf"(?<![\w'])(?:{'|'.join(FORMS.fillers)})(?![\w'])[,!.]*(?:\s*\bbut\b)?", re.IGNORECASE
 )
 _MEANWHILE = ("while", "whilst", "as", "whenever")
 _MOST_WHY = 5  # words of "for a quiet night"
-_TABLE = Path(__file__).with_name("spoken.toml")
-_POLITE = (
-    "would", "could", "can", "will", "might", "may", "is it", "is there", "be", "i was wondering",
-    "i wonder", "i'd be", "i would be", "i'd appreciate", "i would appreciate", "it'd be",
-    "it would be", "fancy", "how about", "what about", "any chance",
-)  # fmt: skip
-_LEADS = (
-    r"\bto", r"\band", r"\bif you (?:could|would|might|can)?",
-    r"\bwhether you (?:could|would|might|can)", r"\bthat you", r"\bof you", r"\bfor you to",
-    r"\babout", r"\bfancy",
-)  # fmt: skip
 _ASKING = re.compile(
-    rf"^(?:[^.?!]{{0,60}}?[,:;\s-])??(?:{'|'.join(_POLITE)})\b[^.?!]{{0,90}}?"
-    rf"(?:{'|'.join(_LEADS)}) (?P<rest>\w+\b.*)$",
+    rf"^(?:[^.?!]{{0,60}}?[,:;\s-])??(?:{'|'.join(FORMS.polite)})\b[^.?!]{{0,90}}?"
+    rf"(?:{'|'.join(FORMS.leads)}) (?P<rest>\w+\b.*)$",
     re.IGNORECASE,
 )
 _ROBOT = re.compile(r"^\W*(?:robot|karma)\b(?: listen)?\s*[,:!]*\s*|,\s*robot\b", re.IGNORECASE)
@@ -63,13 +55,8 @@ _ORDER = re.compile(
     r"|last(?:ly)?(?: of all)?|finally|in the end|at the end|afterwards|after that)\b,?\s+",
     re.IGNORECASE,
 )
-_BACK = (
-    "no[, ]+(?:wait|sorry|not that|actually)", "no", "wait", "sorry", "oops", "i mean", "or rather",
-    "rather", "i meant", "scratch that", "correction", r"actually,?\s+make (?:that|it)",
-    "make (?:that|it)", r"actually,?\s+no",
-)  # fmt: skip
 _TAKEN_BACK = re.compile(
-    rf"[\s,.;:-]*[,.;:-]\s*(?:(?:oh|er)[, ]+)?(?:(?:{'|'.join(_BACK)})\b[\s,:.-]*)+",
+    rf"[\s,.;:-]*[,.;:-]\s*(?:(?:oh|er)[, ]+)?(?:(?:{'|'.join(FORMS.taken_back)})\b[\s,:.-]*)+",
     re.IGNORECASE,
 )
 _PREPOSITION = r"(?:in|on|into|onto|to|at|under|near|from|beside|next to|inside|behind|off)"
@@ -80,15 +67,10 @@ _DETERMINER = r"(?:the|a|an|my|your|our|his|her|both|all|every|each|one|two|thre
 _SENTENCE_END = re.compile(r"(?<!\bMr)(?<!\bMrs)(?<!\bMs)(?<!\bDr)[.?!;]+(?=\s)", re.IGNORECASE)
 
 
-class _Spoken(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    spoken: tuple[tuple[str, str], ...]
-
-
 @cache
 def _spoken() -> Sequence[tuple[re.Pattern[str], str]]:
     """Return the forms of speech that are said plainly, and what stands for each."""
-    forms = read_toml(_TABLE, _Spoken).spoken
-    return [(re.compile(form, re.IGNORECASE), instead) for form, instead in forms]
+    return [(re.compile(form, re.IGNORECASE), instead) for form, instead in FORMS.spoken]
 
 
 def as_meant(text: str, holds: Callable[[str], bool] = bool) -> str:

@@ -51,7 +51,7 @@ class CosineRecall:
 
     def __init__(self, embedder: Embedder, *, text: str | Verbaliser = "listing") -> None:
         self._embedder = embedder
-        self._index = UnitIndex(self._row, verbaliser(text) if isinstance(text, str) else text)
+        self._index = UnitIndex(self._asked, verbaliser(text) if isinstance(text, str) else text)
 
     def recall(self, query: str, units: Sequence[MemoryUnit], k: int) -> list[Recalled]:
         """Return the units closest to the query, best first; ties keep the order of `units`.
@@ -70,10 +70,10 @@ class CosineRecall:
         if k < 1:
             raise ValueError(f"k must be at least 1, not {k}")
         self._index.follow(units)
-        return self._index.recalled(self._index.best(self._row(query), k)) if units else []
+        return self._index.recalled(self._index.best(self._asked(query), k)) if units else []
 
-    def _row(self, text: str) -> Vectors:
-        return row_of(self._embedder, text)
+    def _asked(self, query: str) -> Vectors:
+        return row_of(self._embedder, query)
 
 
 def verbaliser(name: str) -> Verbaliser:

@@ -18,7 +18,7 @@ from karma.household.pieces import base_type
 from karma.household.states import ALIKE
 from karma.household.types import in_words
 from karma.household.uses import CHANGED_IN
-from karma.language.hints import TYPE_WORDS, Words, kept_words, own_texts, singular
+from karma.language.hints import TYPE_WORDS, kept_words, own_texts, singular
 from karma.memory.index import FoundUnit, UnitIndex
 from karma.memory.recall import row_of
 from karma.memory.wanted import Wanted, question_of
@@ -35,16 +35,13 @@ class StatefulRecall:
 
     Args:
         embedder: text to vectors.
-        text: accepted so that it can stand in for `CosineRecall`; types alone are embedded here.
-        words: what types are called, with vectors of the same embedder; None: those that ship, or
-            for another embedder a few texts on each type, embedded here.
+        text: accepted so that it can stand in for `CosineRecall`; types alone are embedded here,
+            with the vectors that ship or, for another embedder, of a few texts on each type.
     """
 
-    def __init__(
-        self, embedder: Embedder, *, text: str = "sentence", words: Words | None = None
-    ) -> None:
+    def __init__(self, embedder: Embedder, *, text: str = "sentence") -> None:
         self._embedder = embedder
-        self._words = words or kept_words(TYPE_WORDS, embedder)
+        self._words = kept_words(TYPE_WORDS, embedder)
         self._index = UnitIndex(
             self._of_type,
             lambda unit: base_type(unit.object_type),

@@ -23,44 +23,9 @@ _PARTICIPLE = re.compile(  # "the cut up onion"
     r"(?<=\bthe )(\w+ed|cut|lit|shut) (up|off|on|down|out)(?= [a-z])"
 )
 _HISTORY = frozenset(("just", "recently", "earlier", "before", "last", "previously"))
-_ANYTHING = frozenset(
-    ("thing", "things", "item", "items", "object", "objects", "stuff", "one", "ones")
-)  # heads that leave open what is meant
-_DONE_WITH_A_TOOL = frozenset(
-    (
-        "slice",
-        "cut",
-        "chop",
-        "dice",
-        "carve",
-        "halve",
-        "quarter",
-        "mince",
-        "peel",
-        "shred",
-        "clean",
-        "wash",
-        "wipe",
-        "scrub",
-        "rinse",
-        "dust",
-        "dry",
-        "polish",
-        "sponge",
-        "cover",
-        "spread",
-        "stir",
-        "mix",
-        "eat",
-        "serve",
-        "scoop",
-        "cook",
-        "fry",
-        "fill",
-        "break",
-        "smash",
-    )
-)  # "with" names the tool of these deeds; behind a thing to be found it says what it is like
+_ANYTHING = frozenset((
+    "thing", "things", "item", "items", "object", "objects", "stuff", "one", "ones",
+))  # heads that leave open what is meant  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,13 +83,13 @@ def _whole_adjectives(text: str) -> str:
 
 def _with_parts(phrases: Phrases, text: str) -> list[NounPhrase]:
     """Return what is named, "a pot with a lid" and "food for a cat" as one thing each."""
-    tool = any(verb.base in _DONE_WITH_A_TOOL for verb in phrases.verbs)
+    tool = any(verb.base in word_lists().deeds["with_a_tool"] for verb in phrases.verbs)
     found: list[NounPhrase] = []
     for noun in phrases.nouns:
         between = text[found[-1].end : noun.start].split() if found else []
         joined = " ".join(between) in _JOINING and not (tool and between == ["with"])
         if joined:
-            start = text.index(found[-1].text, found[-1].start)
+            start = max(text.find(found[-1].text, found[-1].start), found[-1].start)
             found[-1] = replace(found[-1], text=text[start : noun.end], end=noun.end)
         elif not noun.is_modifier:
             found.append(noun)
