@@ -26,6 +26,7 @@ _PERSONS = frozenset(("i", "you", "we", "u", "he", "she"))
 _PARTS = frozenset(("mug", "cup", "bars", "rolls", "couple", "lot", "one", "two", "three"))  # "of"
 _ADJECTIVES = ("JJ", "JJR", "JJS", "VBN", "VBG", "VBD")
 _DETERMINERS = ("DT", "PRP$", "PDT", "POS", "WP", "CD")
+_IN_ROWS = ("NN", "JJ", "CD", "PRP", "PO", "DT", "PDT", "VBN", "VBG")  # tags begin so
 _OWNERS = ("'s", "’s")
 HOLDERS = ("holder", "hanger", "hook", "rail", "rack", "ring", "bar")  # for towels and paper
 _OF_A_WHOLE = ("door", "lid", "tank", "seat", "spout")  # named for the whole that they belong to
@@ -136,19 +137,19 @@ class Nouns:
 
     def _kind(self, begin: int, at: int, head: int, stop: int) -> str:
         """Return what a word is in a phrase: "head", "last" head, "inner", or "no" part of it."""
-        low, tag = self._s.low(at), self._s.tag(at)
+        low, tag, of = self._s.low(at), self._s.tag(at), self._s.low(at - 1) == "of"
         if low in ("other", "former", "latter") and self._s.low(at - 1) == "the":
             named = self._s.low(at + 1) in ("one", "ones") or self._noun_follows(at, stop)
             return "inner" if named else "last"  # "the other" alone
         if low in request_words().elsewhere or (low in ("then", "that", "which") and at > begin):
             return "no"
         if low in _STARTS or tag in ("DT", "PRP$", "PDT", "CD", "WP"):
-            if head > begin and not self._of_before(at):
+            if head > begin and not of:
                 return "no"
             return "head" if low in _ALONE and self._stands_alone(low, at, stop) else "inner"
         if tag == "PRP":
             person = low in request_words().me or low in _PERSONS
-            return "no" if person or (head > begin and not self._of_before(at)) else "last"
+            return "no" if person or (head > begin and not of) else "last"
         if tag in ("NN", "NNS", "NNP", "NNPS", "FW"):
             return "no" if low in request_words().me or low in _PERSONS else "head"
         if tag == "POS" or low in _OWNERS or (low == "-" and head == at):
@@ -175,10 +176,6 @@ class Nouns:
             return self._s.tag(at - 1).startswith("NN")
         first = begin + (self._s.tag(begin) in _DETERMINERS)
         return first < at and bool(self._s.lexicon.named(self._s.phrase(first, at).lower()))
-
-    def _of_before(self, at: int) -> bool:
-        """Return whether a word stands behind "of": "a slice of the bread"."""
-        return self._s.low(at - 1) == "of"
 
     def _stands_alone(self, low: str, at: int, stop: int) -> bool:
         """Return whether "all", "that" or "one" is a phrase by itself."""
@@ -214,22 +211,16 @@ class Nouns:
         last = begin
         for number in range(begin, len(self._s.words)):
             tag, low = self._s.tag(number), self._s.low(number)
-            if tag.startswith(("NN", "JJ", "CD", "PRP", "PO")) or tag in (
-                "DT",
-                "PDT",
-                "VBN",
-                "VBG",
-            ):
+            if tag.startswith(_IN_ROWS):
                 last = number + 1
             elif low == "that" and self._s.low(number + 1) in ("is", "'s", "are", "lies"):
                 continue
-            elif not (low in ("and", "or") and number > begin and self._noun_joins(number + 1)):
-                break
+            else:
+                noun = self._s.tag(number + 1) in ("DT", "NN", "NNS", "PRP$")
+                listed = low in ("and", "or") and number > begin and noun
+                if not listed or self._s.is_order(number + 1):
+                    break
         return last
-
-    def _noun_joins(self, number: int) -> bool:
-        noun = self._s.tag(number) in ("DT", "NN", "NNS", "PRP$")
-        return noun and not self._s.is_order(number)
 
     # ------------------------------------------------------------- what one means
 
@@ -272,6 +263,7 @@ class Nouns:
         """Return number, whether all are meant, and where the noun begins; -1: "the rest of"."""
         number, every, start = None, False, begin
         rest = self._s.lows(begin, end)
+        measures = word_lists().measures | request_words().measures
         while start < end:
             low = self._s.low(start)
             if low == "both" and self._s.tag(end - 1) == "NN" and "of" not in rest:
@@ -282,16 +274,13 @@ class Nouns:
                 number = int(low) if low.isdigit() else request_words().numbers[low]
             elif low in request_words().pieces and self._s.tag(end - 1) == "PRP":
                 break  # "a slice of it"
-            elif low == "of" or (self._measures(low) and "of" in rest[start - begin :]):
+            elif low == "of" or (low in measures and "of" in rest[start - begin :]):
                 if low == "rest":
                     return None, False, -1
             elif self._s.tag(start) not in _DETERMINERS and low not in _OWNERS:
                 break
             start += 1
         return number, every, start
-
-    def _measures(self, low: str) -> bool:
-        return low in word_lists().measures or low in request_words().measures
 
     def _without_noun(self, lows: Sequence[str], bare: Mention) -> Mention | None:
         words = request_words()

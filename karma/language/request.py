@@ -18,7 +18,6 @@ from karma.household.types import Capability, object_types
 from karma.language.antecedents import left_out_of, of_what
 from karma.language.asides import Asides
 from karma.language.clauses import said
-from karma.language.clock import time_words
 from karma.language.lexicon import Lexicon
 from karma.language.nouns import Nouns
 from karma.language.pairs import Pairs
@@ -116,13 +115,13 @@ class RequestReader:
         after: Sequence[SaidDeed],
         older: Sequence[Mention],
     ) -> Iterator[Request]:
-        told = (without_lead(one, is_deed, _is_time) for one in sentences_of(text) or [text])
+        told = (without_lead(one) for one in sentences_of(text) or [text])
         meant = as_meant(" ".join(told), self._holds)
         if not re.search(r"\w", meant) and re.search(r"\w", text):  # nothing but courtesy
             yield Request(text=text, form="talk", whole=text)
         if self._is_english(re.findall(r"[^\W\d_]+", meant)):
             meant = spelt(meant, self._is_known, self._vocabulary, self._verbs)
-        said = without_remarks(sentences_of(meant), is_deed)
+        said = without_remarks(sentences_of(meant))
         meant = " ".join(self._plainly(one) for one in said)
         words = self._parser.parse(meant)
         first, before, last = 0, list(earlier), after
@@ -234,8 +233,7 @@ class RequestReader:
 
     def _plainly(self, sentence: str) -> str:
         """Return a sentence without courtesy and in the order of its deeds; its own end stays."""
-        found = without_courtesy(sentence, is_deed, self._names)
-        found = in_order(found, base_of_deed)
+        found = in_order(without_courtesy(sentence, self._names))
         return f"{found}." if found != sentence and found[-1:].isalnum() else found
 
     def _holds(self, name: str) -> bool:
@@ -265,10 +263,6 @@ class RequestReader:
     @cached_property
     def _vocabulary_set(self) -> frozenset[str]:
         return frozenset(self._vocabulary)
-
-
-def _is_time(text: str) -> bool:
-    return bool(list(time_words(text)))
 
 
 def _begin(words: list[Word]) -> None:

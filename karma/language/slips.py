@@ -12,6 +12,8 @@ from pathlib import Path
 import msgspec
 
 from karma.files import read_toml
+from karma.language.clock import time_words
+from karma.language.request_words import base_of_deed, is_deed
 
 
 class _Forms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -192,10 +194,10 @@ _LEAD = re.compile(
 _MODALS = ("could", "can", "would", "will")
 
 
-def without_remarks(sentences: Sequence[str], is_deed: Callable[[str], bool]) -> list[str]:
+def without_remarks(sentences: Sequence[str]) -> list[str]:
     """Return sentences without those behind the first that only remark on it.
 
-    >>> without_remarks(["Water the plant.", "It's a thirsty one."], lambda word: False)
+    >>> without_remarks(["Water the plant.", "It's a thirsty one."])
     ['Water the plant.']
     """
 
@@ -206,14 +208,12 @@ def without_remarks(sentences: Sequence[str], is_deed: Callable[[str], bool]) ->
     return [one for number, one in enumerate(sentences) if number == 0 or not only_tells(one)]
 
 
-def without_lead(
-    sentence: str, is_deed: Callable[[str], bool], is_time: Callable[[str], bool]
-) -> str:
+def without_lead(sentence: str) -> str:
     """Return a sentence without a clause ahead that tells what its hearer does meanwhile.
 
     What somebody else does first ("when the guests come") is a time, and stays.
 
-    >>> without_lead("While you tidy up, put the pen away", lambda word: word == "put", bool)
+    >>> without_lead("While you tidy up, put the pen away")
     'put the pen away'
     """
     found = _LEAD.match(sentence)
@@ -226,23 +226,17 @@ def without_lead(
     doing = head.endswith("ing")
     yours = head.startswith(("you", "we")) and lead not in ("after", "before", "for")
     why = lead in ("despite", "for", "given") and len(words) <= _MOST_WHY
-    told = not any(map(is_deed, words)) and not is_time(f"{lead} {found['body']}")
+    told = not any(map(is_deed, words)) and not time_words(f"{lead} {found['body']}")
     meanwhile = yours and (lead in _MEANWHILE or head == "you're" or words[1:2] == ["are"])
     return found["rest"] if meanwhile or (told and (doing or yours or why)) else sentence
 
 
-def without_courtesy(
-    sentence: str, is_deed: Callable[[str], bool], names: Callable[[str], bool]
-) -> str:
+def without_courtesy(sentence: str, names: Callable[[str], bool]) -> str:
     """Return what is asked for so politely that it looks like a question or a wish.
 
-    Args:
-        sentence: one.
-        is_deed: whether a word, in any form of a verb, is something that can be done.
-        names: whether words name a thing or a deed, so that they may not be left out.
+    Words that name a thing or a deed may not be left out.
 
-    >>> is_wash = lambda words: "wash" in words
-    >>> without_courtesy("would it be possible for you to wash the mug?", is_wash, is_wash)
+    >>> without_courtesy("would it be possible for you to wash the mug?", lambda words: False)
     'wash the mug'
     """
     found = _ASKING.match(sentence)
@@ -312,17 +306,12 @@ _ORDERS = tuple(
 )
 
 
-def in_order(sentence: str, base_of: Callable[[str], str]) -> str:
+def in_order(sentence: str) -> str:
     """Return a sentence with its deeds as they are to be done: what comes first stands first.
 
-    Args:
-        sentence: one.
-        base_of: the base form of a verb that asks for something, "" for any other word.
-
-    >>> bases = {"heat": "heat", "wash": "wash", "washing": "wash"}
-    >>> in_order("before you heat the potato, wash it", lambda word: bases.get(word, ""))
+    >>> in_order("before you heat the potato, wash it")
     'wash the potato, then heat the potato'
-    >>> in_order("heat the potato after washing it", lambda word: bases.get(word, ""))
+    >>> in_order("heat the potato after washing it")
     'wash the potato, then heat the potato'
     """
     for form in _ORDERS:
@@ -331,7 +320,7 @@ def in_order(sentence: str, base_of: Callable[[str], str]) -> str:
             continue
         first, later = found["first"].strip(), found["later"].strip()
         said = (first, later) if found.start("first") < found.start("later") else (later, first)
-        heads = [base_of(text.split()[0].lower()) for text in (first, later)]
+        heads = [base_of_deed(text.split()[0].lower()) for text in (first, later)]
         if not all(heads):
             continue
         named = _NAMED.search(said[0])

@@ -262,11 +262,10 @@ def test_spelling_is_mended_by_one_slip_only():
 
 
 def test_order_is_by_what_comes_first():
-    bases = {"wash": "wash", "washing": "wash", "dry": "dry"}
-    said = in_order("dry the cup after washing it", lambda word: bases.get(word, ""))
-    assert said == "wash the cup, then dry the cup"
-    same = "dry the cup after dinner"
-    assert in_order(same, lambda word: bases.get(word, "")) == same
+    said = in_order("heat the cup after washing it")
+    assert said == "wash the cup, then heat the cup"
+    same = "heat the cup after dinner"
+    assert in_order(same) == same
 
 
 @settings(max_examples=150, deadline=None)
