@@ -96,13 +96,9 @@ def surface_for(object_type: str, is_known: Callable[[str], bool]) -> str:
 def landmark_types() -> frozenset[str]:
     """Return the immovable types worth a word: things to put into, to open or to switch."""
     useful = {"receptacle", "openable", "toggleable"}
-    return frozenset(
-        name
-        for name, kind in object_types().items()
-        if useful & set(kind.capabilities)
-        and "pickupable" not in kind.capabilities
-        and name not in _NOT_WORTH_A_WORD
-    )
+    fixed = (one for one in object_types().values() if not one.can("pickupable"))
+    named = frozenset(one.name for one in fixed if useful & set(one.capabilities))
+    return named - _NOT_WORTH_A_WORD
 
 
 def likest(name: str, here: Collection[str]) -> str | None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from karma.contracts import Mention, SaidDeed
 from karma.household.deeds import able_to, deed_kind
 from karma.household.saying import spoken
-from karma.household.types import object_types
+from karma.household.types import Capability, object_types
 from karma.language.pairs import DONE_AT_PLACES
 from karma.language.request_words import request_words
 
@@ -126,11 +126,7 @@ def _meant_by(
         served = not need or any(thing in able for thing in last) or not able
         return _so_many(last if served else able[-1:], one.number)
     if one.vague and one.text in ("former", "latter"):
-        kinds = [
-            thing
-            for thing in named
-            if any(object_types()[k].can("pickupable") for k in thing.types)
-        ]
+        kinds = [thing for thing in named if _can(thing, "pickupable")]
         return [kinds[-2 if one.text == "former" and len(kinds) > 1 else -1]] if kinds else [one]
     if one.types and one.text.split()[-1] in request_words().pieces:  # "the slices": of what?
         whole = [thing.types for thing in named if set(thing.types) < set(one.types)]
@@ -144,9 +140,9 @@ def _meant_by(
     wanted = deed_kind(deed.deed).takes
     able = [thing for thing in named if wanted and any(able_to(one, wanted) for one in thing.types)]
     meant = (able or named)[-1]
-    if deed.verb.endswith(" out") and len(able) > 1 and any(map(_holds, meant.types)):
+    if deed.verb.endswith(" out") and len(able) > 1 and _can(meant, "receptacle"):
         meant = able[-2]  # "put it in the box", "take it out": not the box
-    held = [thing for thing in named if any(map(_holds, thing.types)) and thing not in last]
+    held = [thing for thing in named if _can(thing, "receptacle") and thing not in last]
     if one.text == "one" and deed.verb.endswith(" out") and held:  # of "how many are in it?"
         return [replace(meant, at=held[-1].types, number=1, every=False)]
     if one.text == "one" and last and not one.other:  # "put one on the desk": of those
@@ -158,8 +154,9 @@ def _meant_by(
     return [replace(one, text=meant.text, types=meant.types, vague=False)]  # "the other one"
 
 
-def _holds(kind: str) -> bool:
-    return object_types()[kind].can("receptacle")
+def _can(one: Mention, capability: Capability) -> bool:
+    """Return whether any of what a mention may mean has a capability."""
+    return any(object_types()[kind].can(capability) for kind in one.types)
 
 
 def _told_otherwise(meant: Mention, told: Sequence[str], *, every: bool) -> Mention:
@@ -183,12 +180,8 @@ def _both(one: Mention, named: Sequence[Mention], last: Sequence[Mention]) -> li
         return [replace(plural[-1], at=())]  # "them all", not the one that was named last
     if number <= len(last) or plural:
         return []
-    kinds = object_types()
-    carried = {
-        thing.types: replace(thing, at=())
-        for thing in named
-        if any(kinds[kind].can("pickupable") for kind in thing.types)
-    }
+    able = (thing for thing in named if _can(thing, "pickupable"))
+    carried = {thing.types: replace(thing, at=()) for thing in able}
     return [*carried.values()][-number:] if len(carried) >= number else []
 
 
@@ -209,9 +202,5 @@ def _place_meant(
     """Return the place that "there" stands for: the last one, or what was named and can hold."""
     place = next((one.place for one in reversed(found) if one.place), None)
     own = {kind for thing in things for kind in thing.types}
-    holds = (
-        one
-        for one in reversed(named)
-        if any(object_types()[k].can("receptacle") for k in one.types) and not own & {*one.types}
-    )
-    return place or next(holds, None)
+    able = (one for one in reversed(named) if _can(one, "receptacle") and not own & {*one.types})
+    return place or next(able, None)

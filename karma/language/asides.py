@@ -21,12 +21,6 @@ _WHEN = frozenset(("when", "whenever", "once", "after", "until", "till", "before
 _LIMITS = frozenset(("not", "n't", "never", "to", "limits", "bounds", "forbidden", "stay", "taken"))
 _DEADLINES = ("before", "by")
 _IF = frozenset(("if", "unless", "whether", "provided"))
-_SO_FAR = frozenset((
-    "done", "finished", "ready", "washed", "rinsed", "warmed", "heated", "chilled",
-))  # "once it is washed": an order of deeds, no time  # fmt: skip
-_RULES_OUT = frozenset((
-    "instead of", "rather than", "other than", "apart from", "except for", "and not", "but not",
-))  # fmt: skip
 _USES = ("use", "using", "touch", "touching", "disturb", "take")
 _HELPERS = ("do", "does", "should", "must", "may", "could", "would", "did", "ca", "can", "please")
 _NOUN_TAGS = ("DT", "PRP$", "NN", "NNS", "NNP")
@@ -279,7 +273,7 @@ class Asides:
         if subject is None or self.s.low(subject) in ("you", "u"):
             return False
         words = set(self.s.lows(subject, subject + 4))
-        return not words & (_SO_FAR | request_words().seen.keys())
+        return not words & (request_words().so_far | request_words().seen.keys())
 
     # ------------------------------------------------------------- what is ruled out
 
@@ -324,7 +318,7 @@ class Asides:
         first, second, third = (self.s.low(number + n) for n in range(3))
         links = request_words().destinations | request_words().sources
         pair = f"{first} {second}"
-        if pair in _RULES_OUT:
+        if pair in request_words().rules_out:
             deed = pair in ("and not", "but not") and self.s.tag(number + 2) in ("VB", "VBG")
             return 0 if deed else 2 + (third in links)
         if first in ("except", "excluding", "besides"):

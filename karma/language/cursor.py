@@ -139,14 +139,11 @@ def _stranded_ahead(cursor: Cursor) -> bool:
         word = cursor.word(ahead)
         if word in ("", *STOPS) or word in ("and", "then"):
             return False
-        if word in ("with", "from", "in", "on") and _is_stranded(cursor, ahead):
+        after = cursor.word(ahead + 1)
+        stranded = after in ("", *STOPS, "and", "then") or after in lists.prepositions
+        if word in ("with", "from", "in", "on") and stranded:
             return verb_tense(cursor.word(1)) != "" and cursor.word(1) not in lists.switching
     return False
-
-
-def _is_stranded(cursor: Cursor, ahead: int) -> bool:
-    after = cursor.word(ahead + 1)
-    return after in ("", *STOPS, "and", "then") or after in word_lists().prepositions
 
 
 def _is_history(cursor: Cursor, *, relative: bool) -> bool:
@@ -189,10 +186,7 @@ def _run(cursor: Cursor, *, needs_place: bool) -> None:
             break
         place = word in lists.destinations and word != "at" and cursor.begins_noun(offset + 1)
         is_there = cursor.word(offset - 1) in FORMS_OF_BE
-        if place and not is_there and not _is_infinitive(cursor, offset):
+        infinitive = word == "to" and verb_tense(cursor.word(offset + 1)) == "base"
+        if place and not is_there and not infinitive:
             places.append(number)
     cursor.at = min(ends, places[-1]) if places and needs_place else ends
-
-
-def _is_infinitive(cursor: Cursor, offset: int) -> bool:
-    return cursor.word(offset) == "to" and verb_tense(cursor.word(offset + 1)) == "base"

@@ -12,14 +12,7 @@ from karma.language.request_words import deed_states, request_words
 from karma.language.sentence import SaidSentence
 from karma.language.words import word_lists
 
-_STARTS = frozenset((
-    "all", "both", "each", "every", "half", "any", "some", "no", "another", "what", "whatever",
-))  # fmt: skip
 _NEAREST = ("nearest", "closest", "more", "most", "least", "other", "lower", "upper")
-_ALONE = frozenset((
-    "everything", "anything", "whatever", "this", "that", "these", "those", "all", "both", "one",
-    "another",
-))  # fmt: skip
 _DESCRIBED = frozenset(("something", "anything", "thing", "things", "what", "item", "object"))
 _LEAST_DESCRIBED = 3  # words
 _PERSONS = frozenset(("i", "you", "we", "u", "he", "she"))
@@ -143,10 +136,11 @@ class Nouns:
             return "inner" if named else "last"  # "the other" alone
         if low in request_words().elsewhere or (low in ("then", "that", "which") and at > begin):
             return "no"
-        if low in _STARTS or tag in ("DT", "PRP$", "PDT", "CD", "WP"):
+        if low in request_words().starts or tag in ("DT", "PRP$", "PDT", "CD", "WP"):
             if head > begin and not of:
                 return "no"
-            return "head" if low in _ALONE and self._stands_alone(low, at, stop) else "inner"
+            alone = low in request_words().alone and self._stands_alone(low, at, stop)
+            return "head" if alone else "inner"
         if tag == "PRP":
             person = low in request_words().me or low in _PERSONS
             return "no" if person or (head > begin and not of) else "last"

@@ -36,14 +36,6 @@ _TOOLS = {
     "cool": frozenset((FRIDGE,)),
 }  # deed -> what it may be done with
 _WITH = ("water", "soap", "coffee", "care", "hands", HAND)  # that need no reading
-_OF = {
-    "out": "out",
-    "off": "off",
-    "top": "on",
-    "front": "near",
-    "inside": "in",
-    "sides": "near",
-}  # "out of"
 _PICKS = frozenset(("fetch", "grab", "pick", "find", "locate", "retrieve", "give", "pass"))
 _CLAUSES = ("that", "which", "who", "whose", "you", "i", "we")  # "the light you switched off"
 DONE_AT_PLACES = ("heat", "cool", "cook", "toast", "fill", "look")  # to a thing, at a place
@@ -458,13 +450,13 @@ class Pairs:
         beside = ("the", "upper", "lower", "front", "back", "rear", "top", "bottom")
         if earlier in ("left", "right") and self._s.low(of - 2) not in beside:
             return "near"  # "left of the sink"
-        if earlier not in _OF and earlier in lists.regions:
+        if earlier not in lists.of_a_part and earlier in lists.regions:
             ahead = of - 2
             while ahead >= least and self._s.low(ahead) not in lists.links:
                 ahead -= 1
             found = self._s.low(ahead) if ahead >= least else "of"
             return "near" if found == "to" and earlier in ("left", "right", "side") else found
-        return _OF.get(earlier, "of")
+        return lists.of_a_part.get(earlier, "of")
 
     def _is_relative(self, number: int, least: int) -> bool:
         """Return whether a place only says which thing: "the egg that is on the counter"."""

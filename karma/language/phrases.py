@@ -84,7 +84,9 @@ class _PhraseReader(Cursor):
         elif word in lists.auxiliaries and not (self.slot and self._is_command()):
             self.slot = True
             self.obliged = self.obliged or word in ("sure", "ensure", "should", "must", "let")
-        elif word in lists.conjunctions and not self._is_destination_word(word):
+        elif word in lists.conjunctions and not (
+            word in ("next", "before") and self.word(1) == "to"
+        ):
             self.slot, self.preposition = True, ""
             self.negated = self.negated and word in ("and", "or")
         elif word in lists.persons:
@@ -117,9 +119,6 @@ class _PhraseReader(Cursor):
             return False
         return self.word(1) in word_lists().determiners
 
-    def _is_destination_word(self, word: str) -> bool:
-        return word in ("next", "before") and self.word(1) in ("to",)
-
     # ------------------------------------------------------------- verbs
 
     def _is_verb(self) -> bool:
@@ -135,11 +134,10 @@ class _PhraseReader(Cursor):
             return bool(self.nouns) and self.word(1) != "of"
         return not (self.word(-1) == "and" and self._coordinated())
 
-    def _behind_noun(self) -> bool:
-        """Return whether the last noun phrase ends right before this word."""
-        return (
-            bool(self.nouns) and self.at > 0 and self.nouns[-1].end == self.tokens[self.at - 1].end
-        )
+    def _behind_noun(self, between: int = 0) -> bool:
+        """Return whether the last noun phrase ends before this word, with so many in between."""
+        last = self.at - 1 - between
+        return bool(self.nouns) and last >= 0 and self.nouns[-1].end == self.tokens[last].end
 
     def _bare(self, offset: int) -> bool:
         """Return whether an object without a determiner follows an unknown first word."""
@@ -153,11 +151,7 @@ class _PhraseReader(Cursor):
         if known is None or known.tense != "base":
             return False
         follows = self.word(1)
-        return self._joined_to_noun() and follows in ("", *STOPS, "from", "of", "are", "is")
-
-    def _joined_to_noun(self) -> bool:
-        before = self.tokens[self.at - 2].end if self.at > 1 else -1
-        return bool(self.nouns) and self.nouns[-1].end == before
+        return self._behind_noun(1) and follows in ("", *STOPS, "from", "of", "are", "is")
 
     def _verb(self) -> bool:
         if not self._is_verb():
@@ -269,14 +263,12 @@ class _PhraseReader(Cursor):
         if word == "that" and self.word(1) in lists.determiners | lists.persons:
             self.at += 1  # "make sure that the lamp is off"
             return True
-        if word in ("one", "ones") and self._tail_follows():
+        tails = ("that", "which", "you", "with", "from", "in", "on")
+        if word in ("one", "ones") and self.word(1) in tails:
             return False
         self.at += 1
         self._add_pronoun(self.at - 1)
         return True
-
-    def _tail_follows(self) -> bool:
-        return self.word(1) in ("that", "which", "you", "with", "from", "in", "on")
 
     def _add_pronoun(self, first: int) -> None:
         text, start = self._text(first, self.at), self.tokens[first].start
@@ -343,13 +335,12 @@ class _PhraseReader(Cursor):
         self, first: int, start: int, end: int, determiner: str, said: tuple[str, ...]
     ) -> None:
         words = [token.word for token in self.tokens[start:end]]
-        head = head_of(words)
         if self._light_verb(words, determiner):
             return
         self.nouns.append(
             NounPhrase(
                 text=" ".join(words),
-                head=head,
+                head=head_of(words),
                 start=self.tokens[first].start,
                 end=self.tokens[end - 1].end,
                 preposition=self.preposition,
@@ -391,8 +382,7 @@ class _PhraseReader(Cursor):
     def _close_segment(self) -> None:
         """Give each noun phrase of this verb its role."""
         base = self.verbs[-1].base if self.verbs else ""
-        begun = self.segment
         if self.stated and not self.obliged:
             base = "see"
-        self.nouns[begun:] = with_roles(self.nouns[begun:], base)
+        self.nouns[self.segment :] = with_roles(self.nouns[self.segment :], base)
         self.segment = len(self.nouns)

@@ -223,13 +223,10 @@ class RequestReader:
         return not said or 4 * sum(map(self._is_ours, said)) > len(said)
 
     def _is_ours(self, word: str) -> bool:
-        small = word in closed_words() or word in word_lists().determiners
-        return (
-            small
-            or word in self._vocabulary_set
-            or bool(base_of_deed(word))
-            or (word in request_words().asking or word in word_lists().pronouns)
-        )
+        lists = word_lists()
+        small = (closed_words(), lists.determiners, lists.pronouns, request_words().asking)
+        known = any(word in words for words in (*small, self._vocabulary_set))
+        return known or bool(base_of_deed(word))
 
     def _plainly(self, sentence: str) -> str:
         """Return a sentence without courtesy and in the order of its deeds; its own end stays."""

@@ -26,20 +26,12 @@ _LEFT_ALONE = re.compile(
     r"\b(?:alone|as (?:it|they) (?:is|are)|where (?:it|they) (?:is|are)|be|in peace|untouched"
     r"|running)\b"
 )
-_BEFORE_NOUNS = frozenset((
-    "the", "a", "an", "my", "your", "his", "her", "our", "some", "this", "that", "all", "every",
-    "each",
-))  # fmt: skip
 _MODALS = frozenset(("should", "must", "can", "could", "ought", "may", "might"))
 _ASKED_OF_YOU = ("could", "can", "would", "will")
 _SWITCHES = frozenset(("turn", "switch", "flip", "flick", "get", "have", "power"))
 _IS_SOMEWHERE = ("be", "go", "belong", "stand", "sit", "lie", "live", "rest", "end")
 _PERSONS = ("i", "we", "you", "he", "she", "they")
 _FINDS = ("find", "locate", "look for", "search for", "show", "hunt")
-_MOVED = (
-    "moved", "put", "placed", "brought", "set", "to", "be", "stood", "standing", "lying", "kept",
-    "stored",
-)  # fmt: skip
 _ON_OFF = ("on", "off")
 
 
@@ -71,7 +63,8 @@ class SentenceDeeds:
             deeds += found
         if not deeds and not (self.asides.forbidden or self.asides.exclusions or self.s.unread):
             return self._told(), []
-        if deeds and is_usual(self.s.lows()) and all(map(_has_its_place, deeds)):
+        placed = all(one.deed == "put" and one.place is not None for one in deeds)
+        if deeds and placed and is_usual(self.s.lows()):
             self._told()
             return "teaching", []  # "always put the knives in the drawer": a rule, not a deed
         conditions = (one.thing for one in self.asides.conditions if one.thing is not None)
@@ -127,7 +120,7 @@ class SentenceDeeds:
         asks = (starts or s.low(number - 1) == "to") and s.known_verb(number)  # "a mug to put in"
         if self._is_part(number) or (word.dep == "relcl" and not asks):
             return False
-        noun = s.low(number - 1) in _BEFORE_NOUNS and word.tag != "VBP"
+        noun = s.low(number - 1) in request_words().before_nouns and word.tag != "VBP"
         if noun and not (verb and subject is not None):
             return False
         if starts and s.known_verb(number):
@@ -240,8 +233,8 @@ class SentenceDeeds:
             last = n + 1 >= end or self.s.low(n + 1) in (",", "and", "then", ".", "!", ";")
             if self.s.low(n) in ("on", "off") and last and n not in self.s.taken:
                 self.s.unread.append(self.s.low(n))
-        me = self._for_me(number, end)
-        if text == "read" and request_words().me & {*self.s.lows(number + 1, end)}:
+        me = bool(lists.me & set(self.s.lows(number + 1, min(number + 3, end))))  # "bring me ..."
+        if text == "read" and lists.me & {*self.s.lows(number + 1, end)}:
             deed = ""  # aloud
         deed, pairs = self._meant(_of_taps(deed, pairs), text, pairs, coffee=said, me=me)
         if not deed:
@@ -249,10 +242,6 @@ class SentenceDeeds:
         hangs = word.lemma == "hang"
         found = [_said(text, deed, word.start, _hung(pair, hangs=hangs)) for pair in pairs]
         return self._made_ready(found)
-
-    def _for_me(self, number: int, end: int) -> bool:
-        """Return whether something is to be brought to whoever speaks."""
-        return bool(request_words().me & set(self.s.lows(number + 1, min(number + 3, end))))
 
     def _meant(
         self, deed: str, text: str, pairs: list[Pair], *, coffee: bool, me: bool
@@ -409,7 +398,7 @@ class SentenceDeeds:
         pairs = self.pairs.read(part, "put")
         if not pairs[0].things:
             return []
-        self.s.taken.update(n for n in part if self.s.low(n) in _MOVED)
+        self.s.taken.update(n for n in part if self.s.low(n) in request_words().moved)
         deed = "put" if pairs[0].place else "take"
         for n in range(part.start + 1, end):
             state = deed_states().get(self.s.low(n), "")
@@ -666,7 +655,3 @@ def _holds_things(one: Mention) -> bool:
     kinds = [object_types()[kind] for kind in one.types]
     holds = all(kind.can("receptacle") for kind in kinds)
     return bool(kinds) and holds and not any(kind.can("canFillWithLiquid") for kind in kinds)
-
-
-def _has_its_place(deed: SaidDeed) -> bool:
-    return deed.deed == "put" and deed.place is not None

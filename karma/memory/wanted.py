@@ -7,9 +7,10 @@ is, so the destination of a request is only asked for as a thing of its own, aft
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import chain
 
 from karma.household.states import OPPOSITES, state_words
 from karma.language.parts import NounPhrase, Phrases
@@ -77,7 +78,7 @@ def _whole_adjectives(text: str) -> str:
     >>> _whole_adjectives("the clean, red food"), _whole_adjectives("get the cut up onion")
     ('the clean red food', 'get the cut-up onion')
     """
-    text = re.sub(rf"\b({_any_of(_has_words())}),(?= \w+ \w)", r"\1", text)
+    text = re.sub(rf"\b({_any_of(_by_word()[0])}),(?= \w+ \w)", r"\1", text)
     return _PARTICIPLE.sub(r"\1-\2", text)
 
 
@@ -121,14 +122,7 @@ def _wanted(noun: NounPhrase, places: tuple[str, ...] = ()) -> Wanted:
         elif modifier not in noun.text:  # not joined to it yet
             described.append(modifier)
     found = _wanted_as(" ".join(described), " ".join(said))
-    return Wanted(
-        text=found.text,
-        has=found.has,
-        lacks=found.lacks,
-        places=places,
-        handled=handled,
-        is_destination=noun.is_destination,
-    )
+    return replace(found, places=places, handled=handled, is_destination=noun.is_destination)
 
 
 def _wanted_as(described: str, said: str | None = None) -> Wanted:
@@ -160,21 +154,21 @@ def _states(text: str) -> set[tuple[str, bool]]:
     >>> sorted(_states("that is not clean yet")), sorted(_states("raw"))
     ([('cleaned', False), ('dirty', True)], [('cooked', False)])
     """
-    found = set()
+    found, (has, lacks) = set(), _by_word()
     for match in _all_states().finditer(text.replace("-", " ")):
         denied = match["no"] is not None
-        for state in _has_words().get(match["state"], ()):
+        for state in has.get(match["state"], ()):
             found.add((state, not denied))
             if denied and state in OPPOSITES:
                 found.add((OPPOSITES[state], True))
-        for state in _lacking_words().get(match["state"], ()):
+        for state in lacks.get(match["state"], ()):
             found.add((state, denied))
     return found
 
 
 @cache
 def _all_states() -> re.Pattern[str]:
-    words = _any_of((*_has_words(), *_lacking_words()))
+    words = _any_of(chain(*_by_word()))
     return re.compile(rf"(?<![\w-])(?:(?P<no>{_NOT}) )?(?P<state>{words})(?![\w-])")
 
 
@@ -183,18 +177,11 @@ def _any_of(words: Iterable[str]) -> str:
 
 
 @cache
-def _has_words() -> Mapping[str, tuple[str, ...]]:
-    return _by_word(state_words().has)
-
-
-@cache
-def _lacking_words() -> Mapping[str, tuple[str, ...]]:
-    return _by_word(state_words().lacks)
-
-
-def _by_word(words_of: Mapping[str, Iterable[str]]) -> Mapping[str, tuple[str, ...]]:
-    found: dict[str, tuple[str, ...]] = {}
-    for state, words in words_of.items():
-        for word in words:
-            found[word] = (*found.get(word, ()), state)
+def _by_word() -> tuple[Mapping[str, Sequence[str]], Mapping[str, Sequence[str]]]:
+    """Return word -> states that a thing called so is in, and those that it is not in."""
+    found: tuple[dict[str, list[str]], dict[str, list[str]]] = ({}, {})
+    for by_word, words_of in zip(found, (state_words().has, state_words().lacks), strict=True):
+        for state, words in words_of.items():
+            for word in words:
+                by_word.setdefault(word, []).append(state)
     return found
