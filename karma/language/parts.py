@@ -6,7 +6,7 @@ from typing import Literal
 
 from karma.language.words import closed_words, word_lists
 
-Role = Literal["thing", "destination", "modifier"]
+Role = Literal["thing", "destination", "modifier"]  # a modifier says which other thing is meant
 
 _CERTAIN = ("into", "onto")  # prepositions that only ever name where something goes
 _CONTAINED = ("in", "under", "inside", "with", "using", "into", "beneath")
@@ -29,11 +29,6 @@ class NounPhrase:
     def is_destination(self) -> bool:
         """Whether something is to go there, or is to be done there."""
         return self.role == "destination"
-
-    @property
-    def is_modifier(self) -> bool:
-        """Whether it only says which of several other things is meant."""
-        return self.role == "modifier"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

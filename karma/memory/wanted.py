@@ -92,7 +92,7 @@ def _with_parts(phrases: Phrases, text: str) -> list[NounPhrase]:
         if joined:
             start = max(text.find(found[-1].text, found[-1].start), found[-1].start)
             found[-1] = replace(found[-1], text=text[start : noun.end], end=noun.end)
-        elif not noun.is_modifier:
+        elif noun.role != "modifier":
             found.append(noun)
     return found
 
