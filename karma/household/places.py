@@ -81,12 +81,7 @@ _NOT_WORTH_A_WORD = {FLOOR, "Chair", "Stool", KNOB, *BASINS, "Window"}
 
 
 def surface_for(object_type: str, is_known: Callable[[str], bool]) -> str:
-    """Return the type of surface to put a thing down on: the best known one that takes it, if any.
-
-    Args:
-        object_type: of the thing.
-        is_known: whether the agent knows of such a surface.
-    """
+    """Return the type of surface to put a thing down on: the best known that takes it, if any."""
     kinds = object_types()
     fitting = [name for name in SURFACES if kinds[object_type].fits(kinds[name])]
     return next(filter(is_known, fitting), next(iter(fitting), SURFACES[0]))

@@ -70,12 +70,7 @@ def check_length(text: str) -> None:
 
 
 class RequestReader:
-    """Reads requests.
-
-    Args:
-        parser: of English.
-        lexicon: what things are called.
-    """
+    """Reads requests."""
 
     def __init__(self, parser: Parser, lexicon: Lexicon) -> None:
         self._parser, self._lexicon = parser, lexicon

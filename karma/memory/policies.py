@@ -305,11 +305,7 @@ class Arc(Generic[K]):
 
 
 class Unbounded(FifoMerge[K]):
-    """Nothing ever leaves: the upper bound of any memory.
-
-    Args:
-        capacity: ignored, so that it can stand wherever a policy is named with a size.
-    """
+    """Nothing ever leaves: the upper bound of any memory; its capacity says nothing."""
 
     def __init__(self, capacity: int = 1) -> None:
         super().__init__(capacity)

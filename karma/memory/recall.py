@@ -56,11 +56,6 @@ class CosineRecall:
     def recall(self, query: str, units: Sequence[MemoryUnit], k: int) -> list[Recalled]:
         """Return the units closest to the query, best first; ties keep the order of `units`.
 
-        Args:
-            query: the instruction, or the phrase that names what is wanted.
-            units: what is remembered.
-            k: how many; fewer come back when there are fewer units.
-
         Raises:
             ValueError: k < 1.
 

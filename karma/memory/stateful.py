@@ -56,11 +56,6 @@ class StatefulRecall:
 
         The similarity given back is the score and may exceed 1.
 
-        Args:
-            query: the sub-task, or the phrase that names what is wanted.
-            units: what is remembered, the last used last.
-            k: how many; fewer come back when there are fewer units.
-
         Raises:
             ValueError: k < 1.
         """

@@ -22,11 +22,7 @@ KEPT = 0.5  # chance from which on a thing is still believed to be where a look 
 
 
 class Beliefs:
-    """Beliefs by object id, kept true by every moment.
-
-    Args:
-        ageing: learns from what is confirmed and what is contradicted.
-    """
+    """Beliefs by object id, kept true by every moment, from which their ageing learns."""
 
     def __init__(self, ageing: Ageing) -> None:
         self._ageing = ageing

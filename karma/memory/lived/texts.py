@@ -13,11 +13,7 @@ _FIRST = 256  # rows to begin with
 
 
 class TextVectors:
-    """Texts numbered as they come, each embedded once; exact search over all of them.
-
-    Args:
-        embedder: of texts.
-    """
+    """Texts numbered as they come, each embedded once; exact search over all of them."""
 
     def __init__(self, embedder: Embedder) -> None:
         self._embedder = embedder

@@ -14,9 +14,6 @@ class TrueUnits(TrueMemory):
     """A `HomeMemory` that keeps the ten beliefs which are worth most.
 
     What it learns of how things move and where they go is kept, as the paper's map is.
-
-    Args:
-        setting: of the home; `units` lines.
     """
 
     def __init__(self, setting: MemorySetting) -> None:
@@ -64,9 +61,7 @@ class TrueUnits(TrueMemory):
 class NeedTruthCost:
     """Which key leaves a full memory, where another part knows what each is worth.
 
-    Args:
-        capacity: lines, at least 1.
-        worth: chance of being true times cost of finding again, by key; at least 0.
+    A key's worth is the chance of being true times the cost of finding again; at least 0.
     """
 
     def __init__(self, capacity: int, worth: Callable[[str], float]) -> None:
