@@ -6,7 +6,7 @@ from dataclasses import replace
 from karma.contracts import Mention, SaidDeed
 from karma.household.deeds import able_to, deed_kind
 from karma.household.saying import spoken
-from karma.household.types import Capability, object_types
+from karma.household.types import Capability, types_with
 from karma.language.pairs import DONE_AT_PLACES
 from karma.language.request_words import request_words
 
@@ -34,10 +34,8 @@ def of_what(forbidden: SaidDeed, deeds: Sequence[SaidDeed]) -> SaidDeed:
     if any(one.text in ("anything", "nothing") or not (one.types or one.vague) for one in things):
         return replace(forbidden, things=())  # "the door": any
     if all(one.vague for one in things):
-        named = [
-            one for deed in deeds for one in (*deed.things, *((deed.place,) if deed.place else ()))
-        ]
-        return replace(forbidden, things=tuple(named))
+        named = (one for deed in deeds for one in (*deed.things, deed.place))
+        return replace(forbidden, things=tuple(filter(None, named)))
     return forbidden
 
 
@@ -102,10 +100,9 @@ def _together(fresh: Sequence[Mention], earlier: SaidDeed | None) -> tuple[Menti
 def _with_its_vessel(deed: SaidDeed, things: tuple[Mention, ...]) -> tuple[Mention, ...]:
     """Return what "them" stands for behind "put the pen in the mug": one thing, and the mug."""
     place, single = deed.place, len(things) == 1 and not (things[0].every or things[0].number)
-    carried = place is not None and bool(place.types) and not deed.near and all(
-        object_types()[kind].can("pickupable") for kind in place.types
-    )  # fmt: skip
-    return (*things, place) if place is not None and carried and single else things
+    if place is None or not place.types or deed.near or not single:
+        return things
+    return (*things, place) if types_with("pickupable").issuperset(place.types) else things
 
 
 def _is_cleared(before: SaidDeed, deed: SaidDeed) -> bool:
@@ -156,7 +153,7 @@ def _meant_by(
 
 def _can(one: Mention, capability: Capability) -> bool:
     """Return whether any of what a mention may mean has a capability."""
-    return any(object_types()[kind].can(capability) for kind in one.types)
+    return not types_with(capability).isdisjoint(one.types)
 
 
 def _told_otherwise(meant: Mention, told: Sequence[str], *, every: bool) -> Mention:

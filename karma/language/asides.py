@@ -124,9 +124,8 @@ class Asides:
         if verb in self.s.taken or not self._tells(verb):
             return
         begin, end = self._told_clause(verb)
-        orders = any(
-            self.s.is_order(n) and self.s.starts_clause(n) for n in range(begin, verb)
-        )  # fmt: skip
+        inside = range(begin, verb)
+        orders = any(self.s.is_order(n) and self.s.starts_clause(n) for n in inside)
         if self._asks_outside(begin, end) and not orders:  # "turn on the lamp to let me see"
             found = self.nouns.all_of(range(begin, end))
             named = [one for one in found if one.types]
@@ -321,17 +320,13 @@ class Asides:
         if pair in request_words().rules_out:
             deed = pair in ("and not", "but not") and self.s.tag(number + 2) in ("VB", "VBG")
             return 0 if deed else 2 + (third in links)
+        size = 1 + (second in links)
         if first in ("except", "excluding", "besides"):
-            return 1 + (second in links)
+            return size
         if first == "but" and self._of_all(number) and self.s.tag(number + 1) in _NOUN_TAGS:
             return 1
-        if first == "not" and self.s.low(number - 1) in (",", "and", "but"):
-            return (
-                1 + (second in links)
-                if self.s.tag(number + 1 + (second in links)) in _NOUN_TAGS
-                else 0
-            )
-        return 0
+        joined = first == "not" and self.s.low(number - 1) in (",", "and", "but")
+        return size if joined and self.s.tag(number + size) in _NOUN_TAGS else 0
 
     def _of_all(self, number: int) -> bool:
         words = request_words()

@@ -23,23 +23,17 @@ def clauses_of(request: Request) -> tuple[tuple[str, Request], ...]:
     One deed to one thing keeps the words that were said. Of several each is said in few words, with
     the names that were said; what was only taken to be put elsewhere is one with that.
     """
-    single = list(_singles(request.deeds))
+    single = tuple(_singles(request.deeds))
     if len(single) < 2:
-        return ((request.errand or request.text, replace(request, deeds=tuple(single))),)
+        return ((request.errand or request.text, replace(request, deeds=single)),)
     verbs = {deed.verb for deed in single if not deed.deed}
     others = tuple(word for word in request.unread if word not in verbs)
-    return tuple(
-        (
-            said(deed, request.whole),
-            replace(
-                request,
-                deeds=(deed,),
-                rest=tuple(single),
-                unread=others if deed.deed else (*others, deed.verb),
-            ),
-        )
-        for deed in single
-    )
+    found = []
+    for deed in single:
+        unread = others if deed.deed else (*others, deed.verb)
+        part = replace(request, deeds=(deed,), rest=single, unread=unread)
+        found.append((said(deed, request.whole), part))
+    return tuple(found)
 
 
 def context_left_out(requests: Sequence[Request]) -> tuple[Request, ...]:

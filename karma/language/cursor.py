@@ -125,9 +125,8 @@ def _is_purpose(cursor: Cursor) -> bool:
     if not known and (not cursor.is_content(1) or cursor.is_content(2)):
         return False
     heads = word_lists().heads | {"one", "ones"}
-    if cursor.word(-1) in heads or any(
-        cursor.word(-n) in word_lists().pronoun_heads for n in (2, 3)
-    ):
+    pronouns = word_lists().pronoun_heads
+    if cursor.word(-1) in heads or {cursor.word(-2), cursor.word(-3)} & pronouns:
         return True
     return _stranded_ahead(cursor)
 
@@ -165,9 +164,7 @@ def _is_history(cursor: Cursor, *, relative: bool) -> bool:
         return True
     if not subject:
         return word in ("sits", "lies", "stands", "lay", "stood", "belongs", "needs")
-    return ahead > 0 or (
-        past is not None and past.base == word and past.base in ("put", "cut", "set")
-    )
+    return ahead > 0 or (past is not None and past.base == word and word in ("put", "cut", "set"))
 
 
 def _run(cursor: Cursor, *, needs_place: bool) -> None:

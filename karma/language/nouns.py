@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from karma.contracts import Mention
 from karma.household.saying import spoken
-from karma.household.types import object_types
+from karma.household.types import types_with
 from karma.language.hints import singular
 from karma.language.phrases import phrases_of
 from karma.language.request_words import deed_states, request_words
@@ -161,10 +161,10 @@ class Nouns:
 
     def _is_state(self, begin: int, at: int, stop: int) -> bool:
         """Return whether a word says how the thing before it is to be: "the apple cold"."""
-        ends = (
-            self._s.low(at + 1) in ("", ",", ".", ";", "!", "?", "and", "please") or at + 1 >= stop
-        )
-        if not ends or self._s.low(at) not in deed_states().keys() | request_words().seen.keys():
+        ends = ("", ",", ".", ";", "!", "?", "and", "please")
+        if self._s.low(at + 1) not in ends and at + 1 < stop:
+            return False
+        if self._s.low(at) not in deed_states().keys() | request_words().seen.keys():
             return False
         if at == begin:
             return self._s.tag(at - 1).startswith("NN")
@@ -342,18 +342,15 @@ class Nouns:
     def _marks(self, words: Sequence[str]) -> tuple[str, ...]:
         """Return the words ahead of a name that say which one is meant: "the second drawer"."""
         marks, whole = request_words().marks, self._s.lexicon.named_whole
-        names = (
-            n for n, one in enumerate(words) if one not in marks and whole(" ".join(words[n:]))
-        )
-        name = next(names, len(words) - 1)
+        plain = (n for n, one in enumerate(words) if one not in marks)
+        name = next((n for n in plain if whole(" ".join(words[n:]))), len(words) - 1)
         return tuple(one for one in words[:name] if one in marks)
 
     def _without_type(self, words: Sequence[str], bare: Mention) -> Mention | None:
         """Return what a phrase means that no type is called by; None: where it is, a room."""
         lists, text, head = request_words(), " ".join(words), words[-1]
         if head in lists.pieces:
-            kinds = (name for name, kind in object_types().items() if kind.can("sliceable"))
-            return replace(bare, text=text, types=tuple(kinds))
+            return replace(bare, text=text, types=tuple(sorted(types_with("sliceable"))))
         if head == "drink" or text == "coffee":
             return replace(bare, text=text, told=True)
         if head in lists.anything and len(words) <= 2:
@@ -376,17 +373,16 @@ class Nouns:
         if len(words) > 1 and words[-1] in request_words().seen and not named(" ".join(words)):
             words = words[:-1]
         compound = False  # "desk drawer": of several drawers the one that is nearest to it
+        lists, states = request_words(), deed_states()
+        small = (lists.dropped, lists.marks, lists.pieces, word_lists().qualifiers, states)
         for first, word in enumerate(words):
             found = named(" ".join(words[first:]))
             if found and compound:
-                fixed = tuple(one for one in found if not object_types()[one].can("pickupable"))
+                fixed = tuple(one for one in found if one not in types_with("pickupable"))
                 return self._s.lexicon.nearest(" ".join(words), fixed, 1) or fixed
             if found:
                 return found
-            known = (
-                word in request_words().dropped | request_words().marks | word_lists().qualifiers
-            )
-            known = known or word in deed_states() or word in request_words().pieces
+            known = any(word in words for words in small)
             compound = compound or (self._s.tag(start + first) == "NN" and not known)
             tag = self._s.tag(min(start + first, len(self._s.words) - 1))
             other = tag in (*_ADJECTIVES, "CD", "NNP", "POS", "RB", "DT", "FW", "NN")

@@ -7,7 +7,7 @@ from typing import Any
 from karma.contracts import Mention
 from karma.household.places import HAND
 from karma.household.saying import preposition
-from karma.household.types import object_types, types_with
+from karma.household.types import types_with
 from karma.household.uses import (
     BASIN_OF,
     BASINS,
@@ -139,8 +139,8 @@ class Pairs:
         found = self._nouns.all_of(range(number, self._nouns.run_end(number)))
         self._s.taken.clear()
         self._s.taken.update(kept)
-        types = [object_types()[kind] for one in found for kind in one.types]
-        return any(kind.can("receptacle") and not kind.can("toggleable") for kind in types)
+        places = types_with("receptacle") - types_with("toggleable")
+        return any(kind in places for one in found for kind in one.types)
 
     def particle_later(self, number: int, end: int) -> tuple[str, str] | None:
         """Return deed and verb of "turn the lamp on": the particle stands behind its object."""
@@ -267,10 +267,9 @@ class Pairs:
 
     def _holds(self, group: _PairGroup, deed: str) -> bool:
         """Return whether "with" tells what is in a thing: "carry the plate with the potato"."""
-        kinds = [object_types()[kind] for one in group.things[-1:] for kind in one.types]
-        return deed in ("put", "take", "throw", "find", "heat", "cool") and any(
-            kind.can("receptacle") for kind in kinds
-        )
+        kinds = {kind for one in group.things[-1:] for kind in one.types}
+        carries = deed in ("put", "take", "throw", "find", "heat", "cool")
+        return carries and bool(kinds & types_with("receptacle"))
 
     def _take_in(
         self, number: int, one: Mention, before: str, deed: str, found: list[_PairGroup], least: int
@@ -304,7 +303,7 @@ class Pairs:
         if before == "of" and group.places and group.places[-1].types and not self._is_part(group):
             return True  # "the front burner of the stove"
         if before in ("of", "in", "inside", "within") and self._is_part(group) and one.types:
-            if all(object_types()[kind].can("openable") for kind in one.types):
+            if types_with("openable").issuperset(one.types):
                 group.places[-1] = one  # "the top shelf of the fridge"
             return True
         of = self._s.low(number - 1) == "of" and self._s.low(number - 2) in words.regions
@@ -477,4 +476,4 @@ class Pairs:
 
 def _has_no_room_below(one: Mention) -> bool:
     """Return whether nothing can be put under what a mention means: no lamp, tap or machine."""
-    return bool(one.types) and not any(object_types()[kind].can("toggleable") for kind in one.types)
+    return bool(one.types) and types_with("toggleable").isdisjoint(one.types)

@@ -9,6 +9,7 @@ from karma.language.words import closed_words, word_lists
 Role = Literal["thing", "destination", "modifier"]  # a modifier says which other thing is meant
 
 _CERTAIN = ("into", "onto")  # prepositions that only ever name where something goes
+_TELLING = ("with", "without", "of", "about", "than")  # what a thing is like
 _CONTAINED = ("in", "under", "inside", "with", "using", "into", "beneath")
 
 
@@ -74,9 +75,7 @@ def with_roles(nouns: Sequence[NounPhrase], base: str) -> list[NounPhrase]:
             role = "destination"
         elif one.preposition in lists.destinations | lists.sources:
             role = "modifier"
-        elif (
-            one.preposition in ("with", "without", "of", "about", "than") and number and not done_at
-        ):
+        elif one.preposition in _TELLING and number and not done_at:
             role = "modifier" if base not in lists.deeds["other"] else "thing"
         if role == "modifier" and found:
             said = f"{one.preposition} {one.determiner} {one.text}"

@@ -54,10 +54,9 @@ class _PhraseReader(Cursor):
 
     def read(self) -> None:
         """Read all words."""
+        parts = (self._stop, self._joint, self._verb, self._preposition, self._noun)
         while self.at < len(self.tokens):
-            if not (
-                self._stop() or self._joint() or self._verb() or self._preposition() or self._noun()
-            ):
+            if not any(read() for read in parts):
                 self.at += 1
         self._close_segment()
 
@@ -171,9 +170,8 @@ class _PhraseReader(Cursor):
         )
         if self.word() == "of":  # "dispose of", "take hold of"
             self.at += 1
-        self.slot = self.word() == "and" or (
-            base in _ING_OBJECT and verb_tense(self.word()) == "ing"
-        )
+        doing = base in _ING_OBJECT and verb_tense(self.word()) == "ing"
+        self.slot = doing or self.word() == "and"
         self.preposition = ""
         return True
 

@@ -269,11 +269,9 @@ def _begin(words: list[Word]) -> None:
             words[number] = replace(word, tag="JJ", dep="amod", head=number + 1)
     if len(words) < 3 or words[1].tag not in ("VBD", "VBN") or words[2].tag[:2] not in ("NN", "JJ"):
         return
-    if (
-        words[0].text.lower() in request_words().needs_place
-        and words[1].text.lower() in deed_states()
-    ):
-        words[0] = replace(words[0], tag="VB", dep="ROOT", lemma=words[0].text.lower(), head=0)
+    first, second = words[0].text.lower(), words[1].text.lower()
+    if first in request_words().needs_place and second in deed_states():
+        words[0] = replace(words[0], tag="VB", dep="ROOT", lemma=first, head=0)
         words[1] = replace(words[1], tag="JJ", dep="amod", head=2)
 
 
@@ -447,10 +445,8 @@ def _into_what_was_opened(deeds: Sequence[SaidDeed]) -> list[SaidDeed]:
     """Return deeds, what is put nowhere put into what was opened: "open the drawer, put it in"."""
     found: list[SaidDeed] = []
     for number, deed in enumerate(deeds):
-        doors = [
-            one for earlier in found if earlier.deed == "open" for one in earlier.things
-            if any(able_to(kind, "receptacle") for kind in one.types)
-        ]  # fmt: skip
+        opened = (one for earlier in found if earlier.deed == "open" for one in earlier.things)
+        doors = [one for one in opened if any(able_to(kind, "receptacle") for kind in one.types)]
         where = doors and deed.deed == "put" and _lacks(deed, deeds[number + 1 :]) == "where"
         found.append(replace(deed, place=doors[-1]) if where else deed)
     return found
@@ -467,9 +463,8 @@ def _lacks(deed: SaidDeed, later: Sequence[SaidDeed]) -> str:
     if deed.place is not None:
         return "where" if deed.place.vague else ""
     kinds = {kind for one in deed.things for kind in one.types}
-    if any(
-        other.place and kinds & {k for one in other.things for k in one.types} for other in later
-    ):
+    placed = (one for other in later if other.place for one in other.things)
+    if any(kinds & {*one.types} for one in placed):
         return ""
     bare = deed.verb in request_words().needs_place or deed.verb.startswith("clear")
     return "where" if deed.deed == "put" and bare else ""

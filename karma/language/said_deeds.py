@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from karma.contracts import Form, Mention, SaidDeed
 from karma.household.containment import hangs_on
-from karma.household.types import object_types
+from karma.household.types import types_with
 from karma.household.uses import BIN, FAUCET, LAMPS, TAPS
 from karma.language.antecedents import sharing, with_antecedents
 from karma.language.asides import Asides
@@ -76,11 +76,8 @@ class SentenceDeeds:
         """Read "book to the desk, lamp to the shelf" ahead of the first verb."""
         kept, unread = set(self.s.taken), list(self.s.unread)
         left = [n for n in self.s.left() if n < verb]
-        pairs = (
-            self.pairs.read(range(left[0], verb), "put")
-            if left and self.s.subject(verb) is None
-            else []
-        )
+        alone = left and self.s.subject(verb) is None
+        pairs = self.pairs.read(range(left[0], verb), "put") if alone else []
         if pairs and all(one.place and any(t.types for t in one.things) for one in pairs):
             return [_said("put", "put", self.s.words[left[0]].start, pair) for pair in pairs]
         self.s.taken, self.s.unread = kept, unread
@@ -125,10 +122,8 @@ class SentenceDeeds:
             return False
         if starts and s.known_verb(number):
             return True
-        loose = word.tag in ("VBN", "VBG") and subject is None
-        return verb and not (
-            loose and word.dep in ("acl", "amod", "prep", "pcomp", "pobj") and not starts
-        )
+        loose = word.tag in ("VBN", "VBG") and subject is None and not starts
+        return verb and not (loose and word.dep in ("acl", "amod", "prep", "pcomp", "pobj"))
 
     def _is_put_there(self, low: str) -> bool:
         """Return whether a sentence begins with a thing that has a place: "sponge on the sink"."""
@@ -504,11 +499,8 @@ class SentenceDeeds:
         """Return whether it would be nice if it were so."""
         at = next((n for n in range(begin) if self.s.low(n) == "if"), None)
         were = self.s.low(number) in ("were", "was", "went", "be", "stood")
-        return (
-            at is not None
-            and self.asides.would_be_nice(at)
-            and (were or bool(self.s.helpers(number) & {"were", "was"}))
-        )
+        were = were or bool(self.s.helpers(number) & {"were", "was"})
+        return were and at is not None and self.asides.would_be_nice(at)
 
     def _moves(self, number: int, end: int, who: str) -> bool:
         """Return whether a thing is told to go somewhere: "both pillows go on the chair"."""
@@ -604,10 +596,8 @@ class SentenceDeeds:
         """Return whether a word is ahead of its thing as a verb is: "flush the toilet"."""
         s, low = self.s, self.s.low(number)
         lists = request_words()
-        small = (
-            lists.links | lists.every | lists.anything | lists.auxiliaries | lists.be | lists.talk
-        )
-        small |= lists.small_verbs | lists.sequence | lists.never_mind | lists.vague
+        small = lists.links | lists.every | lists.anything | lists.auxiliaries | lists.be
+        small |= lists.talk | lists.small_verbs | lists.sequence | lists.never_mind | lists.vague
         word = number == 0 and low.isalpha() and low not in small and s.tag(number)[:2] != "DT"
         return word and s.tag(number + 1) in ("DT", "PRP$") and not s.lexicon.named(low)
 
@@ -652,6 +642,5 @@ def _carried(deed: str, pairs: list[Pair], place: Mention, *, me: bool) -> tuple
 
 def _holds_things(one: Mention) -> bool:
     """Return whether things lie in or on what is to be cleared, and no liquid: a cabinet, a box."""
-    kinds = [object_types()[kind] for kind in one.types]
-    holds = all(kind.can("receptacle") for kind in kinds)
-    return bool(kinds) and holds and not any(kind.can("canFillWithLiquid") for kind in kinds)
+    dry = types_with("receptacle") - types_with("canFillWithLiquid")
+    return bool(one.types) and dry.issuperset(one.types)

@@ -57,6 +57,7 @@ _ORDER = re.compile(
     r"|last(?:ly)?(?: of all)?|finally|in the end|at the end|afterwards|after that)\b,?\s+",
     re.IGNORECASE,
 )
+_TAG_QUESTION = re.compile(r"\b(?:would|could|will|can) (?:you|ya)\s*[.?!]*$|,\s*will (?:you|ya)\b")
 _TAKEN_BACK = re.compile(
     rf"[\s,.;:-]*[,.;:-]\s*(?:(?:oh|er)[, ]+)?(?:(?:{'|'.join(FORMS.taken_back)})\b[\s,:.-]*)+",
     re.IGNORECASE,
@@ -103,11 +104,8 @@ def as_meant(text: str, holds: Callable[[str], bool] = bool) -> str:
     said = re.sub(r"\s+", " ", said)
     said = re.sub(r"\s+([,.;:!?])", r"\1", said)
     said = re.sub(r"([.;])(?:\s*[.,;])+", r"\1", said)
-    said = (
-        re.sub(r"\b(?:would|could|will|can) (?:you|ya)\s*[.?!]*$|,\s*will (?:you|ya)\b", "", said)
-        if len(said.split()) > 3
-        else said
-    )
+    if len(said.split()) > 3:
+        said = _TAG_QUESTION.sub("", said)
     said = re.sub(r"[\s,]+(?:and|but)([.!?]*)$", r"\1", said).strip(" ,;-")
     return _beforehand(said)
 
@@ -121,9 +119,8 @@ def _beforehand(text: str) -> str:
     if found is None:
         return text
     thing = _NAMED.search(found["then"])
-    first = (
-        re.sub(r"\b(?:it|them)\b", thing[0], found["first"], count=1) if thing else found["first"]
-    )
+    first = found["first"]
+    first = re.sub(r"\b(?:it|them)\b", thing[0], first, count=1) if thing else first
     return f"{first}, then {found['then'][0].lower()}{found['then'][1:]}"
 
 
@@ -324,10 +321,8 @@ def in_order(sentence: str) -> str:
         if not all(heads):
             continue
         named = _NAMED.search(said[0])
-        parts = [
-            " ".join((head, *text.split()[1:]))
-            for head, text in zip(heads, (first, later), strict=True)
-        ]
+        rests = (text.split()[1:] for text in (first, later))
+        parts = [" ".join((head, *rest)) for head, rest in zip(heads, rests, strict=True)]
         if named is not None:
             parts = [re.sub(r"\b(?:it|them)\b", named[0], part, count=1) for part in parts]
         place = re.search(r"\b(?:in|on|into|onto|to|at|under) (?:the|a|my) [\w' -]+$", parts[1])

@@ -73,9 +73,7 @@ class TrueMemory:
         if past or question.asked in ("time", "who"):
             return self._past(question, k)
         ranks = ranks_of(said)
-        found = [
-            belief for belief in self._beliefs if not ranks or belief.sighting.object_type in ranks
-        ]
+        found = [one for one in self._beliefs if not ranks or one.sighting.object_type in ranks]
         found.sort(key=lambda one: self._order(one, said, ranks))
         asked = AS_AGED if question.asked == "count" else self._asked_for(said, found=said.ids)
         return [self._fact(belief, question.time_s, asked) for belief in found[:k]]
