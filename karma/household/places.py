@@ -81,12 +81,7 @@ _NOT_WORTH_A_WORD = {FLOOR, "Chair", "Stool", KNOB, *BASINS, "Window"}
 
 
 def surface_for(object_type: str, is_known: Callable[[str], bool]) -> str:
-    """Return the type of surface to put a thing down on: the best known one that takes it, if any.
-
-    Args:
-        object_type: of the thing.
-        is_known: whether the agent knows of such a surface.
-    """
+    """Return the type of surface to put a thing down on: the best known that takes it, if any."""
     kinds = object_types()
     fitting = [name for name in SURFACES if kinds[object_type].fits(kinds[name])]
     return next(filter(is_known, fitting), next(iter(fitting), SURFACES[0]))
@@ -96,13 +91,9 @@ def surface_for(object_type: str, is_known: Callable[[str], bool]) -> str:
 def landmark_types() -> frozenset[str]:
     """Return the immovable types worth a word: things to put into, to open or to switch."""
     useful = {"receptacle", "openable", "toggleable"}
-    return frozenset(
-        name
-        for name, kind in object_types().items()
-        if useful & set(kind.capabilities)
-        and "pickupable" not in kind.capabilities
-        and name not in _NOT_WORTH_A_WORD
-    )
+    fixed = (one for one in object_types().values() if not one.can("pickupable"))
+    named = frozenset(one.name for one in fixed if useful & set(one.capabilities))
+    return named - _NOT_WORTH_A_WORD
 
 
 def likest(name: str, here: Collection[str]) -> str | None:

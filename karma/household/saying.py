@@ -3,7 +3,7 @@
 from karma.household.ids import type_of
 from karma.household.pieces import base_type
 from karma.household.places import HAND
-from karma.household.types import object_types
+from karma.household.types import object_types, words_of
 from karma.household.uses import BASINS, SINK, without_basin
 
 _LIDDED = ("Toilet",)  # it opens, but things are put on it
@@ -30,16 +30,8 @@ def spoken(kind: str) -> str:
     >>> spoken("CounterTop"), spoken("CellPhone"), spoken("TVStand")
     ('counter top', 'cell phone', 'TV stand')
     """
-    words, word = [], ""
-    for at, letter in enumerate(kind):
-        after = kind[at + 1 : at + 2]
-        if letter.isupper() and word and (word[-1].islower() or after.islower()):
-            words.append(word)
-            word = ""
-        word += letter
-    return " ".join(
-        one if one.isupper() and len(one) > 1 else one.lower() for one in [*words, word]
-    )
+    words = words_of(kind).split(" ")
+    return " ".join(one if one.isupper() and len(one) > 1 else one.lower() for one in words)
 
 
 def preposition(place: str) -> str:

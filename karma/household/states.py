@@ -5,8 +5,13 @@ ever, as ALFRED judges it; "clean", "hot" and "cold" how it is now.
 """
 
 from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
 from types import MappingProxyType
 
+import msgspec
+
+from karma.files import read_toml
 from karma.household.types import Capability
 
 GOAL_STATES = frozenset(
@@ -28,173 +33,6 @@ NEEDS: Mapping[str, Capability] = MappingProxyType(
         "off": "toggleable", "dirty": "dirtyable", "used up": "canBeUsedUp",
     }
 )  # what a type must be capable of to be in a state  # fmt: skip
-STATE_WORDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "cleaned": (
-            "clean",
-            "cleaned",
-            "washed",
-            "washed up",
-            "rinsed",
-            "rinsed off",
-            "rinsed out",
-            "wet",
-            "spotless",
-            "wiped",
-            "sparkling",
-            "gleaming",
-            "polished",
-            "sanitized",
-            "unsoiled",
-        ),
-        "sliced": (
-            "sliced",
-            "sliced up",
-            "cut",
-            "cut up",
-            "chopped",
-            "chopped up",
-            "diced",
-            "diced up",
-            "halved",
-            "quartered",
-            "cubed",
-            "minced",
-            "slivered",
-            "hacked up",
-            "in slices",
-            "in pieces",
-        ),
-        "cooked": (
-            "cooked",
-            "done",
-            "boiled",
-            "fried",
-            "baked",
-            "roasted",
-            "toasted",
-            "grilled",
-            "ready",
-            "prepared",
-            "browned",
-        ),
-        "heated": (
-            "hot",
-            "heated",
-            "heated up",
-            "warm",
-            "warmed",
-            "warmed up",
-            "microwaved",
-            "preheated",
-            "piping hot",
-            "steaming",
-            "scalding",
-            "nuked",
-            "toasty",
-        ),
-        "cooled": (
-            "cold",
-            "cooled",
-            "cooled down",
-            "chilled",
-            "cool",
-            "refrigerated",
-            "frozen",
-            "iced",
-            "icy",
-            "chilly",
-        ),
-        "dirty": (
-            "dirty",
-            "unwashed",
-            "used",
-            "soiled",
-            "stained",
-            "filthy",
-            "greasy",
-            "messy",
-            "grubby",
-            "grimy",
-            "mucky",
-            "smeared",
-            "unclean",
-            "crusty",
-            "unrinsed",
-            "manky",
-        ),
-        "filled": (
-            "filled",
-            "filled up",
-            "full",
-            "brimful",
-            "refilled",
-            "topped up",
-            "chock full",
-            "flooded",
-            "with water",
-            "with coffee",
-            "with wine",
-        ),
-        "opened": ("open", "opened", "wide open", "ajar", "unfastened", "unlocked", "unclosed"),
-        "closed": ("closed", "shut", "sealed", "slammed", "bolted", "locked"),
-        "off": (
-            "off",
-            "switched off",
-            "turned off",
-            "powered off",
-            "powered down",
-            "unlit",
-            "put out",
-            "extinguished",
-            "blown out",
-            "idle",
-            "dormant",
-            "lifeless",
-        ),
-        "on": (
-            "lit",
-            "lit up",
-            "running",
-            "on",
-            "switched on",
-            "turned on",
-            "powered",
-            "powered on",
-            "burning",
-            "glowing",
-            "shining",
-            "illuminated",
-            "blazing",
-            "ablaze",
-            "alight",
-        ),
-        "used up": (
-            "empty",
-            "emptied",
-            "used up",
-            "run out",
-            "ran out",
-            "runs out",
-            "finished",
-            "spent",
-            "drained",
-            "consumed",
-            "depleted",
-        ),
-        "broken": ("broken", "smashed", "cracked", "shattered"),
-    }
-)  # what people say when they mean a thing by its state; wider than what goals may say
-LACKING_WORDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "sliced": ("whole", "uncut", "unsliced", "in one piece"),
-        "cooked": ("raw", "uncooked"),
-        "filled": ("empty", "emptied", "unfilled"),
-        "heated": ("unheated",),
-        "broken": ("unbroken", "intact"),
-        "dirty": ("unused", "spotless"),
-    }
-)  # and what they say when they mean it by a state that it is not in
 ALIKE: Mapping[str, str] = MappingProxyType({"heated": "cooked", "cooked": "heated"})
 # what people may call by the other's words: a potato from the microwave is hot
 _SYNONYMS = {
@@ -202,6 +40,19 @@ _SYNONYMS = {
     "warmed": "heated", "chilled": "cooled", "open": "opened", "close": "closed",
     "usedup": "used up",
 }  # fmt: skip
+
+
+class StateWords(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """State -> words for things that are in it, and for things that are not."""
+
+    has: Mapping[str, tuple[str, ...]]
+    lacks: Mapping[str, tuple[str, ...]]
+
+
+@cache
+def state_words() -> StateWords:
+    """Return what people say of states, read once from `states.toml`."""
+    return read_toml(Path(__file__).with_name("states.toml"), StateWords)
 
 
 def canonical_state(word: str) -> str | None:

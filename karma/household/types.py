@@ -28,14 +28,10 @@ WIDEST: RuleSet = "thor-2.1.0"  # lets all that 5.0.0 does, and more
 TABLE = Path(__file__).parent / "types.toml"
 
 
-class ObjectType(msgspec.Struct, frozen=True, kw_only=True):
-    """One of the 125 types of AI2-THOR 5.0.0."""
-
-    name: str
+class _Facts(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     rooms: tuple[RoomType, ...]
-    capabilities: tuple[Capability, ...]
-    goes_in: tuple[str, ...] | None  # receptacle types it may be put into; None = unrestricted
-    more_in: Mapping[RuleSet, tuple[str, ...]] = MappingProxyType({})  # beyond it, by rule set
+    capabilities: tuple[Capability, ...] = ()
+    goes_in: tuple[str, ...] | None = None  # receptacle types it may be put into; None = any
     accepts_only: tuple[str, ...] = ()  # types that this receptacle takes; () = any that go in it
     must_be_open: bool = False  # before something is put into it
     upright: bool = False  # always put down standing
@@ -47,6 +43,17 @@ class ObjectType(msgspec.Struct, frozen=True, kw_only=True):
     size_m: Vec3  # typical box at yaw 0
     mass_kg: float = 0.0
     materials: tuple[str, ...] | None = None
+
+
+class _Row(_Facts, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    also_in: tuple[str, ...] = ()
+
+
+class ObjectType(_Facts, frozen=True, kw_only=True):
+    """One of the 125 types of AI2-THOR 5.0.0."""
+
+    name: str
+    more_in: Mapping[RuleSet, tuple[str, ...]] = MappingProxyType({})  # beyond it, by rule set
 
     def can(self, capability: Capability) -> bool:
         """Return whether objects of this type have the capability."""
@@ -63,24 +70,6 @@ class ObjectType(msgspec.Struct, frozen=True, kw_only=True):
             return self.name in receptacle.accepts_only
         more = self.more_in.get(rules, ())
         return self.goes_in is None or receptacle.name in self.goes_in or receptacle.name in more
-
-
-class _Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    rooms: tuple[RoomType, ...]
-    capabilities: tuple[Capability, ...] = ()
-    goes_in: tuple[str, ...] | None = None
-    also_in: tuple[str, ...] = ()
-    accepts_only: tuple[str, ...] = ()
-    must_be_open: bool = False
-    upright: bool = False
-    slices_into: str | None = None
-    slice_count: int = 0
-    made_by_slicing: bool = False
-    starts_open: bool = False
-    starts_on: bool = False
-    size_m: Vec3
-    mass_kg: float = 0.0
-    materials: tuple[str, ...] | None = None
 
 
 class _Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -160,4 +149,9 @@ def in_words(object_type: str) -> str:
     >>> in_words("CellPhone"), in_words("TVStand"), in_words("CD")
     ('cell phone', 'tv stand', 'cd')
     """
-    return re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", object_type).lower()
+    return words_of(object_type).lower()
+
+
+def words_of(object_type: str) -> str:
+    """Return a type with a space between its words: "Cell Phone", "TV Stand"."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", object_type)

@@ -59,13 +59,9 @@ def wetted(running: Collection[str], things: Iterable[Lying]) -> frozenset[str]:
 def _under(tap: Lying, by_id: Mapping[str, Lying]) -> list[str]:
     """Return the basin that a tap pours into; [] if none is near enough."""
     x, y, z = tap.center_m
-    near = [
-        (far, one.object_id)
-        for one in by_id.values()
-        if _is_basin(one, by_id) and one.center_m[1] <= y + _ABOVE_M
-        if (far := _gap(one, x, z)) <= POURS_M
-    ]
-    return [min(near)[1]] if near else []
+    below = (one for one in by_id.values() if one.center_m[1] <= y + _ABOVE_M)
+    basins = [(_gap(one, x, z), one.object_id) for one in below if _is_basin(one, by_id)]
+    return [name for far, name in sorted(basins)[:1] if far <= POURS_M]
 
 
 def _is_basin(one: Lying, by_id: Mapping[str, Lying]) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from karma.contracts import Mention, SaidDeed
 from karma.household.deeds import able_to, deed_kind
 from karma.household.saying import spoken
-from karma.household.types import object_types
+from karma.household.types import Capability, types_with
 from karma.language.pairs import DONE_AT_PLACES
 from karma.language.request_words import request_words
 
@@ -34,10 +34,8 @@ def of_what(forbidden: SaidDeed, deeds: Sequence[SaidDeed]) -> SaidDeed:
     if any(one.text in ("anything", "nothing") or not (one.types or one.vague) for one in things):
         return replace(forbidden, things=())  # "the door": any
     if all(one.vague for one in things):
-        named = [
-            one for deed in deeds for one in (*deed.things, *((deed.place,) if deed.place else ()))
-        ]
-        return replace(forbidden, things=tuple(named))
+        named = (one for deed in deeds for one in (*deed.things, deed.place))
+        return replace(forbidden, things=tuple(filter(None, named)))
     return forbidden
 
 
@@ -102,10 +100,9 @@ def _together(fresh: Sequence[Mention], earlier: SaidDeed | None) -> tuple[Menti
 def _with_its_vessel(deed: SaidDeed, things: tuple[Mention, ...]) -> tuple[Mention, ...]:
     """Return what "them" stands for behind "put the pen in the mug": one thing, and the mug."""
     place, single = deed.place, len(things) == 1 and not (things[0].every or things[0].number)
-    carried = place is not None and bool(place.types) and not deed.near and all(
-        object_types()[kind].can("pickupable") for kind in place.types
-    )  # fmt: skip
-    return (*things, place) if place is not None and carried and single else things
+    if place is None or not place.types or deed.near or not single:
+        return things
+    return (*things, place) if types_with("pickupable").issuperset(place.types) else things
 
 
 def _is_cleared(before: SaidDeed, deed: SaidDeed) -> bool:
@@ -126,11 +123,7 @@ def _meant_by(
         served = not need or any(thing in able for thing in last) or not able
         return _so_many(last if served else able[-1:], one.number)
     if one.vague and one.text in ("former", "latter"):
-        kinds = [
-            thing
-            for thing in named
-            if any(object_types()[k].can("pickupable") for k in thing.types)
-        ]
+        kinds = [thing for thing in named if _can(thing, "pickupable")]
         return [kinds[-2 if one.text == "former" and len(kinds) > 1 else -1]] if kinds else [one]
     if one.types and one.text.split()[-1] in request_words().pieces:  # "the slices": of what?
         whole = [thing.types for thing in named if set(thing.types) < set(one.types)]
@@ -144,9 +137,9 @@ def _meant_by(
     wanted = deed_kind(deed.deed).takes
     able = [thing for thing in named if wanted and any(able_to(one, wanted) for one in thing.types)]
     meant = (able or named)[-1]
-    if deed.verb.endswith(" out") and len(able) > 1 and any(map(_holds, meant.types)):
+    if deed.verb.endswith(" out") and len(able) > 1 and _can(meant, "receptacle"):
         meant = able[-2]  # "put it in the box", "take it out": not the box
-    held = [thing for thing in named if any(map(_holds, thing.types)) and thing not in last]
+    held = [thing for thing in named if _can(thing, "receptacle") and thing not in last]
     if one.text == "one" and deed.verb.endswith(" out") and held:  # of "how many are in it?"
         return [replace(meant, at=held[-1].types, number=1, every=False)]
     if one.text == "one" and last and not one.other:  # "put one on the desk": of those
@@ -158,8 +151,9 @@ def _meant_by(
     return [replace(one, text=meant.text, types=meant.types, vague=False)]  # "the other one"
 
 
-def _holds(kind: str) -> bool:
-    return object_types()[kind].can("receptacle")
+def _can(one: Mention, capability: Capability) -> bool:
+    """Return whether any of what a mention may mean has a capability."""
+    return not types_with(capability).isdisjoint(one.types)
 
 
 def _told_otherwise(meant: Mention, told: Sequence[str], *, every: bool) -> Mention:
@@ -183,12 +177,8 @@ def _both(one: Mention, named: Sequence[Mention], last: Sequence[Mention]) -> li
         return [replace(plural[-1], at=())]  # "them all", not the one that was named last
     if number <= len(last) or plural:
         return []
-    kinds = object_types()
-    carried = {
-        thing.types: replace(thing, at=())
-        for thing in named
-        if any(kinds[kind].can("pickupable") for kind in thing.types)
-    }
+    able = (thing for thing in named if _can(thing, "pickupable"))
+    carried = {thing.types: replace(thing, at=()) for thing in able}
     return [*carried.values()][-number:] if len(carried) >= number else []
 
 
@@ -209,9 +199,5 @@ def _place_meant(
     """Return the place that "there" stands for: the last one, or what was named and can hold."""
     place = next((one.place for one in reversed(found) if one.place), None)
     own = {kind for thing in things for kind in thing.types}
-    holds = (
-        one
-        for one in reversed(named)
-        if any(object_types()[k].can("receptacle") for k in one.types) and not own & {*one.types}
-    )
-    return place or next(holds, None)
+    able = (one for one in reversed(named) if _can(one, "receptacle") and not own & {*one.types})
+    return place or next(able, None)

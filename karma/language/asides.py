@@ -7,37 +7,20 @@ import re
 from dataclasses import dataclass, field, replace
 
 from karma.contracts import Condition, Mention, SaidDeed
+from karma.language.clock import time_words
 from karma.language.nouns import Nouns
 from karma.language.pairs import Pairs
 from karma.language.request_words import is_deed, request_words
 from karma.language.sentence import SaidSentence
-from karma.language.times import time_words
+from karma.language.slips import FORMS
 from karma.language.words import word_lists
 
-_LEAD = re.compile(
-    r"(?:and |so |now |well |oh |then |, )*(?:"
-    r"(?:can|could|would|will|wo|ca|may|might) (?:n't )?(?:you|ya|u|i|we)(?: please)?"
-    r"(?: maybe| perhaps| possibly| just| kindly)?"
-    r"(?: be so kind as to| be able to| mind| go and| go ahead and| have| ask you to| get you to)?"
-    r"|why (?:do )?(?:n't )?(?:you|not)|i (?:would|'d) (?:like|love|want|prefer) you to"
-    r"|i (?:want|need|wish|expect) you to"
-    r"|(?:please )?(?:make sure|be sure|ensure|see to it)(?: that| to)?(?: you)?"
-    r"|do n't forget to|remember to|try to|go ahead and|go and"
-    r"|you (?:should|must|need to|have to|can|could|may|might)|let 's|let us|it is time to|time to"
-    r"|feel free to|(?:i was )?wondering if you (?:could|can)|(?:would it be|is it) possible to"
-    r")\b(?: ,)? ?"
-)
+_LEAD = re.compile(rf"(?:and |so |now |well |oh |then |, )*(?:{'|'.join(FORMS.orders)})\b(?: ,)? ?")
 _WISH = re.compile(r"\b(?:would|'d) (?:be|appreciate|like|love)\b|\bwondering$")
 _WHEN = frozenset(("when", "whenever", "once", "after", "until", "till", "before", "while"))
 _LIMITS = frozenset(("not", "n't", "never", "to", "limits", "bounds", "forbidden", "stay", "taken"))
 _DEADLINES = ("before", "by")
 _IF = frozenset(("if", "unless", "whether", "provided"))
-_SO_FAR = frozenset((
-    "done", "finished", "ready", "washed", "rinsed", "warmed", "heated", "chilled",
-))  # "once it is washed": an order of deeds, no time  # fmt: skip
-_RULES_OUT = frozenset((
-    "instead of", "rather than", "other than", "apart from", "except for", "and not", "but not",
-))  # fmt: skip
 _USES = ("use", "using", "touch", "touching", "disturb", "take")
 _HELPERS = ("do", "does", "should", "must", "may", "could", "would", "did", "ca", "can", "please")
 _NOUN_TAGS = ("DT", "PRP$", "NN", "NNS", "NNP")
@@ -141,9 +124,8 @@ class Asides:
         if verb in self.s.taken or not self._tells(verb):
             return
         begin, end = self._told_clause(verb)
-        orders = any(
-            self.s.is_order(n) and self.s.starts_clause(n) for n in range(begin, verb)
-        )  # fmt: skip
+        inside = range(begin, verb)
+        orders = any(self.s.is_order(n) and self.s.starts_clause(n) for n in inside)
         if self._asks_outside(begin, end) and not orders:  # "turn on the lamp to let me see"
             found = self.nouns.all_of(range(begin, end))
             named = [one for one in found if one.types]
@@ -290,7 +272,7 @@ class Asides:
         if subject is None or self.s.low(subject) in ("you", "u"):
             return False
         words = set(self.s.lows(subject, subject + 4))
-        return not words & (_SO_FAR | request_words().seen.keys())
+        return not words & (request_words().so_far | request_words().seen.keys())
 
     # ------------------------------------------------------------- what is ruled out
 
@@ -335,20 +317,16 @@ class Asides:
         first, second, third = (self.s.low(number + n) for n in range(3))
         links = request_words().destinations | request_words().sources
         pair = f"{first} {second}"
-        if pair in _RULES_OUT:
+        if pair in request_words().rules_out:
             deed = pair in ("and not", "but not") and self.s.tag(number + 2) in ("VB", "VBG")
             return 0 if deed else 2 + (third in links)
+        size = 1 + (second in links)
         if first in ("except", "excluding", "besides"):
-            return 1 + (second in links)
+            return size
         if first == "but" and self._of_all(number) and self.s.tag(number + 1) in _NOUN_TAGS:
             return 1
-        if first == "not" and self.s.low(number - 1) in (",", "and", "but"):
-            return (
-                1 + (second in links)
-                if self.s.tag(number + 1 + (second in links)) in _NOUN_TAGS
-                else 0
-            )
-        return 0
+        joined = first == "not" and self.s.low(number - 1) in (",", "and", "but")
+        return size if joined and self.s.tag(number + size) in _NOUN_TAGS else 0
 
     def _of_all(self, number: int) -> bool:
         words = request_words()

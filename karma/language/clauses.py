@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterator, Sequence
-from collections.abc import Set as AbstractSet
 from dataclasses import replace
 
 from karma.contracts import Mention, Request, SaidDeed
@@ -24,23 +23,17 @@ def clauses_of(request: Request) -> tuple[tuple[str, Request], ...]:
     One deed to one thing keeps the words that were said. Of several each is said in few words, with
     the names that were said; what was only taken to be put elsewhere is one with that.
     """
-    single = list(_singles(request.deeds))
+    single = tuple(_singles(request.deeds))
     if len(single) < 2:
-        return ((request.errand or request.text, replace(request, deeds=tuple(single))),)
+        return ((request.errand or request.text, replace(request, deeds=single)),)
     verbs = {deed.verb for deed in single if not deed.deed}
     others = tuple(word for word in request.unread if word not in verbs)
-    return tuple(
-        (
-            said(deed, request.whole),
-            replace(
-                request,
-                deeds=(deed,),
-                rest=tuple(single),
-                unread=others if deed.deed else (*others, deed.verb),
-            ),
-        )
-        for deed in single
-    )
+    found = []
+    for deed in single:
+        unread = others if deed.deed else (*others, deed.verb)
+        part = replace(request, deeds=(deed,), rest=single, unread=unread)
+        found.append((said(deed, request.whole), part))
+    return tuple(found)
 
 
 def context_left_out(requests: Sequence[Request]) -> tuple[Request, ...]:
@@ -52,11 +45,13 @@ def context_left_out(requests: Sequence[Request]) -> tuple[Request, ...]:
         return tuple(requests)
     requests = _constraints_kept(requests)
     about = {kind for one in requests for thing in one.mentions for kind in thing.types}
-    return tuple(
-        one for one in requests
-        if one.form not in ("statement", "talk")
-        and not (one.form == "incomplete" and _speaks_only_of(one, about))
-    )  # fmt: skip
+
+    def named_before(one: Request) -> bool:
+        spoken_of = all(about & set(thing.types) for thing in one.alone)
+        return one.form == "incomplete" and bool(one.alone) and spoken_of
+
+    kept = (one for one in requests if one.form not in ("statement", "talk"))
+    return tuple(one for one in kept if not named_before(one))
 
 
 def _constraints_kept(requests: Sequence[Request]) -> tuple[Request, ...]:
@@ -69,22 +64,12 @@ def _constraints_kept(requests: Sequence[Request]) -> tuple[Request, ...]:
     if not only or not any(one.deeds for one in rest):
         return tuple(requests)
     forbidden = tuple(deed for one in only for deed in one.forbidden)
-    exclusions = tuple(thing for one in only for thing in one.exclusions)
+    left_out = tuple(thing for one in only for thing in one.exclusions)
     return tuple(
-        replace(
-            one,
-            forbidden=(*forbidden, *one.forbidden),
-            exclusions=(*exclusions, *one.exclusions),
-        )
-        if one.form == "errand"
-        else one
+        replace(one, forbidden=forbidden + one.forbidden, exclusions=left_out + one.exclusions)
+        if one.form == "errand" else one
         for one in rest
-    )
-
-
-def _speaks_only_of(request: Request, kinds: AbstractSet[str]) -> bool:
-    things = request.alone
-    return bool(things) and all(kinds & set(thing.types) for thing in things)
+    )  # fmt: skip
 
 
 def _singles(deeds: Sequence[SaidDeed]) -> Iterator[SaidDeed]:
@@ -94,14 +79,10 @@ def _singles(deeds: Sequence[SaidDeed]) -> Iterator[SaidDeed]:
     flat.sort(key=lambda deed: deed.start)
     for number, deed in enumerate(flat):
         later = flat[number + 1 :]
-        same = [
-            one
-            for one in later
-            if one.things and deed.things and one.things[0].types == deed.things[0].types
-        ]
-        if deed.deed in _FIRST and (same or (deed.deed == "go" and later)):
-            continue
-        yield deed
+        kinds = [one.types for one in deed.things[:1]]
+        same = kinds and any(kinds == [two.types for two in one.things[:1]] for one in later)
+        if not (deed.deed in _FIRST and (same or (deed.deed == "go" and later))):
+            yield deed
 
 
 def said(deed: SaidDeed, whole: str = "", *, plain: bool = False) -> str:
@@ -125,10 +106,8 @@ def said(deed: SaidDeed, whole: str = "", *, plain: bool = False) -> str:
         if deed.place is None:
             return f"put away {thing}"
         place = _called(deed.place, whole, plain=plain)
-        where = (
-            "near" if deed.near else preposition(deed.place.types[0]) if deed.place.types else "on"
-        )
-        return f"put {thing} {where} {place}"
+        usual = preposition(deed.place.types[0]) if deed.place.types else "on"
+        return f"put {thing} {'near' if deed.near else usual} {place}"
     if deed.deed == "fill":
         return f"fill {thing} with water"
     verb = deed_kind(deed.deed).said or deed.verb
@@ -180,12 +159,9 @@ def completed(asked: str, answer: str, about: str = "") -> str:
         return asked.replace(about, f"{about} {which[1]}", 1)
     words, first = asked.split(), answer.split()[0].lower() if answer.split() else ""
     last = words[-1].lower() if words else ""
-    if last in _OPEN:
-        rest = answer.split(maxsplit=1)[-1] if first in _OPEN else answer
-        return f"{asked} {rest}"
-    if last in _LINKS:
-        rest = answer.split(maxsplit=1)[-1] if first in _LINKS else answer
-        return f"{asked} {rest}"
+    for small in (_OPEN, _LINKS):
+        if last in small:
+            return f"{asked} {answer.split(maxsplit=1)[-1] if first in small else answer}"
     loose = next((n for n, word in enumerate(words) if word.lower() in _LOOSE), None)
     if last in ("there", "here") and loose is None:
         words, last = words[:-1], ""

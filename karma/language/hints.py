@@ -164,8 +164,8 @@ class Words:
     def __init__(self, file: WordFile, vectors: Vectors) -> None:
         self.file, self.vectors = file, vectors
         self.texts = texts_in_order(file)
-        types, deeds = _Rows(file.types), _Rows(file.deeds, sum(map(len, file.types.values())))
-        self._rows = {False: types, True: deeds}
+        types = sum(map(len, file.types.values()))
+        self._rows = {False: _rows_of(file.types), True: _rows_of(file.deeds, types)}
 
     @cached_property
     def _containing(self) -> Mapping[str, NDArray[np.intp]]:
@@ -191,40 +191,27 @@ class Words:
         for word in without:
             if word in self._containing:
                 scores[self._containing[word]] = -1.0
-        rows = self._rows[is_deed]
-        part = scores[rows.first : rows.end]
-        best = np.maximum.reduceat(part, rows.starts)
-        near = np.log(np.add.reduceat(np.exp(SHARPNESS * part), rows.starts))
+        names, rows = list(self._rows[is_deed]), list(self._rows[is_deed].values())
+        first, starts = rows[0].start, [one.start - rows[0].start for one in rows]
+        part = scores[first : rows[-1].stop]
+        best = np.maximum.reduceat(part, starts)
+        near = np.log(np.add.reduceat(np.exp(SHARPNESS * part), starts))
         order = np.argsort(-near, kind="stable")[: DEEDS_SAID if is_deed else TYPES_SAID]
-        return tuple(Meaning(name=rows.names[n], similarity=float(best[n])) for n in order)
+        return tuple(Meaning(name=names[n], similarity=float(best[n])) for n in order)
 
     def rows_of(self, object_type: str) -> Vectors:
         """Return the vectors of a type's texts, shape (n, d); n is 0 for a type without texts."""
-        return self.vectors[self._rows[False].part(object_type)]
+        return self.vectors[self._rows[False].get(object_type, slice(0, 0))]
 
 
-class _Rows:
-    """Which rows of the vectors belong to which type or deed.
-
-    Args:
-        part: name -> texts.
-        first: row of the first text.
-    """
-
-    def __init__(self, part: Mapping[str, Sequence[str]], first: int = 0) -> None:
-        filled = sorted((name, len(texts)) for name, texts in part.items() if texts)
-        self.names = [name for name, _ in filled]
-        sizes = np.array([size for _, size in filled])
-        self.starts = np.cumsum(sizes) - sizes
-        self.first, self.end = first, first + int(sizes.sum())
-
-    def part(self, name: str) -> slice:
-        """Return where the rows of a name stand; nowhere for one without."""
-        if name not in self.names:
-            return slice(0, 0)
-        place = self.names.index(name)
-        ends = [*self.starts, self.end - self.first]
-        return slice(self.first + int(ends[place]), self.first + int(ends[place + 1]))
+def _rows_of(part: Mapping[str, Sequence[str]], first: int = 0) -> Mapping[str, slice]:
+    """Return which rows of the vectors belong to a type or deed, by name, of those with texts."""
+    found = {}
+    for name, texts in sorted(part.items()):
+        if texts:
+            found[name] = slice(first, first + len(texts))
+            first += len(texts)
+    return found
 
 
 def texts_in_order(file: WordFile) -> list[str]:

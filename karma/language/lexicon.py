@@ -7,7 +7,7 @@ from functools import cached_property
 from karma.contracts import Embedder, Vectors
 from karma.files import read_json
 from karma.household.saying import spoken
-from karma.household.types import object_types
+from karma.household.types import types_with
 from karma.language.hints import TYPE_WORDS, WordFile, kept_words, singular
 from karma.language.request_words import deed_states, request_words
 from karma.language.slips import is_a_slip
@@ -58,10 +58,8 @@ class Lexicon:
         near = get_close_matches(phrase, self._texts, n=1, cutoff=SLIP)
         if near[0][0] != phrase[0]:
             return ()
-        other = set(phrase.split()) - set(near[0].split())
-        return (
-            () if other <= self._words_said else self._by_text[near[0]]
-        )  # "cold plate" is no slip
+        other = set(phrase.split()) - set(near[0].split())  # "cold plate" is no slip
+        return () if other <= self._words_said else self._by_text[near[0]]
 
     @cached_property
     def _by_text(self) -> Mapping[str, tuple[str, ...]]:
@@ -76,11 +74,8 @@ class Lexicon:
             head = spoken(kind).lower().split()[-1]
             if head in found and not set(found[head]) & {*self._by_head[head]}:
                 found[head].append(kind)
-        kinds = object_types()
-        holds = [
-            kind for kind in self._file.types
-            if kinds[kind].can("receptacle") and kinds[kind].can("pickupable")
-        ]  # fmt: skip
+        carried = types_with("receptacle") & types_with("pickupable")
+        holds = [kind for kind in self._file.types if kind in carried]
         found |= dict.fromkeys(request_words().containers, holds)
         own = {spoken(kind).lower(): (kind,) for kind in self._file.types}
         return {text: tuple(dict.fromkeys(kinds)) for text, kinds in found.items()} | own

@@ -5,27 +5,21 @@ from dataclasses import replace
 
 from karma.contracts import Mention
 from karma.household.saying import spoken
-from karma.household.types import object_types
+from karma.household.types import types_with
 from karma.language.hints import singular
 from karma.language.phrases import phrases_of
 from karma.language.request_words import deed_states, request_words
 from karma.language.sentence import SaidSentence
 from karma.language.words import word_lists
 
-_STARTS = frozenset((
-    "all", "both", "each", "every", "half", "any", "some", "no", "another", "what", "whatever",
-))  # fmt: skip
 _NEAREST = ("nearest", "closest", "more", "most", "least", "other", "lower", "upper")
-_ALONE = frozenset((
-    "everything", "anything", "whatever", "this", "that", "these", "those", "all", "both", "one",
-    "another",
-))  # fmt: skip
 _DESCRIBED = frozenset(("something", "anything", "thing", "things", "what", "item", "object"))
 _LEAST_DESCRIBED = 3  # words
 _PERSONS = frozenset(("i", "you", "we", "u", "he", "she"))
 _PARTS = frozenset(("mug", "cup", "bars", "rolls", "couple", "lot", "one", "two", "three"))  # "of"
 _ADJECTIVES = ("JJ", "JJR", "JJS", "VBN", "VBG", "VBD")
 _DETERMINERS = ("DT", "PRP$", "PDT", "POS", "WP", "CD")
+_IN_ROWS = ("NN", "JJ", "CD", "PRP", "PO", "DT", "PDT", "VBN", "VBG")  # tags begin so
 _OWNERS = ("'s", "’s")
 HOLDERS = ("holder", "hanger", "hook", "rail", "rack", "ring", "bar")  # for towels and paper
 _OF_A_WHOLE = ("door", "lid", "tank", "seat", "spout")  # named for the whole that they belong to
@@ -136,19 +130,20 @@ class Nouns:
 
     def _kind(self, begin: int, at: int, head: int, stop: int) -> str:
         """Return what a word is in a phrase: "head", "last" head, "inner", or "no" part of it."""
-        low, tag = self._s.low(at), self._s.tag(at)
+        low, tag, of = self._s.low(at), self._s.tag(at), self._s.low(at - 1) == "of"
         if low in ("other", "former", "latter") and self._s.low(at - 1) == "the":
             named = self._s.low(at + 1) in ("one", "ones") or self._noun_follows(at, stop)
             return "inner" if named else "last"  # "the other" alone
         if low in request_words().elsewhere or (low in ("then", "that", "which") and at > begin):
             return "no"
-        if low in _STARTS or tag in ("DT", "PRP$", "PDT", "CD", "WP"):
-            if head > begin and not self._of_before(at):
+        if low in request_words().starts or tag in ("DT", "PRP$", "PDT", "CD", "WP"):
+            if head > begin and not of:
                 return "no"
-            return "head" if low in _ALONE and self._stands_alone(low, at, stop) else "inner"
+            alone = low in request_words().alone and self._stands_alone(low, at, stop)
+            return "head" if alone else "inner"
         if tag == "PRP":
             person = low in request_words().me or low in _PERSONS
-            return "no" if person or (head > begin and not self._of_before(at)) else "last"
+            return "no" if person or (head > begin and not of) else "last"
         if tag in ("NN", "NNS", "NNP", "NNPS", "FW"):
             return "no" if low in request_words().me or low in _PERSONS else "head"
         if tag == "POS" or low in _OWNERS or (low == "-" and head == at):
@@ -166,19 +161,15 @@ class Nouns:
 
     def _is_state(self, begin: int, at: int, stop: int) -> bool:
         """Return whether a word says how the thing before it is to be: "the apple cold"."""
-        ends = (
-            self._s.low(at + 1) in ("", ",", ".", ";", "!", "?", "and", "please") or at + 1 >= stop
-        )
-        if not ends or self._s.low(at) not in deed_states().keys() | request_words().seen.keys():
+        ends = ("", ",", ".", ";", "!", "?", "and", "please")
+        if self._s.low(at + 1) not in ends and at + 1 < stop:
+            return False
+        if self._s.low(at) not in deed_states().keys() | request_words().seen.keys():
             return False
         if at == begin:
             return self._s.tag(at - 1).startswith("NN")
         first = begin + (self._s.tag(begin) in _DETERMINERS)
         return first < at and bool(self._s.lexicon.named(self._s.phrase(first, at).lower()))
-
-    def _of_before(self, at: int) -> bool:
-        """Return whether a word stands behind "of": "a slice of the bread"."""
-        return self._s.low(at - 1) == "of"
 
     def _stands_alone(self, low: str, at: int, stop: int) -> bool:
         """Return whether "all", "that" or "one" is a phrase by itself."""
@@ -214,22 +205,16 @@ class Nouns:
         last = begin
         for number in range(begin, len(self._s.words)):
             tag, low = self._s.tag(number), self._s.low(number)
-            if tag.startswith(("NN", "JJ", "CD", "PRP", "PO")) or tag in (
-                "DT",
-                "PDT",
-                "VBN",
-                "VBG",
-            ):
+            if tag.startswith(_IN_ROWS):
                 last = number + 1
             elif low == "that" and self._s.low(number + 1) in ("is", "'s", "are", "lies"):
                 continue
-            elif not (low in ("and", "or") and number > begin and self._noun_joins(number + 1)):
-                break
+            else:
+                noun = self._s.tag(number + 1) in ("DT", "NN", "NNS", "PRP$")
+                listed = low in ("and", "or") and number > begin and noun
+                if not listed or self._s.is_order(number + 1):
+                    break
         return last
-
-    def _noun_joins(self, number: int) -> bool:
-        noun = self._s.tag(number) in ("DT", "NN", "NNS", "PRP$")
-        return noun and not self._s.is_order(number)
 
     # ------------------------------------------------------------- what one means
 
@@ -272,6 +257,7 @@ class Nouns:
         """Return number, whether all are meant, and where the noun begins; -1: "the rest of"."""
         number, every, start = None, False, begin
         rest = self._s.lows(begin, end)
+        measures = word_lists().measures | request_words().measures
         while start < end:
             low = self._s.low(start)
             if low == "both" and self._s.tag(end - 1) == "NN" and "of" not in rest:
@@ -282,16 +268,13 @@ class Nouns:
                 number = int(low) if low.isdigit() else request_words().numbers[low]
             elif low in request_words().pieces and self._s.tag(end - 1) == "PRP":
                 break  # "a slice of it"
-            elif low == "of" or (self._measures(low) and "of" in rest[start - begin :]):
+            elif low == "of" or (low in measures and "of" in rest[start - begin :]):
                 if low == "rest":
                     return None, False, -1
             elif self._s.tag(start) not in _DETERMINERS and low not in _OWNERS:
                 break
             start += 1
         return number, every, start
-
-    def _measures(self, low: str) -> bool:
-        return low in word_lists().measures or low in request_words().measures
 
     def _without_noun(self, lows: Sequence[str], bare: Mention) -> Mention | None:
         words = request_words()
@@ -359,18 +342,15 @@ class Nouns:
     def _marks(self, words: Sequence[str]) -> tuple[str, ...]:
         """Return the words ahead of a name that say which one is meant: "the second drawer"."""
         marks, whole = request_words().marks, self._s.lexicon.named_whole
-        names = (
-            n for n, one in enumerate(words) if one not in marks and whole(" ".join(words[n:]))
-        )
-        name = next(names, len(words) - 1)
+        plain = (n for n, one in enumerate(words) if one not in marks)
+        name = next((n for n in plain if whole(" ".join(words[n:]))), len(words) - 1)
         return tuple(one for one in words[:name] if one in marks)
 
     def _without_type(self, words: Sequence[str], bare: Mention) -> Mention | None:
         """Return what a phrase means that no type is called by; None: where it is, a room."""
         lists, text, head = request_words(), " ".join(words), words[-1]
         if head in lists.pieces:
-            kinds = (name for name, kind in object_types().items() if kind.can("sliceable"))
-            return replace(bare, text=text, types=tuple(kinds))
+            return replace(bare, text=text, types=tuple(sorted(types_with("sliceable"))))
         if head == "drink" or text == "coffee":
             return replace(bare, text=text, told=True)
         if head in lists.anything and len(words) <= 2:
@@ -393,17 +373,16 @@ class Nouns:
         if len(words) > 1 and words[-1] in request_words().seen and not named(" ".join(words)):
             words = words[:-1]
         compound = False  # "desk drawer": of several drawers the one that is nearest to it
+        lists, states = request_words(), deed_states()
+        small = (lists.dropped, lists.marks, lists.pieces, word_lists().qualifiers, states)
         for first, word in enumerate(words):
             found = named(" ".join(words[first:]))
             if found and compound:
-                fixed = tuple(one for one in found if not object_types()[one].can("pickupable"))
+                fixed = tuple(one for one in found if one not in types_with("pickupable"))
                 return self._s.lexicon.nearest(" ".join(words), fixed, 1) or fixed
             if found:
                 return found
-            known = (
-                word in request_words().dropped | request_words().marks | word_lists().qualifiers
-            )
-            known = known or word in deed_states() or word in request_words().pieces
+            known = any(word in words for words in small)
             compound = compound or (self._s.tag(start + first) == "NN" and not known)
             tag = self._s.tag(min(start + first, len(self._s.words) - 1))
             other = tag in (*_ADJECTIVES, "CD", "NNP", "POS", "RB", "DT", "FW", "NN")

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from karma.contracts import Mention
 from karma.household.places import HAND
 from karma.household.saying import preposition
-from karma.household.types import object_types
+from karma.household.types import types_with
 from karma.household.uses import (
     BASIN_OF,
     BASINS,
@@ -35,14 +36,6 @@ _TOOLS = {
     "cool": frozenset((FRIDGE,)),
 }  # deed -> what it may be done with
 _WITH = ("water", "soap", "coffee", "care", "hands", HAND)  # that need no reading
-_OF = {
-    "out": "out",
-    "off": "off",
-    "top": "on",
-    "front": "near",
-    "inside": "in",
-    "sides": "near",
-}  # "out of"
 _PICKS = frozenset(("fetch", "grab", "pick", "find", "locate", "retrieve", "give", "pass"))
 _CLAUSES = ("that", "which", "who", "whose", "you", "i", "we")  # "the light you switched off"
 DONE_AT_PLACES = ("heat", "cool", "cook", "toast", "fill", "look")  # to a thing, at a place
@@ -70,12 +63,16 @@ class _PairGroup:
     told: bool = False  # what follows says which thing is meant: "the one between ..."
     held: bool = False  # "in it" says what was just said: "with a pen in it"
 
+    def tell(self, *, states: Sequence[str] = (), marks: Sequence[str] = (), **more: Any) -> None:
+        """Say more of the last thing."""
+        last = self.things[-1]
+        states, marks = (*last.states, *states), (*last.marks, *marks)
+        self.things[-1] = replace(last, states=states, marks=marks, **more)
+
     def told_by(self, place: Mention, deed: str) -> None:
         """Take a place that says which thing is meant."""
         if self.things:
-            last = self.things[-1]
-            states, marks = last.states + place.states, last.marks + place.marks
-            self.things[-1] = replace(last, at=place.types, states=states, marks=marks)
+            self.tell(states=place.states, marks=place.marks, at=place.types)
         elif deed in ("wash", "look"):
             self.things.append(place)
         else:
@@ -142,8 +139,8 @@ class Pairs:
         found = self._nouns.all_of(range(number, self._nouns.run_end(number)))
         self._s.taken.clear()
         self._s.taken.update(kept)
-        types = [object_types()[kind] for one in found for kind in one.types]
-        return any(kind.can("receptacle") and not kind.can("toggleable") for kind in types)
+        places = types_with("receptacle") - types_with("toggleable")
+        return any(kind in places for one in found for kind in one.types)
 
     def particle_later(self, number: int, end: int) -> tuple[str, str] | None:
         """Return deed and verb of "turn the lamp on": the particle stands behind its object."""
@@ -223,9 +220,8 @@ class Pairs:
         """Read one more of what lies in a thing: "the pot with the apple and the knife"."""
         if before or group.places or not self._is_listed(number) or not group.things[-1].holding:
             return False
-        last = group.things[-1]
-        holding = (*last.holding, *one.types, *one.besides)
-        group.things[-1] = replace(last, holding=holding, end=one.end)
+        holding = (*group.things[-1].holding, *one.types, *one.besides)
+        group.tell(holding=holding, end=one.end)
         return True
 
     def _read_with(self, one: Mention, deed: str, group: _PairGroup) -> None:
@@ -235,12 +231,10 @@ class Pairs:
         if group.places and deed in ("put", "take"):  # "on the chair with the keys on it"
             group.held = True
             if self._holds(group, deed):  # or "the pan on the counter with an egg in it"
-                last = group.things[-1]
-                group.things[-1] = replace(last, holding=(*last.holding, *one.types, *one.besides))
+                group.tell(holding=(*group.things[-1].holding, *one.types, *one.besides))
             return
         if self._holds(group, deed):
-            holding = (*one.types, *one.besides)
-            group.things[-1] = replace(group.things[-1], holding=holding, end=one.end)
+            group.tell(holding=(*one.types, *one.besides), end=one.end)
             group.held = True
         else:
             self._read_tool(one, deed)
@@ -252,10 +246,8 @@ class Pairs:
             return False
         if len(said) > 1 and self._is_listed(number):
             return False  # "the mug and the box top"
-        last = next(
-            (n for n in range(number, number + 5) if self._s.low(n) in one.text.split()[-1:]),
-            number,
-        )
+        near = range(number, number + 5)
+        last = next((n for n in near if self._s.low(n) == said[-1]), number)
         if self._s.low(last + 1) == "of":
             return True
         for told in (group.places, group.things):
@@ -270,15 +262,14 @@ class Pairs:
         types = self._s.lexicon.named(f"{singular(one.text)} {last.text}") if last else ()
         if last is None or not types:
             return False
-        group.things[-1] = replace(last, types=types)
+        group.tell(types=types)
         return True
 
     def _holds(self, group: _PairGroup, deed: str) -> bool:
         """Return whether "with" tells what is in a thing: "carry the plate with the potato"."""
-        kinds = [object_types()[kind] for one in group.things[-1:] for kind in one.types]
-        return deed in ("put", "take", "throw", "find", "heat", "cool") and any(
-            kind.can("receptacle") for kind in kinds
-        )
+        kinds = {kind for one in group.things[-1:] for kind in one.types}
+        carries = deed in ("put", "take", "throw", "find", "heat", "cool")
+        return carries and bool(kinds & types_with("receptacle"))
 
     def _take_in(
         self, number: int, one: Mention, before: str, deed: str, found: list[_PairGroup], least: int
@@ -312,14 +303,17 @@ class Pairs:
         if before == "of" and group.places and group.places[-1].types and not self._is_part(group):
             return True  # "the front burner of the stove"
         if before in ("of", "in", "inside", "within") and self._is_part(group) and one.types:
-            if all(object_types()[kind].can("openable") for kind in one.types):
+            if types_with("openable").issuperset(one.types):
                 group.places[-1] = one  # "the top shelf of the fridge"
             return True
         of = self._s.low(number - 1) == "of" and self._s.low(number - 2) in words.regions
         told = bool(group.places) and (of or before in words.near | words.beside)
-        if told and not of and one.types and all(map(_is_carried, one.types)):
+        carried = types_with("pickupable")
+        if told and not of and one.types and carried.issuperset(one.types):
             last = group.places[-1]
-            if last.types and all(map(_is_carried, last.types)):  # "on a plate near the bread"
+            if last.types and types_with("pickupable").issuperset(
+                last.types
+            ):  # "on a plate near the bread"
                 group.places[-1] = replace(last, marks=(*last.marks, f"{before} {one.text}"))
             else:  # "on the bed under the pillow"
                 self._s.unread.append(f"{before} {one.text}")
@@ -339,17 +333,15 @@ class Pairs:
         adds = only and joint not in ("and", "or", "but") and bool(group.things) and not goes_on
         if one.vague and head in ("one", "ones") and adds:
             group.told = not said  # "the tall one" is whole, "the one" goes on
-            seen = tuple(filter(None, (request_words().seen.get(word) for word in said)))
-            marks = tuple(word for word in said if word in request_words().marks)
-            last = group.things[-1]
-            group.things[-1] = replace(last, states=last.states + seen, marks=last.marks + marks)
+            seen = filter(None, (request_words().seen.get(word) for word in said))
+            marks = (word for word in said if word in request_words().marks)
+            group.tell(states=tuple(seen), marks=tuple(marks))
             return True
         if group.told and before and one.types:
             group.told = before == "between"
             near = before in request_words().near | request_words().beside
             if near and group.things:  # no look tells which is near what
-                last = group.things[-1]
-                group.things[-1] = replace(last, marks=(*last.marks, f"{before} {one.text}"))
+                group.tell(marks=(f"{before} {one.text}",))
             else:
                 group.told_by(one, "")
             return True
@@ -375,11 +367,7 @@ class Pairs:
 
     def _picks(self, after: int) -> bool:
         """Return whether the verb ahead only takes up: "fetch the cup on the table"."""
-        return bool(_PICKS & self._verb(after))
-
-    def _verb(self, after: int) -> set[str]:
-        """Return what may be the verb ahead of what goes with it."""
-        return {self._s.words[n].lemma for n in (after - 2, after - 1) if n >= 0}
+        return any(self._s.words[n].lemma in _PICKS for n in (after - 2, after - 1) if n >= 0)
 
     def _read_tool(self, one: Mention, deed: str) -> None:
         """Read what a thing is done with; what is no tool for it is not understood."""
@@ -461,13 +449,13 @@ class Pairs:
         beside = ("the", "upper", "lower", "front", "back", "rear", "top", "bottom")
         if earlier in ("left", "right") and self._s.low(of - 2) not in beside:
             return "near"  # "left of the sink"
-        if earlier not in _OF and earlier in lists.regions:
+        if earlier not in lists.of_a_part and earlier in lists.regions:
             ahead = of - 2
             while ahead >= least and self._s.low(ahead) not in lists.links:
                 ahead -= 1
             found = self._s.low(ahead) if ahead >= least else "of"
             return "near" if found == "to" and earlier in ("left", "right", "side") else found
-        return _OF.get(earlier, "of")
+        return lists.of_a_part.get(earlier, "of")
 
     def _is_relative(self, number: int, least: int) -> bool:
         """Return whether a place only says which thing: "the egg that is on the counter"."""
@@ -486,10 +474,6 @@ class Pairs:
         return any(self._s.low(n) in to and self._s.begins_noun(n + 1) for n in body)
 
 
-def _is_carried(kind: str) -> bool:
-    return object_types()[kind].can("pickupable")
-
-
 def _has_no_room_below(one: Mention) -> bool:
     """Return whether nothing can be put under what a mention means: no lamp, tap or machine."""
-    return bool(one.types) and not any(object_types()[kind].can("toggleable") for kind in one.types)
+    return bool(one.types) and types_with("toggleable").isdisjoint(one.types)

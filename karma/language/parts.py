@@ -6,9 +6,10 @@ from typing import Literal
 
 from karma.language.words import closed_words, word_lists
 
-Role = Literal["thing", "destination", "modifier"]
+Role = Literal["thing", "destination", "modifier"]  # a modifier says which other thing is meant
 
 _CERTAIN = ("into", "onto")  # prepositions that only ever name where something goes
+_TELLING = ("with", "without", "of", "about", "than")  # what a thing is like
 _CONTAINED = ("in", "under", "inside", "with", "using", "into", "beneath")
 
 
@@ -29,11 +30,6 @@ class NounPhrase:
     def is_destination(self) -> bool:
         """Whether something is to go there, or is to be done there."""
         return self.role == "destination"
-
-    @property
-    def is_modifier(self) -> bool:
-        """Whether it only says which of several other things is meant."""
-        return self.role == "modifier"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,9 +75,7 @@ def with_roles(nouns: Sequence[NounPhrase], base: str) -> list[NounPhrase]:
             role = "destination"
         elif one.preposition in lists.destinations | lists.sources:
             role = "modifier"
-        elif (
-            one.preposition in ("with", "without", "of", "about", "than") and number and not done_at
-        ):
+        elif one.preposition in _TELLING and number and not done_at:
             role = "modifier" if base not in lists.deeds["other"] else "thing"
         if role == "modifier" and found:
             said = f"{one.preposition} {one.determiner} {one.text}"

@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
-from karma.language.cursor import STOPS, Cursor, tokens_of
+from karma.language.cursor import FORMS_OF_BE, STOPS, Cursor, read_tail, tokens_of
 from karma.language.parts import NounPhrase, Phrases, Pronoun, VerbPhrase, head_of, with_roles
-from karma.language.tails import FORMS_OF_BE, read_tail
 from karma.language.words import base_of, verb_forms, verb_tense, word_lists
 
 _SEEMS = frozenset(["looks", "feels", "seems", "smells", "gets", "got"])
@@ -55,10 +54,9 @@ class _PhraseReader(Cursor):
 
     def read(self) -> None:
         """Read all words."""
+        parts = (self._stop, self._joint, self._verb, self._preposition, self._noun)
         while self.at < len(self.tokens):
-            if not (
-                self._stop() or self._joint() or self._verb() or self._preposition() or self._noun()
-            ):
+            if not any(read() for read in parts):
                 self.at += 1
         self._close_segment()
 
@@ -85,7 +83,9 @@ class _PhraseReader(Cursor):
         elif word in lists.auxiliaries and not (self.slot and self._is_command()):
             self.slot = True
             self.obliged = self.obliged or word in ("sure", "ensure", "should", "must", "let")
-        elif word in lists.conjunctions and not self._is_destination_word(word):
+        elif word in lists.conjunctions and not (
+            word in ("next", "before") and self.word(1) == "to"
+        ):
             self.slot, self.preposition = True, ""
             self.negated = self.negated and word in ("and", "or")
         elif word in lists.persons:
@@ -118,9 +118,6 @@ class _PhraseReader(Cursor):
             return False
         return self.word(1) in word_lists().determiners
 
-    def _is_destination_word(self, word: str) -> bool:
-        return word in ("next", "before") and self.word(1) in ("to",)
-
     # ------------------------------------------------------------- verbs
 
     def _is_verb(self) -> bool:
@@ -136,11 +133,10 @@ class _PhraseReader(Cursor):
             return bool(self.nouns) and self.word(1) != "of"
         return not (self.word(-1) == "and" and self._coordinated())
 
-    def _behind_noun(self) -> bool:
-        """Return whether the last noun phrase ends right before this word."""
-        return (
-            bool(self.nouns) and self.at > 0 and self.nouns[-1].end == self.tokens[self.at - 1].end
-        )
+    def _behind_noun(self, between: int = 0) -> bool:
+        """Return whether the last noun phrase ends before this word, with so many in between."""
+        last = self.at - 1 - between
+        return bool(self.nouns) and last >= 0 and self.nouns[-1].end == self.tokens[last].end
 
     def _bare(self, offset: int) -> bool:
         """Return whether an object without a determiner follows an unknown first word."""
@@ -154,11 +150,7 @@ class _PhraseReader(Cursor):
         if known is None or known.tense != "base":
             return False
         follows = self.word(1)
-        return self._joined_to_noun() and follows in ("", *STOPS, "from", "of", "are", "is")
-
-    def _joined_to_noun(self) -> bool:
-        before = self.tokens[self.at - 2].end if self.at > 1 else -1
-        return bool(self.nouns) and self.nouns[-1].end == before
+        return self._behind_noun(1) and follows in ("", *STOPS, "from", "of", "are", "is")
 
     def _verb(self) -> bool:
         if not self._is_verb():
@@ -178,9 +170,8 @@ class _PhraseReader(Cursor):
         )
         if self.word() == "of":  # "dispose of", "take hold of"
             self.at += 1
-        self.slot = self.word() == "and" or (
-            base in _ING_OBJECT and verb_tense(self.word()) == "ing"
-        )
+        doing = base in _ING_OBJECT and verb_tense(self.word()) == "ing"
+        self.slot = doing or self.word() == "and"
         self.preposition = ""
         return True
 
@@ -270,14 +261,12 @@ class _PhraseReader(Cursor):
         if word == "that" and self.word(1) in lists.determiners | lists.persons:
             self.at += 1  # "make sure that the lamp is off"
             return True
-        if word in ("one", "ones") and self._tail_follows():
+        tails = ("that", "which", "you", "with", "from", "in", "on")
+        if word in ("one", "ones") and self.word(1) in tails:
             return False
         self.at += 1
         self._add_pronoun(self.at - 1)
         return True
-
-    def _tail_follows(self) -> bool:
-        return self.word(1) in ("that", "which", "you", "with", "from", "in", "on")
 
     def _add_pronoun(self, first: int) -> None:
         text, start = self._text(first, self.at), self.tokens[first].start
@@ -344,13 +333,12 @@ class _PhraseReader(Cursor):
         self, first: int, start: int, end: int, determiner: str, said: tuple[str, ...]
     ) -> None:
         words = [token.word for token in self.tokens[start:end]]
-        head = head_of(words)
         if self._light_verb(words, determiner):
             return
         self.nouns.append(
             NounPhrase(
                 text=" ".join(words),
-                head=head,
+                head=head_of(words),
                 start=self.tokens[first].start,
                 end=self.tokens[end - 1].end,
                 preposition=self.preposition,
@@ -392,8 +380,7 @@ class _PhraseReader(Cursor):
     def _close_segment(self) -> None:
         """Give each noun phrase of this verb its role."""
         base = self.verbs[-1].base if self.verbs else ""
-        begun = self.segment
         if self.stated and not self.obliged:
             base = "see"
-        self.nouns[begun:] = with_roles(self.nouns[begun:], base)
+        self.nouns[self.segment :] = with_roles(self.nouns[self.segment :], base)
         self.segment = len(self.nouns)

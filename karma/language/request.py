@@ -31,6 +31,7 @@ from karma.language.request_words import (
 from karma.language.said_deeds import SentenceDeeds
 from karma.language.sentence import SaidSentence
 from karma.language.slips import (
+    FORMS,
     as_meant,
     in_order,
     sentences_of,
@@ -39,30 +40,14 @@ from karma.language.slips import (
     without_lead,
     without_remarks,
 )
-from karma.language.times import time_words
 from karma.language.words import closed_words, word_lists
 
 _LONGEST = 4000  # characters; reading takes a second then
 _ENDS = (".", "!", "?", ";", "...")
 _MODALS = ("can", "could", "would", "will", "may", "might", "won't", "ca", "wo")
-_TELL_ME = re.compile(
-    r"(?:please )?(?:(?:go (?:and )?|have a look (?:and )?)?(?:see|check|find out)"
-    r"(?= (?:if|whether))|tell me|any idea|i wonder|do you know|can you tell|remind me)"
-    r" ?(?:what|where|who|when|why|how|which|whether|if)"
-)
-_NOT_SERVED = re.compile(  # what no skill or field has a place for
-    r"\b(?:upside down|inside out|face (?:down|up)|on its side|half (?:of|the|an?)"
-    r"|half ?way|part(?:ly|ially|way| way)|slightly|ajar|a (?:little|bit|crack)(?= ?$)"
-    r"|whichever|all but (?:one|two|three|\d+)|every (?:other|second|third)"
-    r"|otherwise|or else|if not)\b"
-)
-_PARTING = re.compile(
-    r"(?:and |so |ok(?:ay)?,? |thanks,? |well,? )*"
-    r"(?:that's|that is|that'll be|that will be|this is)"
-    r" (?:all|it|enough|everything|great|fine|perfect|good)"
-    r"(?: for (?:now|today|the moment)| then| thanks?(?: you)?)*\W*"
-    r"|(?:(?:wait|stop|hold on|hang on|one moment|just a (?:moment|second|minute))\W*)+"
-)
+_TELL_ME = re.compile("|".join(FORMS.asks_to_tell))
+_NOT_SERVED = re.compile(rf"\b(?:{'|'.join(FORMS.not_served)})\b")
+_PARTING = re.compile("|".join(FORMS.parting))
 _SMALL_TAGS = frozenset((
     "RB", "JJ", "JJR", "UH", "CC", "DT", "IN", "TO", "MD", "PRP", "PRP$", "WDT", "WP", "WRB", "RP",
     "EX", "POS", "PDT", ".", ",", "HYPH",
@@ -85,12 +70,7 @@ def check_length(text: str) -> None:
 
 
 class RequestReader:
-    """Reads requests.
-
-    Args:
-        parser: of English.
-        lexicon: what things are called.
-    """
+    """Reads requests."""
 
     def __init__(self, parser: Parser, lexicon: Lexicon) -> None:
         self._parser, self._lexicon = parser, lexicon
@@ -130,13 +110,13 @@ class RequestReader:
         after: Sequence[SaidDeed],
         older: Sequence[Mention],
     ) -> Iterator[Request]:
-        told = (without_lead(one, is_deed, _is_time) for one in sentences_of(text) or [text])
+        told = (without_lead(one) for one in sentences_of(text) or [text])
         meant = as_meant(" ".join(told), self._holds)
         if not re.search(r"\w", meant) and re.search(r"\w", text):  # nothing but courtesy
             yield Request(text=text, form="talk", whole=text)
         if self._is_english(re.findall(r"[^\W\d_]+", meant)):
             meant = spelt(meant, self._is_known, self._vocabulary, self._verbs)
-        said = without_remarks(sentences_of(meant), is_deed)
+        said = without_remarks(sentences_of(meant))
         meant = " ".join(self._plainly(one) for one in said)
         words = self._parser.parse(meant)
         first, before, last = 0, list(earlier), after
@@ -238,18 +218,14 @@ class RequestReader:
         return not said or 4 * sum(map(self._is_ours, said)) > len(said)
 
     def _is_ours(self, word: str) -> bool:
-        small = word in closed_words() or word in word_lists().determiners
-        return (
-            small
-            or word in self._vocabulary_set
-            or bool(base_of_deed(word))
-            or (word in request_words().asking or word in word_lists().pronouns)
-        )
+        lists = word_lists()
+        small = (closed_words(), lists.determiners, lists.pronouns, request_words().asking)
+        known = any(word in words for words in (*small, self._vocabulary_set))
+        return known or bool(base_of_deed(word))
 
     def _plainly(self, sentence: str) -> str:
         """Return a sentence without courtesy and in the order of its deeds; its own end stays."""
-        found = without_courtesy(sentence, is_deed, self._names)
-        found = in_order(found, base_of_deed)
+        found = in_order(without_courtesy(sentence, self._names))
         return f"{found}." if found != sentence and found[-1:].isalnum() else found
 
     def _holds(self, name: str) -> bool:
@@ -281,10 +257,6 @@ class RequestReader:
         return frozenset(self._vocabulary)
 
 
-def _is_time(text: str) -> bool:
-    return bool(list(time_words(text)))
-
-
 def _begin(words: list[Word]) -> None:
     """Let an order begin with its verb, and no order with a state.
 
@@ -297,11 +269,9 @@ def _begin(words: list[Word]) -> None:
             words[number] = replace(word, tag="JJ", dep="amod", head=number + 1)
     if len(words) < 3 or words[1].tag not in ("VBD", "VBN") or words[2].tag[:2] not in ("NN", "JJ"):
         return
-    if (
-        words[0].text.lower() in request_words().needs_place
-        and words[1].text.lower() in deed_states()
-    ):
-        words[0] = replace(words[0], tag="VB", dep="ROOT", lemma=words[0].text.lower(), head=0)
+    first, second = words[0].text.lower(), words[1].text.lower()
+    if first in request_words().needs_place and second in deed_states():
+        words[0] = replace(words[0], tag="VB", dep="ROOT", lemma=first, head=0)
         words[1] = replace(words[1], tag="JJ", dep="amod", head=2)
 
 
@@ -475,10 +445,8 @@ def _into_what_was_opened(deeds: Sequence[SaidDeed]) -> list[SaidDeed]:
     """Return deeds, what is put nowhere put into what was opened: "open the drawer, put it in"."""
     found: list[SaidDeed] = []
     for number, deed in enumerate(deeds):
-        doors = [
-            one for earlier in found if earlier.deed == "open" for one in earlier.things
-            if any(able_to(kind, "receptacle") for kind in one.types)
-        ]  # fmt: skip
+        opened = (one for earlier in found if earlier.deed == "open" for one in earlier.things)
+        doors = [one for one in opened if any(able_to(kind, "receptacle") for kind in one.types)]
         where = doors and deed.deed == "put" and _lacks(deed, deeds[number + 1 :]) == "where"
         found.append(replace(deed, place=doors[-1]) if where else deed)
     return found
@@ -495,9 +463,8 @@ def _lacks(deed: SaidDeed, later: Sequence[SaidDeed]) -> str:
     if deed.place is not None:
         return "where" if deed.place.vague else ""
     kinds = {kind for one in deed.things for kind in one.types}
-    if any(
-        other.place and kinds & {k for one in other.things for k in one.types} for other in later
-    ):
+    placed = (one for other in later if other.place for one in other.things)
+    if any(kinds & {*one.types} for one in placed):
         return ""
     bare = deed.verb in request_words().needs_place or deed.verb.startswith("clear")
     return "where" if deed.deed == "put" and bare else ""

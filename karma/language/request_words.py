@@ -11,10 +11,6 @@ from karma.files import read_toml
 
 TABLE = Path(__file__).with_name("request_words.toml")
 _ENDINGS = (("ing", ""), ("ing", "e"), ("ed", ""), ("ed", "e"), ("es", ""), ("s", ""))
-_PAST = {
-    "taken": "take", "made": "make", "brought": "bring", "thrown": "throw", "put": "put",
-    "cut": "cut", "shut": "shut", "set": "set",
-}  # fmt: skip
 _USUAL = re.compile(r"\b(?:from now on|in (?:the )?future|as a rule|from this day)\b")
 _LEADS_ON = frozenset(("go", "run", "come", "show", "like", "start", "use", "need", "want"))
 
@@ -55,7 +51,16 @@ class RequestWords(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     containers: frozenset[str]
     results: frozenset[str]
     talk: frozenset[str]
+    so_far: frozenset[str]
+    rules_out: frozenset[str]
+    before_nouns: frozenset[str]
+    moved: frozenset[str]
+    starts: frozenset[str]
+    alone: frozenset[str]
+    before_verbs: frozenset[str]
     numbers: Mapping[str, int]
+    past: Mapping[str, str]
+    of_a_part: Mapping[str, str]
     called: Mapping[str, tuple[str, ...]]
     seen: Mapping[str, str]
     deeds: Mapping[str, tuple[str, ...]]
@@ -111,8 +116,9 @@ def base_of_deed(word: str) -> str:
     >>> base_of_deed("fetching"), base_of_deed("turned"), base_of_deed("taken"), base_of_deed("dog")
     ('fetch', 'turn', 'take', '')
     """
-    if word in _PAST or word in _first_words():
-        return _PAST.get(word, word)
+    past = request_words().past
+    if word in past or word in _first_words():
+        return past.get(word, word)
     for ending, instead in _ENDINGS:
         stem = f"{word.removesuffix(ending)}{instead}"
         if word.endswith(ending) and stem in _first_words():

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from karma.contracts import Form, Mention, SaidDeed
 from karma.household.containment import hangs_on
-from karma.household.types import object_types
+from karma.household.types import types_with
 from karma.household.uses import BIN, FAUCET, LAMPS, TAPS
 from karma.language.antecedents import sharing, with_antecedents
 from karma.language.asides import Asides
@@ -26,20 +26,12 @@ _LEFT_ALONE = re.compile(
     r"\b(?:alone|as (?:it|they) (?:is|are)|where (?:it|they) (?:is|are)|be|in peace|untouched"
     r"|running)\b"
 )
-_BEFORE_NOUNS = frozenset((
-    "the", "a", "an", "my", "your", "his", "her", "our", "some", "this", "that", "all", "every",
-    "each",
-))  # fmt: skip
 _MODALS = frozenset(("should", "must", "can", "could", "ought", "may", "might"))
 _ASKED_OF_YOU = ("could", "can", "would", "will")
 _SWITCHES = frozenset(("turn", "switch", "flip", "flick", "get", "have", "power"))
 _IS_SOMEWHERE = ("be", "go", "belong", "stand", "sit", "lie", "live", "rest", "end")
 _PERSONS = ("i", "we", "you", "he", "she", "they")
 _FINDS = ("find", "locate", "look for", "search for", "show", "hunt")
-_MOVED = (
-    "moved", "put", "placed", "brought", "set", "to", "be", "stood", "standing", "lying", "kept",
-    "stored",
-)  # fmt: skip
 _ON_OFF = ("on", "off")
 
 
@@ -71,7 +63,8 @@ class SentenceDeeds:
             deeds += found
         if not deeds and not (self.asides.forbidden or self.asides.exclusions or self.s.unread):
             return self._told(), []
-        if deeds and is_usual(self.s.lows()) and all(map(_has_its_place, deeds)):
+        placed = all(one.deed == "put" and one.place is not None for one in deeds)
+        if deeds and placed and is_usual(self.s.lows()):
             self._told()
             return "teaching", []  # "always put the knives in the drawer": a rule, not a deed
         conditions = (one.thing for one in self.asides.conditions if one.thing is not None)
@@ -83,11 +76,8 @@ class SentenceDeeds:
         """Read "book to the desk, lamp to the shelf" ahead of the first verb."""
         kept, unread = set(self.s.taken), list(self.s.unread)
         left = [n for n in self.s.left() if n < verb]
-        pairs = (
-            self.pairs.read(range(left[0], verb), "put")
-            if left and self.s.subject(verb) is None
-            else []
-        )
+        alone = left and self.s.subject(verb) is None
+        pairs = self.pairs.read(range(left[0], verb), "put") if alone else []
         if pairs and all(one.place and any(t.types for t in one.things) for one in pairs):
             return [_said("put", "put", self.s.words[left[0]].start, pair) for pair in pairs]
         self.s.taken, self.s.unread = kept, unread
@@ -127,15 +117,13 @@ class SentenceDeeds:
         asks = (starts or s.low(number - 1) == "to") and s.known_verb(number)  # "a mug to put in"
         if self._is_part(number) or (word.dep == "relcl" and not asks):
             return False
-        noun = s.low(number - 1) in _BEFORE_NOUNS and word.tag != "VBP"
+        noun = s.low(number - 1) in request_words().before_nouns and word.tag != "VBP"
         if noun and not (verb and subject is not None):
             return False
         if starts and s.known_verb(number):
             return True
-        loose = word.tag in ("VBN", "VBG") and subject is None
-        return verb and not (
-            loose and word.dep in ("acl", "amod", "prep", "pcomp", "pobj") and not starts
-        )
+        loose = word.tag in ("VBN", "VBG") and subject is None and not starts
+        return verb and not (loose and word.dep in ("acl", "amod", "prep", "pcomp", "pobj"))
 
     def _is_put_there(self, low: str) -> bool:
         """Return whether a sentence begins with a thing that has a place: "sponge on the sink"."""
@@ -240,8 +228,8 @@ class SentenceDeeds:
             last = n + 1 >= end or self.s.low(n + 1) in (",", "and", "then", ".", "!", ";")
             if self.s.low(n) in ("on", "off") and last and n not in self.s.taken:
                 self.s.unread.append(self.s.low(n))
-        me = self._for_me(number, end)
-        if text == "read" and request_words().me & {*self.s.lows(number + 1, end)}:
+        me = bool(lists.me & set(self.s.lows(number + 1, min(number + 3, end))))  # "bring me ..."
+        if text == "read" and lists.me & {*self.s.lows(number + 1, end)}:
             deed = ""  # aloud
         deed, pairs = self._meant(_of_taps(deed, pairs), text, pairs, coffee=said, me=me)
         if not deed:
@@ -249,10 +237,6 @@ class SentenceDeeds:
         hangs = word.lemma == "hang"
         found = [_said(text, deed, word.start, _hung(pair, hangs=hangs)) for pair in pairs]
         return self._made_ready(found)
-
-    def _for_me(self, number: int, end: int) -> bool:
-        """Return whether something is to be brought to whoever speaks."""
-        return bool(request_words().me & set(self.s.lows(number + 1, min(number + 3, end))))
 
     def _meant(
         self, deed: str, text: str, pairs: list[Pair], *, coffee: bool, me: bool
@@ -409,7 +393,7 @@ class SentenceDeeds:
         pairs = self.pairs.read(part, "put")
         if not pairs[0].things:
             return []
-        self.s.taken.update(n for n in part if self.s.low(n) in _MOVED)
+        self.s.taken.update(n for n in part if self.s.low(n) in request_words().moved)
         deed = "put" if pairs[0].place else "take"
         for n in range(part.start + 1, end):
             state = deed_states().get(self.s.low(n), "")
@@ -515,11 +499,8 @@ class SentenceDeeds:
         """Return whether it would be nice if it were so."""
         at = next((n for n in range(begin) if self.s.low(n) == "if"), None)
         were = self.s.low(number) in ("were", "was", "went", "be", "stood")
-        return (
-            at is not None
-            and self.asides.would_be_nice(at)
-            and (were or bool(self.s.helpers(number) & {"were", "was"}))
-        )
+        were = were or bool(self.s.helpers(number) & {"were", "was"})
+        return were and at is not None and self.asides.would_be_nice(at)
 
     def _moves(self, number: int, end: int, who: str) -> bool:
         """Return whether a thing is told to go somewhere: "both pillows go on the chair"."""
@@ -615,10 +596,8 @@ class SentenceDeeds:
         """Return whether a word is ahead of its thing as a verb is: "flush the toilet"."""
         s, low = self.s, self.s.low(number)
         lists = request_words()
-        small = (
-            lists.links | lists.every | lists.anything | lists.auxiliaries | lists.be | lists.talk
-        )
-        small |= lists.small_verbs | lists.sequence | lists.never_mind | lists.vague
+        small = lists.links | lists.every | lists.anything | lists.auxiliaries | lists.be
+        small |= lists.talk | lists.small_verbs | lists.sequence | lists.never_mind | lists.vague
         word = number == 0 and low.isalpha() and low not in small and s.tag(number)[:2] != "DT"
         return word and s.tag(number + 1) in ("DT", "PRP$") and not s.lexicon.named(low)
 
@@ -663,10 +642,5 @@ def _carried(deed: str, pairs: list[Pair], place: Mention, *, me: bool) -> tuple
 
 def _holds_things(one: Mention) -> bool:
     """Return whether things lie in or on what is to be cleared, and no liquid: a cabinet, a box."""
-    kinds = [object_types()[kind] for kind in one.types]
-    holds = all(kind.can("receptacle") for kind in kinds)
-    return bool(kinds) and holds and not any(kind.can("canFillWithLiquid") for kind in kinds)
-
-
-def _has_its_place(deed: SaidDeed) -> bool:
-    return deed.deed == "put" and deed.place is not None
+    dry = types_with("receptacle") - types_with("canFillWithLiquid")
+    return bool(one.types) and dry.issuperset(one.types)

@@ -8,10 +8,6 @@ from karma.household.states import DONE_BY, OPPOSITES
 from karma.language.lexicon import Lexicon
 from karma.language.request_words import base_of_deed, deed_verbs, is_deed, request_words
 
-_BEFORE_VERBS = frozenset((
-    "please", "just", "now", "then", "and", "or", "also", "to", "kindly", "quickly", "carefully",
-    "gently", "so", "but", "maybe", "perhaps",
-))  # fmt: skip
 _IS = frozenset(("is", "are", "'s", "'re", "was", "were", "looks", "look"))
 _WHATEVER = frozenset(("whatever", "whichever", "everything", "anything", "all"))
 _STATE_LEADS = _WHATEVER | {"one", "ones", "thing", "things", "those"}
@@ -22,23 +18,14 @@ _HARD_SIGNS = frozenset((".", "!", "?", ";", ":"))
 
 @dataclass(slots=True)
 class SaidSentence:
-    """A sentence being read; a word is taken once something is made of it.
+    """A sentence being read; a word is taken once something is made of it."""
 
-    Args:
-        text: all that is said; words know their places in it.
-        words: of this sentence.
-        lexicon: what things are called.
-        before: things that were named ahead of it.
-        last: the deed that was asked for ahead of it.
-        older: things that were named before those.
-    """
-
-    text: str
+    text: str  # all that is said; words know their places in it
     words: Sequence[Word]
     lexicon: Lexicon
-    before: list[Mention]
-    last: SaidDeed | None = None
-    older: Sequence[Mention] = ()
+    before: list[Mention]  # things that were named ahead of it
+    last: SaidDeed | None = None  # the deed that was asked for ahead of it
+    older: Sequence[Mention] = ()  # things that were named before `before`
     taken: set[int] = field(default_factory=set)
     gone: set[int] = field(default_factory=set)  # of them, what is no part of the errand
     unread: list[str] = field(default_factory=list)
@@ -179,7 +166,7 @@ class SaidSentence:
         before = number - 1
         if self._runs_on(number):
             return True
-        small = _BEFORE_VERBS | request_words().sequence
+        small = request_words().before_verbs | request_words().sequence
         while before >= 0 and (before in self.gone or self.low(before) in small):
             if self.low(before) in ("and", "or") and before not in self.gone:
                 return not self._listed_noun(before, number)

@@ -12,42 +12,36 @@ from pathlib import Path
 import msgspec
 
 from karma.files import read_toml
+from karma.language.clock import time_words
+from karma.language.request_words import base_of_deed, is_deed
 
+
+class _Forms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The forms of speech as their file has them."""
+
+    fillers: tuple[str, ...]
+    taken_back: tuple[str, ...]
+    polite: tuple[str, ...]
+    leads: tuple[str, ...]
+    orders: tuple[str, ...]
+    not_served: tuple[str, ...]
+    parting: tuple[str, ...]
+    asks_to_tell: tuple[str, ...]
+    spoken: tuple[tuple[str, str], ...]
+
+
+FORMS = read_toml(Path(__file__).with_name("spoken.toml"), _Forms)
 _SIGNS = str.maketrans(
     {"‘": "'", "’": "'", "“": '"', "”": '"', "…": ".", "–": "-", "—": "-", "\t": " "}
 )
-_FILLERS = (
-    "u+m+", "u+h+", "so{2,}", "e+r+m?", "hm+", "pls", "plz", "please", "kindly",
-    "thanks(?: a lot| so much)?",
-    "thank you(?: so much| very much)?", "thx", "ta", "cheers", "mate", "dear", "buddy", "pal",
-    "hey", "hi", "hello", "ok", "okay", "alright", "listen", "well then", "you know",
-    "i mean,? like", "yeah", "good (?:morning|evening|day|afternoon)", "excuse me",
-    "pardon(?: me| the interruption)?",
-    "sorry(?: to (?:bother|ask|trouble|disturb)(?: you)?| about (?:this|that))?",
-    "at your (?:earliest )?convenience", "if you (?:don't|do not|wouldn't) mind",
-    "if (?:it's|it is) no(?:t too much)? trouble", "if possible", "if you (?:can|could)",
-    "(?:when|if) you (?:have|get) (?:time|a (?:moment|minute|second|chance))", "no need to hurry",
-    "for me", "one more thing:?", r"(?:love|darling|honey|sweetheart|sweetie)(?=\W*$)",
-)  # fmt: skip
 _FILLER = re.compile(
-    rf"(?<![\w'])(?:{'|'.join(_FILLERS)})(?![\w'])[,!.]*(?:\s*\bbut\b)?", re.IGNORECASE
+    rf"(?<![\w'])(?:{'|'.join(FORMS.fillers)})(?![\w'])[,!.]*(?:\s*\bbut\b)?", re.IGNORECASE
 )
 _MEANWHILE = ("while", "whilst", "as", "whenever")
 _MOST_WHY = 5  # words of "for a quiet night"
-_TABLE = Path(__file__).with_name("spoken.toml")
-_POLITE = (
-    "would", "could", "can", "will", "might", "may", "is it", "is there", "be", "i was wondering",
-    "i wonder", "i'd be", "i would be", "i'd appreciate", "i would appreciate", "it'd be",
-    "it would be", "fancy", "how about", "what about", "any chance",
-)  # fmt: skip
-_LEADS = (
-    r"\bto", r"\band", r"\bif you (?:could|would|might|can)?",
-    r"\bwhether you (?:could|would|might|can)", r"\bthat you", r"\bof you", r"\bfor you to",
-    r"\babout", r"\bfancy",
-)  # fmt: skip
 _ASKING = re.compile(
-    rf"^(?:[^.?!]{{0,60}}?[,:;\s-])??(?:{'|'.join(_POLITE)})\b[^.?!]{{0,90}}?"
-    rf"(?:{'|'.join(_LEADS)}) (?P<rest>\w+\b.*)$",
+    rf"^(?:[^.?!]{{0,60}}?[,:;\s-])??(?:{'|'.join(FORMS.polite)})\b[^.?!]{{0,90}}?"
+    rf"(?:{'|'.join(FORMS.leads)}) (?P<rest>\w+\b.*)$",
     re.IGNORECASE,
 )
 _ROBOT = re.compile(r"^\W*(?:robot|karma)\b(?: listen)?\s*[,:!]*\s*|,\s*robot\b", re.IGNORECASE)
@@ -63,13 +57,9 @@ _ORDER = re.compile(
     r"|last(?:ly)?(?: of all)?|finally|in the end|at the end|afterwards|after that)\b,?\s+",
     re.IGNORECASE,
 )
-_BACK = (
-    "no[, ]+(?:wait|sorry|not that|actually)", "no", "wait", "sorry", "oops", "i mean", "or rather",
-    "rather", "i meant", "scratch that", "correction", r"actually,?\s+make (?:that|it)",
-    "make (?:that|it)", r"actually,?\s+no",
-)  # fmt: skip
+_TAG_QUESTION = re.compile(r"\b(?:would|could|will|can) (?:you|ya)\s*[.?!]*$|,\s*will (?:you|ya)\b")
 _TAKEN_BACK = re.compile(
-    rf"[\s,.;:-]*[,.;:-]\s*(?:(?:oh|er)[, ]+)?(?:(?:{'|'.join(_BACK)})\b[\s,:.-]*)+",
+    rf"[\s,.;:-]*[,.;:-]\s*(?:(?:oh|er)[, ]+)?(?:(?:{'|'.join(FORMS.taken_back)})\b[\s,:.-]*)+",
     re.IGNORECASE,
 )
 _PREPOSITION = r"(?:in|on|into|onto|to|at|under|near|from|beside|next to|inside|behind|off)"
@@ -80,15 +70,10 @@ _DETERMINER = r"(?:the|a|an|my|your|our|his|her|both|all|every|each|one|two|thre
 _SENTENCE_END = re.compile(r"(?<!\bMr)(?<!\bMrs)(?<!\bMs)(?<!\bDr)[.?!;]+(?=\s)", re.IGNORECASE)
 
 
-class _Spoken(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    spoken: tuple[tuple[str, str], ...]
-
-
 @cache
 def _spoken() -> Sequence[tuple[re.Pattern[str], str]]:
     """Return the forms of speech that are said plainly, and what stands for each."""
-    forms = read_toml(_TABLE, _Spoken).spoken
-    return [(re.compile(form, re.IGNORECASE), instead) for form, instead in forms]
+    return [(re.compile(form, re.IGNORECASE), instead) for form, instead in FORMS.spoken]
 
 
 def as_meant(text: str, holds: Callable[[str], bool] = bool) -> str:
@@ -119,11 +104,8 @@ def as_meant(text: str, holds: Callable[[str], bool] = bool) -> str:
     said = re.sub(r"\s+", " ", said)
     said = re.sub(r"\s+([,.;:!?])", r"\1", said)
     said = re.sub(r"([.;])(?:\s*[.,;])+", r"\1", said)
-    said = (
-        re.sub(r"\b(?:would|could|will|can) (?:you|ya)\s*[.?!]*$|,\s*will (?:you|ya)\b", "", said)
-        if len(said.split()) > 3
-        else said
-    )
+    if len(said.split()) > 3:
+        said = _TAG_QUESTION.sub("", said)
     said = re.sub(r"[\s,]+(?:and|but)([.!?]*)$", r"\1", said).strip(" ,;-")
     return _beforehand(said)
 
@@ -137,9 +119,8 @@ def _beforehand(text: str) -> str:
     if found is None:
         return text
     thing = _NAMED.search(found["then"])
-    first = (
-        re.sub(r"\b(?:it|them)\b", thing[0], found["first"], count=1) if thing else found["first"]
-    )
+    first = found["first"]
+    first = re.sub(r"\b(?:it|them)\b", thing[0], first, count=1) if thing else first
     return f"{first}, then {found['then'][0].lower()}{found['then'][1:]}"
 
 
@@ -210,10 +191,10 @@ _LEAD = re.compile(
 _MODALS = ("could", "can", "would", "will")
 
 
-def without_remarks(sentences: Sequence[str], is_deed: Callable[[str], bool]) -> list[str]:
+def without_remarks(sentences: Sequence[str]) -> list[str]:
     """Return sentences without those behind the first that only remark on it.
 
-    >>> without_remarks(["Water the plant.", "It's a thirsty one."], lambda word: False)
+    >>> without_remarks(["Water the plant.", "It's a thirsty one."])
     ['Water the plant.']
     """
 
@@ -224,14 +205,12 @@ def without_remarks(sentences: Sequence[str], is_deed: Callable[[str], bool]) ->
     return [one for number, one in enumerate(sentences) if number == 0 or not only_tells(one)]
 
 
-def without_lead(
-    sentence: str, is_deed: Callable[[str], bool], is_time: Callable[[str], bool]
-) -> str:
+def without_lead(sentence: str) -> str:
     """Return a sentence without a clause ahead that tells what its hearer does meanwhile.
 
     What somebody else does first ("when the guests come") is a time, and stays.
 
-    >>> without_lead("While you tidy up, put the pen away", lambda word: word == "put", bool)
+    >>> without_lead("While you tidy up, put the pen away")
     'put the pen away'
     """
     found = _LEAD.match(sentence)
@@ -244,23 +223,17 @@ def without_lead(
     doing = head.endswith("ing")
     yours = head.startswith(("you", "we")) and lead not in ("after", "before", "for")
     why = lead in ("despite", "for", "given") and len(words) <= _MOST_WHY
-    told = not any(map(is_deed, words)) and not is_time(f"{lead} {found['body']}")
+    told = not any(map(is_deed, words)) and not time_words(f"{lead} {found['body']}")
     meanwhile = yours and (lead in _MEANWHILE or head == "you're" or words[1:2] == ["are"])
     return found["rest"] if meanwhile or (told and (doing or yours or why)) else sentence
 
 
-def without_courtesy(
-    sentence: str, is_deed: Callable[[str], bool], names: Callable[[str], bool]
-) -> str:
+def without_courtesy(sentence: str, names: Callable[[str], bool]) -> str:
     """Return what is asked for so politely that it looks like a question or a wish.
 
-    Args:
-        sentence: one.
-        is_deed: whether a word, in any form of a verb, is something that can be done.
-        names: whether words name a thing or a deed, so that they may not be left out.
+    Words that name a thing or a deed may not be left out.
 
-    >>> is_wash = lambda words: "wash" in words
-    >>> without_courtesy("would it be possible for you to wash the mug?", is_wash, is_wash)
+    >>> without_courtesy("would it be possible for you to wash the mug?", lambda words: False)
     'wash the mug'
     """
     found = _ASKING.match(sentence)
@@ -330,17 +303,12 @@ _ORDERS = tuple(
 )
 
 
-def in_order(sentence: str, base_of: Callable[[str], str]) -> str:
+def in_order(sentence: str) -> str:
     """Return a sentence with its deeds as they are to be done: what comes first stands first.
 
-    Args:
-        sentence: one.
-        base_of: the base form of a verb that asks for something, "" for any other word.
-
-    >>> bases = {"heat": "heat", "wash": "wash", "washing": "wash"}
-    >>> in_order("before you heat the potato, wash it", lambda word: bases.get(word, ""))
+    >>> in_order("before you heat the potato, wash it")
     'wash the potato, then heat the potato'
-    >>> in_order("heat the potato after washing it", lambda word: bases.get(word, ""))
+    >>> in_order("heat the potato after washing it")
     'wash the potato, then heat the potato'
     """
     for form in _ORDERS:
@@ -349,14 +317,12 @@ def in_order(sentence: str, base_of: Callable[[str], str]) -> str:
             continue
         first, later = found["first"].strip(), found["later"].strip()
         said = (first, later) if found.start("first") < found.start("later") else (later, first)
-        heads = [base_of(text.split()[0].lower()) for text in (first, later)]
+        heads = [base_of_deed(text.split()[0].lower()) for text in (first, later)]
         if not all(heads):
             continue
         named = _NAMED.search(said[0])
-        parts = [
-            " ".join((head, *text.split()[1:]))
-            for head, text in zip(heads, (first, later), strict=True)
-        ]
+        rests = (text.split()[1:] for text in (first, later))
+        parts = [" ".join((head, *rest)) for head, rest in zip(heads, rests, strict=True)]
         if named is not None:
             parts = [re.sub(r"\b(?:it|them)\b", named[0], part, count=1) for part in parts]
         place = re.search(r"\b(?:in|on|into|onto|to|at|under) (?:the|a|my) [\w' -]+$", parts[1])

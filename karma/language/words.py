@@ -59,14 +59,8 @@ def word_lists() -> WordLists:
 def closed_words() -> frozenset[str]:
     """Return every word that is in a list of function words: no noun phrase begins with it."""
     lists = word_lists()
-    return frozenset(
-        word
-        for words in (
-            lists.persons, lists.prepositions, lists.conjunctions, lists.auxiliaries,
-            lists.negations, lists.adverbs, lists.particles,
-        )
-        for word in words
-    )  # fmt: skip
+    small = (lists.conjunctions, lists.auxiliaries, lists.negations, lists.adverbs, lists.particles)
+    return lists.persons.union(lists.prepositions, *small)
 
 
 @cache

@@ -109,29 +109,30 @@ class FifoMerge(Generic[K]):
 
     def __init__(self, capacity: int) -> None:
         self.capacity = checked_capacity(capacity)
-        self._queue: OrderedDict[K, None] = OrderedDict()
+        self._lines: OrderedDict[K, None] = OrderedDict()
 
     def touch(self, key: K) -> K | None:
         """Enqueue `key` unless it has a line; return the key that left."""
-        if key in self._queue:
+        if key in self._lines:
             return None
-        self._queue[key] = None
-        if len(self._queue) > self.capacity:
-            return self._queue.popitem(last=False)[0]
+        self._lines[key] = None
+        if len(self._lines) > self.capacity:
+            return self._lines.popitem(last=False)[0]
         return None
 
     def discard(self, key: K) -> None:
         """Free the line of `key`."""
-        self._queue.pop(key, None)
+        self._lines.pop(key, None)
 
     def __contains__(self, key: object) -> bool:
-        return key in self._queue
+        return key in self._lines
 
     def __len__(self) -> int:
-        return len(self._queue)
+        return len(self._lines)
 
     def __iter__(self) -> Iterator[K]:
-        return iter(self._queue)
+        """Yield keys, the one that would leave first."""
+        return iter(self._lines)
 
 
 class FifoMergeWhenFull(Fifo[K]):
@@ -149,37 +150,15 @@ class FifoMergeWhenFull(Fifo[K]):
         return super().touch(key)
 
 
-class Lru(Generic[K]):
+class Lru(FifoMerge[K]):
     """The least recently used key leaves."""
-
-    def __init__(self, capacity: int) -> None:
-        self.capacity = checked_capacity(capacity)
-        self._order: OrderedDict[K, None] = OrderedDict()
 
     def touch(self, key: K) -> K | None:
         """Make `key` the most recent; return the key that left."""
-        order = self._order
-        if key in order:
-            order.move_to_end(key)
+        if key in self._lines:
+            self._lines.move_to_end(key)
             return None
-        order[key] = None
-        if len(order) > self.capacity:
-            return order.popitem(last=False)[0]
-        return None
-
-    def discard(self, key: K) -> None:
-        """Free the line of `key`."""
-        self._order.pop(key, None)
-
-    def __contains__(self, key: object) -> bool:
-        return key in self._order
-
-    def __len__(self) -> int:
-        return len(self._order)
-
-    def __iter__(self) -> Iterator[K]:
-        """Yield keys, least recently used first."""
-        return iter(self._order)
+        return super().touch(key)
 
 
 class Lfu(Generic[K]):
@@ -325,36 +304,12 @@ class Arc(Generic[K]):
         yield from self._again
 
 
-class Unbounded(Generic[K]):
-    """Nothing ever leaves: the upper bound of any memory.
-
-    Args:
-        capacity: ignored, so that it can stand wherever a policy is named with a size.
-    """
+class Unbounded(FifoMerge[K]):
+    """Nothing ever leaves: the upper bound of any memory; its capacity says nothing."""
 
     def __init__(self, capacity: int = 1) -> None:
-        checked_capacity(capacity)
+        super().__init__(capacity)
         self.capacity = sys.maxsize
-        self._keys: dict[K, None] = {}
-
-    def touch(self, key: K) -> K | None:
-        """Keep `key`."""
-        self._keys[key] = None
-        return None
-
-    def discard(self, key: K) -> None:
-        """Free the line of `key`."""
-        self._keys.pop(key, None)
-
-    def __contains__(self, key: object) -> bool:
-        return key in self._keys
-
-    def __len__(self) -> int:
-        return len(self._keys)
-
-    def __iter__(self) -> Iterator[K]:
-        """Yield keys in the order of their first use."""
-        return iter(self._keys)
 
 
 def checked_capacity(capacity: int) -> int:

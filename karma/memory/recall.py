@@ -1,19 +1,17 @@
 """Which units go into the prompt: the nearest to the query by cosine (KARMA §3.5)."""
 
 import json
-import re
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from karma.contracts import Embedder, MemoryUnit, Recalled, Vectors
 from karma.errors import UnknownNameError
+from karma.household.types import in_words
 from karma.memory.index import UnitIndex
 from karma.memory.short_term import listing
 
 Verbaliser = Callable[[MemoryUnit], str]
-
-_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")  # "TVStand" is TV, Stand
 
 
 def unit_text(unit: MemoryUnit) -> str:
@@ -28,19 +26,10 @@ def unit_sentence(unit: MemoryUnit) -> str:
     ...                          states=("cleaned", "used up")))
     'a cleaned, used up dish sponge'
     """
-    name = name_in_words(unit.object_type)
+    name = in_words(unit.object_type)
     states = ", ".join(state for state in unit.states if state != "none")
     phrase = f"{states} {name}" if states else name
     return f"{'an' if phrase[:1] in tuple('aeiou') else 'a'} {phrase}"
-
-
-def name_in_words(object_type: str) -> str:
-    """Return a type's name as people write it.
-
-    >>> name_in_words("TVStand"), name_in_words("DishSponge")
-    ('tv stand', 'dish sponge')
-    """
-    return " ".join(_WORD.findall(object_type)).lower()
 
 
 VERBALISERS: dict[str, Verbaliser] = {"listing": unit_text, "sentence": unit_sentence}
@@ -62,15 +51,10 @@ class CosineRecall:
 
     def __init__(self, embedder: Embedder, *, text: str | Verbaliser = "listing") -> None:
         self._embedder = embedder
-        self._index = UnitIndex(self._row, verbaliser(text) if isinstance(text, str) else text)
+        self._index = UnitIndex(self._asked, verbaliser(text) if isinstance(text, str) else text)
 
     def recall(self, query: str, units: Sequence[MemoryUnit], k: int) -> list[Recalled]:
         """Return the units closest to the query, best first; ties keep the order of `units`.
-
-        Args:
-            query: the instruction, or the phrase that names what is wanted.
-            units: what is remembered.
-            k: how many; fewer come back when there are fewer units.
 
         Raises:
             ValueError: k < 1.
@@ -81,10 +65,10 @@ class CosineRecall:
         if k < 1:
             raise ValueError(f"k must be at least 1, not {k}")
         self._index.follow(units)
-        return self._index.recalled(self._index.best(self._row(query), k)) if units else []
+        return self._index.recalled(self._index.best(self._asked(query), k)) if units else []
 
-    def _row(self, text: str) -> Vectors:
-        return row_of(self._embedder, text)
+    def _asked(self, query: str) -> Vectors:
+        return row_of(self._embedder, query)
 
 
 def verbaliser(name: str) -> Verbaliser:

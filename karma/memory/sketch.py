@@ -6,10 +6,9 @@ period W, all counts are halved, and the global counter with them (Einziger and 
 
 from collections.abc import Hashable
 from hashlib import blake2b
-from typing import Generic, Literal, Protocol, TypeVar
+from typing import Generic, Literal, TypeVar
 
 K = TypeVar("K", bound=Hashable)
-KUse = TypeVar("KUse", bound=Hashable, contravariant=True)
 
 Period = int | Literal["default"] | None  # W; None = never
 
@@ -18,16 +17,6 @@ ROWS = 4  # counters per key
 
 _SEEDS = (0xC3A5C85C97CB3127, 0xB492B66FBE98F273, 0x9AE16A3B2F90404F, 0xCBF29CE484222325)
 _M32, _M64 = (1 << 32) - 1, (1 << 64) - 1
-
-
-class Frequencies(Protocol[KUse]):
-    """Counts uses of keys and forgets slowly."""
-
-    def add(self, key: KUse) -> None:
-        """Count one use of `key`; may age all counts."""
-
-    def estimate(self, key: KUse) -> int:
-        """Return the count of `key`, 0 when never used or forgotten."""
 
 
 class ExactCounts(Generic[K]):

@@ -16,10 +16,11 @@ from karma.contracts import Embedder, MemoryUnit, Recalled, Vectors
 from karma.household.ids import root_type
 from karma.household.pieces import base_type
 from karma.household.states import ALIKE
+from karma.household.types import in_words
 from karma.household.uses import CHANGED_IN
-from karma.language.hints import TYPE_WORDS, Words, kept_words, own_texts, singular
+from karma.language.hints import TYPE_WORDS, kept_words, own_texts, singular
 from karma.memory.index import FoundUnit, UnitIndex
-from karma.memory.recall import name_in_words, row_of
+from karma.memory.recall import row_of
 from karma.memory.wanted import Wanted, question_of
 
 STATE_BONUS, PLACE_BONUS, NAME_BONUS = 0.25, 0.3, 0.1
@@ -34,16 +35,13 @@ class StatefulRecall:
 
     Args:
         embedder: text to vectors.
-        text: accepted so that it can stand in for `CosineRecall`; types alone are embedded here.
-        words: what types are called, with vectors of the same embedder; None: those that ship, or
-            for another embedder a few texts on each type, embedded here.
+        text: accepted so that it can stand in for `CosineRecall`; types alone are embedded here,
+            with the vectors that ship or, for another embedder, of a few texts on each type.
     """
 
-    def __init__(
-        self, embedder: Embedder, *, text: str = "sentence", words: Words | None = None
-    ) -> None:
+    def __init__(self, embedder: Embedder, *, text: str = "sentence") -> None:
         self._embedder = embedder
-        self._words = words or kept_words(TYPE_WORDS, embedder)
+        self._words = kept_words(TYPE_WORDS, embedder)
         self._index = UnitIndex(
             self._of_type,
             lambda unit: base_type(unit.object_type),
@@ -57,11 +55,6 @@ class StatefulRecall:
         """Return the best units first; ties keep the order of `units`.
 
         The similarity given back is the score and may exceed 1.
-
-        Args:
-            query: the sub-task, or the phrase that names what is wanted.
-            units: what is remembered, the last used last.
-            k: how many; fewer come back when there are fewer units.
 
         Raises:
             ValueError: k < 1.
@@ -113,7 +106,7 @@ class StatefulRecall:
 
     def _of_type(self, kind: str) -> Vectors:
         """Return the vectors of a type's name and of what else is said of it, shape (n, d)."""
-        texts = (name_in_words(kind), *(own_texts().types.get(kind, ()) if not self._words else ()))
+        texts = (in_words(kind), *(own_texts().types.get(kind, ()) if not self._words else ()))
         rows = [row_of(self._embedder, text) for text in texts]
         return np.concatenate([*rows, *([self._words.rows_of(kind)] if self._words else ())])
 
@@ -128,7 +121,7 @@ def _named(kind: str, text: str) -> float:
 
     "Pens" and "pen" are one word, and so are "remotecontrol" and "remote control".
     """
-    name = name_in_words(kind).split()
+    name = in_words(kind).split()
     words = [form for word in text.lower().split() for form in (word, singular(word))]
     said = all(word in words for word in name) or "".join(name) in words
     return NAME_BONUS * len(name) * said

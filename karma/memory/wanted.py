@@ -7,11 +7,12 @@ is, so the destination of a request is only asked for as a thing of its own, aft
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import chain
 
-from karma.household.states import LACKING_WORDS, OPPOSITES, STATE_WORDS
+from karma.household.states import OPPOSITES, state_words
 from karma.language.parts import NounPhrase, Phrases
 from karma.language.phrases import phrases_of
 from karma.language.words import word_lists
@@ -23,44 +24,9 @@ _PARTICIPLE = re.compile(  # "the cut up onion"
     r"(?<=\bthe )(\w+ed|cut|lit|shut) (up|off|on|down|out)(?= [a-z])"
 )
 _HISTORY = frozenset(("just", "recently", "earlier", "before", "last", "previously"))
-_ANYTHING = frozenset(
-    ("thing", "things", "item", "items", "object", "objects", "stuff", "one", "ones")
-)  # heads that leave open what is meant
-_DONE_WITH_A_TOOL = frozenset(
-    (
-        "slice",
-        "cut",
-        "chop",
-        "dice",
-        "carve",
-        "halve",
-        "quarter",
-        "mince",
-        "peel",
-        "shred",
-        "clean",
-        "wash",
-        "wipe",
-        "scrub",
-        "rinse",
-        "dust",
-        "dry",
-        "polish",
-        "sponge",
-        "cover",
-        "spread",
-        "stir",
-        "mix",
-        "eat",
-        "serve",
-        "scoop",
-        "cook",
-        "fry",
-        "fill",
-        "break",
-        "smash",
-    )
-)  # "with" names the tool of these deeds; behind a thing to be found it says what it is like
+_ANYTHING = frozenset((
+    "thing", "things", "item", "items", "object", "objects", "stuff", "one", "ones",
+))  # heads that leave open what is meant  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,21 +78,21 @@ def _whole_adjectives(text: str) -> str:
     >>> _whole_adjectives("the clean, red food"), _whole_adjectives("get the cut up onion")
     ('the clean red food', 'get the cut-up onion')
     """
-    text = re.sub(rf"\b({_any_of(_has_words())}),(?= \w+ \w)", r"\1", text)
+    text = re.sub(rf"\b({_any_of(_by_word()[0])}),(?= \w+ \w)", r"\1", text)
     return _PARTICIPLE.sub(r"\1-\2", text)
 
 
 def _with_parts(phrases: Phrases, text: str) -> list[NounPhrase]:
     """Return what is named, "a pot with a lid" and "food for a cat" as one thing each."""
-    tool = any(verb.base in _DONE_WITH_A_TOOL for verb in phrases.verbs)
+    tool = any(verb.base in word_lists().deeds["with_a_tool"] for verb in phrases.verbs)
     found: list[NounPhrase] = []
     for noun in phrases.nouns:
         between = text[found[-1].end : noun.start].split() if found else []
         joined = " ".join(between) in _JOINING and not (tool and between == ["with"])
         if joined:
-            start = text.index(found[-1].text, found[-1].start)
+            start = max(text.find(found[-1].text, found[-1].start), found[-1].start)
             found[-1] = replace(found[-1], text=text[start : noun.end], end=noun.end)
-        elif not noun.is_modifier:
+        elif noun.role != "modifier":
             found.append(noun)
     return found
 
@@ -156,14 +122,7 @@ def _wanted(noun: NounPhrase, places: tuple[str, ...] = ()) -> Wanted:
         elif modifier not in noun.text:  # not joined to it yet
             described.append(modifier)
     found = _wanted_as(" ".join(described), " ".join(said))
-    return Wanted(
-        text=found.text,
-        has=found.has,
-        lacks=found.lacks,
-        places=places,
-        handled=handled,
-        is_destination=noun.is_destination,
-    )
+    return replace(found, places=places, handled=handled, is_destination=noun.is_destination)
 
 
 def _wanted_as(described: str, said: str | None = None) -> Wanted:
@@ -195,21 +154,21 @@ def _states(text: str) -> set[tuple[str, bool]]:
     >>> sorted(_states("that is not clean yet")), sorted(_states("raw"))
     ([('cleaned', False), ('dirty', True)], [('cooked', False)])
     """
-    found = set()
+    found, (has, lacks) = set(), _by_word()
     for match in _all_states().finditer(text.replace("-", " ")):
         denied = match["no"] is not None
-        for state in _has_words().get(match["state"], ()):
+        for state in has.get(match["state"], ()):
             found.add((state, not denied))
             if denied and state in OPPOSITES:
                 found.add((OPPOSITES[state], True))
-        for state in _lacking_words().get(match["state"], ()):
+        for state in lacks.get(match["state"], ()):
             found.add((state, denied))
     return found
 
 
 @cache
 def _all_states() -> re.Pattern[str]:
-    words = _any_of((*_has_words(), *_lacking_words()))
+    words = _any_of(chain(*_by_word()))
     return re.compile(rf"(?<![\w-])(?:(?P<no>{_NOT}) )?(?P<state>{words})(?![\w-])")
 
 
@@ -218,18 +177,11 @@ def _any_of(words: Iterable[str]) -> str:
 
 
 @cache
-def _has_words() -> Mapping[str, tuple[str, ...]]:
-    return _by_word(STATE_WORDS)
-
-
-@cache
-def _lacking_words() -> Mapping[str, tuple[str, ...]]:
-    return _by_word(LACKING_WORDS)
-
-
-def _by_word(words_of: Mapping[str, Iterable[str]]) -> Mapping[str, tuple[str, ...]]:
-    found: dict[str, tuple[str, ...]] = {}
-    for state, words in words_of.items():
-        for word in words:
-            found[word] = (*found.get(word, ()), state)
+def _by_word() -> tuple[Mapping[str, Sequence[str]], Mapping[str, Sequence[str]]]:
+    """Return word -> states that a thing called so is in, and those that it is not in."""
+    found: tuple[dict[str, list[str]], dict[str, list[str]]] = ({}, {})
+    for by_word, words_of in zip(found, (state_words().has, state_words().lacks), strict=True):
+        for state, words in words_of.items():
+            for word in words:
+                by_word.setdefault(word, []).append(state)
     return found

@@ -65,3 +65,8 @@ def test_text_without_a_name_asks_for_anything(text):
     question = question_of(text)
     assert [one.text for one in question.things] in ([""], [text])
     assert question.referents == 0
+
+
+def test_two_spaces_in_a_name_are_one():
+    (pot,) = question_of("find the coffee  pot with a lid").things
+    assert pot.text.endswith("coffee pot with a lid")

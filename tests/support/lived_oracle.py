@@ -6,9 +6,8 @@ against the forms, times are computed anew, and where things are is replayed fro
 
 import re
 
-from karma.bench.suites.lived.forms import request_forms
-from karma.household.types import object_types
-from karma.memory.recall import name_in_words
+from karma.household.types import in_words, object_types
+from karma.tasks.lived.forms import request_forms
 from tests.support.lived import DAY_S, HOUR_S
 
 DAY_NAMES = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
@@ -83,7 +82,7 @@ class WordsOracle:
         return {
             key
             for key, one in self._view.start.items()
-            if name_in_words(one.object_type) == phrase.lower()
+            if in_words(one.object_type) == phrase.lower()
         }
 
     def place_ids(self, words):
@@ -100,7 +99,7 @@ class WordsOracle:
         return {
             one.place_id
             for one in self._view.places.values()
-            if kind in ("", name_in_words(one.place_type))
+            if kind in ("", in_words(one.place_type))
             and room in ("", {"living": "living room"}.get(one.room_kind, one.room_kind))
         }
 
@@ -149,7 +148,7 @@ def _pattern(form, name):
     verbs = sorted({verb for all_ in request_forms().do.values() for verb in all_}, key=len)
     rooms = "|".join(ROOM_NAMES)
     kinds = "|".join(
-        name_in_words(one) for one, kind in object_types().items() if kind.can("receptacle")
+        in_words(one) for one, kind in object_types().items() if kind.can("receptacle")
     )
     spots = {
         "thing": "(?P<thing>.+?)", "things": "(?P<things>.+?)", "at": "(?P<at>(?:on|in) the .+)",

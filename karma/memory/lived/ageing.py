@@ -80,8 +80,7 @@ FLAT = TypePrior(moves=0.5, hours=12.0, places={})  # of a type that no training
 class OwnTime:
     """The time of a type: its hours are long when such things are moved, and short when not.
 
-    Args:
-        by_hour: what each hour of a weekday counts, then of a day of the weekend.
+    An hour of a weekday has its own weight, and so has one of a day of the weekend.
 
     >>> round(OwnTime().hours(8 * 3600.0, 10 * 3600.0), 6)
     2.0
@@ -122,11 +121,7 @@ def _until_moved(per_hour: float, hours: float) -> float:
 
 
 class Ageing:
-    """What this home has shown of how often its things are moved.
-
-    Args:
-        priors: by object type.
-    """
+    """What this home has shown of how often its things are moved."""
 
     def __init__(self, priors: Mapping[str, TypePrior]) -> None:
         self._priors = priors

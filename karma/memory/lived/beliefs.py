@@ -22,11 +22,7 @@ KEPT = 0.5  # chance from which on a thing is still believed to be where a look 
 
 
 class Beliefs:
-    """Beliefs by object id, kept true by every moment.
-
-    Args:
-        ageing: learns from what is confirmed and what is contradicted.
-    """
+    """Beliefs by object id, kept true by every moment, from which their ageing learns."""
 
     def __init__(self, ageing: Ageing) -> None:
         self._ageing = ageing
@@ -59,10 +55,8 @@ class Beliefs:
     def take_over(self, belief: Belief, doubt: Sequence[Any] | None) -> None:
         """Believe what a log says that goes on, with the doubt that was kept of it."""
         if doubt is not None:
-            chance, looked_s, ended_s, reason = doubt  # see `doubt_of`
-            belief = replace(
-                belief, chance=chance, looked_s=looked_s, ended_s=ended_s, reason=reason
-            )
+            names = ("chance", "looked_s", "ended_s", "reason")  # see `doubt_of`
+            belief = replace(belief, **dict(zip(names, doubt, strict=True)))
         self._keep(belief)
         if belief.ended_s is not None:
             self._leave(belief)
@@ -73,13 +67,9 @@ class Beliefs:
         if moment.looked_over:
             since_s = moment.time_s if moment.looked_since_s is None else moment.looked_since_s
             for place_id in moment.looked_over:
-                gone = [
-                    one
-                    for one in self._at.get(place_id, {})
-                    if self._by_id[one].sighting.time_s < since_s
-                ]
-                ended = [self._end(object_id, moment.time_s) for object_id in gone]
-                changed += [pair for pair in ended if pair is not None]
+                there = self._at.get(place_id, {})
+                gone = [one for one in there if self._by_id[one].sighting.time_s < since_s]
+                changed += filter(None, [self._end(one, moment.time_s) for one in gone])
         return changed
 
     # ------------------------------------------------------------- parts

@@ -46,11 +46,7 @@ class _StoredFact:
 
 
 class NoMemory:
-    """A `HomeMemory` that keeps nothing; the other designs say what they keep, and how they rank.
-
-    Args:
-        setting: of the home.
-    """
+    """A `HomeMemory` that keeps nothing; the other designs say what they keep, how they rank."""
 
     row_bytes = 24  # of a row, beside its words: a time and numbers; vectors come to that
 
@@ -212,9 +208,7 @@ class KarmaUnits(NoMemory):
     What is only seen on rounds would flush ten units many times a day. Nothing evicts a unit that
     has become false (§6). The map is of immovable things, and answers nothing here by itself.
 
-    Args:
-        setting: of the home; `units` lines.
-        policy: in the paper's notation, for {0} lines, or {1} of a window and {2} beside it.
+    The policy is in the paper's notation, for {0} lines, or {1} of a window and {2} beside it.
     """
 
     def __init__(self, setting: MemorySetting, policy: str) -> None:

@@ -12,7 +12,7 @@ import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import fsum
 from pathlib import Path
 from typing import Any, Literal
@@ -296,6 +296,7 @@ _SELECT = (
     " text_id from episodes"
 )
 _TEXT = 12  # column of text_id
+_DEED = tuple(one.name for one in fields(Deed))
 
 
 class _Base(sqlite3.Connection):
@@ -410,24 +411,14 @@ def _conditions(query: EpisodeQuery) -> tuple[str, tuple[Any, ...]]:
 
 
 def _deed_text(deed: Deed | None) -> str | None:
-    if deed is None:
-        return None
-    return json.dumps(
-        [
-            deed.time_s, deed.who, deed.action, deed.object_id, deed.object_type, deed.place_id,
-            deed.room, deed.states, deed.activity,
-        ]
-    )  # fmt: skip
+    return json.dumps([getattr(deed, name) for name in _DEED]) if deed is not None else None
 
 
 def _deed_of(text: str | None) -> Deed | None:
     if text is None:
         return None
-    time_s, who, action, object_id, kind, place_id, room, states, activity = json.loads(text)
-    return Deed(
-        time_s=time_s, who=who, action=action, object_id=object_id, object_type=kind,
-        place_id=place_id, room=room, states=tuple(states), activity=activity,
-    )  # fmt: skip
+    values = dict(zip(_DEED, json.loads(text), strict=True))
+    return Deed(**values | {"states": tuple(values["states"])})
 
 
 def _episode(row: Sequence[Any]) -> Belief:

@@ -13,12 +13,7 @@ PARTS = OF_THINGS, OF_TYPES = "places of things", "places of types"
 
 
 class PlaceShares:
-    """Counts of the places that things were brought to, in this home.
-
-    Args:
-        prior: from training homes.
-        places: of this home.
-    """
+    """Counts of the places that things were brought to, in this home, and a prior beside them."""
 
     def __init__(self, prior: HomePrior, places: Mapping[str, KnownPlace]) -> None:
         self._prior, self._places = prior.types, places

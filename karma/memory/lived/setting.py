@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from karma.contracts import Embedder, Sighting
-from karma.memory.recall import name_in_words
+from karma.household.types import in_words
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +39,7 @@ def sighting_text(sighting: Sighting, places: Mapping[str, KnownPlace]) -> str:
     """
     place = places.get(sighting.place_id or "")
     states = [state for state in sighting.states if state != "none"]
-    words = " ".join([*states, name_in_words(sighting.object_type)])
+    words = " ".join([*states, in_words(sighting.object_type)])
     room = place.room_kind if place else sighting.room.rpartition("_")[0] or sighting.room
-    where = [name_in_words(place.place_type)] if place else []
+    where = [in_words(place.place_type)] if place else []
     return ", ".join([words, *where, room])

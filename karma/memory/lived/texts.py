@@ -7,17 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.contracts import Embedder, HomeQuestion, Vectors
-from karma.memory.recall import name_in_words
+from karma.household.types import in_words
 
 _FIRST = 256  # rows to begin with
 
 
 class TextVectors:
-    """Texts numbered as they come, each embedded once; exact search over all of them.
-
-    Args:
-        embedder: of texts.
-    """
+    """Texts numbered as they come, each embedded once; exact search over all of them."""
 
     def __init__(self, embedder: Embedder) -> None:
         self._embedder = embedder
@@ -50,7 +46,7 @@ def query_text(question: HomeQuestion) -> str:
     All designs get the same, so that none loses for not knowing a word.
     """
     said = question.thing
-    names = [name_in_words(meaning.name) for meaning in said.types[:2]]
+    names = [in_words(meaning.name) for meaning in said.types[:2]]
     return ", ".join(dict.fromkeys([said.phrase or question.text, *names]))
 
 

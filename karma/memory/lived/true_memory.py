@@ -73,9 +73,7 @@ class TrueMemory:
         if past or question.asked in ("time", "who"):
             return self._past(question, k)
         ranks = ranks_of(said)
-        found = [
-            belief for belief in self._beliefs if not ranks or belief.sighting.object_type in ranks
-        ]
+        found = [one for one in self._beliefs if not ranks or one.sighting.object_type in ranks]
         found.sort(key=lambda one: self._order(one, said, ranks))
         asked = AS_AGED if question.asked == "count" else self._asked_for(said, found=said.ids)
         return [self._fact(belief, question.time_s, asked) for belief in found[:k]]
@@ -85,11 +83,8 @@ class TrueMemory:
         said = question.thing
         kinds = types_meant(said)
         known = [belief for one in said.ids if (belief := self._beliefs.get(one)) is not None]
-        mine = known or [
-            one
-            for one in self._beliefs
-            if one.sighting.object_type in kinds and self._fits(one, said)
-        ]
+        alike = (one for one in self._beliefs if one.sighting.object_type in kinds)
+        mine = known or [one for one in alike if self._fits(one, said)]
         if not mine and not kinds:
             return ()
         kind = mine[0].sighting.object_type if len(mine) == 1 or not kinds else kinds[0]
@@ -168,11 +163,9 @@ class TrueMemory:
     # ------------------------------------------------------------- now
 
     def _fact(self, belief: Belief, time_s: float, asked: AskedFor) -> Fact:
-        if belief.ended_s is not None:
-            return Fact(sighting=belief.sighting, deed=belief.deed, ended_s=belief.ended_s)
-        return Fact(
-            sighting=belief.sighting, deed=belief.deed, holds=self._holds(belief, time_s, asked)
-        )
+        fact = Fact(sighting=belief.sighting, deed=belief.deed, ended_s=belief.ended_s)
+        gone = belief.ended_s is not None
+        return fact if gone else replace(fact, holds=self._holds(belief, time_s, asked))
 
     def _holds(self, belief: Belief, time_s: float, asked: AskedFor) -> float:
         """Return the chance that a thing is where it was seen: not moved, or back there.

@@ -1,6 +1,6 @@
 """Ours within the paper's ten units: no log, and as many beliefs as there are lines."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 from karma.contracts import Fact, HomeMoment, HomeQuestion
 from karma.memory.lived.setting import MemorySetting
@@ -14,9 +14,6 @@ class TrueUnits(TrueMemory):
     """A `HomeMemory` that keeps the ten beliefs which are worth most.
 
     What it learns of how things move and where they go is kept, as the paper's map is.
-
-    Args:
-        setting: of the home; `units` lines.
     """
 
     def __init__(self, setting: MemorySetting) -> None:
@@ -62,18 +59,15 @@ class TrueUnits(TrueMemory):
 
 
 class NeedTruthCost:
-    """A `ReplacementPolicy` over keys whose worth another part knows.
+    """Which key leaves a full memory, where another part knows what each is worth.
 
-    Args:
-        capacity: lines, at least 1.
-        worth: chance of being true times cost of finding again, by key; at least 0.
+    A key's worth is the chance of being true times the cost of finding again; at least 0.
     """
 
     def __init__(self, capacity: int, worth: Callable[[str], float]) -> None:
         if capacity < 1:
             raise ValueError(f"a memory of {capacity} units")
-        self.capacity = capacity
-        self._worth = worth
+        self._capacity, self._worth = capacity, worth
         self._needs: dict[str, tuple[float, int]] = {}  # of residents: uses, and when last halved
         self._past: dict[str, tuple[float, int]] = {}  # of those that left
         self._clock = 0
@@ -90,29 +84,18 @@ class NeedTruthCost:
         self._clock += 1
         old = self._needs.pop(key, None) or self._past.pop(key, (0.0, self._clock))
         self._needs[key] = (self._aged(old) + uses, self._clock)
-        if len(self._needs) <= self.capacity:
+        if len(self._needs) <= self._capacity:
             return None
-        leaves = min(self._needs, key=lambda one: (self.value(one), self._needs[one][1], one))
+        leaves = min(self._needs, key=lambda one: (self._value(one), self._needs[one][1], one))
         self._past[leaves] = self._needs.pop(leaves)
         return leaves
 
-    def value(self, key: str) -> float:
-        """Return what a resident line is worth now."""
+    def _value(self, key: str) -> float:
         return self._aged(self._needs[key]) * self._worth(key)
 
     def _aged(self, need: tuple[float, int]) -> float:
         uses, when = need
         return float(uses * 0.5 ** ((self._clock - when) / HALF_LIFE))
 
-    def discard(self, key: str) -> None:
-        """Free the line of a key, if it has one."""
-        self._needs.pop(key, None)
-
     def __contains__(self, key: object) -> bool:
         return key in self._needs
-
-    def __len__(self) -> int:
-        return len(self._needs)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._needs)

@@ -7,9 +7,10 @@ import numpy as np
 from karma.bench.suites.lived.request import Words
 from karma.contracts import Sighting
 from karma.household.places import ON_TOP
-from karma.language.lexemes import lexicon, pick_common, types_called, unseen_lexicon
+from karma.household.types import in_words
 from karma.memory.lived.setting import KnownPlace
-from karma.memory.recall import name_in_words
+from karma.tasks.drawing.lexicon import lexicon, pick_common, types_called, unseen_lexicon
+from karma.tasks.lived.request import Words
 
 
 def thing_word(
@@ -24,11 +25,11 @@ def thing_word(
         words: which names may be drawn.
     """
     if words == "plain":
-        return name_in_words(object_type)
+        return in_words(object_type)
     table = unseen_lexicon() if words == "held-out" else lexicon()
     entry = table.get(object_type)
     if entry is None:
-        return name_in_words(object_type)
+        return in_words(object_type)
     others = set(present) - {object_type}
     names = tuple(
         one
@@ -50,7 +51,7 @@ def place_phrase(place: KnownPlace, places: Mapping[str, KnownPlace]) -> str:
 
 
 def _called(place: KnownPlace, places: Mapping[str, KnownPlace]) -> str:
-    name = name_in_words(place.place_type)
+    name = in_words(place.place_type)
     rooms = {one.room for one in places.values() if one.place_type == place.place_type}
     if len(rooms) == 1:
         return name

@@ -11,10 +11,10 @@ from karma.bench.suites.lived.forms import request_forms
 from karma.contracts import Asked, Embedder, HomeQuestion, Meaning, SaidThing
 from karma.errors import KarmaError
 from karma.household.places import ROOMS
-from karma.household.types import object_types
+from karma.household.types import in_words, object_types
 from karma.language.clock import SaidSpan, read_span, unread_times
 from karma.language.hints import TYPE_WORDS, Words, kept_words, singular
-from karma.memory.recall import name_in_words
+from karma.tasks.lived.forms import request_forms
 
 _ASKED: tuple[tuple[str, Asked], ...] = (
     (r"\bhow many\b|^count\b|\bnumber of\b", "count"),
@@ -332,4 +332,4 @@ def _bare(words: str) -> str:
 @cache
 def _types_by_name() -> dict[str, str]:
     """Return the types' own names as people write them."""
-    return {name_in_words(name): name for name in object_types()}
+    return {in_words(name): name for name in object_types()}
