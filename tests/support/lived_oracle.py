@@ -6,8 +6,8 @@ against the forms, times are computed anew, and where things are is replayed fro
 
 import re
 
+from karma.bench.suites.lived.forms import request_forms
 from karma.household.types import in_words, object_types
-from karma.tasks.lived.forms import request_forms
 from tests.support.lived import DAY_S, HOUR_S
 
 DAY_NAMES = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")

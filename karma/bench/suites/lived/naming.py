@@ -8,9 +8,8 @@ from karma.bench.suites.lived.request import Words
 from karma.contracts import Sighting
 from karma.household.places import ON_TOP
 from karma.household.types import in_words
+from karma.language.lexemes import lexicon, pick_common, types_called, unseen_lexicon
 from karma.memory.lived.setting import KnownPlace
-from karma.tasks.drawing.lexicon import lexicon, pick_common, types_called, unseen_lexicon
-from karma.tasks.lived.request import Words
 
 
 def thing_word(

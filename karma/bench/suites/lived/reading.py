@@ -14,7 +14,6 @@ from karma.household.places import ROOMS
 from karma.household.types import in_words, object_types
 from karma.language.clock import SaidSpan, read_span, unread_times
 from karma.language.hints import TYPE_WORDS, Words, kept_words, singular
-from karma.tasks.lived.forms import request_forms
 
 _ASKED: tuple[tuple[str, Asked], ...] = (
     (r"\bhow many\b|^count\b|\bnumber of\b", "count"),
