@@ -224,7 +224,7 @@ class Floor:
         return [
             one
             for one in self._seen
-            if not one.pickupable and one.object_type not in (FLOOR, *BASINS, *HANG_ON_WALLS)
+            if not one.pickupable and one.type not in (FLOOR, *BASINS, *HANG_ON_WALLS)
             and not _is_bent(one)
             and one.box.y0 - self._room.y0 <= AGENT_HEIGHT_M
             and one.box.y1 - self._room.y0 >= _STEP_M
@@ -232,7 +232,7 @@ class Floor:
 
     def _clear(self, radius_m: float) -> Flags:
         """Return where nothing stands within a radius, shape (cells,)."""
-        bent = {one.object_id for one in self._seen if _is_bent(one)}
+        bent = {one.id for one in self._seen if _is_bent(one)}
         laid = [
             one
             for one in self._seen
@@ -263,7 +263,7 @@ class Floor:
         for kinds in (_SWITCHES, FACE_EITHER_WAY, BACK_TO_WALLS):
             back, front = (np.full(len(self._points), np.inf) for _ in range(2))
             for one in self._seen:
-                if one.object_type in kinds:
+                if one.type in kinds:
                     behind, near = self._sides(one)
                     back = np.minimum(back, np.where(behind, near, np.inf))
                     front = np.minimum(front, np.where(behind, np.inf, near))
@@ -276,7 +276,7 @@ class Floor:
         middle = np.array((one.box.center[0], one.box.center[2]))
         half = np.array((one.box.size[0], one.box.size[2])) / 2
         ahead = np.array(heading(round(one.rotation.y / 90) * 90.0))
-        if one.object_type in FACE_EITHER_WAY and self._start is not None:
+        if one.type in FACE_EITHER_WAY and self._start is not None:
             ahead = np.eye(2)[int(half[0] >= half[1])]
             ahead = ahead * np.sign((np.array(self._start) - middle) @ ahead)
         offset = self._points - middle
@@ -288,7 +288,7 @@ class Floor:
 
 def _is_bent(one: Seen) -> bool:
     x, _, z = one.box.size
-    return one.object_type in ROUND_A_CORNER and min(x, z) > _STRAIGHT_M
+    return one.type in ROUND_A_CORNER and min(x, z) > _STRAIGHT_M
 
 
 # ----------------------------------------------------------------- parts
