@@ -3,7 +3,7 @@
 from typing import Any
 
 from karma.contracts import Pose
-from karma.world.actions.moving import between_cells, coordinates, unknown, yaw_of
+from karma.world.actions.moving import between_cells, coordinates, lacks, unknown, yaw_of
 from karma.world.core import navigate, scene
 from karma.world.core.arguments import Place
 from karma.world.core.ground import walk
@@ -72,8 +72,7 @@ def shortest_path(
 ) -> Result:
     """Return the path to where the agent is nearest to an object."""
     if objectId is None and objectType is None:
-        message = "action: GetShortestPath is missing the following arguments: objectId"
-        return Refusal(message, "MissingArguments")
+        return lacks("GetShortestPath", "objectId")
     if objectId is None:
         objectId = next(iter(state.objects.by_type.get(str(objectType), ())), "")
     if objectId not in state.objects:
@@ -96,8 +95,7 @@ def shortest_path_to_point(
     """Return the path to the cell nearest to a point."""
     given = coordinates(target, x, y, z)
     if "x" not in given or "z" not in given:
-        message = "action: GetShortestPathToPoint is missing the following arguments: target"
-        return Refusal(message, "MissingArguments")
+        return lacks("GetShortestPathToPoint", "target")
     goal = navigate.nearest_cell(state, given["x"], given["z"])
     return _path(state, position, goal, f"({given['x']}, {given['z']})")
 
@@ -134,17 +132,15 @@ def interactable_poses(
         return refuse("ArgumentOutOfRangeException", "maxPoses must be > 0.")
     if [] in (positions, rotations, horizons, standings):
         return Performed(state, [], 0.0)
-    choice: dict[str, Any] = {"max_m": maxDistance, "limit": maxPoses}
-    if positions is not None:
-        cells = [state.room.key(p.get("x", 0.0), p.get("z", 0.0)) for p in positions]
-        choice["cells"] = cells
-    if rotations is not None:
-        choice["yaws"] = [yaw_of(rotation) for rotation in rotations]
-    if horizons is not None:
-        choice["horizons"] = horizons
-    if standings is not None:
-        choice["standings"] = standings
-    poses = navigate.interactable_poses(state, objectId, **choice)
+    choice: dict[str, Any] = {
+        "cells": positions
+        and [state.room.key(p.get("x", 0.0), p.get("z", 0.0)) for p in positions],
+        "yaws": rotations and [yaw_of(rotation) for rotation in rotations],
+        "horizons": horizons,
+        "standings": standings,
+    }
+    given = {name: value for name, value in choice.items() if value is not None}
+    poses = navigate.interactable_poses(state, objectId, max_m=maxDistance, limit=maxPoses, **given)
     return Performed(state, [_pose(pose) for pose in poses], 0.0)
 
 
@@ -155,14 +151,8 @@ def scenes_in_build(state: WorldState) -> Result:
 
 def _pose(pose: Pose) -> dict[str, Any]:
     x, y, z = pose.position_m
-    return {
-        "x": x,
-        "y": y,
-        "z": z,
-        "rotation": pose.yaw_deg,
-        "standing": pose.standing,
-        "horizon": pose.horizon_deg,
-    }
+    turned = {"rotation": pose.yaw_deg, "standing": pose.standing, "horizon": pose.horizon_deg}
+    return {"x": x, "y": y, "z": z, **turned}
 
 
 def _xyz(state: WorldState, place: tuple[float, float]) -> dict[str, float]:

@@ -1,6 +1,7 @@
 """Give many objects a state at once: as asked for, or by lot."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 from karma.household.types import Capability
 from karma.world.actions import handling
@@ -12,14 +13,15 @@ from karma.world.core.state import Performed, Refusal, Result, WorldState
 _Handler = Callable[..., Result]
 
 
-class _State:
+class _State(NamedTuple):
     """One state: what it takes, how AI2-THOR names it, and the actions that set and end it."""
 
-    def __init__(
-        self, name: str, can: Capability, field: str, flag: str, do: _Handler, undo: _Handler | None
-    ) -> None:
-        self.name, self.can, self.field, self.flag = name, can, field, flag
-        self.do, self.undo = do, undo
+    name: str
+    can: Capability
+    field: str
+    flag: str
+    do: _Handler
+    undo: _Handler | None
 
 
 def _change(can: Capability, field: str, value: bool) -> _Handler:

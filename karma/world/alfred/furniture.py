@@ -48,18 +48,12 @@ _RIM_M = 0.05  # of a sink or bathtub, round its basin
 class _Match(NamedTuple):
     """A fixed object of ALFRED's and what of the dump it is."""
 
-    thing: SceneObject | None
+    thing: SceneObject
     moved: bool = False  # it stands elsewhere here
 
 
 def furnished(facts: RoomFacts, floor_y: float, kinds: frozenset[str]) -> list[SceneObject]:
-    """Return everything but what trials place themselves.
-
-    Args:
-        facts: of the FloorPlan.
-        floor_y: height of the floor, metres.
-        kinds: types that the trial places; the dump's own of these are left out.
-    """
+    """Return everything but what trials place themselves; the dump's own of `kinds` go."""
     places = {
         one: place
         for one, place in facts.fixed.items()
@@ -70,17 +64,12 @@ def furnished(facts: RoomFacts, floor_y: float, kinds: frozenset[str]) -> list[S
     matches = _matched(places, rest)
     found, ids, guessed = [], dict[str, str](), set[str]()
     for one, place in places.items():
-        match = matches.get(one)
-        if match is None or match.thing is None:
-            guessed.add(one)
-            made = _typical(one, place, facts, floor_y)
-        elif match.moved:
-            made = _at(match.thing, one, place)
-        else:
-            made = _same(match.thing, one, place)
-        if match is not None and match.thing is not None:
+        if match := matches.get(one):
             ids.setdefault(match.thing.id, one)
-        found.append(made)
+            found.append((_at if match.moved else _same)(match.thing, one, place))
+        else:
+            guessed.add(one)
+            found.append(_typical(one, place, facts, floor_y))
     found += [o for o in rest if o.id not in ids and o.id not in places]
     found += _wholes(found, facts)
     found = [_fitted(thing, found, facts) if thing.id in guessed else thing for thing in found]
