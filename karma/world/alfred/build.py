@@ -23,10 +23,8 @@ from karma.world.importing.scenes import ORIGIN_M, room_box, room_by_name, room_
 def build(trial: Trial, facts: RoomFacts, *, widened: Mapping[str, float] | None = None) -> Scene:
     """Return the room of a trial at its start.
 
-    Args:
-        trial: whose poses, switches and start pose count.
-        facts: of its FloorPlan, with this trial among those gathered.
-        widened: receptacles whose boxes are to be larger across the floor, and how many times.
+    The facts are of its FloorPlan, with this trial among those gathered. Boxes of `widened`
+    receptacles are so many times larger across the floor.
 
     Raises:
         FileError: the trial contradicts itself; the path is its id.

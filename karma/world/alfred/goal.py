@@ -110,11 +110,15 @@ class Conditions(NamedTuple):
     met: int
     of: int
 
+    @property
+    def all_met(self) -> bool:
+        """Whether the task is done."""
+        return self.met == self.of
+
 
 def goal_met(trial: Trial, metadata: Metadata, deeds: Deeds, *, exact: bool = False) -> bool:
     """Return whether the trial's task is done; arguments as in `conditions`."""
-    counted = conditions(trial, metadata, deeds, exact=exact)
-    return counted.met == counted.of
+    return conditions(trial, metadata, deeds, exact=exact).all_met
 
 
 def conditions(
@@ -122,11 +126,7 @@ def conditions(
 ) -> Conditions:
     """Count the conditions of a trial's task.
 
-    Args:
-        trial: names the task and its targets.
-        metadata: of an event.
-        deeds: of the episode so far.
-        exact: whether targets name types, as they did to the planner, not parts of ids.
+    If `exact`, targets name types, as they did to the planner, not parts of ids.
     """
     targets, wanted = trial.pddl_params, trial.pddl_params.object_target
 

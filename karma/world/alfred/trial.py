@@ -252,9 +252,7 @@ class Spots(msgspec.Struct, frozen=True, kw_only=True):
 def read_trials(path: str | Path) -> Iterator[Trial]:
     """Yield the trials of a file, or of ALFRED's tree of folders.
 
-    Args:
-        path: JSON lines, or JSON values one after another or in an array, also gzipped; or a folder
-            with such files as ALFRED has them.
+    A file holds JSON lines, or JSON values one after another or in an array, also gzipped.
 
     Raises:
         FileError: missing, torn, or not of ALFRED's form; names the line and the field.
@@ -284,11 +282,8 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
 def _documents(data: bytes) -> Iterator[tuple[str, bytes]]:
     lines = data.splitlines()
     if data.lstrip()[:1] == b"[" or lines[0].strip() == b"{":  # objects over many lines
-        yield from _values(data)
-        return
-    for number, line in enumerate(lines, 1):
-        if line.strip():
-            yield f"line {number}", line
+        return _values(data)
+    return ((f"line {number}", line) for number, line in enumerate(lines, 1) if line.strip())
 
 
 def _values(data: bytes) -> Iterator[tuple[str, bytes]]:

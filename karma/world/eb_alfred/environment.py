@@ -100,8 +100,7 @@ class Environment:
     @property
     def goal_met(self) -> bool:
         """Whether all of them are."""
-        counted = self.conditions
-        return counted.met == counted.of
+        return self.conditions.all_met
 
     def pictures(self, number: int) -> tuple[Frame, ...]:
         """Return what the robot saw after its last actions, now last; drawn when asked for."""

@@ -41,11 +41,8 @@ def import_dump(
 
     What scripts/export_thor_scenes.py writes also has `agent` and `reachable`; they are used.
 
-    Args:
-        path: .json or .jsonl, also gzipped; one JSON object alone is one scene.
-        layouts: ALFRED's JSON of {scene: {"reachable": [[x, z], ...]}}, also gzipped; scenes
-            without an entry get cells computed from the boxes.
-        only: names to read; None = all.
+    Files may be gzipped; one JSON object alone is one scene. Cells come from `layouts`, ALFRED's
+    {scene: {"reachable": [[x, z], ...]}}, else from the boxes. Of the names only `only`.
 
     Raises:
         FileError: torn, not JSON, a missing or wrong field, an unknown object type, or a name

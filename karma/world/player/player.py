@@ -49,13 +49,9 @@ class MalformedError(KarmaError):
 
 
 class Player:
-    """One client's world.
+    """One client's world, with the scene files of `catalogue` and pictures of a size in pixels.
 
-    Args:
-        scenes: name -> scene file, as `catalogue` gives it.
-        width: of the pictures, pixels.
-        height: of the pictures, pixels.
-        images: whether there are any until an action asks for them.
+    Without `images` there are none until an action asks for them.
     """
 
     def __init__(
@@ -142,14 +138,9 @@ class Player:
         """Return the event of an action that never reached the world."""
         last = self._world.last_event
         return WorldEvent(
-            state=last.state,
-            action=name,
-            success=False,
-            message=message,
-            code=code,
-            images=_NO_IMAGES,
-            before=last,
-        )
+            state=last.state, action=name, success=False, message=message, code=code,
+            images=_NO_IMAGES, before=last,
+        )  # fmt: skip
 
     def _fail(self, name: str, message: str, code: str) -> bytes:
         """Return the message of a failure, whatever state the world is in."""
