@@ -19,10 +19,8 @@ from karma.world.actions import (
     moving,
     pushing,
     questions,
-    routes,
     setup,
     spawning,
-    stating,
     teleporting,
 )
 from karma.world.core.arguments import fit, kinds
@@ -110,10 +108,10 @@ _SIGNED: dict[str, Callable[..., Result]] = {
     "Teleport": moving.teleport,
     "TeleportFull": moving.teleport_full,
     # questions
-    "GetReachablePositions": routes.reachable_positions,
-    "GetShortestPath": routes.shortest_path,
-    "GetShortestPathToPoint": routes.shortest_path_to_point,
-    "GetInteractablePoses": routes.interactable_poses,
+    "GetReachablePositions": questions.reachable_positions,
+    "GetShortestPath": questions.shortest_path,
+    "GetShortestPathToPoint": questions.shortest_path_to_point,
+    "GetInteractablePoses": questions.interactable_poses,
     "GetObjectInFrame": questions.object_in_frame,
     "GetCoordinateFromRaycast": questions.coordinate,
     "GetVisibleObjects": questions.visible_objects,
@@ -172,7 +170,7 @@ _LEGACY: dict[str, Callable[..., Result]] = {
     "LookDown": moving.looker(+1),
     "LookUp": moving.looker(-1),
     "RotateLook": moving.rotate_look,
-    "GetScenesInBuild": routes.scenes_in_build,
+    "GetScenesInBuild": questions.scenes_in_build,
     "SliceObject": handling.slice_object,
     "BreakObject": handling.break_object,
     "FillObjectWithLiquid": handling.fill,
@@ -180,9 +178,9 @@ _LEGACY: dict[str, Callable[..., Result]] = {
     "PullObject": pushing.pusher("PullObject", 180.0),
     "DirectionalPush": pushing.directional_push,
     "SetObjectPoses": teleporting.set_object_poses,
-    "SetObjectStates": stating.set_object_states,
-    "RandomToggleStateOfAllObjects": stating.random_states,
-    "RandomToggleSpecificState": stating.random_state,
+    "SetObjectStates": handling.set_object_states,
+    "RandomToggleStateOfAllObjects": handling.random_states,
+    "RandomToggleSpecificState": handling.random_state,
 }
 _STATE_CHANGES: dict[str, tuple[Any, ...]] = {
     "DirtyObject": ("dirtyable", "is_dirty", True, "dirty"),

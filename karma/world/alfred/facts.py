@@ -119,8 +119,8 @@ def _models(scenes: Iterable[Scene]) -> dict[str, SceneObject]:
     for scene in scenes:
         for thing in scene.objects:
             found.setdefault(thing.type, []).append(thing)
-    models = {kind: middling(things) for kind, things in sorted(found.items())}
-    return {kind: model for kind, model in models.items() if model is not None}
+    ranked = ((kind, middling(things)) for kind, things in sorted(found.items()))
+    return {kind: model for kind, model in ranked if model is not None}
 
 
 def middling(things: Iterable[SceneObject]) -> SceneObject | None:
@@ -131,10 +131,8 @@ def middling(things: Iterable[SceneObject]) -> SceneObject | None:
 
 def _distinct(spots: Iterable[LabelledSpot]) -> tuple[LabelledSpot, ...]:
     """Drop what is told twice, by the file and by the trial."""
-    found = {}
-    for spot in spots:
-        found[spot.trial, spot.thing] = spot._replace(receptacle=spelt_out(spot.receptacle))
-    return tuple(found.values())
+    found = {(spot.trial, spot.thing): spot for spot in spots}
+    return tuple(spot._replace(receptacle=spelt_out(spot.receptacle)) for spot in found.values())
 
 
 # ----------------------------------------------------------------- fixed objects

@@ -31,7 +31,7 @@ from karma.world.core.boxes import Box
 from karma.world.core.holes import EDGE_M, WORKTOP, built_in
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
-from karma.world.core.thing import bottom, gaps, moved, top
+from karma.world.core.thing import bottom, difference, gaps, moved, top
 
 _BESIDE_M = 0.35  # two versions of one object, across the floor
 _ABOVE_M = 1.2  # and in height
@@ -89,17 +89,22 @@ def _matched(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> dict[
         gap = math.dist(places[one], things[index].position)
         if one not in found and gap <= _ONE_M:
             found[one] = _Match(things[index])
-    left = {one: place for one, place in places.items() if one not in found}
+    elsewhere = sorted(
+        (math.dist(place, thing.position), one, index)
+        for one, place in places.items()
+        for index, thing in enumerate(things)
+        if one not in found and thing.type == type_now(type_of(one))
+    )
     fresh: dict[str, _Match] = {}
-    _pair(sorted(_elsewhere(left, things)), things, fresh, taken)
+    _pair(elsewhere, things, fresh, taken)
     return found | {one: _Match(match.thing, moved=True) for one, match in fresh.items()}
 
 
-_Pairs = Iterator[tuple[float, str, int]]  # how far, id, index of the dump's object
+_Pair = tuple[float, str, int]  # how far, id, index of the dump's object
 
 
 def _pair(
-    pairs: Sequence[tuple[float, str, int]],
+    pairs: Sequence[_Pair],
     things: Sequence[SceneObject],
     found: dict[str, _Match],
     taken: set[str],
@@ -112,7 +117,7 @@ def _pair(
             taken.add(thing.id)
 
 
-def _of_one_kind(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _Pairs:
+def _of_one_kind(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> Iterator[_Pair]:
     for one, place in places.items():
         kind = type_now(type_of(one))
         for index, thing in enumerate(things):
@@ -125,7 +130,7 @@ def _of_one_kind(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _
                 yield math.dist(place, thing.center), one, index
 
 
-def _of_one_origin(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _Pairs:
+def _of_one_origin(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> Iterator[_Pair]:
     for one, place in places.items():
         if "receptacle" not in object_types()[type_now(type_of(one)) or ""].capabilities:
             continue
@@ -135,13 +140,6 @@ def _of_one_origin(places: Mapping[str, Vec3], things: Sequence[SceneObject]) ->
             across, up = _gaps(place, thing.position)
             if across <= _SAME_ORIGIN_M and up <= _SAME_HEIGHT_M:
                 yield across + up, one, index
-
-
-def _elsewhere(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _Pairs:
-    for one, place in places.items():
-        for index, thing in enumerate(things):
-            if thing.type == type_now(type_of(one)):
-                yield math.dist(place, thing.position), one, index
 
 
 def _origin(one: str, thing: SceneObject) -> Vec3:
@@ -176,8 +174,8 @@ def _same(thing: SceneObject, one: str, place: Vec3) -> SceneObject:
 
 def _at(thing: SceneObject, one: str, place: Vec3) -> SceneObject:
     """Return a dump's object, brought to where ALFRED has it."""
-    x, y, z = thing.position if _origin_at_box(thing) else thing.center
-    return _renamed(moved(thing, (place[0] - x, place[1] - y, place[2] - z)), one, place)
+    origin = thing.position if _origin_at_box(thing) else thing.center
+    return _renamed(moved(thing, difference(place, origin)), one, place)
 
 
 def _renamed(thing: SceneObject, one: str, place: Vec3) -> SceneObject:
@@ -191,7 +189,6 @@ def _renamed(thing: SceneObject, one: str, place: Vec3) -> SceneObject:
         position=place,
         capabilities=thing.capabilities if same else object_types()[kind].capabilities,
         openness=0.0,
-        parents=thing.parents,
     )
 
 

@@ -154,7 +154,11 @@ def rows(path: Path) -> Iterator[tuple[str, Any]]:
         return
     for number, line in enumerate(lines, 1):
         if line.strip():
-            yield f"line {number}", _told(_json(line, path, f"line {number}"))
+            try:
+                row = json.loads(line)
+            except (ValueError, RecursionError) as error:
+                raise FileError(path, f"line {number}: not JSON: {error}", fix=COPY) from error
+            yield f"line {number}", _told(row)
 
 
 def _told(row: Any) -> Any:
@@ -167,13 +171,6 @@ def _told(row: Any) -> Any:
     cells = row.get("actionReturn") if row.get("lastAction") == "GetReachablePositions" else None
     kept = {key: row[key] for key in ("objects", "agent") if key in row}
     return {**kept, "scene": name, **({"reachable": cells} if cells else {})}
-
-
-def _json(data: bytes, path: Path, place: str) -> Any:
-    try:
-        return json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise FileError(path, f"{place}: not JSON: {error}", fix=COPY) from error
 
 
 def named(row: Any, path: str | Path, place: str) -> tuple[str, list[Any]]:

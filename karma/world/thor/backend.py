@@ -55,7 +55,7 @@ class ClientProcess:
         words = child_command(
             "karma.world.thor.client:serve", str(there.fileno()), self._pipes.name
         )
-        self._process = subprocess.Popen(
+        self.process = subprocess.Popen(
             words,
             env={name: value for name, value in os.environ.items() if name not in TRAPS},
             stdin=subprocess.DEVNULL,
@@ -68,11 +68,6 @@ class ClientProcess:
         except BaseException:
             self.end()
             raise
-
-    @property
-    def pid(self) -> int:
-        """The child's."""
-        return self._process.pid
 
     def call(self, during: str, name: str, *given: Any, limit_s: float, **named: Any) -> Any:
         """Return what a method of the child's client returns; `during` is what errors call it.
@@ -105,8 +100,8 @@ class ClientProcess:
     def end(self) -> None:
         """End child and player, whatever state they are in, and remove the pipes."""
         with suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
         self._connection.close()
         self._pipes.cleanup()
 
@@ -205,7 +200,7 @@ class ThorWorld:
         Raises:
             KarmaError: none is running.
         """
-        return self._running().pid
+        return self._running().process.pid
 
     def reset(self, scene: str) -> Any:
         """Load a scene by AI2-THOR's name; a fresh player is started when there is none.
