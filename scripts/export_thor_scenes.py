@@ -35,12 +35,8 @@ def export_events(options: argparse.Namespace, make: partial[ThorWorld], bar: Pr
     """Record the scripts that are given."""
     failures = Failures()
     for path in bar.track(options.record, description="recordings"):
-        try:
+        with failures.noted(str(path)):
             target = export_recording(path, options.out, make)
-        except (KarmaError, RuntimeError) as error:
-            failures.bad(str(path), error)
-        else:
-            failures.good()
             bar.print(f"{target or path.stem + ': is there already'}", soft_wrap=True)
     return failures
 

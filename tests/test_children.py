@@ -129,7 +129,7 @@ def test_models_are_added_and_the_folder_is_not_executed(folder, models):
     done_in(folder, *KARMA, "models", "add", models / "pair", "--name", "two", **settings)
 
 
-def test_player_and_the_guard_of_a_build_execute_nothing_of_the_folder(folder):
+def test_player_and_the_client_of_a_build_execute_nothing_of_the_folder(folder):
     done_in(folder, *shlex.split(command()), "--scenes", "none", code=2)
     pytest.importorskip("ai2thor", reason="needs the package ai2thor")
     home = {"HOME": str(folder.parent)}
@@ -173,9 +173,9 @@ def test_child_takes_modules_from_where_the_variable_names_but_never_from_this_f
 
 # Where a process may be started, and how it is kept from the folder.
 STARTERS = {
-    "karma/offline/children.py": "all others call it",
-    "karma/world/thor/client.py": "-I -S: the guard of a build, a file of Python's own modules",
-    "karma/world/thor/guard.py": "the build, which is no Python",
+    "karma/children.py": "all others call it",
+    "karma/world/thor/backend.py": "as children.py, with pipes and a session of its own",
+    "karma/world/thor/client.py": "AI2-THOR's client starts the build, which is no Python",
     "karma/bundle/install.py": "a file of Python's own modules, in a temporary folder",
     "karma/bundle/wheels.py": "-I: pip",
     "karma/infer/manifest/brought.py": "pip, where it is asked to bring a model",

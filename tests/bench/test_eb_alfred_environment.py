@@ -6,9 +6,8 @@ from hypothesis import strategies as st
 from support import alfred_kitchen as ours
 from support import eb_alfred as eb
 
-from karma.bench.suites.alfred.players import ChancePlayer, ExpertPlayer
-from karma.world.eb_alfred.actions import DROP, PUT
-from karma.world.eb_alfred.protocol import EB_ALFRED
+from karma.benchmarks.alfred.players import ChancePlayer, ExpertPlayer
+from karma.world.eb_alfred.actions import DROP, EB_ALFRED, PUT
 
 SECOND_APPLE = "Apple|+01.40|+00.81|+00.10"
 TWO_APPLES = (ours.pose("Apple_2", (1.4, 0.81, 0.1), objectId=SECOND_APPLE),)

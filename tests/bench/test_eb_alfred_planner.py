@@ -18,9 +18,8 @@ from karma.bench.tasks.alfred_lists import ListedTask
 from karma.infer.scripted import ScriptedModel
 from karma.world.alfred.facts import gather, side_files
 from karma.world.alfred.trial import read_trials
-from karma.world.eb_alfred.actions import PUT, read_types
+from karma.world.eb_alfred.actions import EB_ALFRED, PUT, read_types
 from karma.world.eb_alfred.environment import Environment
-from karma.world.eb_alfred.protocol import EB_ALFRED
 
 OPTIONS = PromptOptions()
 

@@ -8,9 +8,8 @@ from support import eb_alfred as eb
 from support.lota_alfred import environment
 from support.paths import SHARED
 
-from karma.world.eb_alfred.actions import read_types, skills_of
+from karma.world.eb_alfred.actions import LOTA_ALFRED, read_types, skills_of
 from karma.world.eb_alfred.environment import UNKNOWN
-from karma.world.eb_alfred.protocol import LOTA_ALFRED
 
 FETCH = ("find an apple", "pick up the apple")
 FAR_APPLE = ours.pose("Apple_2", (1.4, 0.81, 0.1))

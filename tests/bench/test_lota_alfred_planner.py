@@ -33,9 +33,8 @@ from karma.infer.llama.scoring import SkillScorer
 from karma.infer.scripted import ScriptedModel
 from karma.world.alfred.facts import gather, side_files
 from karma.world.alfred.trial import TYPES_OF_TASK, read_trials
-from karma.world.eb_alfred.actions import read_types, skills_of
+from karma.world.eb_alfred.actions import LOTA_ALFRED, read_types, skills_of
 from karma.world.eb_alfred.environment import Environment
-from karma.world.eb_alfred.protocol import LOTA_ALFRED
 
 NAMES = [str(skill) for skill in skills_of(eb.TYPES)]
 OPTIONS = LotaPromptOptions()

@@ -76,8 +76,6 @@ class Player:
         match action["action"]:
             case "GetScenesInBuild":
                 return SCENES
-            case "Initialize":
-                return {"cameraNearPlane": 0.01, "cameraFarPlane": 20.0}
             case "GetObjectInFrame":
                 return things()[0 if action["x"] < 0.5 else 1]["objectId"]
             case "GetReachablePositions":
@@ -86,6 +84,8 @@ class Player:
                 return dict(os.environ)
             case "Echo":
                 return {k: v for k, v in action.items() if k not in ("action", "sequenceId")}
+            case "Initialize":
+                return {"cameraNearPlane": 0.01, "cameraFarPlane": 20.0, **action}
         return None
 
     def receive(self):

@@ -1,8 +1,8 @@
 """The AI2-THOR backend against a player that fails at every phase.
 
-Covered: an error within 2 s, no hang, no spinning core, nothing left running, and an episode that
-can be started again; the guard alone. The one timing is the
-requirement itself. The player is a scripted one (fake_player.py), the client AI2-THOR's own.
+Covered: an error within 2 s (a start takes some more), no hang, no spinning core, nothing left
+running, and an episode that can be started again. The one timing is the requirement itself. The
+player is a scripted one (fake_player.py), the client AI2-THOR's own.
 """
 
 import os
@@ -21,21 +21,19 @@ from karma.errors import KarmaError, WorldLost
 
 pytest.importorskip("ai2thor", reason="needs the package ai2thor")
 
-from ai2thor.controller import Controller
-
-from karma.world.thor import guard
 from karma.world.thor.backend import ThorWorld
 
 WITHIN_S = 2.0
+START_S = 5.0  # until a player is up, on a machine that has other things to do
 STARTING = [
     "die@open", "segv@open", "die@first frame", "garbage@first frame", "huge@first frame",
-    "half@first frame", "half-die@first frame", "nonsense@first frame", "empty@first frame",
+    "half-die@first frame", "nonsense@first frame", "empty@first frame",
     "wrong-id@first frame", "die@GetScenesInBuild", "die@Reset", "segv@Reset", "garbage@Reset",
     "wrong-id@Reset", "die@Initialize", "close@Initialize", "wrong-id@Initialize",
 ]  # fmt: skip
 STEPPING = [
     "die@MoveAhead", "segv@MoveAhead", "close@MoveAhead", "garbage@MoveAhead", "huge@MoveAhead",
-    "half@MoveAhead", "half-die@MoveAhead", "nonsense@MoveAhead", "empty@MoveAhead",
+    "half-die@MoveAhead", "nonsense@MoveAhead", "empty@MoveAhead",
     "wrong-id@MoveAhead",
 ]  # fmt: skip
 
@@ -59,10 +57,10 @@ class Spent:
             self.error = error
 
 
-def fails_in_time(call, kind=WorldLost):
+def fails_in_time(call, within_s=WITHIN_S):
     spent = Spent(call)
-    assert isinstance(spent.error, kind), spent.error
-    assert spent.wall_s < WITHIN_S
+    assert isinstance(spent.error, WorldLost), spent.error
+    assert spent.wall_s < within_s
     assert spent.cpu_s < 0.5
     return spent.error
 
@@ -116,7 +114,7 @@ def test_player_failing_at_start_is_an_error_in_time_and_can_be_started_again(
     fault, world, pid_file
 ):
     lost = world(fault)
-    fails_in_time(lambda: lost.reset("FloorPlan1"))
+    fails_in_time(lambda: lost.reset("FloorPlan1"), START_S + WITHIN_S)
     assert gone(int(pid_file.read_text()))
     goes_on(lost)
 
@@ -135,19 +133,19 @@ def test_player_failing_in_a_step_is_an_error_in_time_and_can_be_started_again(
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV, signal.SIGTERM])
-@pytest.mark.parametrize("whom", ["player", "guard"])
+@pytest.mark.parametrize("whom", ["player", "client"])
 def test_process_killed_between_steps_is_an_error_in_time(number, whom, world, pid_file):
     lost = world()
     goes_on(lost)
     player = int(pid_file.read_text())
     os.kill(player if whom == "player" else lost.pid, number)
-    assert gone(player)
     fails_in_time(lambda: lost.step("MoveAhead"))
+    assert gone(player)
     assert "reset" in str(fails_in_time(lambda: lost.step("MoveAhead")))
     goes_on(lost)
 
 
-@pytest.mark.parametrize("whom", ["player", "guard"])
+@pytest.mark.parametrize("whom", ["player", "client"])
 def test_reset_after_a_kill_between_steps_starts_afresh(whom, world, pid_file):
     lost = world()
     goes_on(lost)
@@ -157,7 +155,7 @@ def test_reset_after_a_kill_between_steps_starts_afresh(whom, world, pid_file):
     assert int(pid_file.read_text()) != first
 
 
-@pytest.mark.parametrize("whom", ["player", "guard"])
+@pytest.mark.parametrize("whom", ["player", "client"])
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV])
 def test_process_killed_during_a_step_is_an_error_in_time(whom, number, world, pid_file):
     lost = world("hang@MoveAhead")
@@ -171,7 +169,7 @@ def test_process_killed_during_a_step_is_an_error_in_time(whom, number, world, p
     goes_on(lost)
 
 
-def test_guard_killed_before_the_first_frame_is_an_error_in_time(world, pid_file, tmp_path):
+def test_client_killed_before_the_first_frame_is_an_error_in_time(world, pid_file, tmp_path):
     lost = world("hang@open")
     children = Path(f"/proc/{os.getpid()}/task")
 
@@ -180,31 +178,32 @@ def test_guard_killed_before_the_first_frame_is_an_error_in_time(world, pid_file
             time.sleep(0.01)
         found = {p for t in children.iterdir() for p in (t / "children").read_text().split()}
         for pid in found:
-            if b"guard.py" in Path(f"/proc/{pid}/cmdline").read_bytes():
+            if b"thor.client" in Path(f"/proc/{pid}/cmdline").read_bytes():
                 os.kill(int(pid), signal.SIGKILL)
 
     threading.Thread(target=kill, daemon=True).start()
-    fails_in_time(lambda: lost.reset("FloorPlan1"))
+    fails_in_time(lambda: lost.reset("FloorPlan1"), START_S + WITHIN_S)
     assert gone(int(pid_file.read_text()))
     goes_on(lost)
 
 
-@pytest.mark.parametrize("fault", ["hang@open", "hang@first frame", "hang@Reset"])
+@pytest.mark.parametrize("fault", ["hang@open", "half@first frame", "hang@Reset"])
 def test_player_hanging_at_start_is_an_error_after_the_time_limit(fault, world, pid_file):
-    lost = world(fault, start_timeout_s=0.8, step_timeout_s=0.8)
-    assert "in time" in str(fails_in_time(lambda: lost.reset("FloorPlan1")))
+    lost = world(fault, start_timeout_s=START_S)
+    error = fails_in_time(lambda: lost.reset("FloorPlan1"), START_S + WITHIN_S)
+    assert "in time" in str(error)
     assert gone(int(pid_file.read_text()))
     goes_on(lost)
 
 
-def test_stopped_player_is_an_error_after_the_time_limit(world, pid_file):
-    lost = world(step_timeout_s=0.8)
-    goes_on(lost)
+@pytest.mark.parametrize("fault", ["hang@MoveAhead", "half@MoveAhead", "stopped"])
+def test_player_hanging_in_a_step_is_an_error_after_the_time_limit(fault, world, pid_file):
+    lost = world(fault, step_timeout_s=0.8)
+    lost.reset("FloorPlan1")
     player = int(pid_file.read_text())
-    os.kill(player, signal.SIGSTOP)
-    spent = Spent(lambda: lost.step("MoveAhead"))
-    assert isinstance(spent.error, WorldLost)
-    assert spent.cpu_s < 0.5
+    if fault == "stopped":
+        os.kill(player, signal.SIGSTOP)
+    assert "in time" in str(fails_in_time(lambda: lost.step("MoveAhead"), 0.8 + WITHIN_S))
     assert gone(player)
     goes_on(lost)
 
@@ -246,57 +245,19 @@ def test_stop_ends_player_and_its_children_and_can_be_repeated(tmp_path, pid_fil
         world.step("MoveAhead")
 
 
-# ----------------------------------------------------------------- the guard, client unchanged
-
-
-@pytest.fixture
-def plain(tmp_path, monkeypatch):
-    """Start AI2-THOR's own, unchanged Controller on a guarded player."""
-    monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
-    made = []
-
-    def start(fault="", **files):
-        text = f"{sys.executable} -I -S {guard.__file__} {fake_player.command(fault, **files)}"
-        made.append(Controller(local_executable_path=text, x_display=":0", scene="FloorPlan1"))
-        return made[-1]
-
-    yield start
-    for one in made:
-        with suppress(OSError):
-            one.stop()
-
-
 SCRIPT = """
 import os, sys
-from ai2thor.controller import Controller
-Controller(local_executable_path=sys.argv[1], x_display=":0", scene="FloorPlan1")
-os.kill(os.getpid(), int(sys.argv[2]))
+from karma.world.thor.backend import ThorWorld
+ThorWorld(sys.argv[1], folder=sys.argv[2], scene="FloorPlan1")
+os.kill(os.getpid(), int(sys.argv[3]))
 """
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_guard_whose_client_is_killed_ends_player_and_children(number, tmp_path, pid_file):
+def test_player_and_its_children_end_with_whoever_wanted_them(number, tmp_path, pid_file):
     child = tmp_path / "child"
-    text = f"{sys.executable} -I -S {guard.__file__} "
-    text += fake_player.command(pid=pid_file, child=child)
-    words = [sys.executable, "-c", SCRIPT, text, str(int(number))]
-    subprocess.run(words, env={**os.environ, "HOME": str(tmp_path)}, timeout=60, check=False)
+    text = fake_player.command(pid=pid_file, child=child)
+    words = [sys.executable, "-c", SCRIPT, text, str(tmp_path / "thor"), str(int(number))]
+    subprocess.run(words, timeout=60, check=False)
     assert gone(int(pid_file.read_text()))
     assert gone(int(child.read_text()))
-
-
-def test_guard_hands_signals_on_and_ends(plain, pid_file):
-    controller = plain(pid=pid_file)
-    os.kill(controller.unity_pid, signal.SIGTERM)
-    assert gone(int(pid_file.read_text()))
-    assert gone(controller.unity_pid)
-
-
-def test_guard_hands_its_arguments_and_the_exit_code_on():
-    words = [sys.executable, "-I", "-S", guard.__file__]
-    done = subprocess.run([*words, "echo", "hello"], capture_output=True, check=True)
-    assert done.stdout == b"hello\n"
-    codes = {("false",): 1, ("sh", "-c", "kill -9 $$"): 128 + 9, ("/no/such",): 127, (): 2}
-    for command, code in codes.items():
-        assert subprocess.run([*words, *command], check=False).returncode == code

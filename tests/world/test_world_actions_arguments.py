@@ -11,11 +11,9 @@ from hypothesis import strategies as st
 from support.household import find, kitchen, reach
 from support.paths import ROOT
 
-from karma.world.actions.left_out import reasons_left_out
-from karma.world.actions.table import ACTIONS
+from karma.world.actions.table import ACTIONS, LEFT_OUT
 from karma.world.sim import MISUSE, EmbeddedWorld
 
-LEFT_OUT = reasons_left_out()
 PAGE = ROOT / "docs" / "actions.md"
 ROOM = kitchen()
 IDS = [thing.id for thing in ROOM.objects]

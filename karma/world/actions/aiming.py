@@ -6,7 +6,7 @@ from functools import wraps
 from typing import Any
 
 from karma.household.types import Capability
-from karma.world.actions.moving import unknown
+from karma.world.actions.moving import lacks, unknown
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Performed, Refusal, Result, WorldState, refuse
 from karma.world.core.thing import is_inert
@@ -69,8 +69,7 @@ def target(
     Checked in AI2-THOR's order: it exists, is in view, and is not only seen through glass.
     """
     if objectId is None and (x is None or y is None):
-        message = f"action: {action} is missing the following arguments: objectId"
-        return Refusal(message, "MissingArguments")
+        return lacks(action, "objectId")
     if objectId is None:
         return _aimed(state, x or 0.0, y or 0.0)
     if objectId not in state.objects:

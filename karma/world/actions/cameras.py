@@ -37,8 +37,8 @@ def add(
         far_m=state.settings.far_m,
     )
     camera = _changed(
-        usual, position, rotation, fieldOfView, skyboxColor, orthographic, orthographicSize,
-        nearClippingPlane, farClippingPlane,
+        usual, position, rotation, fov_deg=fieldOfView, sky=skyboxColor, orthographic=orthographic,
+        orthographic_size_m=orthographicSize, near_m=nearClippingPlane, far_m=farClippingPlane,
     )  # fmt: skip
     if isinstance(camera, Refusal):
         return camera
@@ -65,8 +65,9 @@ def update(
         message = f"thirdPartyCameraId: {thirdPartyCameraId} must be in {most}"
         return refuse("ArgumentOutOfRangeException", message)
     camera = _changed(
-        state.cameras[thirdPartyCameraId], position, rotation, fieldOfView, skyboxColor,
-        orthographic, orthographicSize, nearClippingPlane, farClippingPlane,
+        state.cameras[thirdPartyCameraId], position, rotation, fov_deg=fieldOfView,
+        sky=skyboxColor, orthographic=orthographic, orthographic_size_m=orthographicSize,
+        near_m=nearClippingPlane, far_m=farClippingPlane,
     )  # fmt: skip
     if isinstance(camera, Refusal):
         return camera
@@ -76,28 +77,14 @@ def update(
 
 
 def _changed(
-    camera: Camera,
-    position: Place | None,
-    rotation: Place | None,
-    fov_deg: float | None,
-    sky: str | None,
-    orthographic: bool | None,
-    size_m: float | None,
-    near_m: float | None,
-    far_m: float | None,
+    camera: Camera, position: Place | None, rotation: Place | None, **others: Any
 ) -> Camera | Refusal:
-    """Return a camera with some properties changed, or what is wrong with them."""
-    given: dict[str, Any] = {
-        "fov_deg": fov_deg,
-        "sky": sky,
-        "orthographic": orthographic,
-        "orthographic_size_m": size_m,
-        "near_m": near_m,
-        "far_m": far_m,
-        "position_m": position and vector(position, camera.position_m),
-        "rotation_deg": rotation and _angles(vector(rotation, camera.rotation_deg)),
-    }
-    camera = replace(camera, **{k: v for k, v in given.items() if v is not None and v != {}})
+    """Return a camera with what is not None changed, or what is wrong with it."""
+    if position:
+        others["position_m"] = vector(position, camera.position_m)
+    if rotation:
+        others["rotation_deg"] = _angles(vector(rotation, camera.rotation_deg))
+    camera = replace(camera, **{k: v for k, v in others.items() if v is not None})
     if camera.sky == "default":
         camera = replace(camera, sky="")
     return _refusal(camera) or camera

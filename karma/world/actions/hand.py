@@ -50,8 +50,7 @@ def _reach(state: WorldState, by: Vec3, force: bool) -> Result:
         return Refusal(_EMPTY)
     x, y, z = (round(a + b, 6) for a, b in zip(state.hand_m, by, strict=True))
     after = replace(state, hand_m=(x, y, z))
-    refusal = _too_far(after) if force else _too_far(after) or _out_of_sight(after)
-    if refusal is not None:
+    if refusal := _out_of_reach(after, force):
         return refusal
     after = replace(after, objects=hang(after, state.held, 0.0))
     hit = bumped(state, after)
@@ -60,19 +59,14 @@ def _reach(state: WorldState, by: Vec3, force: bool) -> Result:
     return Performed(after)
 
 
-def _too_far(state: WorldState) -> Refusal | None:
-    """Return whether the hand would leave the agent's reach, or the room."""
-    far = np.linalg.norm(np.array(state.hand) - np.array(camera(state.pose)))
-    if far > state.settings.visibility_m:
-        return Refusal("The target position is out of range: beyond the visibility distance.")
-    return None
-
-
-def _out_of_sight(state: WorldState) -> Refusal | None:
+def _out_of_reach(state: WorldState, force: bool) -> Refusal | None:
+    """Return why the hand cannot be there: too far, or (unless forced) out of the picture."""
     pose, settings = state.pose, state.settings
     offset = np.array(state.hand) - np.array(camera(pose))
+    if np.linalg.norm(offset) > settings.visibility_m:
+        return Refusal("The target position is out of range: beyond the visibility distance.")
     axes = camera_axes(pose.yaw_deg, pose.horizon_deg)
-    if in_picture(offset[None], axes, settings.fov_deg, settings.aspect)[0]:
+    if force or in_picture(offset[None], axes, settings.fov_deg, settings.aspect)[0]:
         return None
     return Refusal("The target position is not in the agent's viewport.")
 
@@ -111,16 +105,13 @@ def rotate(
 def bumped(before: WorldState, after: WorldState) -> str | None:
     """Return the name of what the held thing gets into that it was not in; None if nothing."""
     room, held = after.room, after.held or ""
-    low, high = _box(after)
+    (low, high), (was_low, was_high) = _box(after), _box(before)
     middle, half = np.array(room.bounds_center), np.array(room.bounds_size) / 2
-    if (low < middle - half).any() or (high > middle + half).any():
-        was_low, was_high = _box(before)
-        if (low < np.minimum(was_low, middle - half)).any():
-            return "the room's wall"
-        if (high > np.maximum(was_high, middle + half)).any():
-            return "the room's wall"
+    below, above = np.minimum(was_low, middle - half), np.maximum(was_high, middle + half)
+    if (low < below).any() or (high > above).any():
+        return "the room's wall"
     objects = after.objects
-    fresh = _within(after, low, high) & ~_within(before, *_box(before))
+    fresh = _within(after, low, high) & ~_within(before, was_low, was_high)
     for object_id in (held, *after.in_hand):
         fresh[objects.rows[object_id]] = False
     rows = np.flatnonzero(fresh)

@@ -155,18 +155,15 @@ def rotate_look(
     return _beyond(tilt) or Performed(with_pose(state, pose))
 
 
-def crouch(state: WorldState) -> Result:
-    """Crouch; refused when crouching already."""
-    if not state.pose.standing:
-        return Refusal("Agent is already crouching.")
-    return Performed(with_pose(state, replace(state.pose, standing=False)))
+def stander(standing: bool) -> Callable[..., Result]:
+    """Return the action that stands up or crouches; refused when the agent does so already."""
 
+    def change(state: WorldState) -> Result:
+        if state.pose.standing == standing:
+            return Refusal(f"Agent is already {'standing' if standing else 'crouching'}.")
+        return Performed(with_pose(state, replace(state.pose, standing=standing)))
 
-def stand(state: WorldState) -> Result:
-    """Stand up; refused when standing already."""
-    if state.pose.standing:
-        return Refusal("Agent is already standing.")
-    return Performed(with_pose(state, replace(state.pose, standing=True)))
+    return change
 
 
 def wait(state: WorldState) -> Result:
@@ -231,20 +228,11 @@ def teleport_full(
     """Put the agent elsewhere; everything has to be said."""
     given = coordinates(position, x, y, z)
     if missing := [axis for axis in "xyz" if axis not in given]:
-        return Refusal(
-            f"action: TeleportFull is missing the following arguments: {', '.join(missing)}",
-            "MissingArguments",
-        )
+        return lacks("TeleportFull", *missing)
     return teleport(
-        state,
-        x=given["x"],
-        y=given["y"],
-        z=given["z"],
-        rotation=rotation,
-        horizon=horizon,
-        standing=standing,
-        forceAction=forceAction,
-    )
+        state, x=given["x"], y=given["y"], z=given["z"], rotation=rotation, horizon=horizon,
+        standing=standing, forceAction=forceAction,
+    )  # fmt: skip
 
 
 def yaw_of(rotation: Place | float) -> float:
@@ -281,6 +269,13 @@ def _cannot_be(state: WorldState, pose: Pose) -> Refusal | None:
     if state.settings.snap and _on_grid(state, x, z) is None:
         return Refusal(f"Teleport target ({x:.4f}, {z:.4f}) is not on the grid.")
     return None
+
+
+def lacks(action: str, *arguments: str) -> Refusal:
+    """Return the refusal of an action without arguments that it needs."""
+    names = ", ".join(arguments)
+    text = f"action: {action} is missing the following arguments: {names}"
+    return Refusal(text, "MissingArguments")
 
 
 def unknown(object_id: str) -> Refusal:

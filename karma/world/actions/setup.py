@@ -70,11 +70,19 @@ def initialize(
 
 def unfit(settings: Settings) -> Refusal | None:
     """Return why there is no world with these settings, if so."""
-    return (
-        _not_these_steps(settings.grid_m, settings.snap, settings.rotate_deg)
-        or _not_this_camera(settings.fov_deg, settings.near_m, settings.far_m)
-        or _not_this_size(settings.width, settings.height)
-    )
+    grid_m, turn_deg, fov_deg = settings.grid_m, settings.rotate_deg, settings.fov_deg
+    if not 0 < grid_m <= _WIDEST_GRID_M:
+        return Refusal(f"gridSize must be in the range (0,5], not {grid_m:g}")
+    if not turn_deg > 0:
+        return Refusal(f"rotateStepDegrees must be greater than 0, not {turn_deg:g}")
+    if settings.snap and turn_deg % 90:
+        message = f"Invalid values 'rotateStepDegrees': {turn_deg:g} and 'snapToGrid': True."
+        return Refusal(f"{message} With snapToGrid only multiples of 90 degrees are supported.")
+    if not 0 < fov_deg < 180:
+        return Refusal(f"fov must be set to (0, 180) noninclusive, not {fov_deg:g}.")
+    if not 0 < settings.near_m < settings.far_m:
+        return Refusal("cameraNearPlane must be greater than 0 and less than cameraFarPlane")
+    return _not_this_size(settings.width, settings.height)
 
 
 def _not_this_agent(mode: str, count: int) -> Refusal | None:
@@ -84,25 +92,6 @@ def _not_this_agent(mode: str, count: int) -> Refusal | None:
         return Refusal(f"agentMode {mode} is not part of the embedded world: use 'default'.")
     if count != 1:
         return Refusal(f"agentCount {count} is not part of the embedded world: it has one agent.")
-    return None
-
-
-def _not_these_steps(grid_m: float, snap: bool, turn_deg: float) -> Refusal | None:
-    if not 0 < grid_m <= _WIDEST_GRID_M:
-        return Refusal(f"gridSize must be in the range (0,5], not {grid_m:g}")
-    if not turn_deg > 0:
-        return Refusal(f"rotateStepDegrees must be greater than 0, not {turn_deg:g}")
-    if snap and turn_deg % 90:
-        message = f"Invalid values 'rotateStepDegrees': {turn_deg:g} and 'snapToGrid': True."
-        return Refusal(f"{message} With snapToGrid only multiples of 90 degrees are supported.")
-    return None
-
-
-def _not_this_camera(fov_deg: float, near_m: float, far_m: float) -> Refusal | None:
-    if not 0 < fov_deg < 180:
-        return Refusal(f"fov must be set to (0, 180) noninclusive, not {fov_deg:g}.")
-    if not 0 < near_m < far_m:
-        return Refusal("cameraNearPlane must be greater than 0 and less than cameraFarPlane")
     return None
 
 

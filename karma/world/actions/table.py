@@ -1,10 +1,17 @@
-"""List the actions: the arguments that each takes, and the function that does it."""
+"""List the actions: the arguments that each takes, and the function that does it.
+
+Those of AI2-THOR that the embedded world leaves out (`left_out.toml`) are refused with the reason.
+"""
 
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from msgspec import Struct
+
+from karma.files import read_toml
 from karma.world.actions import (
     cameras,
     hand,
@@ -12,15 +19,35 @@ from karma.world.actions import (
     moving,
     pushing,
     questions,
-    routes,
     setup,
     spawning,
-    stating,
     teleporting,
 )
-from karma.world.actions.left_out import reasons_left_out, refuser
 from karma.world.core.arguments import fit, kinds
-from karma.world.core.state import Refusal, Result
+from karma.world.core.state import Refusal, Result, WorldState
+
+
+class _Group(Struct, frozen=True, forbid_unknown_fields=True):
+    reason: str
+    names: tuple[str, ...]
+
+
+class _LeftOut(Struct, frozen=True, forbid_unknown_fields=True):
+    group: tuple[_Group, ...]
+
+
+LEFT_OUT: Mapping[str, str] = {  # why, by name
+    name: group.reason
+    for group in read_toml(Path(__file__).with_name("left_out.toml"), _LeftOut).group
+    for name in group.names
+}
+
+
+def _refuser(name: str, reason: str) -> Callable[..., Result]:
+    def left_out(state: WorldState) -> Result:
+        return Refusal(f"{name} is not part of the embedded world: {reason}.")
+
+    return left_out
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +67,7 @@ class ActionEntry:
         if unknown and not self.lenient:
             return Refusal(self._misfit(unknown, given), "InvalidArgument")
         if missing := [name for name in self.required if name not in given]:
-            text = f"action: {self.name} is missing the following arguments: {', '.join(missing)}"
-            return Refusal(text, "MissingArguments")
+            return moving.lacks(self.name, *missing)
         found: dict[str, Any] = {}
         for name, value in given.items():
             if name in self.takes:
@@ -82,10 +108,10 @@ _SIGNED: dict[str, Callable[..., Result]] = {
     "Teleport": moving.teleport,
     "TeleportFull": moving.teleport_full,
     # questions
-    "GetReachablePositions": routes.reachable_positions,
-    "GetShortestPath": routes.shortest_path,
-    "GetShortestPathToPoint": routes.shortest_path_to_point,
-    "GetInteractablePoses": routes.interactable_poses,
+    "GetReachablePositions": questions.reachable_positions,
+    "GetShortestPath": questions.shortest_path,
+    "GetShortestPathToPoint": questions.shortest_path_to_point,
+    "GetInteractablePoses": questions.interactable_poses,
     "GetObjectInFrame": questions.object_in_frame,
     "GetCoordinateFromRaycast": questions.coordinate,
     "GetVisibleObjects": questions.visible_objects,
@@ -139,12 +165,12 @@ _LEGACY: dict[str, Callable[..., Result]] = {
     "Pass": moving.wait,
     "Done": moving.wait,
     "NoOp": moving.wait,
-    "Crouch": moving.crouch,
-    "Stand": moving.stand,
+    "Crouch": moving.stander(False),
+    "Stand": moving.stander(True),
     "LookDown": moving.looker(+1),
     "LookUp": moving.looker(-1),
     "RotateLook": moving.rotate_look,
-    "GetScenesInBuild": routes.scenes_in_build,
+    "GetScenesInBuild": questions.scenes_in_build,
     "SliceObject": handling.slice_object,
     "BreakObject": handling.break_object,
     "FillObjectWithLiquid": handling.fill,
@@ -152,11 +178,11 @@ _LEGACY: dict[str, Callable[..., Result]] = {
     "PullObject": pushing.pusher("PullObject", 180.0),
     "DirectionalPush": pushing.directional_push,
     "SetObjectPoses": teleporting.set_object_poses,
-    "SetObjectStates": stating.set_object_states,
-    "RandomToggleStateOfAllObjects": stating.random_states,
-    "RandomToggleSpecificState": stating.random_state,
+    "SetObjectStates": handling.set_object_states,
+    "RandomToggleStateOfAllObjects": handling.random_states,
+    "RandomToggleSpecificState": handling.random_state,
 }
-_STATES: dict[str, tuple[Any, ...]] = {
+_STATE_CHANGES: dict[str, tuple[Any, ...]] = {
     "DirtyObject": ("dirtyable", "is_dirty", True, "dirty"),
     "CleanObject": ("dirtyable", "is_dirty", False, "clean"),
     "EmptyLiquidFromObject": ("canFillWithLiquid", "is_filled", False, "empty"),
@@ -166,6 +192,9 @@ _STATES: dict[str, tuple[Any, ...]] = {
 ACTIONS: Mapping[str, ActionEntry] = {
     **{name: _action(name, handler) for name, handler in _SIGNED.items()},
     **{name: _legacy(name, handler) for name, handler in _LEGACY.items()},
-    **{name: _legacy(name, handling.state_changer(name, *row)) for name, row in _STATES.items()},
-    **{name: _legacy(name, refuser(name, reason)) for name, reason in reasons_left_out().items()},
+    **{
+        name: _legacy(name, handling.state_changer(name, *row))
+        for name, row in _STATE_CHANGES.items()
+    },
+    **{name: _legacy(name, _refuser(name, reason)) for name, reason in LEFT_OUT.items()},
 }

@@ -6,8 +6,7 @@ from typing import Any
 
 import msgspec
 
-from karma.contracts import Vec3
-from karma.world.actions.moving import coordinates, unknown
+from karma.world.actions.moving import coordinates, lacks, unknown
 from karma.world.core.arguments import ObjectPose, Place
 from karma.world.core.objects import Objects
 from karma.world.core.posing import collision, emptied, let_lie, posed, same_pose, vector
@@ -35,13 +34,10 @@ def place_at_point(
     there = posed(thing, thing.position, None if rotation is None else vector(rotation))
     x, y, z = vector(position)
     foot = (there.center[0], bottom(there), there.center[2])
-    there = posed(there, _sum(there.position, difference((x, y, z), foot)))
+    by, at = difference((x, y, z), foot), there.position
+    there = posed(there, (at[0] + by[0], at[1] + by[1], at[2] + by[2]))
     refusal = collision(state, there)
     return refusal or Performed(let_lie(state, there, falls=not forceKinematic))
-
-
-def _sum(a: Vec3, b: Vec3) -> Vec3:
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 def teleport_object(
@@ -70,8 +66,7 @@ def teleport_object(
     wanted = positions or ([position] if position is not None else [])
     wanted = wanted or ([Place(**axes)] if axes else [])  # type: ignore[typeddict-item]
     if not wanted:
-        message = "action: TeleportObject is missing the following arguments: position"
-        return Refusal(message, "MissingArguments")
+        return lacks("TeleportObject", "position")
     refusal = None
     for one in wanted:
         turn = None if rotation is None else vector(rotation)
@@ -186,8 +181,7 @@ def remove(
     """Take objects out of the scene for good; what lay in them falls."""
     wanted = [*([] if objectId is None else [objectId]), *(objectIds or ())]
     if not wanted:
-        message = "action: RemoveFromScene is missing the following arguments: objectId"
-        return Refusal(message, "MissingArguments")
+        return lacks("RemoveFromScene", "objectId")
     for one in wanted:
         if one not in state.objects:
             return unknown(one)

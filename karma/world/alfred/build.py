@@ -23,10 +23,8 @@ from karma.world.importing.scenes import ORIGIN_M, room_box, room_by_name, room_
 def build(trial: Trial, facts: RoomFacts, *, widened: Mapping[str, float] | None = None) -> Scene:
     """Return the room of a trial at its start.
 
-    Args:
-        trial: whose poses, switches and start pose count.
-        facts: of its FloorPlan, with this trial among those gathered.
-        widened: receptacles whose boxes are to be larger across the floor, and how many times.
+    The facts are of its FloorPlan, with this trial among those gathered. Boxes of `widened`
+    receptacles are so many times larger across the floor.
 
     Raises:
         FileError: the trial contradicts itself; the path is its id.
@@ -71,7 +69,8 @@ def build(trial: Trial, facts: RoomFacts, *, widened: Mapping[str, float] | None
 def _movable(pose: SpawnPose, facts: RoomFacts) -> SceneObject:
     """Return an object at its pose, shaped as one of its type: of this room, of any, or typical."""
     kind = type_now(pose.kind) or ""
-    model = _model(kind, facts)
+    here = () if facts.dump is None else facts.dump.objects
+    model = middling(thing for thing in here if thing.type == kind) or facts.models.get(kind)
     place, turn = pose.position.tuple, pose.rotation.tuple
     row = object_types()[kind]
     if model is None:
@@ -100,11 +99,6 @@ def _movable(pose: SpawnPose, facts: RoomFacts) -> SceneObject:
         is_broken=False,
         is_dirty=False,
     )
-
-
-def _model(kind: str, facts: RoomFacts) -> SceneObject | None:
-    here = () if facts.dump is None else facts.dump.objects
-    return middling(t for t in here if t.type == kind) or facts.models.get(kind)
 
 
 def _in(thing: SceneObject, parents: Mapping[str, str]) -> SceneObject:

@@ -43,10 +43,12 @@ def contained(
 ) -> dict[str, str]:
     """Return the receptacle of each movable object that has one, id -> id."""
     places = {thing.id: thing for thing in furniture if "receptacle" in thing.capabilities}
-    doors = frozenset(one for one, place in places.items() if _has_door(place))
+    hide = rules().view.hides_when_closed
+    doors = frozenset(
+        one for one, p in places.items() if p.type in hide and "openable" in p.capabilities
+    )
     own = {spot.thing: spot.receptacle for spot in facts.spots if spot.trial == trial.id}
-    opened = _before_handled(trial, ("OpenObject",))
-    taken = _before_handled(trial, ("PickupObject",))
+    opened, taken = (_before_handled(trial, name) for name in ("OpenObject", "PickupObject"))
     spots = [spot for spot in facts.spots if spot.receptacle in places]
     found = {}
     for thing in movables:
@@ -61,30 +63,22 @@ def contained(
             continue
         fits = {one: place for one, place in places.items() if one not in shut}
         guess = _voted(thing, trial.id, spots, fits) or _resting(thing.position, fits)
-        if guess is not None and not _takes_one(places[guess]):
+        if guess is not None and not object_types()[places[guess].type].accepts_only:
             found[thing.id] = guess
     return found
 
 
-def _before_handled(trial: Trial, actions: Sequence[str]) -> dict[str, frozenset[str]]:
-    """Return what some actions had been done on when each object was first handled."""
+def _before_handled(trial: Trial, action: str) -> dict[str, frozenset[str]]:
+    """Return what an action had been done on when each object was first handled."""
     done: set[str] = set()
     found: dict[str, frozenset[str]] = {}
     for low in trial.plan.low_actions:
         step = low.api_action
         if step.action in ("PickupObject", "SliceObject") and step.object_id:
             found.setdefault(step.object_id, frozenset(done))
-        if step.action in actions and step.object_id:
+        if step.action == action and step.object_id:
             done.add(step.object_id)
     return found
-
-
-def _takes_one(place: SceneObject) -> bool:
-    return bool(object_types()[place.type].accepts_only)
-
-
-def _has_door(place: SceneObject) -> bool:
-    return place.type in rules().view.hides_when_closed and "openable" in place.capabilities
 
 
 def _vessel(

@@ -54,21 +54,15 @@ _USUAL = {
 
 
 def side_files(**given: str | None) -> Files:
-    """Return the side files to read.
+    """Return the side files to read, given by the fields of `Files`; "none" = do not read one.
 
-    Args:
-        given: path of each, by the fields of `Files`; "none" = do not read one, None = the usual
-            one below $KARMA_SHARED, or `../shared`, if it is there.
+    Where none is given it is the usual one below $KARMA_SHARED, or `../shared`, if it is there.
     """
     root = Path(os.environ.get("KARMA_SHARED", "../shared")) / "data"
-    found: dict[str, Path | None] = {}
-    for name, usual in _USUAL.items():
-        said = given.get(name)
-        if said is None:
-            found[name] = root / usual if (root / usual).is_file() else None
-        else:
-            found[name] = None if said == "none" else Path(said)
-    return Files(**found)
+    there = {name: root / usual for name, usual in _USUAL.items() if (root / usual).is_file()}
+    named = {name: Path(path) for name, path in given.items() if path is not None}
+    found = there | named
+    return Files(**{name: path for name, path in found.items() if str(path) != "none"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,8 +119,8 @@ def _models(scenes: Iterable[Scene]) -> dict[str, SceneObject]:
     for scene in scenes:
         for thing in scene.objects:
             found.setdefault(thing.type, []).append(thing)
-    models = {kind: middling(things) for kind, things in sorted(found.items())}
-    return {kind: model for kind, model in models.items() if model is not None}
+    ranked = ((kind, middling(things)) for kind, things in sorted(found.items()))
+    return {kind: model for kind, model in ranked if model is not None}
 
 
 def middling(things: Iterable[SceneObject]) -> SceneObject | None:
@@ -137,10 +131,8 @@ def middling(things: Iterable[SceneObject]) -> SceneObject | None:
 
 def _distinct(spots: Iterable[LabelledSpot]) -> tuple[LabelledSpot, ...]:
     """Drop what is told twice, by the file and by the trial."""
-    found = {}
-    for spot in spots:
-        found[spot.trial, spot.thing] = spot._replace(receptacle=spelt_out(spot.receptacle))
-    return tuple(found.values())
+    found = {(spot.trial, spot.thing): spot for spot in spots}
+    return tuple(spot._replace(receptacle=spelt_out(spot.receptacle)) for spot in found.values())
 
 
 # ----------------------------------------------------------------- fixed objects
@@ -172,20 +164,14 @@ def _told(
     """Return the places with what trials add, and what the trials label."""
     movable = {pose.id for trial in trials for pose in trial.scene.object_poses}
     for trial in trials:
-        for one in named(trial):
+        told: list[tuple[str, Vec3 | None]] = [(one, None) for one in named(trial)]
+        for goal in trial.plan.high_pddl:
+            told += ((one, at.position) for one, at in _named_spots(goal.planner_action))
+        for one, position in told:
             if one not in movable:
-                _add(places, one, None)
-        for step in _planned(trial):
-            for one, spot in _named_spots(step):
-                if one not in movable:
-                    _add(places, one, spot.position)
+                _add(places, one, position)
     labels = [label for trial in trials for label in _labels(places, trial)]
     return places, tuple(labels)
-
-
-def _planned(trial: Trial) -> Iterator[PlannerAction]:
-    for goal in trial.plan.high_pddl:
-        yield goal.planner_action
 
 
 def _named_spots(step: PlannerAction) -> Iterator[tuple[str, Spot]]:
@@ -202,7 +188,8 @@ def _labels(places: dict[str, Vec3], trial: Trial) -> Iterator[LabelledSpot]:
     """Yield where the planner says that things lay, at the first time each is picked up."""
     poses = {pose.id: pose for pose in trial.scene.object_poses}
     seen: set[str] = set()
-    for step in _planned(trial):
+    for goal in trial.plan.high_pddl:
+        step = goal.planner_action
         one, spot = step.object_id, step.receptacle
         if step.action == "PutObject" and one:
             seen.add(one)

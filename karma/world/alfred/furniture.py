@@ -31,7 +31,7 @@ from karma.world.core.boxes import Box
 from karma.world.core.holes import EDGE_M, WORKTOP, built_in
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
-from karma.world.core.thing import bottom, gaps, moved, top
+from karma.world.core.thing import bottom, difference, gaps, moved, top
 
 _BESIDE_M = 0.35  # two versions of one object, across the floor
 _ABOVE_M = 1.2  # and in height
@@ -48,18 +48,12 @@ _RIM_M = 0.05  # of a sink or bathtub, round its basin
 class _Match(NamedTuple):
     """A fixed object of ALFRED's and what of the dump it is."""
 
-    thing: SceneObject | None
+    thing: SceneObject
     moved: bool = False  # it stands elsewhere here
 
 
 def furnished(facts: RoomFacts, floor_y: float, kinds: frozenset[str]) -> list[SceneObject]:
-    """Return everything but what trials place themselves.
-
-    Args:
-        facts: of the FloorPlan.
-        floor_y: height of the floor, metres.
-        kinds: types that the trial places; the dump's own of these are left out.
-    """
+    """Return everything but what trials place themselves; the dump's own of `kinds` go."""
     places = {
         one: place
         for one, place in facts.fixed.items()
@@ -70,17 +64,12 @@ def furnished(facts: RoomFacts, floor_y: float, kinds: frozenset[str]) -> list[S
     matches = _matched(places, rest)
     found, ids, guessed = [], dict[str, str](), set[str]()
     for one, place in places.items():
-        match = matches.get(one)
-        if match is None or match.thing is None:
-            guessed.add(one)
-            made = _typical(one, place, facts, floor_y)
-        elif match.moved:
-            made = _at(match.thing, one, place)
-        else:
-            made = _same(match.thing, one, place)
-        if match is not None and match.thing is not None:
+        if match := matches.get(one):
             ids.setdefault(match.thing.id, one)
-        found.append(made)
+            found.append((_at if match.moved else _same)(match.thing, one, place))
+        else:
+            guessed.add(one)
+            found.append(_typical(one, place, facts, floor_y))
     found += [o for o in rest if o.id not in ids and o.id not in places]
     found += _wholes(found, facts)
     found = [_fitted(thing, found, facts) if thing.id in guessed else thing for thing in found]
@@ -100,17 +89,22 @@ def _matched(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> dict[
         gap = math.dist(places[one], things[index].position)
         if one not in found and gap <= _ONE_M:
             found[one] = _Match(things[index])
-    left = {one: place for one, place in places.items() if one not in found}
+    elsewhere = sorted(
+        (math.dist(place, thing.position), one, index)
+        for one, place in places.items()
+        for index, thing in enumerate(things)
+        if one not in found and thing.type == type_now(type_of(one))
+    )
     fresh: dict[str, _Match] = {}
-    _pair(sorted(_elsewhere(left, things)), things, fresh, taken)
+    _pair(elsewhere, things, fresh, taken)
     return found | {one: _Match(match.thing, moved=True) for one, match in fresh.items()}
 
 
-_Pairs = Iterator[tuple[float, str, int]]  # how far, id, index of the dump's object
+_Pair = tuple[float, str, int]  # how far, id, index of the dump's object
 
 
 def _pair(
-    pairs: Sequence[tuple[float, str, int]],
+    pairs: Sequence[_Pair],
     things: Sequence[SceneObject],
     found: dict[str, _Match],
     taken: set[str],
@@ -123,7 +117,7 @@ def _pair(
             taken.add(thing.id)
 
 
-def _of_one_kind(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _Pairs:
+def _of_one_kind(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> Iterator[_Pair]:
     for one, place in places.items():
         kind = type_now(type_of(one))
         for index, thing in enumerate(things):
@@ -136,7 +130,7 @@ def _of_one_kind(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _
                 yield math.dist(place, thing.center), one, index
 
 
-def _of_one_origin(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _Pairs:
+def _of_one_origin(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> Iterator[_Pair]:
     for one, place in places.items():
         if "receptacle" not in object_types()[type_now(type_of(one)) or ""].capabilities:
             continue
@@ -146,13 +140,6 @@ def _of_one_origin(places: Mapping[str, Vec3], things: Sequence[SceneObject]) ->
             across, up = _gaps(place, thing.position)
             if across <= _SAME_ORIGIN_M and up <= _SAME_HEIGHT_M:
                 yield across + up, one, index
-
-
-def _elsewhere(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _Pairs:
-    for one, place in places.items():
-        for index, thing in enumerate(things):
-            if thing.type == type_now(type_of(one)):
-                yield math.dist(place, thing.position), one, index
 
 
 def _origin(one: str, thing: SceneObject) -> Vec3:
@@ -187,8 +174,8 @@ def _same(thing: SceneObject, one: str, place: Vec3) -> SceneObject:
 
 def _at(thing: SceneObject, one: str, place: Vec3) -> SceneObject:
     """Return a dump's object, brought to where ALFRED has it."""
-    x, y, z = thing.position if _origin_at_box(thing) else thing.center
-    return _renamed(moved(thing, (place[0] - x, place[1] - y, place[2] - z)), one, place)
+    origin = thing.position if _origin_at_box(thing) else thing.center
+    return _renamed(moved(thing, difference(place, origin)), one, place)
 
 
 def _renamed(thing: SceneObject, one: str, place: Vec3) -> SceneObject:
@@ -202,7 +189,6 @@ def _renamed(thing: SceneObject, one: str, place: Vec3) -> SceneObject:
         position=place,
         capabilities=thing.capabilities if same else object_types()[kind].capabilities,
         openness=0.0,
-        parents=thing.parents,
     )
 
 

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 from karma.household.ids import type_of
 from karma.household.pieces import piece_type
 from karma.household.uses import BASIN_OF, FAUCET, FRIDGE, MICROWAVE, SINK
-from karma.world.alfred.trial import Targets, Trial
+from karma.world.alfred.trial import Trial
 
 Thing = Mapping[str, Any]  # one object of the metadata
 Metadata = Mapping[str, Any]
@@ -44,34 +44,30 @@ class Deeds:
 
     def note(self, action: str, object_id: str, after: Metadata) -> None:
         """Take in a successful action on an object."""
-        if action == "ToggleObjectOn" and FAUCET in object_id:
-            ids = _contents(_nearest_basin(object_id, after))
-            self.cleaned |= self._told(ids, after, lambda one: not one["isDirty"])
-        elif action == "ToggleObjectOn" and MICROWAVE in object_id:
-            ids = _contents(_by_id(object_id, after))
-            self.heated |= self._told(ids, after, lambda one: one["temperature"] == "Hot")
-        elif action == "CloseObject" and FRIDGE in object_id:
-            ids = _contents(_by_id(object_id, after))
-            self.cooled |= self._told(ids, after, lambda one: one["temperature"] == "Cold")
+        for does, kind, deed, (key, value) in _EFFECTS:
+            if action == does and kind in object_id:
+                place = (_nearest_basin if kind == FAUCET else _by_id)(object_id, after)
+                ids = _contents(place)
+                if self.agreeing:
+                    things = {one["objectId"]: one for one in after["objects"]}
+                    ids = {one for one in ids if one in things and things[one][key] == value}
+                getattr(self, deed).update(ids)
 
-    def _told(self, ids: set[str], after: Metadata, agrees: Callable[[Thing], bool]) -> set[str]:
-        if not self.agreeing:
-            return ids
-        return {
-            one["objectId"] for one in after["objects"] if one["objectId"] in ids and agrees(one)
-        }
+
+_EFFECTS = (  # an action, a type in the id of its object, the deed, and how it looks afterwards
+    ("ToggleObjectOn", FAUCET, "cleaned", ("isDirty", False)),
+    ("ToggleObjectOn", MICROWAVE, "heated", ("temperature", "Hot")),
+    ("CloseObject", FRIDGE, "cooled", ("temperature", "Cold")),
+)
 
 
 def noteworthy(action: str, object_id: str) -> bool:
     """Return whether `Deeds.note` would look at the metadata after an action."""
-    if action == "ToggleObjectOn":
-        return FAUCET in object_id or MICROWAVE in object_id
-    return action == "CloseObject" and FRIDGE in object_id
+    return any(action == does and kind in object_id for does, kind, *_ in _EFFECTS)
 
 
 def _by_id(object_id: str, metadata: Metadata) -> Thing | None:
-    found: list[Thing] = [one for one in metadata["objects"] if one["objectId"] == object_id]
-    return found[0] if found else None
+    return next((one for one in metadata["objects"] if one["objectId"] == object_id), None)
 
 
 def _nearest_basin(faucet: str, metadata: Metadata) -> Thing | None:
@@ -114,11 +110,15 @@ class Conditions(NamedTuple):
     met: int
     of: int
 
+    @property
+    def all_met(self) -> bool:
+        """Whether the task is done."""
+        return self.met == self.of
+
 
 def goal_met(trial: Trial, metadata: Metadata, deeds: Deeds, *, exact: bool = False) -> bool:
     """Return whether the trial's task is done; arguments as in `conditions`."""
-    counted = conditions(trial, metadata, deeds, exact=exact)
-    return counted.met == counted.of
+    return conditions(trial, metadata, deeds, exact=exact).all_met
 
 
 def conditions(
@@ -126,42 +126,29 @@ def conditions(
 ) -> Conditions:
     """Count the conditions of a trial's task.
 
-    Args:
-        trial: names the task and its targets.
-        metadata: of an event.
-        deeds: of the episode so far.
-        exact: whether targets name types, as they did to the planner, not parts of ids.
+    If `exact`, targets name types, as they did to the planner, not parts of ids.
     """
-    targets = trial.pddl_params
-    find = _of_type if exact else _find
+    targets, wanted = trial.pddl_params, trial.pddl_params.object_target
+
+    def find(name: str, capability: str) -> list[Thing]:
+        able = [one for one in metadata["objects"] if one[capability]]
+        if exact:
+            return [one for one in able if type_of(one["objectId"]) == name]
+        return [one for one in able if name in one["objectId"]]
+
     case = _EndState(
         metadata=metadata,
         deeds=deeds,
-        objects=find(_wanted(targets), "pickupable", metadata),
-        receptacles=find(targets.parent_target, "receptacle", metadata),
-        movables=find(targets.mrecep_target, "pickupable", metadata),
-        lamps=find(targets.toggle_target, "toggleable", metadata),
+        objects=find(piece_type(wanted) if targets.object_sliced else wanted, "pickupable"),
+        receptacles=find(targets.parent_target, "receptacle"),
+        movables=find(targets.mrecep_target, "pickupable"),
+        lamps=find(targets.toggle_target, "toggleable"),
     )
     met = _CONDITIONS[trial.task_type](case)
     if targets.object_sliced:
         needed = _COUNT.get(trial.task_type, 1)
         met += tuple(number < len(case.objects) for number in range(needed))
     return Conditions(sum(met), len(met))
-
-
-def _wanted(targets: Targets) -> str:
-    return piece_type(targets.object_target) if targets.object_sliced else targets.object_target
-
-
-def _find(name: str, capability: str, metadata: Metadata) -> list[Thing]:
-    """Return the objects whose id has the name in it, as ALFRED looks for them."""
-    return [one for one in metadata["objects"] if name in one["objectId"] and one[capability]]
-
-
-def _of_type(name: str, capability: str, metadata: Metadata) -> list[Thing]:
-    return [
-        one for one in metadata["objects"] if type_of(one["objectId"]) == name and one[capability]
-    ]
 
 
 def _placed(case: _EndState) -> set[str]:

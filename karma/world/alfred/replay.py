@@ -64,11 +64,8 @@ def replay(
 ) -> TrialResult:
     """Replay one trial in a world of its own.
 
-    Args:
-        trial: the demonstration.
-        facts: of its FloorPlan, with this trial among those gathered.
-        mutate: seed of the one action that is left out; None = all are done.
-        strict: whether an action on what is hidden here fails.
+    The facts are of its FloorPlan, with this trial among those gathered; `mutate` is the seed of
+    the one action that is left out. If strict, an action on what is hidden here fails.
     """
     actions, deleted = trial.plan.low_actions, None
     if mutate is not None:
@@ -83,16 +80,9 @@ def replay(
     except KarmaError as error:
         reason = f"there is no scene: {error}"
     return TrialResult(
-        id=trial.id,
-        scene=trial.scene.floor_plan,
-        task=trial.task_type,
-        ok=not reason,
-        reason=reason,
-        step=step,
-        deleted=deleted,
-        handled=tally.handled,
-        unseen=tally.unseen,
-    )
+        id=trial.id, scene=trial.scene.floor_plan, task=trial.task_type, ok=not reason,
+        reason=reason, step=step, deleted=deleted, handled=tally.handled, unseen=tally.unseen,
+    )  # fmt: skip
 
 
 def replay_all(
@@ -103,15 +93,7 @@ def replay_all(
     strict: bool = False,
     workers: int = 1,
 ) -> Iterator[TrialResult]:
-    """Replay trials, yielding each result in the order of the trials, whatever the workers.
-
-    Args:
-        trials: to replay.
-        facts: of every FloorPlan among them, as `gather` returns them.
-        mutate: as in `replay`.
-        strict: as in `replay`.
-        workers: processes; 1 = this one.
-    """
+    """Replay trials as `replay`, yielding each result in their order, whatever the workers."""
     jobs = [(trial, facts[trial.scene.floor_plan], mutate, strict) for trial in trials]
     if workers <= 1:
         yield from map(_job, jobs)

@@ -11,7 +11,7 @@ from typing import Any
 from karma.errors import KarmaError
 from karma.household.ids import type_of
 from karma.household.pieces import is_piece
-from karma.world.alfred.trial import ApiAction, Trial
+from karma.world.alfred.trial import ApiAction, PlannerAction, Trial
 from karma.world.core.thing import heading
 
 TURN_DEG, LOOK_DEG, STEP_M = 90.0, 15.0, 0.25
@@ -31,12 +31,7 @@ class UntranslatableError(KarmaError):
 
 
 def translated(given: ApiAction, *, held: str | None, present: Collection[str]) -> Step:
-    """Return an action in AI2-THOR 5.0.0's words; keys it does not know are left out.
-
-    Args:
-        given: as recorded.
-        held: id of the object in the hand now.
-        present: ids in the scene now.
+    """Return an action in AI2-THOR 5.0.0's words, while an id is held and others are present.
 
     Raises:
         UntranslatableError: unknown, without its object, or it puts what is not in the hand.
@@ -103,13 +98,8 @@ def visited(trial: Trial) -> tuple[tuple[float, float], ...]:
 
 def named(trial: Trial) -> tuple[str, ...]:
     """Return every id that the plan or the actions name, in order, each once; no pieces."""
-    found: dict[str, None] = {}
-    for goal in trial.plan.high_pddl:
-        found.update(_ids(goal.planner_action.object_id, goal.planner_action.receptacle_object_id))
-    for low in trial.plan.low_actions:
-        found.update(_ids(low.api_action.object_id, low.api_action.receptacle_object_id))
-    return tuple(found)
-
-
-def _ids(*given: str | None) -> dict[str, None]:
-    return {one: None for one in given if one and not is_piece(type_of(one)) and type_of(one)}
+    steps: list[PlannerAction | ApiAction] = [goal.planner_action for goal in trial.plan.high_pddl]
+    steps += (low.api_action for low in trial.plan.low_actions)
+    ids = [one for step in steps for one in (step.object_id, step.receptacle_object_id) if one]
+    kinds = {one: type_of(one) for one in ids}
+    return tuple(one for one, kind in kinds.items() if kind and not is_piece(kind))

@@ -7,7 +7,7 @@ described it. Keys that are not read are allowed.
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -252,9 +252,7 @@ class Spots(msgspec.Struct, frozen=True, kw_only=True):
 def read_trials(path: str | Path) -> Iterator[Trial]:
     """Yield the trials of a file, or of ALFRED's tree of folders.
 
-    Args:
-        path: JSON lines, or JSON values one after another or in an array, also gzipped; or a folder
-            with such files as ALFRED has them.
+    A file holds JSON lines, or JSON values one after another or in an array, also gzipped.
 
     Raises:
         FileError: missing, torn, or not of ALFRED's form; names the line and the field.
@@ -275,8 +273,7 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
         trial = msgspec.structs.replace(
             trial, id=trial.id or trial.task_id, scene=_as_named(trial.scene, trial.plan)
         )
-        wrong = _wrong(trial)
-        if wrong is not None:
+        if wrong := next(_wrong(trial), None):
             raise FileError(path, f"{place}: {wrong}", fix=_FORM)
         yield trial
 
@@ -284,11 +281,8 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
 def _documents(data: bytes) -> Iterator[tuple[str, bytes]]:
     lines = data.splitlines()
     if data.lstrip()[:1] == b"[" or lines[0].strip() == b"{":  # objects over many lines
-        yield from _values(data)
-        return
-    for number, line in enumerate(lines, 1):
-        if line.strip():
-            yield f"line {number}", line
+        return _values(data)
+    return ((f"line {number}", line) for number, line in enumerate(lines, 1) if line.strip())
 
 
 def _values(data: bytes) -> Iterator[tuple[str, bytes]]:
@@ -352,35 +346,26 @@ def _help(error: Exception) -> str:
     return _FORM if isinstance(error, msgspec.ValidationError) else COPY
 
 
-def _wrong(trial: Trial) -> str | None:
-    """Return what makes a well-formed trial useless, with its field."""
+def _wrong(trial: Trial) -> Iterator[str]:
+    """Yield what makes a well-formed trial useless, with its field."""
     if not trial.id:
-        return "`id` and `task_id` are both missing"
+        yield "`id` and `task_id` are both missing"
     if trial.task_type not in TYPES_OF_TASK:
-        return f"{trial.task_type!r} is not a task type of ALFRED - at `$.task_type`"
+        yield f"{trial.task_type!r} is not a task type of ALFRED - at `$.task_type`"
     start = trial.scene.init_action
     if not _sane((start.x, start.y, start.z)):
-        return "not a place in a room - at `$.scene.init_action`"
-    return _wrong_pose(trial.scene.object_poses) or _wrong_plan(trial.plan)
-
-
-def _wrong_pose(poses: Sequence[SpawnPose]) -> str | None:
-    for number, pose in enumerate(poses):
+        yield "not a place in a room - at `$.scene.init_action`"
+    for number, pose in enumerate(trial.scene.object_poses):
         field = f"at `$.scene.object_poses[{number}]`"
         if not _sane(pose.position.tuple):
-            return f"not a place in a room - {field}"
+            yield f"not a place in a room - {field}"
         if type_of(pose.id) != pose.kind:
-            return f"{pose.id!r} is not an id of {pose.object_name!r} - {field}"
-    return None
-
-
-def _wrong_plan(plan: DemonstratedPlan) -> str | None:
-    for number, goal in enumerate(plan.high_pddl):
+            yield f"{pose.id!r} is not an id of {pose.object_name!r} - {field}"
+    for number, goal in enumerate(trial.plan.high_pddl):
         step = goal.planner_action
         if step.action == "GotoLocation" and step.pose is None:
             field = f"at `$.plan.high_pddl[{number}].planner_action.location`"
-            return f"{step.location!r} is not loc|x|z|quarter turns|horizon - {field}"
-    return None
+            yield f"{step.location!r} is not loc|x|z|quarter turns|horizon - {field}"
 
 
 def _sane(position: Vec3) -> bool:

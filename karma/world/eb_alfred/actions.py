@@ -1,4 +1,6 @@
-"""Write the lists of actions that planners choose from: EB-ALFRED's by numbers, LoTa-Bench's words.
+"""What EB-ALFRED and its ancestor, LoTa-Bench's ALFRED, let a planner do in the same rooms.
+
+Planners choose from a list of actions: EB-ALFRED's by numbers, LoTa-Bench's by words.
 
 Of EB-ALFRED, first come the same actions in every room, from the benchmark's lists of types. Then,
 where a room has several of a type, its second, third ... get actions of their own: `find a
@@ -36,6 +38,31 @@ class ActionTypes(msgspec.Struct, frozen=True, kw_only=True, rename=lambda name:
     open_obj: tuple[str, ...]
     toggle_obj: tuple[str, ...]
     slice_obj: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoomProtocol:
+    """A benchmark's limits, and what its robot does with a body that is the same."""
+
+    most_steps: int
+    most_invalid: int | None  # None = any number
+    stops_at_goal: bool  # else the goal is looked at when the planner is done
+    goes_on: bool  # with a plan of which an action failed
+    numbered: bool  # second and further things of a type have actions of their own
+    stays_within_m: float  # what is in view and nearer than this is found without a step
+    basin_first: bool  # a put tries a basin first, else what is nearer of it and its sink
+    patience: int  # failed puts at a target, from which on one lets go
+    drop_counts: bool  # letting go is done well, else it is a put that failed
+
+
+EB_ALFRED = RoomProtocol(
+    most_steps=30, most_invalid=10, stops_at_goal=True, goes_on=False, numbered=True,
+    stays_within_m=0.0, basin_first=True, patience=3, drop_counts=True,
+)  # fmt: skip
+LOTA_ALFRED = RoomProtocol(
+    most_steps=25, most_invalid=None, stops_at_goal=False, goes_on=True, numbered=False,
+    stays_within_m=1.0, basin_first=False, patience=1, drop_counts=False,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,7 +104,10 @@ def actions_in(types: ActionTypes, things: Sequence[Thing]) -> tuple[NumberedAct
     receptacles = _several(one for one in things if one["receptacle"])
     others = _several(one for one in things if one["pickupable"] and not one["receptacle"])
     first = {kind: ids[0] for kind, ids in {**receptacles, **others}.items()}
-    fixed = [_meant(action, first) for action in _everywhere(types)]
+    fixed = [
+        NumberedAction(verb=verb, noun=kind, object_id=_meant(verb, kind, first))
+        for verb, kind in _listed(types, _EVERYWHERE)
+    ]
     return (*fixed, *_more(types, receptacles, others))
 
 
@@ -86,19 +116,30 @@ def names_in(actions: Iterable[NumberedAction]) -> dict[str, str]:
     return {one.object_id: one.noun for one in actions if one.verb == "find" and one.object_id}
 
 
-def _everywhere(types: ActionTypes) -> Iterator[NumberedAction]:
-    yield from (NumberedAction(verb="find", noun=kind) for kind in types.objs)
-    yield from (NumberedAction(verb="pick up", noun=kind) for kind in types.pick_obj)
-    yield NumberedAction(verb="put")
-    yield NumberedAction(verb="drop")
-    for kind in types.open_obj:
-        yield from (NumberedAction(verb="open", noun=kind), NumberedAction(verb="close", noun=kind))
-    for kind in types.toggle_obj:
-        yield from (
-            NumberedAction(verb="turn on", noun=kind),
-            NumberedAction(verb="turn off", noun=kind),
-        )
-    yield from (NumberedAction(verb="slice", noun=kind) for kind in types.slice_obj)
+_Row = tuple[tuple[Verb, ...], str]  # verbs, and the field of the types they are for, in turn
+_EVERYWHERE: tuple[_Row, ...] = (
+    (("find",), "objs"),
+    (("pick up",), "pick_obj"),
+    (("put", "drop"), ""),
+    (("open", "close"), "open_obj"),
+    (("turn on", "turn off"), "toggle_obj"),
+    (("slice",), "slice_obj"),
+)
+_SKILLS: tuple[_Row, ...] = (
+    (("find",), "objs"),
+    (("pick up", "put"), "pick_obj"),
+    (("open", "close"), "open_obj"),
+    (("slice",), "slice_obj"),
+    (("turn on", "turn off"), "toggle_obj"),
+)
+
+
+def _listed(types: ActionTypes, rows: Iterable[_Row]) -> Iterator[tuple[Verb, str]]:
+    """Yield the verbs and types of a list in its order."""
+    for verbs, field in rows:
+        for kind in getattr(types, field) if field else ("",):
+            for verb in verbs:
+                yield verb, kind
 
 
 def _several(things: Iterable[Thing]) -> dict[str, list[str]]:
@@ -109,10 +150,8 @@ def _several(things: Iterable[Thing]) -> dict[str, list[str]]:
     return {kind: ids for kind, ids in found.items() if len(ids) > 1}
 
 
-def _meant(action: NumberedAction, first: Mapping[str, str]) -> NumberedAction:
-    if action.verb in ("find", "open", "close") and action.noun in first:
-        return NumberedAction(verb=action.verb, noun=action.noun, object_id=first[action.noun])
-    return action
+def _meant(verb: Verb, kind: str, first: Mapping[str, str]) -> str:
+    return first.get(kind, "") if verb in ("find", "open", "close") else ""
 
 
 def _more(
@@ -147,22 +186,8 @@ def skills_of(types: ActionTypes) -> tuple[NumberedAction, ...]:
     The source lists what can be found in the order of a Python set, another in every process; here
     it is that of EB-ALFRED's numbers. `put down` names a thing, but it is what is held that goes.
     """
-    return (NumberedAction(verb="done", written=DONE), *_skills(types))
-
-
-def _skills(types: ActionTypes) -> Iterator[NumberedAction]:
-    yield from _of("find", types.objs)
-    for kind in types.pick_obj:
-        yield from (_skill("pick up", kind), _skill("put", kind))
-    for kind in types.open_obj:
-        yield from (_skill("open", kind), _skill("close", kind))
-    yield from _of("slice", types.slice_obj)
-    for kind in types.toggle_obj:
-        yield from (_skill("turn on", kind), _skill("turn off", kind))
-
-
-def _of(verb: Verb, kinds: Sequence[str]) -> Iterator[NumberedAction]:
-    yield from (_skill(verb, kind) for kind in kinds)
+    skills = (_skill(verb, kind) for verb, kind in _listed(types, _SKILLS))
+    return (NumberedAction(verb="done", written=DONE), *skills)
 
 
 def _skill(verb: Verb, kind: str) -> NumberedAction:

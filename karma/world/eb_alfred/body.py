@@ -4,7 +4,7 @@ What differs with `strict` is listed in docs/alfred-benchmarks.md.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,9 +12,8 @@ from karma.household.ids import is_id, is_part, root_type, type_of
 from karma.household.uses import BASIN_OF, BASINS, FAUCET, FRIDGE, MICROWAVE, SINK
 from karma.world.alfred.goal import Deeds, noteworthy
 from karma.world.core.view import CAMERA_M
-from karma.world.eb_alfred.actions import NumberedAction
+from karma.world.eb_alfred.actions import EB_ALFRED, NumberedAction, RoomProtocol
 from karma.world.eb_alfred.choosing import Thing, by_id, nearest
-from karma.world.eb_alfred.protocol import EB_ALFRED, RoomProtocol
 from karma.world.event import WorldEvent
 from karma.world.sim import EmbeddedWorld
 
@@ -35,21 +34,13 @@ _BEFORE: tuple[tuple[tuple[str, int], ...], ...] = (
 
 @dataclass(slots=True)
 class Body:
-    """The robot in one episode.
-
-    Args:
-        world: at the start of the trial.
-        names: what objects are called of which there are several.
-        protocol: of the benchmark.
-        strict: follow the source where it is odd.
-        puts: how often was put at which target; in the source it outlives the episode.
-    """
+    """The robot in one episode."""
 
     world: EmbeddedWorld
-    names: Mapping[str, str]
+    names: Mapping[str, str]  # of the objects of a type that there are several of, by id
     protocol: RoomProtocol = EB_ALFRED
-    strict: bool = False
-    puts: dict[str, int] = field(default_factory=dict)
+    strict: bool = False  # follow the source where it is odd
+    puts: dict[str, int] = field(default_factory=dict)  # how often at which target
     deeds: Deeds = field(default_factory=lambda: Deeds(agreeing=False))
     target: str = ""  # of a put: id or type of what was found last
     cutting: bool = False  # something was to be cut: pieces come first
@@ -58,23 +49,18 @@ class Body:
         """Do one action."""
         if action.verb not in ("put", "open"):
             self.target = ""
-        match action.verb:
-            case "find":
-                return self._find(action)
-            case "pick up":
-                return self._pick_up(action.noun)
-            case "put":
-                return self._put()
-            case "drop":
-                return self._drop()
-            case "open":
-                return self._open(action)
-            case "close":
-                return self._close(action)
-            case "slice":
-                return self._slice(action.noun)
-            case _:
-                return self._switch(action.noun, on=action.verb == "turn on")
+        does: dict[str, Callable[[], str]] = {
+            "find": lambda: self._find(action),
+            "pick up": lambda: self._pick_up(action.noun),
+            "put": self._put,
+            "drop": self._drop,
+            "open": lambda: self._open(action),
+            "close": lambda: self._close(action),
+            "slice": lambda: self._slice(action.noun),
+            "turn on": lambda: self._switch(action.noun, on=True),
+            "turn off": lambda: self._switch(action.noun, on=False),
+        }
+        return does[action.verb]()
 
     # ------------------------------------------------------------- parts
 
@@ -166,18 +152,10 @@ class Body:
         if thing is None:
             return f"there is no {noun} to turn {word}"
         event = self._do(f"ToggleObject{word.title()}", thing["objectId"])
-        if not event.success:
-            return f"turning {word} failed"
-        if (
-            self.strict
-            and on
-            and noun == FAUCET
-            and not any(
-                one["objectType"] == BASIN_OF[SINK] and one["visible"] for one in self._things
-            )
-        ):
-            return f"turning {word} failed"  # it is on, but the source stumbles over the basin
-        return ""
+        in_view = {one["objectType"] for one in self._things if one["visible"]}
+        stumbles = self.strict and on and noun == FAUCET and BASIN_OF[SINK] not in in_view
+        # the source stumbles over a basin out of view, but the tap is on
+        return "" if event.success and not stumbles else f"turning {word} failed"
 
     def _slice(self, noun: str) -> str:
         self.cutting = True
@@ -232,10 +210,7 @@ _LEAST_DEG, _MOST_DEG = -30.0, 60.0  # that AI2-THOR's looks reach
 def go_to(world: EmbeddedWorld, thing: Thing, *, strict: bool) -> bool:
     """Teleport to the cell nearest to an object's origin, turned to it; tell if one was free.
 
-    Args:
-        world: of the episode.
-        thing: an object of its metadata.
-        strict: tilt as from the source's height, and beyond what looks reach.
+    If strict, tilt as from the source's height, and beyond what looks reach.
     """
     x, y, z = (float(thing["position"][axis]) for axis in "xyz")
     state = world.state
@@ -248,15 +223,10 @@ def go_to(world: EmbeddedWorld, thing: Thing, *, strict: bool) -> bool:
         if not strict:
             tilt = min(max(tilt, _LEAST_DEG), _MOST_DEG)
         event = world.step(
-            "TeleportFull",
-            x=cell_x,
-            y=state.pose.position_m[1],
-            z=cell_z,
-            rotation={"x": 0.0, "y": _yaw(x - cell_x, z - cell_z), "z": 0.0},
-            horizon=tilt,
-            standing=True,
-            forceAction=strict,  # else a tilt that looks do not reach is refused
-        )
+            "TeleportFull", x=cell_x, y=state.pose.position_m[1], z=cell_z,
+            rotation={"x": 0.0, "y": _yaw(x - cell_x, z - cell_z), "z": 0.0}, horizon=tilt,
+            standing=True, forceAction=strict,  # else a tilt that looks do not reach is refused
+        )  # fmt: skip
         if event.success:
             return True
     return False
@@ -288,12 +258,9 @@ def _yaw(right: float, ahead: float) -> float:
 def put_at(world: EmbeddedWorld, target: str, *, basin_first: bool = True, strict: bool) -> bool:
     """Put what is held at a target; return whether that was done. The pose stays as tried last.
 
-    Args:
-        world: of the episode.
-        target: id or type.
-        basin_first: whether a basin is tried before what is nearer of it and its sink; unless
-            strict, it always is, since here what lies on a rim lies in no basin.
-        strict: whether it is tried at another object of the type after that.
+    With `basin_first` a basin is tried before what is nearer of it and its sink; unless strict it
+    always is, since here what lies on a rim lies in no basin. If strict, another object of the type
+    is tried after that.
     """
     last = ""
     parts_first = (basin_first or not strict) and root_type(target) in BASIN_OF

@@ -25,17 +25,10 @@ def nearest(
 ) -> Thing | None:
     """Return the object of a type with the least distance and penalties; None if there is none.
 
-    Pieces count as the whole that they were cut from, basins as their sink or bathtub.
-
-    Args:
-        things: all objects of the metadata.
-        word: the type, as ids write it.
-        able: a flag that the object must have, e.g. "pickupable".
-        by_sight: whether what is out of view comes later.
-        pieces_first: whether pieces come first.
-        parts_only: whether only basins and pieces count.
-        any_lid: whether a toilet's lid shuts in, too, what lies on top of it.
-        other_than: id that is passed over.
+    Pieces count as the whole that they were cut from, basins as their sink or bathtub. The object
+    has to have the flag `able` ("pickupable"). With `by_sight` what is out of view comes later,
+    with `parts_only` only basins and pieces count, with `any_lid` a toilet's lid shuts in, too,
+    what lies on top of it.
     """
     shut = {
         one["objectId"]

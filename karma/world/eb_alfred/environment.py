@@ -10,15 +10,16 @@ from karma.world.alfred.goal import Conditions, conditions
 from karma.world.alfred.replay import FOV_DEG, REACH_M, fitted
 from karma.world.alfred.trial import Trial
 from karma.world.eb_alfred.actions import (
+    EB_ALFRED,
     ActionTypes,
     NumberedAction,
+    RoomProtocol,
     actions_in,
     names_in,
     skills_of,
 )
 from karma.world.eb_alfred.body import Body
 from karma.world.eb_alfred.choosing import Thing
-from karma.world.eb_alfred.protocol import EB_ALFRED, RoomProtocol
 from karma.world.sim import EmbeddedWorld
 
 UNKNOWN = -1  # number of what is no action
@@ -41,10 +42,6 @@ class Environment:
     """The room of a trial, with the benchmark's actions.
 
     Args:
-        trial: how the room starts, and what its goal is.
-        facts: of its FloorPlan.
-        types: the benchmark's lists.
-        protocol: of the benchmark.
         strict: follow the source where it is odd.
         puts: counts of puts; given when they are to outlive episodes, as in the source.
 
@@ -103,8 +100,7 @@ class Environment:
     @property
     def goal_met(self) -> bool:
         """Whether all of them are."""
-        counted = self.conditions
-        return counted.met == counted.of
+        return self.conditions.all_met
 
     def pictures(self, number: int) -> tuple[Frame, ...]:
         """Return what the robot saw after its last actions, now last; drawn when asked for."""

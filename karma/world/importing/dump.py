@@ -45,13 +45,31 @@ class _Corners(msgspec.Struct, frozen=True, rename="camel"):
     corner_points: Annotated[tuple[Vec3, ...], msgspec.Meta(min_length=8, max_length=8)]
 
 
-class Seen(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
-    """One object of `metadata["objects"]`: the fields that a scene keeps."""
+_ELSEWHERE = {  # fields that AI2-THOR has other words for
+    "id": "objectId",
+    "type": "objectType",
+    "asset": "assetId",
+    "mass_kg": "mass",
+    "materials": "salientMaterials",
+    "is_filled": "isFilledWithLiquid",
+    "liquid": "fillLiquid",
+}
+
+
+def _camel(name: str) -> str:
+    first, *words = name.split("_")
+    return first + "".join(map(str.title, words))
+
+
+class Seen(
+    msgspec.Struct, frozen=True, kw_only=True, rename=lambda n: _ELSEWHERE.get(n, _camel(n))
+):
+    """One object of `metadata["objects"]`: the fields that a scene keeps, named as there."""
 
     name: str
-    object_id: str
-    object_type: str
-    asset_id: str = ""
+    id: str
+    type: str
+    asset: str = ""
     position: Xyz
     rotation: Xyz
     distance: float | None = None  # from the agent's origin to the object's
@@ -63,8 +81,8 @@ class Seen(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
     pickupable: bool
     is_picked_up: bool = False
     moveable: bool
-    mass: float = 0.0
-    salient_materials: tuple[str, ...] | None = None
+    mass_kg: float = 0.0
+    materials: tuple[str, ...] | None = None
     openable: bool
     openness: float
     is_open: bool
@@ -74,8 +92,8 @@ class Seen(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
     breakable: bool
     is_broken: bool
     can_fill_with_liquid: bool
-    is_filled_with_liquid: bool
-    fill_liquid: str | None = None
+    is_filled: bool
+    liquid: str | None = None
     dirtyable: bool
     is_dirty: bool
     can_be_used_up: bool
@@ -136,7 +154,11 @@ def rows(path: Path) -> Iterator[tuple[str, Any]]:
         return
     for number, line in enumerate(lines, 1):
         if line.strip():
-            yield f"line {number}", _told(_json(line, path, f"line {number}"))
+            try:
+                row = json.loads(line)
+            except (ValueError, RecursionError) as error:
+                raise FileError(path, f"line {number}: not JSON: {error}", fix=COPY) from error
+            yield f"line {number}", _told(row)
 
 
 def _told(row: Any) -> Any:
@@ -149,13 +171,6 @@ def _told(row: Any) -> Any:
     cells = row.get("actionReturn") if row.get("lastAction") == "GetReachablePositions" else None
     kept = {key: row[key] for key in ("objects", "agent") if key in row}
     return {**kept, "scene": name, **({"reachable": cells} if cells else {})}
-
-
-def _json(data: bytes, path: Path, place: str) -> Any:
-    try:
-        return json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise FileError(path, f"{place}: not JSON: {error}", fix=COPY) from error
 
 
 def named(row: Any, path: str | Path, place: str) -> tuple[str, list[Any]]:
@@ -234,8 +249,8 @@ def seen_object(scene_name: str, index: int, row: Mapping[str, Any]) -> Seen:
         one = msgspec.convert(row, Seen)
     except msgspec.ValidationError as error:
         raise FileError(scene_name, f"object {label!r}: {error}", fix=EXPORT) from error
-    if one.object_type not in object_types():
-        reason = f"object {label!r}: unknown objectType {one.object_type!r}"
+    if one.type not in object_types():
+        reason = f"object {label!r}: unknown objectType {one.type!r}"
         raise FileError(scene_name, reason)
     shape = one.axis_aligned_bounding_box
     numbers = (*one.position.tuple, *one.rotation.tuple, *shape.center.tuple, *shape.size.tuple)

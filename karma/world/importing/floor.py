@@ -5,7 +5,6 @@ rest. `karma world floors` holds the result against recorded cells.
 """
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -56,36 +55,20 @@ def start_of(seen: Sequence[Seen]) -> Vec3 | None:
     return (x, y, z)
 
 
-@dataclass(frozen=True, slots=True)
-class Shapes:
-    """Upright boxes on the ground, turned as the things are.
+def gaps(things: Sequence[Seen], points: Floats) -> Floats:
+    """Return how far points (n, 2) are from the nearest thing, shape (n,); inf without one.
 
-    Args:
-        center: shape (n, 2), metres.
-        axis: unit vector along the first side, shape (n, 2).
-        half: of the sides, shape (n, 2).
+    Things are upright boxes on the ground, turned as they are.
     """
-
-    center: Floats
-    axis: Floats
-    half: Floats
-
-    @classmethod
-    def of(cls, things: Sequence[Seen]) -> "Shapes":
-        """Return the shapes of some things."""
-        rows = np.array([_rectangle(one) for one in things]).reshape(-1, 6)
-        return cls(rows[:, :2], rows[:, 2:4], rows[:, 4:])
-
-    def distance(self, points: Floats) -> Floats:
-        """Return how far points are from the nearest shape, shape (points,); inf of none."""
-        if not len(self.center):
-            return np.full(len(points), np.inf)
-        offset = points[:, None] - self.center
-        along = np.abs((offset * self.axis).sum(axis=2)) - self.half[:, 0]
-        aside = np.abs(offset[..., 0] * self.axis[:, 1] - offset[..., 1] * self.axis[:, 0])
-        gap = np.hypot(np.maximum(along, 0.0), np.maximum(aside - self.half[:, 1], 0.0))
-        found: Floats = gap.min(axis=1)
-        return found
+    if not things:
+        return np.full(len(points), np.inf)
+    rows = np.array([_rectangle(one) for one in things])
+    center, axis, half = rows[:, :2], rows[:, 2:4], rows[:, 4:]
+    offset = points[:, None] - center
+    along = np.abs((offset * axis).sum(axis=2)) - half[:, 0]
+    aside = np.abs(offset[..., 0] * axis[:, 1] - offset[..., 1] * axis[:, 0]) - half[:, 1]
+    found: Floats = np.hypot(np.maximum(along, 0.0), np.maximum(aside, 0.0)).min(axis=1)
+    return found
 
 
 def _rectangle(one: Seen) -> tuple[float, ...]:
@@ -106,11 +89,9 @@ class Floor:
     """The grid over a room, and what of it is free.
 
     Args:
-        seen: the room's objects.
-        room: what holds them all; its y0 is the floor.
-        start: where the agent stands, if it is known: x, z.
+        room: what holds all objects; its y0 is the floor.
+        start: where the agent stands (x, z), if it is known.
         origin: a point (x, z) of the grid.
-        grid_m: of the cells.
     """
 
     def __init__(
@@ -144,11 +125,9 @@ class Floor:
         return (x, z)
 
     def walkable(self, stood: Iterable[Cell] = ()) -> tuple[Cell, ...]:
-        """Return the cells that an agent can walk to, sorted.
+        """Return the cells that an agent can walk to, sorted; those stood on are known to be free.
 
-        Args:
-            stood: cells that are known to be free. Without a start, the part with most things in
-                reach counts.
+        Without a start, the part with most things in reach counts.
         """
         free = self._named(self._clear(AGENT_RADIUS_M) & self._inside() & ~self._behind_walls())
         free.update(map(self.key, stood))
@@ -167,13 +146,8 @@ class Floor:
         """Return recorded cells that hang together, and a word on what was done to them.
 
         Parts are joined where a body can pass. ALFRED's cells leave out a ninth of what its
-        demonstrators walk on: where no start comes with them they are led on to what lies out of
-        reach.
-
-        Args:
-            cells: recorded ones.
-            from_start: whether the start was recorded with them: then, of parts that stay apart,
-                the start's counts; else the largest.
+        demonstrators walk on: where no start was recorded with them they are led on to what lies
+        out of reach. Of parts that stay apart the start's counts, else the largest.
         """
         known = {self.key(cell): cell for cell in cells}
         apart = len(parts(known))
@@ -224,7 +198,7 @@ class Floor:
         return [
             one
             for one in self._seen
-            if not one.pickupable and one.object_type not in (FLOOR, *BASINS, *HANG_ON_WALLS)
+            if not one.pickupable and one.type not in (FLOOR, *BASINS, *HANG_ON_WALLS)
             and not _is_bent(one)
             and one.box.y0 - self._room.y0 <= AGENT_HEIGHT_M
             and one.box.y1 - self._room.y0 >= _STEP_M
@@ -232,25 +206,23 @@ class Floor:
 
     def _clear(self, radius_m: float) -> Flags:
         """Return where nothing stands within a radius, shape (cells,)."""
-        bent = {one.object_id for one in self._seen if _is_bent(one)}
+        bent = {one.id for one in self._seen if _is_bent(one)}
         laid = [
             one
             for one in self._seen
             if one.pickupable and not bent.isdisjoint(one.parent_receptacles or ())
         ]
-        free: Flags = Shapes.of(self._solid).distance(self._points) > radius_m - 1e-6
+        free: Flags = gaps(self._solid, self._points) > radius_m - 1e-6
         rim = max(_RIM_M + radius_m - AGENT_RADIUS_M, 0)
-        free &= Shapes.of(laid).distance(self._points) > rim - 1e-6
+        free &= gaps(laid, self._points) > rim - 1e-6
         return free
 
     def _inside(self) -> Flags:
         """Return which cells are within the walls, and beside what lies about, shape (cells,)."""
         room, (x, z) = self._room, self._points.T
         border = np.stack([x - room.x0, room.x1 - x, z - room.z0, room.z1 - z]).min(axis=0)
-        loose = Shapes.of([one for one in self._seen if one.pickupable])
-        free: Flags = (border >= _BORDER_M - 1e-6) & (
-            loose.distance(self._points) >= AGENT_RADIUS_M
-        )
+        loose = gaps([one for one in self._seen if one.pickupable], self._points)
+        free: Flags = (border >= _BORDER_M - 1e-6) & (loose >= AGENT_RADIUS_M)
         return free
 
     def _behind_walls(self) -> Flags:
@@ -263,7 +235,7 @@ class Floor:
         for kinds in (_SWITCHES, FACE_EITHER_WAY, BACK_TO_WALLS):
             back, front = (np.full(len(self._points), np.inf) for _ in range(2))
             for one in self._seen:
-                if one.object_type in kinds:
+                if one.type in kinds:
                     behind, near = self._sides(one)
                     back = np.minimum(back, np.where(behind, near, np.inf))
                     front = np.minimum(front, np.where(behind, np.inf, near))
@@ -276,7 +248,7 @@ class Floor:
         middle = np.array((one.box.center[0], one.box.center[2]))
         half = np.array((one.box.size[0], one.box.size[2])) / 2
         ahead = np.array(heading(round(one.rotation.y / 90) * 90.0))
-        if one.object_type in FACE_EITHER_WAY and self._start is not None:
+        if one.type in FACE_EITHER_WAY and self._start is not None:
             ahead = np.eye(2)[int(half[0] >= half[1])]
             ahead = ahead * np.sign((np.array(self._start) - middle) @ ahead)
         offset = self._points - middle
@@ -288,7 +260,7 @@ class Floor:
 
 def _is_bent(one: Seen) -> bool:
     x, _, z = one.box.size
-    return one.object_type in ROUND_A_CORNER and min(x, z) > _STRAIGHT_M
+    return one.type in ROUND_A_CORNER and min(x, z) > _STRAIGHT_M
 
 
 # ----------------------------------------------------------------- parts

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from math import ceil, floor, hypot
+from math import ceil, dist, floor
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from karma.world.core.ground import (
     Key,
     edges,
     inside,
-)
+    outside,
+)  # fmt: skip
 from karma.world.core.scene import Wall
 from karma.world.importing.house_record import HouseDoor, HouseRecord, HouseWall, Point
 
@@ -43,6 +44,17 @@ def _apart(a: Point, b: Point, x: Floats, z: Floats) -> Floats:
     return found
 
 
+def _share(a: Point, b: Point, point: Point) -> float:
+    """Return where beside a line a point is: 0 at its start, 1 at its end."""
+    along = (b[0] - a[0], b[1] - a[1])
+    square = along[0] ** 2 + along[1] ** 2
+    return ((point[0] - a[0]) * along[0] + (point[1] - a[1]) * along[1]) / square
+
+
+def _at(a: Point, b: Point, share: float) -> Point:
+    return (a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]))
+
+
 @dataclass(slots=True)
 class _BuiltWall:
     """A wall that stands, and the holes in it as shares of its length."""
@@ -53,33 +65,20 @@ class _BuiltWall:
 
     def cut(self, ends: tuple[Point, Point]) -> None:
         """Leave a gap between two points beside the wall."""
-        along = (self.end[0] - self.start[0], self.end[1] - self.start[1])
-        square = along[0] ** 2 + along[1] ** 2
-        shares = sorted(
-            ((x - self.start[0]) * along[0] + (z - self.start[1]) * along[1]) / square
-            for x, z in ends
-        )
-        self.holes.append((max(shares[0], 0.0), min(shares[1], 1.0)))
+        low, high = sorted(_share(self.start, self.end, end) for end in ends)
+        self.holes.append((max(low, 0.0), min(high, 1.0)))
 
     def standing(self) -> Iterator[tuple[Point, Point]]:
         """Yield the parts between the holes."""
         last = 0.0
         for low, high in [*sorted(self.holes), (1.0, 1.0)]:
             if low - last > _EDGE_M:
-                yield self._at(last), self._at(low)
+                yield _at(self.start, self.end, last), _at(self.start, self.end, low)
             last = max(last, high)
-
-    def _at(self, share: float) -> Point:
-        (x0, z0), (x1, z1) = self.start, self.end
-        return (x0 + share * (x1 - x0), z0 + share * (z1 - z0))
 
 
 class HouseShell:
-    """What of a house stands still: its floors, its walls with gaps, its doorways.
-
-    Args:
-        record: the house.
-    """
+    """What of a house stands still: its floors, its walls with gaps, its doorways."""
 
     def __init__(self, record: HouseRecord) -> None:
         self.floors = [room.corners for room in record.rooms]
@@ -103,17 +102,15 @@ class HouseShell:
         built: dict[tuple[Point, Point], _BuiltWall],
     ) -> None:
         """Cut a door into its walls, and keep the floor between them."""
-        (x0, z0), (x1, z1) = walls[door.wall0].ends
-        long = hypot(x1 - x0, z1 - z0)
-        low, high = (min(max(share / long, 0.0), 1.0) for share in door.hole)
-        gap = tuple((x0 + share * (x1 - x0), z0 + share * (z1 - z0)) for share in (low, high))
+        a, b = walls[door.wall0].ends
+        low, high = (min(max(metres / dist(a, b), 0.0), 1.0) for metres in door.hole)
+        gap = (_at(a, b, low), _at(a, b, high))
         points = list(gap)
         for wall in (walls[door.wall0], walls[door.wall1]):
             if (standing := built.get(_key(wall))) is not None:
-                standing.cut((gap[0], gap[1]))
-            points.extend(_beside(wall, gap))
-        xs, zs = [x for x, _ in points], [z for _, z in points]
-        self._doorways.append(Box(min(xs), 0.0, min(zs), max(xs), 0.0, max(zs)))
+                standing.cut(gap)
+            points += (_at(*wall.ends, min(max(_share(*wall.ends, p), 0.0), 1.0)) for p in gap)
+        self._doorways.append(_hull(*points))
 
     def walls(self) -> tuple[Wall, ...]:
         """Return the boxes that hide what is behind the walls."""
@@ -126,8 +123,7 @@ class HouseShell:
     def cells(self, obstacles: Iterable[Box]) -> dict[Key, Cell]:
         """Return the places on the grid where an agent's body is free.
 
-        Args:
-            obstacles: furniture; what hangs high or is stepped over is in nobody's way.
+        Obstacles that hang high or are stepped over are in nobody's way.
         """
         low = [floor(side / GRID_M) for side in self.low]
         high = [ceil(side / GRID_M) for side in self.high]
@@ -147,10 +143,8 @@ class HouseShell:
         for box in obstacles:
             if self.floor_y + AGENT_HEIGHT_M >= box.y0 and box.y1 > self.floor_y + _STEP_M:
                 part = _window(columns, rows, box.grown(NEAR_M, 0.0, NEAR_M))
-                x, z = columns[part[0], None], rows[None, part[1]]
-                aside = np.maximum(np.maximum(box.x0 - x, x - box.x1), 0.0)
-                ahead = np.maximum(np.maximum(box.z0 - z, z - box.z1), 0.0)
-                free[part] &= np.hypot(aside, ahead) >= NEAR_M
+                places = np.stack(np.meshgrid(columns[part[0]], rows[part[1]], indexing="ij"), -1)
+                free[part] &= outside((box.x0, box.z0), (box.x1, box.z1), places) >= NEAR_M
         return {
             (int(i) + low[0], int(j) + low[1]): (float(columns[i]) + 0.0, float(rows[j]) + 0.0)
             for i, j in np.argwhere(free)
@@ -171,29 +165,18 @@ def _key(wall: HouseWall) -> tuple[Point, Point]:
     return a, b
 
 
-def _beside(wall: HouseWall, points: Iterable[Point]) -> Iterator[Point]:
-    """Yield the points of a wall that are nearest to some others."""
-    (x0, z0), (x1, z1) = wall.ends
-    square = (x1 - x0) ** 2 + (z1 - z0) ** 2
-    for x, z in points:
-        share = min(max(((x - x0) * (x1 - x0) + (z - z0) * (z1 - z0)) / square, 0.0), 1.0)
-        yield (x0 + share * (x1 - x0), z0 + share * (z1 - z0))
-
-
-def _hull(a: Point, b: Point) -> Box:
-    return Box(min(a[0], b[0]), 0.0, min(a[1], b[1]), max(a[0], b[0]), 0.0, max(a[1], b[1]))
+def _hull(*points: Point) -> Box:
+    xs, zs = zip(*points, strict=True)
+    return Box(min(xs), 0.0, min(zs), max(xs), 0.0, max(zs))
 
 
 def _boxes(a: Point, b: Point) -> Iterator[tuple[Point, Point]]:
     """Yield upright boxes along a wall: one, or several small ones where it slants."""
     slants = min(abs(a[0] - b[0]), abs(a[1] - b[1])) > _THICK_M
-    count = ceil(hypot(b[0] - a[0], b[1] - a[1]) / _PIECE_M) if slants else 1
+    count = ceil(dist(a, b) / _PIECE_M) if slants else 1
     for number in range(count):
-        ends = [
-            (a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]))
-            for share in (number / count, (number + 1) / count)
-        ]
-        hull = _hull(*ends).grown(_THICK_M, 0.0, _THICK_M)
+        hull = _hull(_at(a, b, number / count), _at(a, b, (number + 1) / count))
+        hull = hull.grown(_THICK_M, 0.0, _THICK_M)
         yield (hull.x0, hull.z0), (hull.x1, hull.z1)
 
 

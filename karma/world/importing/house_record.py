@@ -6,14 +6,15 @@ not looked at.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from math import hypot, isfinite
+from collections.abc import Iterator, Mapping
+from math import dist, hypot, inf, isfinite
 from typing import Any
 
 import msgspec
 
 from karma.errors import FileError
 from karma.household.types import RoomType
+from karma.world.core.ground import edges
 from karma.world.core.scene import LARGEST_M, MOST_OBJECTS
 from karma.world.importing.dump import Xyz
 
@@ -155,18 +156,15 @@ def read_record(house: Mapping[str, Any], name: str) -> HouseRecord:
         FileError: a key is missing or of the wrong form, a number is none, an id stands twice, a
             door leads nowhere; the path is the house's name, and the reason begins with the key.
     """
-    _refuse(_no_number(house), name)
+    if wrong := _no_number(house):
+        raise FileError(name, wrong, fix=FIX)
     try:
         record = msgspec.convert(house, HouseRecord)
     except msgspec.ValidationError as error:
         raise FileError(name, str(error), fix=FIX) from error
-    _refuse(_senseless(record), name)
+    if wrong := _senseless(record):
+        raise FileError(name, wrong, fix=FIX)
     return record
-
-
-def _refuse(reason: str, name: str) -> None:
-    if reason:
-        raise FileError(name, reason, fix=FIX)
 
 
 def _no_number(house: Mapping[str, Any]) -> str:
@@ -193,26 +191,21 @@ def _senseless(record: HouseRecord) -> str:
     if schema is not None and schema not in SCHEMAS:
         return f"metadata.schema: {schema!r} is not known, only {' and '.join(SCHEMAS)}"
     things = list(record.every_thing())
-    for key, count, most in (
-        ("rooms", len(record.rooms), MOST_ROOMS),
-        ("objects", len(things), MOST_OBJECTS),
-    ):
-        if not count and key == "rooms":
-            return "rooms: there are none"
-        if count > most:
-            return f"{key}: {count} are too many; {most} at most"
+    if not record.rooms:
+        return "rooms: there are none"
     named = (
-        ("rooms", (room.id for room in record.rooms)),
-        ("doors", (door.id for door in record.doors)),
-        ("objects", (thing.id for _, thing in things)),
+        ("rooms", [room.id for room in record.rooms], MOST_ROOMS),
+        ("doors", [door.id for door in record.doors], inf),
+        ("objects", [thing.id for _, thing in things], MOST_OBJECTS),
     )
-    twice = next(filter(None, (_twice(key, ids) for key, ids in named)), "")
-    return twice or _odd_floor(record) or _odd_wall(record) or _odd_door(record)
-
-
-def _twice(key: str, ids: Iterable[str]) -> str:
-    again = next((one for one, count in Counter(ids).items() if count > 1), None)
-    return "" if again is None else f"{key}: id {again!r} stands twice"
+    for key, ids, most in named:
+        if len(ids) > most:
+            return f"{key}: {len(ids)} are too many; {most} at most"
+    for key, ids, _ in named:
+        again = next((one for one, count in Counter(ids).items() if count > 1), None)
+        if again is not None:
+            return f"{key}: id {again!r} stands twice"
+    return _odd_floor(record) or _odd_wall(record) or _odd_door(record)
 
 
 def _odd_floor(record: HouseRecord) -> str:
@@ -235,8 +228,7 @@ def _odd_floor(record: HouseRecord) -> str:
 
 def area(corners: tuple[Point, ...]) -> float:
     """Return the area of a polygon, square metres."""
-    pairs = zip(corners, (*corners[1:], corners[0]), strict=True)
-    return abs(sum(x0 * z1 - x1 * z0 for (x0, z0), (x1, z1) in pairs)) / 2
+    return abs(sum(x0 * z1 - x1 * z0 for (x0, z0), (x1, z1) in edges(corners))) / 2
 
 
 def _odd_wall(record: HouseRecord) -> str:
@@ -267,8 +259,6 @@ def _odd_door(record: HouseRecord) -> str:
         low, high = door.hole
         if high <= low:
             return f"{key}: the hole has no width"
-        if door.wall0 in walls:
-            (x0, z0), (x1, z1) = walls[door.wall0].ends
-            if high <= 0 or low >= hypot(x1 - x0, z1 - z0):
-                return f"{key}: the hole lies outside its wall {door.wall0!r}"
+        if door.wall0 in walls and (high <= 0 or low >= dist(*walls[door.wall0].ends)):
+            return f"{key}: the hole lies outside its wall {door.wall0!r}"
     return ""

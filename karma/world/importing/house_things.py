@@ -50,19 +50,12 @@ class _Placed:
 
 @dataclass(slots=True)
 class HouseThings:
-    """The objects of a house, and what was done to them on the way.
-
-    Args:
-        record: the house.
-        shell: its rooms.
-        assets: sizes by asset; others have their type's.
-        name: of the house, for errors.
-    """
+    """The objects of a house, and what was done to them on the way."""
 
     record: HouseRecord
     shell: HouseShell
-    assets: Mapping[str, HouseAsset]
-    name: str
+    assets: Mapping[str, HouseAsset]  # others have their type's size
+    name: str  # for errors
     left_out: Counter[str] = field(default_factory=Counter)  # by a type that we do not have
     lay_on: int = 0  # things that lay in or on what was left out
     usual: int = 0  # things with their type's size

@@ -47,14 +47,10 @@ def import_houses(
     assets: str | Path | None = None,
     only: Sequence[str] | None = None,
 ) -> Iterator[Scene]:
-    """Read houses from a file: one, an array, or one a line.
+    """Read houses from a file, also gzipped: one, an array, or one a line.
 
-    A scene's name is the file's; of several houses in a file, with "_1", "_2" and so on.
-
-    Args:
-        path: .json or .jsonl, also gzipped.
-        assets: JSON of boxes, by asset, as `read_assets` reads it; None = none.
-        only: names to read; None = all.
+    A scene's name is the file's; of several houses in a file, with "_1", "_2" and so on. Boxes come
+    from `assets`, as `read_assets` reads them; of the names only `only`.
 
     Raises:
         FileError: torn, no house, or a name of `only` that is not there; says where.
@@ -106,10 +102,7 @@ def house_scene(
 ) -> Scene:
     """Return a house as one scene; its `source` tells what was left out or done about it.
 
-    Args:
-        house: the JSON of ProcTHOR's form.
-        name: of the scene.
-        assets: boxes by asset; a thing of another asset has its type's size.
+    Boxes are by asset; a thing of another asset has its type's size.
 
     Raises:
         FileError: the house contradicts itself; the path is `name`, the reason names the key.

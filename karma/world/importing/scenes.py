@@ -20,6 +20,10 @@ from karma.world.importing.floor import Floor, start_of
 
 ORIGIN_M = 0.9  # the agent's origin above the floor
 FLAGS: tuple[Capability, ...] = Capability.__args__  # type: ignore[attr-defined]
+_FIELDS = {field.encode_name: field.name for field in msgspec.structs.fields(Seen)}
+SAME = set(SceneObject.__struct_fields__) & set(Seen.__struct_fields__) - {
+    "position", "rotation", "openness",
+}  # fields that both have  # fmt: skip
 ROOMS: tuple[RoomType, ...] = ("Kitchen", "LivingRoom", "Bedroom", "Bathroom")  # by hundreds
 ROOM_OF_HUNDRED = {0: 0, 2: 1, 3: 2, 4: 3}
 
@@ -37,11 +41,8 @@ def import_dump(
 
     What scripts/export_thor_scenes.py writes also has `agent` and `reachable`; they are used.
 
-    Args:
-        path: .json or .jsonl, also gzipped; one JSON object alone is one scene.
-        layouts: ALFRED's JSON of {scene: {"reachable": [[x, z], ...]}}, also gzipped; scenes
-            without an entry get cells computed from the boxes.
-        only: names to read; None = all.
+    Files may be gzipped; one JSON object alone is one scene. Cells come from `layouts`, ALFRED's
+    {scene: {"reachable": [[x, z], ...]}}, else from the boxes. Of the names only `only`.
 
     Raises:
         FileError: torn, not JSON, a missing or wrong field, an unknown object type, or a name
@@ -114,19 +115,17 @@ def scene_from_dump(
     agent: AgentPose | None = None,
     stood: Sequence[Cell] = (),
     grid_m: float = 0.25,
-    room: RoomType | None = None,
 ) -> Scene:
     """Return a scene from AI2-THOR's object metadata at reset.
 
     Args:
-        scene_name: "FloorPlan1" and so on; its number says which room it is.
+        scene_name: "FloorPlan1" and so on; its number says which room it is, else what is in it.
         objects: `event.metadata["objects"]`.
         reachable: (x, z) cells; computed from the boxes when None.
         agent: its start, which is a cell of its own. When None, the place that the objects'
             distances tell; failing that the cell nearest to the middle of all.
         stood: cells that somebody stood on, which are free whatever the boxes say.
         grid_m: distance of the cells.
-        room: what the scene is; by its name when None, or by what stands in it.
 
     Raises:
         FileError: a field is missing or wrong, or the objects contradict each other; the path
@@ -137,7 +136,7 @@ def scene_from_dump(
         raise FileError(scene_name, "objects: there are none")
     floor_y = _floor_y(seen)
     cells = tuple(sorted((float(x), float(z)) for x, z in reachable or ()))
-    boxes = [one.box for one in seen if one.object_type != FLOOR] or [seen[0].box]
+    boxes = [one.box for one in seen if one.type != FLOOR] or [seen[0].box]
     box = room_box(boxes, floor_y, cells)
     cells, agent, note = _standing(seen, box, cells, agent, stood, grid_m)
     if not cells:
@@ -146,7 +145,7 @@ def scene_from_dump(
     parents = _parents(seen)
     scene = Scene(
         name=scene_name,
-        room=room or room_by_name(scene_name) or room_by_things(objects),
+        room=room_by_name(scene_name) or room_by_things(objects),
         source="; ".join(filter(None, ("AI2-THOR metadata at reset", note))),
         floor_y=floor_y,
         grid_m=grid_m,
@@ -154,7 +153,7 @@ def scene_from_dump(
         reachable=cells,
         bounds_center=box.center,
         bounds_size=box.size,
-        objects=tuple(_object(one, parents[one.object_id]) for one in seen),
+        objects=tuple(_object(one, parents[one.id]) for one in seen),
     )
     check(scene, scene_name)
     return scene
@@ -188,7 +187,7 @@ def _floor_y(seen: Sequence[Seen]) -> float:
 
     The Floor's origin does not tell: in 5.0.0 it lies up to 1.3 m off its surface.
     """
-    floors = [one.box.y1 for one in seen if one.object_type == FLOOR]
+    floors = [one.box.y1 for one in seen if one.type == FLOOR]
     low = floors or [one.box.y0 for one in seen]
     return round(min(low), 4) + 0.0
 
@@ -214,13 +213,7 @@ def _standing(
 ) -> tuple[tuple[Cell, ...], AgentPose | None, str]:
     """Return the cells to stand on, the agent's start, and what had to be done about the cells.
 
-    Args:
-        seen: the objects.
-        box: of the room.
-        told: the cells, if they are known.
-        agent: its start, if it is known.
-        stood: cells that an agent stood on.
-        grid_m: distance of the cells.
+    Arguments as of `scene_from_dump`; `told` are its `reachable`.
     """
     place = agent.position if agent is not None else start_of(seen)
     if told and agent is None and place is not None and not _on_grid(place, told, grid_m):
@@ -265,9 +258,9 @@ def _parents(seen: Sequence[Seen]) -> dict[str, tuple[str, ...]]:
     goes what a household cannot mean: unknown ids, the object itself, a fixed object in a smaller
     one that can be moved, and, of two that contain each other, the larger in the smaller.
     """
-    by_id = {one.object_id: one for one in seen}
-    pairs = {(one.object_id, parent) for one in seen for parent in one.parent_receptacles or ()}
-    pairs |= {(child, one.object_id) for one in seen for child in one.receptacle_object_ids or ()}
+    by_id = {one.id: one for one in seen}
+    pairs = {(one.id, parent) for one in seen for parent in one.parent_receptacles or ()}
+    pairs |= {(child, one.id) for one in seen for child in one.receptacle_object_ids or ()}
     kept = {
         (child, parent)
         for child, parent in pairs
@@ -277,9 +270,9 @@ def _parents(seen: Sequence[Seen]) -> dict[str, tuple[str, ...]]:
     }  # fmt: skip
     parents: dict[str, tuple[str, ...]] = {}
     for one in seen:
-        mine = [by_id[parent] for child, parent in kept if child == one.object_id]
+        mine = [by_id[parent] for child, parent in kept if child == one.id]
         mine.sort(key=lambda parent, child=one: _nearness(child, parent))  # type: ignore[misc]
-        parents[one.object_id] = tuple(parent.object_id for parent in mine)
+        parents[one.id] = tuple(parent.id for parent in mine)
     return _without_loops(parents)
 
 
@@ -293,7 +286,7 @@ def _smaller(one: Seen, other: Seen) -> bool:
     """Return whether one may lie in the other when each claims the other."""
     if one.fixed and other.fixed:
         return False
-    return (one.fixed, _volume(one), one.object_id) < (other.fixed, _volume(other), other.object_id)
+    return (one.fixed, _volume(one), one.id) < (other.fixed, _volume(other), other.id)
 
 
 def _volume(one: Seen) -> float:
@@ -303,7 +296,7 @@ def _volume(one: Seen) -> float:
 
 def _nearness(child: Seen, parent: Seen) -> tuple[bool, float, float, str]:
     gap = round(parent.box.distance(*child.box.center), 2)
-    return parent.object_type == FLOOR, gap, _volume(parent), parent.object_id
+    return parent.type == FLOOR, gap, _volume(parent), parent.id
 
 
 def _without_loops(parents: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
@@ -331,37 +324,16 @@ def _without_loops(parents: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, 
 
 
 def _object(one: Seen, parents: tuple[str, ...]) -> SceneObject:
-    oriented = one.object_oriented_bounding_box
-    shape = one.axis_aligned_bounding_box
+    corners, shape = one.object_oriented_bounding_box, one.axis_aligned_bounding_box
     return SceneObject(
-        id=one.object_id,
-        type=one.object_type,
-        name=one.name,
-        asset=one.asset_id,
+        **{field: getattr(one, field) for field in SAME},
         position=one.position.tuple,
         rotation=one.rotation.tuple,
         center=shape.center.tuple,
         size=shape.size.tuple,
-        corners=oriented.corner_points if oriented else None,
-        capabilities=_capabilities(one),
-        mass_kg=one.mass,
-        materials=one.salient_materials,
+        corners=corners.corner_points if corners else None,
+        capabilities=tuple(flag for flag in FLAGS if getattr(one, _FIELDS[flag])),
         parents=parents,
         controls=one.controlled_objects or (),
         openness=(one.openness or 1.0) if one.is_open else 0.0,  # 5.0.0 says 1.0 for a few closed
-        is_toggled=one.is_toggled,
-        is_broken=one.is_broken,
-        is_filled=one.is_filled_with_liquid,
-        liquid=one.fill_liquid,
-        is_dirty=one.is_dirty,
-        is_used_up=one.is_used_up,
-        is_cooked=one.is_cooked,
-        is_sliced=one.is_sliced,
-        is_picked_up=one.is_picked_up,
-        temperature=one.temperature,
     )
-
-
-def _capabilities(one: Seen) -> tuple[Capability, ...]:
-    flags = {field.encode_name: field.name for field in msgspec.structs.fields(Seen)}
-    return tuple(flag for flag in FLAGS if getattr(one, flags[flag]))

@@ -8,7 +8,7 @@ message in pieces. Not covered: what the bodies mean.
 import struct
 from collections.abc import Iterable
 from enum import IntEnum
-from typing import NamedTuple, Protocol
+from typing import BinaryIO, NamedTuple
 
 import msgspec
 
@@ -47,13 +47,6 @@ class Field(NamedTuple):
     body: bytes
 
 
-class ByteSource(Protocol):
-    """What can be read from; a read may give fewer bytes than asked for, and none at the end."""
-
-    def read(self, size: int, /) -> bytes | None:
-        """Return at most `size` bytes."""
-
-
 class WireError(KarmaError):
     """What came through the pipe is not a message; nothing after it can be trusted."""
 
@@ -83,7 +76,7 @@ def farewell(reason: str) -> bytes:
     return encode([Field(FieldType.METADATA, body)])
 
 
-def read_message(source: ByteSource) -> list[Field] | None:
+def read_message(source: BinaryIO) -> list[Field] | None:
     """Read one message; None when the source ended before it began.
 
     Raises:
@@ -119,20 +112,16 @@ def _kind(number: int, length: int, place: str) -> FieldType:
     return kind
 
 
-def _exactly(source: ByteSource, size: int, place: str) -> bytes:
+def _exactly(source: BinaryIO, size: int, place: str) -> bytes:
     """Return `size` bytes, or none at all when the source is at its end.
 
     Raises:
         WireError: the source ended in between.
     """
-    data = source.read(size) or b""
-    if len(data) == size or not data:
-        return data
-    parts, got = [data], len(data)
-    while got < size:
-        data = source.read(size - got) or b""
-        if not data:
-            raise WireError(f"{place}: the pipe ended after {got} of {size} bytes")
+    parts, got = list[bytes](), 0
+    while got < size and (data := source.read(size - got)):
         parts.append(data)
         got += len(data)
+    if 0 < got < size:
+        raise WireError(f"{place}: the pipe ended after {got} of {size} bytes")
     return b"".join(parts)

@@ -156,11 +156,7 @@ class ClientGoneError(KarmaError):
 
 
 def open_sink(path: str | Path, parent: int) -> BinaryIO:
-    """Open the pipe that the client reads, as soon as it does.
-
-    Args:
-        path: of the pipe.
-        parent: the process that started this one; without it there is no point in waiting.
+    """Open the pipe that the client reads, as soon as it does; `parent` is the client's process.
 
     Raises:
         ClientGoneError: the parent ended first, or the client does not come.

@@ -8,18 +8,18 @@ is an action of the embedded world.
 import json
 import logging
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import msgspec
+import numpy as np
 
 from karma.errors import FileError, KarmaError
 from karma.world.core.scene import SCENES, AgentPose, Scene
 from karma.world.core.state import Images, scene_name
-from karma.world.event import WorldEvent
-from karma.world.player.answer import Writer
-from karma.world.player.fifo import Field, FieldType, read_message
+from karma.world.event import WorldEvent, rgba_bytes
+from karma.world.player.fifo import Field, FieldType, encode, read_message
 from karma.world.sim import EmbeddedWorld
 
 log = logging.getLogger(__name__)
@@ -49,13 +49,9 @@ class MalformedError(KarmaError):
 
 
 class Player:
-    """One client's world.
+    """One client's world, with the scene files of `catalogue` and pictures of a size in pixels.
 
-    Args:
-        scenes: name -> scene file, as `catalogue` gives it.
-        width: of the pictures, pixels.
-        height: of the pictures, pixels.
-        images: whether there are any until an action asks for them.
+    Without `images` there are none until an action asks for them.
     """
 
     def __init__(
@@ -142,14 +138,9 @@ class Player:
         """Return the event of an action that never reached the world."""
         last = self._world.last_event
         return WorldEvent(
-            state=last.state,
-            action=name,
-            success=False,
-            message=message,
-            code=code,
-            images=_NO_IMAGES,
-            before=last,
-        )
+            state=last.state, action=name, success=False, message=message, code=code,
+            images=_NO_IMAGES, before=last,
+        )  # fmt: skip
 
     def _fail(self, name: str, message: str, code: str) -> bytes:
         """Return the message of a failure, whatever state the world is in."""
@@ -211,6 +202,86 @@ def _decoded(body: bytes) -> Any:
         return json.loads(body)  # which knows NaN and Infinity, as the client does
     except (ValueError, RecursionError) as error:
         raise MalformedError(f"the action is not JSON: {error}") from None
+
+
+# ----------------------------------------------------------------- answers
+
+
+def _plain(value: Any) -> Any:
+    """Return what msgpack knows for what it does not."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    raise TypeError(f"cannot send a {type(value).__name__}")
+
+
+class Writer:
+    """Turns events into messages; what a moment's objects come to is worked out once."""
+
+    def __init__(self) -> None:
+        self._encoder = msgspec.msgpack.Encoder(enc_hook=_plain)
+        self._objects: object = None
+        self._packed = msgspec.Raw()
+
+    def full(self, event: WorldEvent, sequence_id: int) -> bytes:
+        """Return the message with all metadata and the event's pictures."""
+        fields = [Field(FieldType.METADATA, self.metadata(event, sequence_id))]
+        if event.images.rgb:
+            fields += pictures(event)
+        return encode(fields)
+
+    def metadata(self, event: WorldEvent, sequence_id: int) -> bytes:
+        """Return the metadata of a message: the one agent's, and whose turn it is."""
+        metadata = event.metadata
+        if event.objects is not self._objects:
+            self._packed = msgspec.Raw(self._encoder.encode(event.objects))
+            self._objects = event.objects
+        message = {
+            "agents": [{**metadata, "objects": self._packed}],
+            "thirdPartyCameras": metadata["thirdPartyCameras"],
+            "activeAgentId": 0,
+            "sequenceId": sequence_id,
+        }
+        return self._encoder.encode(message)
+
+    def patch(self, event: WorldEvent) -> bytes:
+        """Return the message for a moment that the client knows: how the action went, no more."""
+        fields = {
+            "agentId": 0,
+            "lastAction": event.action,
+            "lastActionSuccess": event.success,
+            "errorMessage": event.message,
+            "errorCode": event.code,
+            "actionReturn": event.value,
+        }
+        return encode([Field(FieldType.METADATA_PATCH, self._encoder.encode(fields))])
+
+
+def pictures(event: WorldEvent) -> Iterator[Field]:
+    """Yield an event's pictures, those of the third-party cameras first."""
+    for kind, frames in (
+        (FieldType.THIRD_PARTY_RGB, event.third_party_camera_frames),
+        (FieldType.THIRD_PARTY_DEPTH, event.third_party_depth_frames),
+        (FieldType.THIRD_PARTY_IDS, event.third_party_instance_segmentation_frames),
+        (FieldType.THIRD_PARTY_CLASSES, event.third_party_semantic_segmentation_frames),
+        (FieldType.THIRD_PARTY_NORMALS, event.third_party_normals_frames),
+        (FieldType.RGB, [event.frame]),
+        (FieldType.DEPTH, [event.depth_frame]),
+        (FieldType.IDS, [event.instance_segmentation_frame]),
+        (FieldType.CLASSES, [event.semantic_segmentation_frame]),
+        (FieldType.NORMALS, [event.normals_frame]),
+    ):
+        for frame in frames:
+            if frame is not None:
+                yield Field(kind, _pixels(kind, frame))
+
+
+def _pixels(kind: FieldType, frame: np.ndarray) -> bytes:
+    """Return a picture's bytes, the bottom row first."""
+    if kind in (FieldType.IDS, FieldType.THIRD_PARTY_IDS):
+        return rgba_bytes(frame)
+    return frame[::-1].tobytes()
 
 
 # ----------------------------------------------------------------- scenes

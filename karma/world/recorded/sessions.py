@@ -163,13 +163,9 @@ def scene_of(
     reachable: Sequence[Cell] | None = None,
     stood: Sequence[Cell] = (),
 ) -> Scene:
-    """Return the scene that a recording's first event describes.
+    """Return the scene that a recording's first event describes, Initialize's.
 
-    Args:
-        action: Initialize and its arguments; `gridSize` is the grid.
-        metadata: of its event.
-        reachable: (x, z) cells; computed from the boxes when None.
-        stood: cells that the recorded agent stood on.
+    Cells are (x, z), and computed from the boxes when None; those stood on are free.
 
     Raises:
         FileError: the metadata is no scene; the path is the scene's name.
@@ -198,10 +194,8 @@ def scene_of(
 def replay_events(path: str | Path, *, layouts: str | Path | None = None) -> EventReport:
     """Replay one recording and compare every step.
 
-    Args:
-        path: .jsonl, also gzipped.
-        layouts: ALFRED's cells by scene name, used where the recording's grid is theirs; without
-            them cells are computed from the boxes.
+    `layouts` are ALFRED's cells by scene name, used where the recording's grid is theirs; without
+    them cells are computed from the boxes.
 
     Raises:
         FileError: unreadable, not a recording, or its scene does not import.

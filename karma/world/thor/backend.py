@@ -1,28 +1,29 @@
 """Drive the real AI2-THOR 5.0.0 as a world.
 
-A Unity build and the package `ai2thor` are the user's to bring; docs/thor.md says how. The player
-runs behind a guard (guard.py) under AI2-THOR's own client (client.py): one that dies, hangs or
-sends nonsense is a `WorldLost`, and the next `reset` starts another. Nothing here opens a
-connection beyond this machine.
+A Unity build and the package `ai2thor` are the user's to bring; docs/thor.md says how. AI2-THOR's
+own client and the player run in a child process (client.py) with a time limit for each call: a
+player that dies, hangs or sends nonsense is a `WorldLost`, and the next `reset` starts another.
+Nothing here opens a connection beyond this machine.
 """
 
 import copy
 import logging
 import os
+import signal
+import subprocess
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
+from multiprocessing import Pipe
+from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
-
+from karma.children import child_command
 from karma.errors import FileError, KarmaError, WorldLost
 from karma.household.ids import root_type
 from karma.world.thor import builds
 from karma.world.thor.builds import Platform
-
-if TYPE_CHECKING:
-    from karma.world.thor.client import Client
 
 log = logging.getLogger(__name__)
 
@@ -32,6 +33,85 @@ OURS = frozenset(  # arguments of the Controller that would look for a build, or
      "server_start_timeout", "host", "port", "agentControllerType"}
 )  # fmt: skip
 BLINDS = "Blinds are never moved: AI2-THOR 5.0.0 does not come back from it (issue 1213)"
+
+
+TRAPS = ("CUDA_VISIBLE_DEVICES", "AI2THOR_VISIBILITY_DISTANCE")  # variables the client acts on
+TAIL_BYTES = 600
+
+
+class ClientProcess:
+    """AI2-THOR's client and player in a child process.
+
+    Raises:
+        WorldLost: as in `call`.
+    """
+
+    def __init__(self, folder: Path, *, limit_s: float, **settings: Any) -> None:
+        self.last_event: Any = None
+        self._log = folder / "log" / "unity.log"
+        self._log_from = self._log.stat().st_size if self._log.exists() else 0
+        self._pipes = tempfile.TemporaryDirectory()
+        self._connection, there = Pipe()
+        words = child_command(
+            "karma.world.thor.client:serve", str(there.fileno()), self._pipes.name
+        )
+        self.process = subprocess.Popen(
+            words,
+            env={name: value for name, value in os.environ.items() if name not in TRAPS},
+            stdin=subprocess.DEVNULL,
+            pass_fds=[there.fileno()],
+            start_new_session=True,
+        )
+        there.close()
+        try:
+            self.call("start", "start", limit_s=limit_s, folder=folder, **settings)
+        except BaseException:
+            self.end()
+            raise
+
+    def call(self, during: str, name: str, *given: Any, limit_s: float, **named: Any) -> Any:
+        """Return what a method of the child's client returns; `during` is what errors call it.
+
+        Raises:
+            WorldLost: the player is gone, hangs, or makes no sense; the child has ended.
+            Exception: what the method raises.
+        """
+        message = ForkingPickler.dumps((name, given, named))
+        try:
+            with suppress(OSError):  # what is left to read says why nobody takes it
+                self._connection.send_bytes(message)
+            if self._connection.poll(limit_s):
+                value, event, error = self._connection.recv()
+            else:
+                error = "no answer in time; it hangs, or the time limit is too short"
+        except (EOFError, OSError):
+            error = "the client was killed"
+        except BaseException:  # e.g. an interrupt: the answer would be taken for the next call's
+            self.end()
+            raise
+        if isinstance(error, str):
+            self.end()
+            raise WorldLost(error, during=during, log=self._log, tail=self._tail())
+        self.last_event = event
+        if error is not None:
+            raise error
+        return value
+
+    def end(self) -> None:
+        """End child and player, whatever state they are in, and remove the pipes."""
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+        self._connection.close()
+        self._pipes.cleanup()
+
+    def _tail(self) -> str:
+        """Return the last lines that the player has printed, indented."""
+        with suppress(OSError), self._log.open("rb") as file:
+            file.seek(max(self._log_from, self._log.stat().st_size - TAIL_BYTES))
+            lines = file.read().decode(errors="replace").splitlines()
+            return "\n".join(f"    {line}" for line in lines[-6:])
+        return ""
 
 
 class ThorWorld:
@@ -47,8 +127,8 @@ class ThorWorld:
             build's name.
         display: X display, e.g. ":0"; None = $DISPLAY, else the first of this machine.
         headless: no pictures, no graphics card.
-        start_timeout_s: until the player's first frame.
-        step_timeout_s: for each answer.
+        start_timeout_s: until the first scene is there.
+        step_timeout_s: for each `step` and each further `reset`.
         folder: for the client's log; None = ~/.ai2thor.
         settings: further arguments of AI2-THOR's Controller (width, quality, ...) and of Initialize
             (gridSize, renderDepthImage, ...).
@@ -76,10 +156,16 @@ class ThorWorld:
         builds.check_package()
         self.build = builds.find(executable, platform)
         self._folder = Path(folder) if folder is not None else builds.home()
-        self._display = display or os.environ.get("DISPLAY") or (*builds.screens(), ":0")[0]
-        limits = {"start_timeout_s": start_timeout_s, "step_timeout_s": step_timeout_s}
-        self._settings = {"headless": headless, **limits, **settings}
-        self._client: Client | None = None
+        display = display or os.environ.get("DISPLAY") or (*builds.screens(), ":0")[0]
+        self._settings = {
+            "headless": headless,
+            "x_display": display,
+            "command": self.build.command,
+            "platform": self.build.platform,
+            **settings,
+        }
+        self._start_s, self._step_s = start_timeout_s, step_timeout_s
+        self._client: ClientProcess | None = None
         self._event: Any = None
         self._loss: WorldLost | None = None
         if scene is not None:
@@ -105,17 +191,16 @@ class ThorWorld:
         """
         if self._client is None and self._loss is None:
             self._begin(None)
-        return tuple(sorted(self._running().scenes_in_build))
+        return tuple(self._called("scenes", "scenes"))
 
     @property
     def pid(self) -> int:
-        """The guard's process; the player is its child.
+        """The client's process; the player is its child.
 
         Raises:
             KarmaError: none is running.
         """
-        pid: int = self._running().unity_pid
-        return pid
+        return self._running().process.pid
 
     def reset(self, scene: str) -> Any:
         """Load a scene by AI2-THOR's name; a fresh player is started when there is none.
@@ -140,24 +225,20 @@ class ThorWorld:
         given = {"action": action} if isinstance(action, str) else dict(action)
         given.update(arguments)
         client = self._running()
+        name, kind = str(given["action"]), root_type(str(given.get("objectId", "")))
+        if kind == "Blinds" and name in ("OpenObject", "CloseObject"):
+            return self._refuse(name, loud=loud)
         try:
-            if not self._moves_blinds(client, given):
-                return self._keep(client.step(given, raise_for_failure=loud))
-        except WorldLost as loss:
-            self._loss = loss
-            raise
+            return self._keep(self._called(name, "step", given, raise_for_failure=loud))
         except (ValueError, RuntimeError):
             self._keep(client.last_event)
             raise
-        finally:
-            if not client.alive:
-                self._drop()
-        return self._refuse(str(given["action"]), loud=loud)
 
     def stop(self) -> None:
         """End the player; a later `reset` starts another."""
-        self._drop()
-        self._loss = None
+        if self._client is not None:
+            self._client.end()
+        self._client = self._loss = None
 
     # ------------------------------------------------------------- the player
 
@@ -169,72 +250,32 @@ class ThorWorld:
             raise KarmaError(f"{what}: the player refuses to begin: {error}") from error
 
     def _begun(self, scene: str | None) -> Any:
-        if self._client is not None and self._client.alive:
+        if self._client is not None:
             try:
-                return self._client.reset(scene)
+                return self._called("reset", "reset", scene)
             except WorldLost as loss:  # it died between two episodes: this one gets a fresh one
                 log.warning("%s", loss)
-        self._drop()
-        from karma.world.thor.client import Client
-
         place = _writable(self._folder)
-        self._client = Client(
-            self.build, folder=place, display=self._display, scene=scene, **self._settings
-        )
+        self._client = ClientProcess(place, limit_s=self._start_s, scene=scene, **self._settings)
         return self._client.last_event
 
-    def _running(self) -> "Client":
+    def _called(self, during: str, name: str, *given: Any, **named: Any) -> Any:
+        try:
+            return self._running().call(during, name, *given, limit_s=self._step_s, **named)
+        except WorldLost as loss:
+            self._client, self._loss = None, loss
+            raise
+
+    def _running(self) -> ClientProcess:
         if self._client is not None:
             return self._client
         if self._loss is not None:
             raise WorldLost(self._loss.reason, during=self._loss.during, log=self._loss.log)
         raise KarmaError("no player is running\n  To fix: world.reset('FloorPlan1')")
 
-    def _drop(self) -> None:
-        if self._client is not None:
-            if self._loss is None and not self._client.alive:
-                self._loss = WorldLost(
-                    self._client.reason, during="the last action", log=self._client.log_path
-                )
-            self._client.end()
-            self._client = None
-
     def _keep(self, event: Any) -> Any:
-        for one in event.events:
-            _own_pictures(one)
-        self._event = event
-        self._loss = None
+        self._event, self._loss = event, None
         return event
-
-    # ------------------------------------------------------------- blinds
-
-    def _moves_blinds(self, client: "Client", given: Mapping[str, Any]) -> bool:
-        if given["action"] in ("OpenObject", "CloseObject"):
-            return self._type_of(self._target(client, given)) == "Blinds"
-        if given["action"] == "SetObjectStates":
-            change = given.get("SetObjectStates") or {}
-            everything = not change.get("objectType")
-            return change.get("stateChange") == "openable" and (
-                change.get("objectType") == "Blinds"
-                or (everything and bool(self.last_event.objects_by_type("Blinds")))
-            )
-        return False
-
-    def _target(self, client: "Client", given: Mapping[str, Any]) -> str:
-        """Return the id that an action means, also when it gives a point of the picture."""
-        if given.get("objectId") or not {"x", "y"} <= given.keys():
-            return str(given.get("objectId", ""))
-        where = {"x": given["x"], "y": given["y"], "checkVisible": False}
-        try:
-            return str(client.step("GetObjectInFrame", **where).metadata["actionReturn"] or "")
-        except ValueError:
-            return ""
-
-    def _type_of(self, object_id: str) -> str:
-        found = next(
-            (o for o in self.last_event.metadata["objects"] if o["objectId"] == object_id), None
-        )
-        return found["objectType"] if found else root_type(object_id)
 
     def _refuse(self, action: str, *, loud: bool) -> Any:
         """Return the present moment as the event of an action that failed."""
@@ -253,15 +294,6 @@ class ThorWorld:
         if loud:
             raise RuntimeError(BLINDS)
         return event
-
-
-def _own_pictures(event: Any) -> None:
-    """Replace the client's read-only, upside-down views by arrays of the event's own."""
-    for name, value in tuple(vars(event).items()):
-        if name.endswith("frames"):
-            setattr(event, name, [np.array(one, order="C") for one in value])
-        elif name.endswith("frame") and value is not None:
-            setattr(event, name, np.array(value, order="C"))
 
 
 def _writable(folder: Path) -> Path:

@@ -20,23 +20,20 @@ VARIABLE = "KARMA_THOR_BUILD"
 SOURCE = "http://s3-us-west-2.amazonaws.com/ai2-thor-public/builds"  # for people; never opened here
 SIZE = "about half a gigabyte"
 INSTALL = f"pip install --no-index --find-links WHEELS ai2thor=={VERSION}"
-METADATA = '{"server_types": ["FIFO", "WSGI"]}'
 
 Platform = Literal["Linux64", "CloudRendering", "OSXIntel64"]
+Origin = Literal["given", "$KARMA_THOR_BUILD", "cache"]
 PLATFORMS: tuple[Platform, ...] = Platform.__args__  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Build:
-    """What to launch.
+    """What to launch."""
 
-    `path` is the executable; `command` starts with it and may have arguments.
-    """
-
-    path: Path
-    command: tuple[str, ...]
+    path: Path  # of the executable
+    command: tuple[str, ...]  # it, and arguments
     platform: Platform
-    origin: Literal["argument", "environment", "cache"]
+    origin: Origin
 
     @property
     def runs(self) -> bool:
@@ -108,10 +105,8 @@ def candidates(platform: Platform | None = None) -> tuple[Platform, ...]:
 
 def screens() -> list[str]:
     """Return the X displays of this machine, by their sockets, e.g. [":0"]."""
-    found = Path("/tmp/.X11-unix").glob("X*")
-    return [
-        f":{number}" for number in sorted(int(p.name[1:]) for p in found if p.name[1:].isdigit())
-    ]
+    names = [path.name[1:] for path in Path("/tmp/.X11-unix").glob("X*")]
+    return [f":{number}" for number in sorted(int(name) for name in names if name.isdigit())]
 
 
 def find(executable: str | Path | None = None, platform: Platform | None = None) -> Build:
@@ -127,20 +122,15 @@ def find(executable: str | Path | None = None, platform: Platform | None = None)
 
 
 def locate(executable: str | Path | None = None, platform: Platform | None = None) -> Build:
-    """Return the build that lies there, whether it can be run or not.
-
-    Args:
-        executable: a file, a build's folder, or the text of a command; None = $KARMA_THOR_BUILD,
-            else the client's cache.
-        platform: what it renders with; None = by its name, else Linux64.
+    """Return the build that lies there, whether it can be run or not; arguments as of `ThorWorld`.
 
     Raises:
         KarmaError: there is none; says what to do.
     """
     if executable is not None:
-        return _given(executable, platform, "argument")
+        return _given(executable, platform, "given")
     if os.environ.get(VARIABLE):
-        return _given(os.environ[VARIABLE], platform, "environment")
+        return _given(os.environ[VARIABLE], platform, "$KARMA_THOR_BUILD")
     for one in candidates(platform):
         path = cached(one)
         if path.is_file():
@@ -162,30 +152,19 @@ def fetch(platform: Platform) -> str:
     )
 
 
-def _given(
-    executable: str | Path,
-    platform: Platform | None,
-    origin: Literal["argument", "environment"],
-) -> Build:
-    text = str(executable)
-    path = Path(text).expanduser()
+def _given(executable: str | Path, platform: Platform | None, origin: Origin) -> Build:
+    path, arguments = Path(executable).expanduser(), list[str]()
     if path.is_dir():
         path = _inside(path)
-        words = [str(path)]
-    elif path.exists() or isinstance(executable, Path):
-        words = [str(path)]
-    else:
-        words = _words(text)
-        path = Path(shutil.which(words[0]) or Path(words[0]).expanduser())
-        words[0] = str(path)
+    elif not path.exists() and not isinstance(executable, Path):
+        first, *arguments = _words(executable)
+        path = Path(shutil.which(first) or Path(first).expanduser())
     if not path.is_file():
         raise KarmaError(f"{path}: no such executable\n  To fix: export {VARIABLE}=/path/to/it")
-    return Build(
-        path=path,
-        command=tuple(words),
-        platform=platform or _platform_of(path),
-        origin=origin,
-    )
+    usual: Platform = "OSXIntel64" if sys.platform == "darwin" else "Linux64"
+    by_name = next((one for one in PLATFORMS if f"-{one}-" in path.name), usual)
+    command = (str(path), *arguments)
+    return Build(path=path, command=command, platform=platform or by_name, origin=origin)
 
 
 def _words(text: str) -> list[str]:
@@ -210,10 +189,3 @@ def _inside(folder: Path) -> Path:
         f"{folder}: no Unity build in this folder: no file with a `_Data` folder of its name "
         f"beside it\n  To fix: unzip the build into it, or name the executable itself"
     )
-
-
-def _platform_of(path: Path) -> Platform:
-    for one in PLATFORMS:
-        if f"-{one}-" in path.name:
-            return one
-    return "OSXIntel64" if sys.platform == "darwin" else "Linux64"

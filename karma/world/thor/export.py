@@ -6,7 +6,7 @@ A run that was cut off goes on where it was: what is there is not done again.
 import json
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -36,22 +36,24 @@ class Failures:
 
     def __init__(self) -> None:
         self.said: list[str] = []
-        self.in_a_row = 0
+        self._in_a_row = 0
 
-    def good(self) -> None:
-        """Note that something went well."""
-        self.in_a_row = 0
-
-    def bad(self, what: str, error: Exception) -> None:
-        """Note a failure.
+    @contextmanager
+    def noted(self, what: str) -> Iterator[None]:
+        """Do something that may fail.
 
         Raises:
-            KarmaError: too many in a row.
+            KarmaError: too much has failed in a row.
         """
-        self.said.append(f"{what}: {error}")
-        self.in_a_row += 1
-        if self.in_a_row == GIVE_UP:
-            raise KarmaError(f"{GIVE_UP} failures in a row, the last: {self.said[-1]}") from error
+        try:
+            yield
+            self._in_a_row = 0
+        except (KarmaError, RuntimeError, ValueError) as error:
+            self.said.append(f"{what}: {error}")
+            self._in_a_row += 1
+            if self._in_a_row == GIVE_UP:
+                reason = f"{GIVE_UP} failures in a row, the last: {self.said[-1]}"
+                raise KarmaError(reason) from error
 
 
 # ----------------------------------------------------------------- scenes
@@ -142,12 +144,10 @@ def export_scenes(
     for name in names:
         yield len(names), plain(name)
         if plain(name) not in done:
-            try:
+            row = None
+            with failures.noted(name):
                 row = dump(world, name)
-            except (KarmaError, RuntimeError, ValueError) as error:
-                failures.bad(name, error)
-            else:
-                failures.good()
+            if row is not None:
                 append_line(path, to_json(row))
                 done[plain(name)] = row
     write_atomic(folder / "layouts.json", layouts(done))
@@ -172,10 +172,7 @@ def record(world: ThorWorld, script: ActionScript) -> Iterator[Json]:
 def export_recording(path: Path, folder: Path, make: Callable[..., ThorWorld]) -> Path | None:
     """Record one script; None when that is done already.
 
-    Args:
-        path: the script.
-        folder: takes events/NAME.jsonl.
-        make: returns a world for the script's `initialize`.
+    The folder takes events/NAME.jsonl; `make` returns a world for the script's `initialize`.
 
     Raises:
         FileError: the script cannot be read.

@@ -12,9 +12,10 @@ from karma.bench.suites.alfred.trial_rooms import TrialRooms
 from karma.bench.tasks.alfred_lists import ListedTask
 from karma.contracts import LanguageModel, ScoringModel
 from karma.errors import KarmaError
-from karma.world.eb_alfred.actions import ActionTypes
+from karma.journal.not_run import NotRun
+from karma.tasks.alfred_lists import ListedTask
+from karma.world.eb_alfred.actions import EB_ALFRED, LOTA_ALFRED, ActionTypes
 from karma.world.eb_alfred.environment import UNKNOWN, Environment, Step
-from karma.world.eb_alfred.protocol import EB_ALFRED, LOTA_ALFRED
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
