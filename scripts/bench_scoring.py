@@ -37,7 +37,7 @@ from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.scoring import SkillScorer
 from karma.offline.guard import go_offline
 from karma.seeds import stream
-from karma.testing import make_llama
+from karma.train.testing import make_llama
 from karma.world.eb_alfred.actions import LOTA_ALFRED, read_types, skills_of
 from karma.world.eb_alfred.environment import Environment
 

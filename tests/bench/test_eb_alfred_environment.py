@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from support import alfred_kitchen as ours
 from support import eb_alfred as eb
 
-from karma.benchmarks.alfred.players import ChancePlayer, ExpertPlayer
+from karma.bench.suites.alfred.players import ChancePlayer, ExpertPlayer
 from karma.world.eb_alfred.actions import DROP, EB_ALFRED, PUT
 
 SECOND_APPLE = "Apple|+01.40|+00.81|+00.10"

@@ -19,9 +19,9 @@ from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
 from typing import Any
 
-from karma.children import child_command
 from karma.errors import FileError, KarmaError, WorldLost
 from karma.household.ids import root_type
+from karma.offline.children import child_command
 from karma.world.thor import builds
 from karma.world.thor.builds import Platform
 

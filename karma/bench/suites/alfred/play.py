@@ -12,8 +12,6 @@ from karma.bench.suites.alfred.trial_rooms import TrialRooms
 from karma.bench.tasks.alfred_lists import ListedTask
 from karma.contracts import LanguageModel, ScoringModel
 from karma.errors import KarmaError
-from karma.journal.not_run import NotRun
-from karma.tasks.alfred_lists import ListedTask
 from karma.world.eb_alfred.actions import EB_ALFRED, LOTA_ALFRED, ActionTypes
 from karma.world.eb_alfred.environment import UNKNOWN, Environment, Step
 
