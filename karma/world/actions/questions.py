@@ -11,10 +11,9 @@ from karma.world.actions.moving import between_cells, coordinates, lacks, unknow
 from karma.world.core import navigate, scene
 from karma.world.core.arguments import Place
 from karma.world.core.arrays import Floats, crossing
-from karma.world.core.camera import Camera
 from karma.world.core.ground import walk
 from karma.world.core.hiding import inert_rows, solid_boxes
-from karma.world.core.state import Cell, Performed, Refusal, Result, WorldState, refuse
+from karma.world.core.state import Camera, Cell, Performed, Refusal, Result, WorldState, refuse
 from karma.world.core.thing import heading
 from karma.world.core.view import CAMERA_M, camera, camera_axes, in_picture
 
