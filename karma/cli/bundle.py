@@ -8,16 +8,16 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from karma.cli.options import option, taking
+from karma.cli.options import option
 from karma.cli.shared import Json, console, tell, write_json
 
 File = Annotated[Path, typer.Argument(help="The bundle.")]
 Sha256 = Annotated[str, typer.Option(help="Of the bundle, as `build` said; refused otherwise.")]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BuildOptions:
-    """What goes into a bundle."""
+@dataclass(frozen=True, kw_only=True)
+class BuildCommand:
+    """Write a bundle: wheels, models, scenes, experiments, licences."""
 
     out: Path = option(..., "The archive to write, e.g. karma.tar.")
     models: list[str] | None = option(None, "A model's name; default all that are here.")
@@ -27,44 +27,43 @@ class BuildOptions:
     thor: Path | None = option(None, "Folder of an AI2-THOR build.")
     extras: bool = option(False, "With what hosted models and AI2-THOR need.", "--extras")
     lock: Path | None = option(None, "Other pins than requirements.lock.")
+    json: Json = None
+
+    def do(self) -> None:
+        """Build it, and say what it holds."""
+        from karma.bundle.build import PROJECT, BundleSpec, build
+        from karma.places import cache
+
+        begin, extras = monotonic(), self.extras or self.thor is not None
+        spec = BundleSpec(
+            wheels=self.wheels or cache() / "bundle-wheels",
+            download=self.download,
+            models=tuple(self.models or ()),
+            scenes=tuple(self.scenes or ()),
+            thor=self.thor,
+            lock=self.lock or PROJECT / "requirements.lock",
+            extras=PROJECT / "requirements-extras.lock" if extras else None,
+        )
+        with console.status("building the bundle ..."):
+            built = build(self.out, spec, say=tell)
+        names = escape(", ".join(built.models) or "none")
+        console.print(
+            f"[green]✓[/] {escape(str(built.path))}: {built.bytes / 1e6:.1f} MB, "
+            f"{built.members} files, {built.wheels} wheels, models {names}; "
+            f"{monotonic() - begin:.0f} s",
+            soft_wrap=True,
+        )
+        console.print(f"SHA-256 {built.sha256}", soft_wrap=True)
+        console.print("bring it by another way than the bundle, and give it as --sha256 over there")
+        write_json(self.json, {**asdict(built), "path": str(built.path)})
 
 
-@taking(given=BuildOptions)
-def bundle_build(*, given: BuildOptions, json: Json = None) -> None:
-    """Write a bundle: wheels, models, scenes, experiments, licences."""
-    from karma.bundle.build import PROJECT, BundleSpec, build
-    from karma.places import cache
-
-    begin, extras = monotonic(), given.extras or given.thor is not None
-    spec = BundleSpec(
-        wheels=given.wheels or cache() / "bundle-wheels",
-        download=given.download,
-        models=tuple(given.models or ()),
-        scenes=tuple(given.scenes or ()),
-        thor=given.thor,
-        lock=given.lock or PROJECT / "requirements.lock",
-        extras=PROJECT / "requirements-extras.lock" if extras else None,
-    )
-    with console.status("building the bundle ..."):
-        built = build(given.out, spec, say=tell)
-    names = escape(", ".join(built.models) or "none")
-    console.print(
-        f"[green]✓[/] {escape(str(built.path))}: {built.bytes / 1e6:.1f} MB, "
-        f"{built.members} files, {built.wheels} wheels, models {names}; "
-        f"{monotonic() - begin:.0f} s",
-        soft_wrap=True,
-    )
-    console.print(f"SHA-256 {built.sha256}", soft_wrap=True)
-    console.print("bring it by another way than the bundle, and give it as --sha256 over there")
-    write_json(json, {**asdict(built), "path": str(built.path)})
-
-
-def bundle_verify(file: File, sha256: Sha256 = "") -> None:
+def verify(file: File, sha256: Sha256 = "") -> None:
     """Check every file without unpacking; the first wrong one is named."""
     _installer(str(file), "--sha256", sha256)
 
 
-def bundle_install(
+def install(
     file: File,
     into: Annotated[Path, typer.Option(help="A new or empty folder.")],
     sha256: Sha256 = "",

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from karma.bench.sheet import Sheet
 
 
-def compare_command(
+def compare(
     runs: Annotated[
         list[str],
         typer.Argument(help="Run folders, or RUN:ROW for one row; the first with each other."),
@@ -47,7 +47,7 @@ def compare_command(
     write_json(json, [one for group in found for one in group])
 
 
-def table_command(
+def table(
     context: typer.Context,
     run: Annotated[Path, typer.Argument(help="A run folder.")],
     published: Annotated[
@@ -73,7 +73,7 @@ def table_command(
     from karma.bench.results import result_of, unfinished
     from karma.bench.sheet import to_latex, to_markdown
     from karma.bench.sweep_folder import read_sweep
-    from karma.cli.sweeps import print_sweep
+    from karma.cli.agents import print_sweep
     from karma.journal.owned_folder import kind_in, write_beside
     from karma.journal.run_folder import read_run
 

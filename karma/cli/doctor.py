@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,7 +11,7 @@ from rich.box import HORIZONTALS
 from rich.markup import escape
 from rich.table import Table
 
-from karma.cli.options import Computed, taking
+from karma.cli.options import Computed, option
 from karma.cli.shared import Json, console, write_json
 from karma.errors import KarmaError
 from karma.journal.formats import UNKNOWN, figure_text
@@ -78,40 +79,41 @@ def _end(good: bool, words: str, figures: Mapping[str, Any], json: Path | None) 
         raise typer.Exit(1)
 
 
-@taking(computed=Computed)
-def doctor_models(
-    experiment: Annotated[
-        Path | None, typer.Argument(help="An experiment; else what `karma run` takes.")
-    ] = None,
-    planner: Annotated[str | None, typer.Option(help="Another name or GGUF.")] = None,
-    json: Json = None,
-    *,
-    computed: Computed,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ModelsCommand(Computed):
     """See what each model runs on here, its memory and speed, and what to change.
 
     Each is opened as a run does and asked a little. Exit code 1 if one cannot be opened.
     """
-    from karma.bench.experiment_file import read_experiment
-    from karma.bench.model_doctor import examine
-    from karma.loading.models import Models
 
-    models = Models() if experiment is None else read_experiment(experiment).models
-    chosen = {**computed.keys, **({} if planner is None else {"planner": planner})}
-    found = []
-    for name, look in examine(models.computed_by(chosen) if chosen else models):
-        with console.status(escape(f"opening and asking {name} ...")):
-            found.append(look())
-    seen = [one for one in found if one is not None]
-    console.print(_models_table(seen))
-    for one in seen:
-        for text in one.advice:
-            _note("note", f"{one.role}: {text}")
-        if one.error:
-            _note("problem", f"{one.role}: {one.error}")
-    write_json(json, seen)
-    if any(one.error for one in seen):
-        raise typer.Exit(1)
+    experiment: Annotated[
+        Path | None, typer.Argument(help="An experiment; else what `karma run` takes.")
+    ] = None
+    planner: str | None = option(None, "Another name or GGUF.")
+    json: Json = None
+
+    def do(self) -> None:
+        """Open and ask each model."""
+        from karma.bench.experiment_file import read_experiment
+        from karma.bench.model_doctor import examine
+        from karma.loading.models import Models
+
+        models = Models() if self.experiment is None else read_experiment(self.experiment).models
+        chosen = self.computed | ({} if self.planner is None else {"planner": self.planner})
+        seen = []
+        for name, look in examine(models.computed_by(chosen) if chosen else models):
+            with console.status(escape(f"opening and asking {name} ...")):
+                if (found := look()) is not None:
+                    seen.append(found)
+        console.print(_models_table(seen))
+        for one in seen:
+            for text in one.advice:
+                _note("note", f"{one.role}: {text}")
+            if one.error:
+                _note("problem", f"{one.role}: {one.error}")
+        write_json(self.json, seen)
+        if any(one.error for one in seen):
+            raise typer.Exit(1)
 
 
 def _models_table(found: Sequence["ModelSeen"]) -> Table:

@@ -1,4 +1,4 @@
-"""`karma models`: what the manifest lists, whether the files are right, and bringing in others."""
+"""`karma models`: what the manifest lists, whether files are right, others; and `karma vlm`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,7 +11,8 @@ from rich.table import Table
 from karma.cli.progress import bar
 from karma.cli.shared import Json, console, tell, write_json
 from karma.errors import ModelError
-from karma.journal.formats import UNKNOWN
+from karma.files import write_atomic
+from karma.journal.formats import UNKNOWN, figure_text
 
 if TYPE_CHECKING:
     from karma.infer.manifest.manifest import ModelEntry
@@ -152,7 +153,6 @@ def models_add(
 def _try(entry: "ModelEntry", folder: Path) -> None:
     """Open what is to be added as a run would, and ask it a little."""
     from karma.bench.model_doctor import tried
-    from karma.journal.formats import figure_text
 
     try:
         seen = tried(entry, folder)
@@ -222,7 +222,6 @@ def models_tune(
     """
     from karma.infer.llama.gguf_merge import merge_adapter
     from karma.infer.manifest.manifest import find_model, is_gguf_path, verify
-    from karma.journal.formats import figure_text
     from karma.training.tuning import ADAPTER, ADAPTER_CONFIG, TuningRecipe, tune_file
 
     weights = Path(base) if is_gguf_path(base) else verify(find_model(base))[0]
@@ -245,6 +244,67 @@ def models_remove(name: Annotated[str, typer.Argument(help="A model that was add
     entry = remove_model(name)
     stays = Path(entry.files[0].path).is_absolute()
     tell(f"removed {name}" + (f"; its files stay in {Path(entry.files[0].path).parent}" * stays))
+
+
+# ----------------------------------------------------------------- models that see
+
+
+def vlm_eval(
+    model: Annotated[
+        str, typer.Option(help='Name in the manifest, or a folder; "llama:..." for two .gguf.')
+    ] = "karma-nano-vlm",
+    frames: Annotated[int, typer.Option(min=1, help="Frames to ask about.")] = 320,
+    rooms: Annotated[
+        list[str] | None,
+        typer.Option(help='Scenes or scene files, or "fresh"; all that ship and fresh ones.'),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
+    json: Json = None,
+    html: Annotated[Path | None, typer.Option(help="Also write a page with the failures.")] = None,
+) -> None:
+    """Score a vision model on frames of rooms that its training never saw."""
+    from karma.infer.llama.vision import LlamaVision
+    from karma.infer.vision.transformers import TransformersVision
+    from karma.training.vision.page import page
+    from karma.training.vision.score import Clock, examine, held_out_rooms, score
+
+    with console.status(escape(f"loading {model} ...")):
+        pair = model.removeprefix("llama:")
+        vision = TransformersVision(model) if pair == model else LlamaVision(pair)
+        places = held_out_rooms(rooms or (), seed)
+    clock = Clock()
+    asked = []
+    answers = examine(vision, places, frames=frames, seed=seed, clock=clock)
+    with bar(passing=True) as progress:
+        shown = progress.add_task("asking ...", total=frames)
+        for one in answers:
+            asked.append(one)
+            progress.update(shown, completed=clock.frames)
+    found = score(asked, model=vision.name, seed=seed, clock=clock)
+    _show_scores(found)
+    write_json(json, found)
+    if html is not None:
+        write_atomic(html, page(found, asked).encode())
+        console.print(escape(f"page: {html}"))
+
+
+def _show_scores(found: Any) -> None:
+    table = Table(title=escape(f"{found.model}: {found.frames} frames, {found.objects} questions"))
+    table.add_column("state")
+    for name in ("true of", "precision", "recall", "F1"):
+        table.add_column(name, justify="right")
+    for word, line in found.words.items():
+        figures = (figure_text(value, 3) for value in (line.precision, line.recall, line.f1))
+        table.add_row(word, str(line.support), *figures)
+    console.print(table)
+    console.print(
+        f"macro-F1 {figure_text(found.macro_f1, 3)} · accuracy {figure_text(found.accuracy, 3)} · "
+        f"of objects filling 2 % of the frame {figure_text(found.large.value, 3)} "
+        f"({found.large.of}) · "
+        f"no usable answer {found.unanswered}"
+    )
+    frame, thing = (figure_text(ms, 0) for ms in (found.ms_per_frame, found.ms_per_object))
+    console.print(f"ms per frame {frame}, per object {thing}")
 
 
 def _role(text: str | None) -> Any:

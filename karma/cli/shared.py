@@ -4,7 +4,9 @@ import os
 import sys
 import traceback
 import unicodedata
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
+from copy import copy
+from dataclasses import replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,11 +14,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
+from rich.measure import Measurement
 from rich.segment import Segment
-from rich.table import Table
+from rich.table import Column, Table
+from rich.text import Text
 
 from karma import registry
-from karma.cli.wide_tables import parts_of
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
 from karma.offline import settle
@@ -26,6 +29,7 @@ if TYPE_CHECKING:
 
 _HARMLESS = frozenset("\n\t\u200d")  # the last joins the parts of one sign
 _PLAIN = str.maketrans("→–—…✓·×", ">--.*.x")  # where the terminal has ASCII only
+_UNBOUNDED = 100_000  # columns
 _LONGEST = 2000  # characters of a line of an error: a quoted goal or name may have millions
 
 
@@ -67,7 +71,7 @@ class SafeConsole(Console):
     def print(self, *objects: Any, **how: Any) -> None:
         """Print as any console does; a table that is too wide comes in parts that fit."""
         alone = objects[0] if len(objects) == 1 else None
-        for one in parts_of(alone, self) if isinstance(alone, Table) else ():
+        for one in _parts_of(alone, self) if isinstance(alone, Table) else ():
             super().print(one, **how)
         if not isinstance(alone, Table):
             super().print(*objects, **how)
@@ -213,3 +217,83 @@ def _show(reason: str) -> None:
     reason = "\n".join(lines)
     text = f"[red]error:[/] {escape(reason)}"
     SafeConsole(stderr=True).print(text, highlight=False, soft_wrap=True)
+
+
+# ----------------------------------------------------------------- tables that are too wide
+
+
+def _parts_of(table: Table, console: Console) -> list[Table]:
+    """Return a table that fits as it is, another as several, each with the first columns.
+
+    Names may wrap; no figure is cut.
+    """
+    width = console.width
+    wide = console.options.update(width=_UNBOUNDED)
+    if not table.columns or Measurement.get(console, wide, table).maximum <= width:
+        return [table]
+    count = _labels(table.columns)
+    labels, others = table.columns[:count], table.columns[count:]
+    aside = 3  # of padding and border, each
+    room = width - 1 - sum(_narrowest(one) + aside for one in labels)
+    groups: list[list[Column]] = [[]]
+    left = room
+    for column in others:
+        needed = _needed(column) + aside
+        if needed > left and groups[-1]:
+            groups.append([])
+            left = room
+        groups[-1].append(column)
+        left -= needed
+    return [
+        _part(table, [*labels, *group], count, title=not number, caption=number == len(groups) - 1)
+        for number, group in enumerate(groups)
+    ]
+
+
+def _part(
+    table: Table, columns: Sequence[Column], labels: int, *, title: bool, caption: bool
+) -> Table:
+    part = copy(table)
+    part.columns = [
+        replace(
+            column,
+            _index=number,
+            no_wrap=False,
+            overflow="fold",
+            width=_needed(column) if number >= labels and _is_figure(column) else None,
+        )
+        for number, column in enumerate(columns)
+    ]
+    part.title = table.title if title else None
+    part.caption = table.caption if caption else None
+    return part
+
+
+def _labels(columns: Sequence[Column]) -> int:
+    """Return how many columns in front say what a line is of."""
+    figures = [number for number, column in enumerate(columns) if _is_figure(column)]
+    return max(1, figures[0]) if figures else 1
+
+
+def _is_figure(column: Column) -> bool:
+    return column.justify == "right"
+
+
+def _needed(column: Column) -> int:
+    if not _is_figure(column):
+        return _narrowest(column)
+    lines = [line for cell in column._cells for line in _plain(cell).splitlines()]
+    return max([*map(_width, lines), *map(_width, _plain(column.header).split()), 1])
+
+
+def _narrowest(column: Column) -> int:
+    words = [word for cell in (column.header, *column._cells) for word in _plain(cell).split()]
+    return min(max([*map(_width, words), 1]), 24)
+
+
+def _plain(cell: object) -> str:
+    return Text.from_markup(cell).plain if isinstance(cell, str) else str(cell)
+
+
+def _width(text: str) -> int:
+    return Text(text).cell_len
