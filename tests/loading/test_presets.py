@@ -1,10 +1,10 @@
 """One default agent: settings, experiments, `karma run` and the docs say the same of it."""
 
 import re
+from dataclasses import fields
 from pathlib import Path
 
-import msgspecfrom dataclasses import fields
-
+import msgspec
 import pytest
 from support.paths import ROOT
 from typer.testing import CliRunner
