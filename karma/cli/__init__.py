@@ -12,7 +12,6 @@ import typer
 from karma import __version__ as karma_version
 from karma.cli import (
     agents,
-    bundle,
     compare,
     doctor,
     models,
@@ -37,13 +36,14 @@ MATERIAL = "What runs are made of"
 PARTS = "Parts by themselves"
 MACHINES = "This machine, and one without a network"
 
-TOP: Mapping[str, Mapping[str, Callable[..., None] | type[Command]]] = {  # by panel
+Commands = Mapping[str, Callable[..., None] | type[Command]]  # by their names
+TOP: Mapping[str, Commands] = {  # of `karma` itself, by panel
     ACTING: {"run": talking.RunCommand, "chat": talking.ChatCommand, "read": talking.read,
              "eval": agents.EvalCommand},
     SHOWN: {"table": compare.table, "compare": compare.compare, "report": report.ReportCommand,
             "export": agents.export},
 }  # fmt: skip
-GROUPS: Sequence[tuple[str, str, str, Mapping[str, Callable[..., None] | type[Command]]]] = (
+GROUPS: Sequence[tuple[str, str, str, Commands]] = (  # panel, name, what it is for
     (ACTING, "home", "Homes that last between sessions.",
      {"list": talking.home_list, "new": talking.home_new, "show": talking.home_show,
       "forget": talking.home_forget}),
@@ -61,7 +61,8 @@ GROUPS: Sequence[tuple[str, str, str, Mapping[str, Callable[..., None] | type[Co
     (MACHINES, "doctor", "", {"offline": doctor.doctor_offline, "models": doctor.ModelsCommand,
                               "thor": doctor.doctor_thor}),
     (MACHINES, "bundle", "All in one archive, for a machine without a network.",
-     {"build": bundle.BuildCommand, "verify": bundle.verify, "install": bundle.install}),
+     {"build": doctor.BuildCommand, "verify": doctor.bundle_verify,
+      "install": doctor.bundle_install}),
 )  # fmt: skip
 
 
@@ -69,18 +70,14 @@ def _add_all() -> None:
     """Give `karma` its commands."""
     for panel, commands in TOP.items():
         _add(app, commands, rich_help_panel=panel)
+    alone = typer.Typer(callback=clear_errors(doctor.doctor), invoke_without_command=True)
     for panel, name, words, commands in GROUPS:
-        if words:
-            group = typer.Typer(help=words, no_args_is_help=True)
-        else:
-            group = typer.Typer(callback=clear_errors(doctor.doctor), invoke_without_command=True)
+        group = typer.Typer(help=words, no_args_is_help=True) if words else alone
         _add(group, commands)
         app.add_typer(group, name=name, rich_help_panel=panel)
 
 
-def _add(
-    to: typer.Typer, commands: Mapping[str, Callable[..., None] | type[Command]], **how: Any
-) -> None:
+def _add(to: typer.Typer, commands: Commands, **how: Any) -> None:
     for name, one in commands.items():
         function = as_function(one) if isinstance(one, type) else one
         to.command(name, **how)(clear_errors(function))

@@ -138,12 +138,9 @@ def write_for(run: Path, out: Path | None, name: str, data: bytes) -> Path:
 
 
 def refuse_options(context: typer.Context, what: str, known: Collection[str]) -> None:
-    """Raise KarmaError where a command was given an option that is of no use.
+    """Raise KarmaError where a command was given an option that is not `known` to be of use.
 
-    Args:
-        context: of the command.
-        what: it is about, e.g. "eval/demo.toml: such an experiment".
-        known: options that are of use, as parameters.
+    `what` it is about is such as "eval/demo.toml: such an experiment".
     """
     for one in context.command.params:
         source = context.get_parameter_source(one.name or "")
@@ -161,9 +158,8 @@ def readable(typed: str) -> str:
 def clear_errors(command: Callable[..., None]) -> Callable[..., None]:
     """Turn the package's errors into a message and exit code 1, Ctrl-C and its like into 130.
 
-    Anything else is a bug: of a plug-in, which is named, or of ours.
-
-    A refused attempt to reach the network is such an error also where a library has swallowed it.
+    Anything else is a bug: of a plug-in, which is named, or of ours. A refused attempt to reach the
+    network is such an error also where a library has swallowed it.
     """
 
     @wraps(command)
@@ -176,30 +172,29 @@ def clear_errors(command: Callable[..., None]) -> Callable[..., None]:
         except KeyboardInterrupt as error:
             console.print("stopped", style="yellow")
             raise typer.Exit(STOPPED) from error
-        except KarmaError as error:
-            _show(str(error))
-            raise typer.Exit(FAILED) from error
-        except MemoryError as error:
-            _show("there is not enough memory\n  To fix: take smaller models, or raise ulimit -v")
-            raise typer.Exit(FAILED) from error
-        except OSError as error:  # of the machine: a full disk, no descriptors left
-            where = f"{error.filename}: " if error.filename else ""
-            _show(f"{where}{error.strerror or error}")
-            raise typer.Exit(FAILED) from error
         except Exception as error:
-            if named := registry.plug_in_of(error):
-                _show(f"{named} raised {type(error).__name__}: {error}\n{_lines_of(error)}")
-                raise typer.Exit(FAILED) from error
-            raise
+            if (reason := _reason(error)) is None:
+                raise
+            _show(reason)
+            raise typer.Exit(FAILED) from error
 
     return wrapped
 
 
-def _lines_of(error: Exception) -> str:
-    """Return where an error was raised, the innermost last."""
-    frames = traceback.extract_tb(error.__traceback__)[-4:]
-    places = (f"  {one.filename}:{one.lineno} in {one.name}" for one in frames)
-    return "\n".join([*places, "  To fix: mend or uninstall that package"])
+def _reason(error: Exception) -> str | None:
+    """Return what is said of an error; None of a bug of ours."""
+    if isinstance(error, KarmaError):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return "there is not enough memory\n  To fix: take smaller models, or raise ulimit -v"
+    if isinstance(error, OSError):  # of the machine: a full disk, no descriptors left
+        return f"{error.filename}: " * bool(error.filename) + (error.strerror or str(error))
+    if not (named := registry.plug_in_of(error)):
+        return None
+    frames = traceback.extract_tb(error.__traceback__)[-4:]  # the innermost last
+    places = "\n".join(f"  {one.filename}:{one.lineno} in {one.name}" for one in frames)
+    said = f"{named} raised {type(error).__name__}: {error}"
+    return f"{said}\n{places}\n  To fix: mend or uninstall that package"
 
 
 def sheet_table(sheet: "Sheet") -> Table:

@@ -41,12 +41,9 @@ def tasks_check(
     found: list[TaskFinding] = []
     with TemporaryDirectory() as folder, bar(passing=True) as progress:
         for task in progress.track(tasks, description="tasks"):
-            some = quick_findings([task], make) if quick else findings(task, make, Path(folder))
-            found += some
+            found += quick_findings([task], make) if quick else findings(task, make, Path(folder))
     for one in found:
-        mark = "" if one.serious else "note: "
-        text = f"{file}:{lines[one.task]}: {mark}{one}"
-        tell(text)
+        tell(f"{file}:{lines[one.task]}: {'' if one.serious else 'note: '}{one}")
     write_json(json, found)
     _end(file, len(tasks), found, quick)
 
@@ -69,9 +66,7 @@ def _end(file: Path, number: int, found: Sequence["TaskFinding"], quick: bool) -
 def warn_of_tasks(run: "Run", told: set[tuple[str, ...]] | None = None) -> None:
     """Say before a run's first episode which of its tasks measure less than they seem to.
 
-    Args:
-        run: it is silent about one that has begun.
-        told: the tasks that were spoken of before, and takes these; silent about those.
+    It is silent about a run that has begun, and about tasks in `told`, which takes these.
     """
     from karma import registry
     from karma.bench.task_check import quick_findings
