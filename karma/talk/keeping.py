@@ -32,11 +32,8 @@ _FIX = "--out another folder"
 class TalkFolder:
     """A folder that one conversation has for itself, as long as it lives.
 
-    Args:
-        folder: made where it is not there; None: the next of the scene that is free, such as
-            `kitchen_1-1`, then `kitchen_1-2`.
-        scene: its name.
-        talks: where those lie.
+    It is made where it is not there; None: the next of the scene that is free below `talks`, such
+    as `kitchen_1-1`, then `kitchen_1-2`.
 
     Raises:
         FileError: it cannot be made, or something is in it.
@@ -85,12 +82,7 @@ def _next(scene: str, talks: Path) -> Path:
 class Keeper:
     """Writes a conversation into its folder, whole each time.
 
-    Args:
-        place: of the run.
-        scene: where.
-        row: name and options of the agent.
-        models: that were loaded by name; None where they were given.
-        given: resources that were handed over, instead.
+    `models` are None where resources were given, in place of names.
     """
 
     def __init__(
@@ -144,8 +136,5 @@ class Keeper:
             f"talk in {self._scene.name}", told, models,
             rows=[self._row], tasks=[task], scenes={}, steps=True,
         )  # fmt: skip
-        return header if self._models else replace(header, models=self._given_names())
-
-    def _given_names(self) -> dict[str, str]:
-        """Return what models call themselves that were not loaded by name."""
-        return {"planner": self._given.model.name, "vision": self._given.vision.name}
+        names = {"planner": self._given.model.name, "vision": self._given.vision.name}
+        return header if self._models else replace(header, models=names)
