@@ -176,13 +176,9 @@ class Agent:
             check_options("karma", row.all_options)
             place = TalkFolder(None if folder is None else Path(folder), self.scene.name)
             loaded = resources or load_resources(
-                named or Models(),
-                maps=maps,
-                seed=seed,
-                learn=True,
-                session=self.session,
+                named or Models(), maps=maps, seed=seed, learn=True, session=self.session,
                 states=states,
-            )
+            )  # fmt: skip
             self.session.ledger.take()  # what loading asked, as the canary, is no part of the bill
             decoding = replace(loaded.decoding, answer_seconds=answer_seconds)
             loaded = replace(loaded, decoding=decoding, listen=listen)
@@ -196,13 +192,22 @@ class Agent:
 
     def _begin(self, seed: int) -> None:
         """Get to know the room, and be at its start."""
-        self._steps, self._times = StepLog(), TimeLog()
-        self._tours: dict[str, Tour] = {}
-        world = LoggedWorld(self._world, self._steps)
+        steps = StepLog()
+        world = LoggedWorld(self._world, steps)
         world.reset(self.scene.source)
         self._episode = self._method.begin(world, self.scene, seed=seed, folder=self.folder)
-        self._steps.start(self.scene.name, seed)
-        self._logged = world
+        self._part = EpisodePart(
+            method=self._method.name,
+            episode=self._episode,
+            world=world,
+            tracker=GoalTracker(),  # nothing that is said has goals
+            ledger=self.session.ledger,
+            cassette=self.session.cassette,
+            steps=steps,
+            times=TimeLog(),
+            tours={},
+        )
+        steps.start(self.scene.name, seed)
         self.home.restore(world)
         for errand in self.home.past:
             for change in errand.changes:
@@ -221,7 +226,7 @@ class Agent:
             from karma.talk.people import live  # with it the residents, whom few homes have
 
             now_s = self.home.clock_s
-            done = live(self._logged, self._world, self.home.card, (now_s, now_s + seconds))
+            done = live(self._part.world, self._world, self.home.card, (now_s, now_s + seconds))
         self.home.wait(seconds, done)
 
     # ------------------------------------------------------------- what it does
@@ -229,8 +234,7 @@ class Agent:
     def do(self, instruction: str) -> AgentReply:
         """Carry out what is said; of several requests one by one.
 
-        Returns:
-            What was understood, done, and seen afterwards; it is true where all was done.
+        Returns what was understood, done, and seen afterwards; it is true where all was done.
 
         Raises:
             KarmaError: nothing was said, or a model failed.
@@ -351,7 +355,7 @@ class Agent:
         plans: list[Plan] = []
         results: list[SkillResult] = []
         outcome = None
-        going = self._share().carry_out(len(self._done), subtask, self.scene.name)
+        going = self._part.carry_out(len(self._done), subtask, self.scene.name)
         while True:
             try:
                 moment = next(going)
@@ -381,14 +385,13 @@ class Agent:
             asked=asked,
         )
         changes, self._episode.changes = self._episode.changes, []
-        if self._steps.actions:
-            event = self._world.last_event
+        if self._part.steps.actions:
             self.home.add(
                 clause,
                 reply.status,
-                self._steps.actions,
+                self._part.steps.actions,
                 changes,
-                event,
+                self._world.last_event,
                 plain=in_plain(asked),
                 deeds=tuple(deeds_of(asked, results, done=reply.status == "done")),
             )
@@ -429,19 +432,6 @@ class Agent:
             people=self.home.card.people,
         )
 
-    def _share(self) -> EpisodePart:
-        return EpisodePart(
-            method=self._method.name,
-            episode=self._episode,
-            world=self._logged,
-            tracker=GoalTracker(),  # nothing that is said has goals
-            ledger=self.session.ledger,
-            cassette=self.session.cassette,
-            steps=self._steps,
-            times=self._times,
-            tours=self._tours,
-        )
-
     def _understood(self, clause: str, plan: Plan, asked: Request | None) -> Understanding:
         here = {*self.map.types(), *(unit.object_type for unit in self.memory)}
         taken = understood(clause, plan, self._episode.where, self._lexicon, sorted(here))
@@ -458,10 +448,7 @@ class Agent:
     def undo(self) -> str | None:
         """Go back to before the last thing that was said: room, memory and records.
 
-        A question changes nothing, and is passed over.
-
-        Returns:
-            What was undone; None where nothing was done.
+        A question changes nothing, and is passed over. Returns what was undone, None for nothing.
         """
         deeds = (n for n, reply in enumerate(self.replies) if reply.status != "answered")
         last = max(deeds, default=None)
@@ -477,7 +464,7 @@ class Agent:
         return _Before(
             self._world.last_event,
             self._episode.remembered(),
-            *deepcopy((self._steps, self._times, self._tours)),
+            *deepcopy((self._part.steps, self._part.times, self._part.tours)),
             len(self._done),
             len(self.home.past),
         )
@@ -485,8 +472,8 @@ class Agent:
     def _return(self, before: _Before) -> None:
         self._world.back_to(before.event)
         self._episode.go_back(before.remembered)
-        self._steps.go_back(before.steps)
-        self._times, self._tours = before.times, before.tours
+        self._part.steps.go_back(before.steps)
+        self._part = replace(self._part, times=before.times, tours=before.tours)
         del self._done[before.done :]
         self.home.go_back(before.kept)
 
@@ -523,7 +510,7 @@ class Agent:
     def spent(self) -> tuple[Spent, ...]:
         """What hosted models have cost, with the seconds they took."""
         spent = (one for record in self._done for one in record.hosted)
-        seconds = (s for timing in self._times.subtasks for s in timing.hosted_s)
+        seconds = (s for timing in self._part.times.subtasks for s in timing.hosted_s)
         return tuple(replace(one, seconds=s) for one, s in zip(spent, seconds, strict=True))
 
     def save(self) -> Path:
@@ -533,28 +520,18 @@ class Agent:
             FileError: the folder cannot be written.
         """
         path = self._maps / f"{self.scene.name}.json"
-        self._keeper.write(
-            self._done,
-            turns_of(self.replies),
-            method=self._method.name,
-            steps=self._steps,
-            times=self._times,
-            tours=self._tours.values(),
-            maps={self.scene.name: read_bytes(path)} if path.exists() else {},
-        )
+        maps = {f"maps/{path.name}": read_bytes(path)} if path.exists() else {}
+        self._keeper.write(self._done, turns_of(self.replies), self._part, maps)
         return self.folder
 
     def __repr__(self) -> str:
-        said = len(self.replies)
-        remembered = f"{said} said, {len(self.memory)} things remembered"
+        remembered = f"{len(self.replies)} said, {len(self.memory)} things remembered"
         return f"Agent({self.scene.source!r}): {self._method.name}, {remembered}"
 
 
-def _row(preset: str, options: Mapping[str, Any], answer_seconds: float | None) -> Row:
+def _row(preset: str, options: dict[str, Any], answer_seconds: float | None) -> Row:
     try:
-        return Row(
-            name="KARMA", preset=preset, options=dict(options), answer_seconds=answer_seconds
-        )
+        return Row(name="KARMA", preset=preset, options=options, answer_seconds=answer_seconds)
     except ValueError as error:
         raise KarmaError(str(error)) from error
 

@@ -12,16 +12,15 @@ from weakref import finalize
 
 import msgspec
 
-from karma.contracts import Resources, SceneRef, SubTask, Task, Tour
+from karma.contracts import Resources, SceneRef, SubTask, Task
 from karma.errors import FileError
 from karma.files import read_bytes
 from karma.journal.folder import locked
 from karma.journal.header import Header
-from karma.journal.part import TimeLog
+from karma.journal.part import EpisodePart
 from karma.journal.provenance import header_of
 from karma.journal.records import EpisodeRecord, SubTaskRecord
 from karma.journal.run_folder import Finished, RunFolder
-from karma.journal.steps import StepLog
 from karma.journal.turns import SAID, Turn, turns_file
 from karma.loading.models import Models, Row
 
@@ -97,12 +96,8 @@ class Keeper:
         self,
         done: Iterable[SubTaskRecord],
         turns: Iterable[Turn],
-        *,
-        method: str,
-        steps: StepLog,
-        times: TimeLog,
-        tours: Iterable[Tour],
-        maps: Mapping[str, bytes],
+        part: EpisodePart,
+        files: Mapping[str, bytes],
     ) -> None:
         """Write all that was said so far.
 
@@ -112,7 +107,7 @@ class Keeper:
         subtasks = tuple(done)
         record = EpisodeRecord(
             row=self._row.name,
-            method=method,
+            method=part.method,
             task=SAID,
             kind=SAID,
             scene=self._scene.name,
@@ -120,11 +115,14 @@ class Keeper:
             notes=(),
             subtasks=subtasks,
             unjudged="nobody judges what was said",
-            tours=tuple(tours),
+            tours=tuple(part.tours.values()),
         )
-        files = {f"maps/{name}.json": data for name, data in maps.items()}
-        files |= self._scenes | turns_file(turns)
-        finished = Finished(record=record, timing=times.of(record), steps=steps.data(), files=files)
+        finished = Finished(
+            record=record,
+            timing=part.times.of(record),
+            steps=part.steps.data(),
+            files={**files, **self._scenes, **turns_file(turns)},
+        )
         self.place.files.put_only(self._header(subtasks), finished)
 
     def _header(self, done: Iterable[SubTaskRecord]) -> Header:
