@@ -41,11 +41,11 @@ def world_list(json: Json = None) -> None:
     rows = []
     for path in sorted(scene.SCENES.glob("*.json")):
         one = scene.load(path)
-        rows.append((one.name, one.room, len(one.objects), len(one.reachable), one.source))
-        table.add_row(*map(str, rows[-1]))
+        row = {"scene": one.name, "room": one.room, "objects": len(one.objects)}
+        rows.append({**row, "cells": len(one.reachable), "source": one.source})
+        table.add_row(*map(str, rows[-1].values()))
     console.print(table)
-    names = ("scene", "room", "objects", "cells", "source")
-    write_json(json, [dict(zip(names, row, strict=True)) for row in rows])
+    write_json(json, rows)
 
 
 def world_show(
@@ -125,13 +125,10 @@ def _import_dump(
     from karma.world.importing.scenes import import_dump
 
     rows = []
-    cells = None if layouts in (None, "none") else layouts
-    houses = holds_houses(dump)
-    scenes = (
-        import_houses(dump, assets=assets, only=only)
-        if houses
-        else import_dump(dump, layouts=cells, only=only)
-    )
+    if houses := holds_houses(dump):
+        scenes = import_houses(dump, assets=assets, only=only)
+    else:
+        scenes = import_dump(dump, layouts=None if layouts == "none" else layouts, only=only)
     for scene in _shown(scenes, f"importing {dump.name}"):
         path = below(out, f"{scene.name}.json", source=dump)
         write_atomic(path, to_json(scene))
@@ -161,7 +158,7 @@ def _import_trials(
 def _trials(
     files: Sequence[Path], ids: Iterable[str] | None, side: "Files", limit: int | None = None
 ) -> "tuple[list[Trial], Any]":
-    """Return the trials with these ids, all without, and the facts of their rooms.
+    """Return the trials with these ids, or all, and the facts of their rooms.
 
     Raises:
         KarmaError: none of them has one of the ids.
@@ -235,7 +232,17 @@ def world_replay(
         results.append(result)
         if result.ok == (mutate is not None):
             tell(_told(result))
-    _summed(results, mutate, json)
+    ok = sum(result.ok for result in results)
+    handled, unseen = sum(r.handled for r in results), sum(r.unseen for r in results)
+    good = {"ok": ok} if mutate is None else {"caught": len(results) - ok, "seed": mutate}
+    figures = {"trials": len(results), **good, "handled": handled, "unseen": unseen}
+    write_json(json, {**figures, "results": results})
+    if mutate is None:
+        share = f" ({percent_text((handled - unseen) / handled, 1)} %)" if handled else ""
+        tell(f"actions on objects {handled}, in view {handled - unseen}{share}")
+        tell(f"trials {len(results)}, ok {ok}")
+    else:
+        tell(f"trials {len(results)}, caught {len(results) - ok}")
 
 
 def _told(result: "TrialResult") -> str:
@@ -244,21 +251,6 @@ def _told(result: "TrialResult") -> str:
         return f"{where}: not caught without action {result.deleted}"
     at = "" if result.step is None else f" action {result.step}"
     return f"{where}{at}: {result.reason}"
-
-
-def _summed(results: "Sequence[TrialResult]", mutate: int | None, json: Path | None) -> None:
-    """Print the counts, and write them with the results."""
-    ok = sum(result.ok for result in results)
-    handled, unseen = sum(r.handled for r in results), sum(r.unseen for r in results)
-    good = {"ok": ok} if mutate is None else {"caught": len(results) - ok, "seed": mutate}
-    figures = {"trials": len(results), **good, "handled": handled, "unseen": unseen}
-    write_json(json, {**figures, "results": list(results)})
-    if mutate is None:
-        share = f" ({percent_text((handled - unseen) / handled, 1)} %)" if handled else ""
-        tell(f"actions on objects {handled}, in view {handled - unseen}{share}")
-        tell(f"trials {len(results)}, ok {ok}")
-    else:
-        tell(f"trials {len(results)}, caught {len(results) - ok}")
 
 
 def _replay_events(files: Sequence[Path], layouts: Path | None, json: Path | None) -> None:
@@ -277,13 +269,14 @@ def _replay_events(files: Sequence[Path], layouts: Path | None, json: Path | Non
         )  # fmt: skip
         for gap in one.differences:
             what = f"step {gap.step} {gap.action}: {gap.object_id or 'agent'} {gap.field}"
-            said = f"{gap.ours!r}, AI2-THOR {gap.theirs!r}"
-            tell(f"{Path(one.path).name} {what} is {said}" + (f" ({gap.cause})" * bool(gap.cause)))
+            cause = f" ({gap.cause})" if gap.cause else ""
+            said = f"{gap.ours!r}, AI2-THOR {gap.theirs!r}{cause}"
+            tell(f"{Path(one.path).name} {what} is {said}")
     console.print(table)
-    write_json(
-        json,
-        [{"rate": one.rate, "causes": one.causes, **msgspec.to_builtins(one)} for one in reports],
+    whole = (
+        {"rate": one.rate, "causes": one.causes, **msgspec.to_builtins(one)} for one in reports
     )
+    write_json(json, list(whole))
     flags = sum(one.compared for one in reports)
     tell(f"events {len(reports)}, flags {flags}, equal {_percent(total_rate(reports))} %")
 
