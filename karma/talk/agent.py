@@ -342,10 +342,12 @@ class Agent:
 
     def _one(self, said: _Clause, whole: str) -> Iterator[Moment]:
         """Carry out one request, or answer it."""
-        clause, asked = said.text, said.asked
-        if asked is not None and (answer := self._answer(clause, asked)) is not None:
-            yield RequestReply(instruction=clause, answer=answer)
-            return
+        clause, asked, reader = said.text, said.asked, self._method.reader
+        if asked is not None and reader is not None:
+            answer = self._answer(clause, asked, reader)
+            if answer is not None:
+                yield RequestReply(instruction=clause, answer=answer)
+                return
         self._episode.clock_s = self.home.clock_s
         self._episode.mine = {**owned(self.home.past), **said.means}
         self._episode.told = self._remembering().told()
@@ -398,15 +400,14 @@ class Agent:
             reply = replace(reply, elsewhere=found_elsewhere(self.home.past))
         yield reply
 
-    def _answer(self, clause: str, asked: Request) -> MemoryAnswer | None:
+    def _answer(self, clause: str, asked: Request, reader: RequestReader) -> MemoryAnswer | None:
         """Answer a question, or learn what is told; None where it is neither.
 
         Of another room nothing is looked for, done or learnt here.
         """
-        reader = self._method.reader
         self._question = clause if asked.form == "question" else ""
-        room = None if reader is None else room_said(asked, self.scene.name)
-        if room is not None and reader is not None and not room.is_here:
+        room = room_said(asked, self.scene.name)
+        if room is not None and not room.is_here:
             return of_room(room, asked, self.scene.name, self.home.folder, reader)
         if asked.form == "question":
             asked = asked if room is None else replace(asked, text=room.text)

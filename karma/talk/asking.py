@@ -33,7 +33,7 @@ _ITSELF = re.compile(r"\b(?:in|inside|on|under) (?:it|them)\b")
 class AskedQuestion:
     """A question's words, and the things in it; `knows` is what it is answered from."""
 
-    def __init__(self, request: Request, knows: Remembering, reader: RequestReader | None) -> None:
+    def __init__(self, request: Request, knows: Remembering, reader: RequestReader) -> None:
         self.knows, self.reader = knows, reader
         self.raw = request.text.lower().replace("’", "'")
         text = _LEADS.sub("", self.raw)

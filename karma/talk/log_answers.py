@@ -59,7 +59,7 @@ def what_was_done(q: AskedQuestion) -> MemoryAnswer | None:
 
 def what_was_told(q: AskedQuestion) -> MemoryAnswer | None:
     """Answer "what did I tell you about the apple?" and "did I tell you where it is?"."""
-    if not q.says(r"\bi (?:ever |just |already )?(?:tell|told|teach|taught)\b") or q.reader is None:
+    if not q.says(r"\bi (?:ever |just |already )?(?:tell|told|teach|taught)\b"):
         return None
     kinds = {kind for one in q.things for kind in one.types}
     lines = [
@@ -82,7 +82,7 @@ def whether_it_was_done(q: AskedQuestion) -> MemoryAnswer | None:
         return None
     if q.has("leave", "left") and q.state:
         return None
-    if q.reader is None or not (q.things or q.unknown):
+    if not (q.things or q.unknown):
         return None
     at = next((n for n, word in enumerate(q.words) if word in ("you", "i", "we")), -1)
     rest = [word for word in q.words[at + 1 :] if word not in ("last", "ever", "already", "yet")]
@@ -91,8 +91,6 @@ def whether_it_was_done(q: AskedQuestion) -> MemoryAnswer | None:
 
 def _whether_i_did(q: AskedQuestion, rest: Sequence[str]) -> MemoryAnswer | None:
     """Tell whether the agent has done what some words ask for: "washed", "the", "apple"."""
-    if q.reader is None:
-        return None
     order = " ".join([base_of_deed(rest[0]) or rest[0], *rest[1:]])
     read = q.reader.read(order, q.things)
     asked = [one for request in read for one in deeds_of(request, (), done=True)]

@@ -55,9 +55,7 @@ _OF_ANOTHER = re.compile(
 )
 
 
-def answered(
-    request: Request, knows: Remembering, reader: RequestReader | None
-) -> MemoryAnswer | None:
+def answered(request: Request, knows: Remembering, reader: RequestReader) -> MemoryAnswer | None:
     """Return the answer to a question, None where it is not understood."""
     asked = AskedQuestion(request, knows, reader)
     found = next((found for kind in _KINDS if (found := kind(asked)) is not None), None)
@@ -380,7 +378,7 @@ def _where(q: AskedQuestion) -> MemoryAnswer | None:
         return None
     if not q.things:
         return _not_seen(q) if q.unknown else None
-    if q.reader is not None and q.has("go", "goes", "belong", "belongs", "live", "lives"):
+    if q.has("go", "goes", "belong", "belongs", "live", "lives"):
         usual = habits(q.knows.past, q.reader)
         place = next((usual[kind] for kind in q.things[0].types if kind in usual), "")
         if place:
@@ -416,7 +414,7 @@ def _where(q: AskedQuestion) -> MemoryAnswer | None:
 def _told_last(q: AskedQuestion, thing: Mention, since_s: float, kind: str = PLACE_TOLD) -> str:
     """Return what a person told of a thing after it was seen; "" for nothing."""
     for past in reversed(q.knows.past):
-        if past.status == kind and past.at_s >= since_s and q.reader is not None:
+        if past.status == kind and past.at_s >= since_s:
             about = (one for request in q.reader.read(past.said) for one in request.alone[:2])
             if any({*thing.types} & {*one.types} for one in about):
                 return f"You told me {q.knows.ago(past.at_s)}: {past.said.rstrip('.!')}."

@@ -33,7 +33,7 @@ class ToldPlace:
 
 
 def told_of(
-    request: Request, knows: Remembering, scene: str, reader: RequestReader | None = None
+    request: Request, knows: Remembering, scene: str, reader: RequestReader
 ) -> ToldPlace | None:
     """Return what a statement says of a thing's place or state, or where it always goes.
 
@@ -41,7 +41,7 @@ def told_of(
     one such place is known. `scene` is the name of the room.
     """
     change = MemoryChange(scene=scene, at_s=knows.now_s)
-    if habits := habits_in(request.text, reader) if reader is not None else []:
+    if habits := habits_in(request.text, reader):
         usual = ", ".join(
             f"the {thing.text} {'go' if thing.every else 'goes'} {told_place(place.types[0])}"
             for thing, place in habits
