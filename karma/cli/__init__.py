@@ -17,7 +17,6 @@ from karma.cli import (
     models,
     report,
     talking,
-    tasks,
     worlds,
 )
 from karma.cli.options import Command, as_function
@@ -51,7 +50,7 @@ GROUPS: Sequence[tuple[str, str, str, Commands]] = (  # panel, name, what it is 
      {"list": worlds.world_list, "show": worlds.world_show, "import": worlds.world_import,
       "floors": worlds.world_floors, "replay": worlds.world_replay}),
     (MATERIAL, "tasks", "Task files: look for tasks that measure nothing.",
-     {"check": tasks.tasks_check}),
+     {"check": worlds.tasks_check}),
     (MATERIAL, "models", "Models: list, show, verify, bring, add your own, remove.",
      {"list": models.models_list, "show": models.models_show, "verify": models.models_verify,
       "add": models.models_add, "bring": models.models_bring, "tune": models.models_tune,

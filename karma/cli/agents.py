@@ -22,7 +22,7 @@ from karma.cli.shared import (
     write_for,
     write_json,
 )
-from karma.cli.tasks import warn_of_tasks
+from karma.cli.worlds import warn_of_tasks
 from karma.errors import KarmaError
 from karma.files import write_atomic
 

@@ -43,9 +43,9 @@ def models_list(json: Json = None) -> None:
             escape(entry.licence), here,
         )  # fmt: skip
     console.print(table)
-    open_ones = [entry.name for entry in entries if _unknown(entry)]
-    if open_ones:
-        tell(f"{', '.join(open_ones)}: {_OPEN}")
+    unknown = (entry.name for entry in entries if any(one.sha256 is None for one in entry.files))
+    if names := ", ".join(unknown):
+        tell(f"{names}: {_OPEN}")
     write_json(json, entries)
 
 
@@ -75,15 +75,13 @@ def models_verify(names: Names = None, json: Json = None) -> None:
     """Check size and SHA-256 of files; exit code 1 if one is wrong, or a named one not here."""
     from karma.infer.manifest.manifest import check, find_model, read_manifest
 
-    entries = [find_model(name) for name in names] if names else read_manifest().models
     found = []
-    for entry in entries:
+    for entry in map(find_model, names) if names else read_manifest().models:
         with console.status(escape(f"hashing {entry.name} ...")):
-            found.append(check(entry))
-        one = found[-1]
+            one = check(entry)
+        found.append(one)
         detail = "not present" if one.state == "absent" and not names else one.detail
-        mark = _MARKS[one.state]
-        console.print(f"{mark} {escape(one.name)}: {escape(detail)}", soft_wrap=True)
+        console.print(f"{_MARKS[one.state]} {escape(f'{one.name}: {detail}')}", soft_wrap=True)
     write_json(json, found)
     bad = [one for one in found if one.state == "wrong" or (names and one.state != "ok")]
     if bad:
@@ -316,10 +314,6 @@ def _role(text: str | None) -> Any:
     if text is not None and text not in get_args(Role):
         raise UnknownNameError(f"no role {text!r}; there are {', '.join(get_args(Role))}")
     return text
-
-
-def _unknown(entry: "ModelEntry") -> bool:
-    return any(file.sha256 is None for file in entry.files)
 
 
 def _megabytes(entry: "ModelEntry") -> str:

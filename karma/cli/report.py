@@ -123,10 +123,11 @@ class ReportCommand:
         tell(f"page: {path}: {len(page.sides)} side by side, {len(page.tasks)} tasks")
         for note in page.notes:
             tell(note)
+        pages = {one.run.folder: one.run.folder / PAGE for one in sides if self.pages}
         old = [
             folder
-            for folder in dict.fromkeys(one.run.folder for one in sides)
-            if self.pages and _is_older(folder / PAGE, folder / EPISODES)
+            for folder, own in pages.items()
+            if not own.exists() or own.stat().st_mtime < (folder / EPISODES).stat().st_mtime
         ]
         for number, folder in enumerate(old, start=1):
             self._write_run(folder, None, f"page {number} of {len(old)}: ")
@@ -175,7 +176,3 @@ def _with_bar(steps: Iterable[float | T], words: str) -> list[T]:
             else:
                 made.append(one)
     return made
-
-
-def _is_older(page: Path, records: Path) -> bool:
-    return not page.exists() or page.stat().st_mtime < records.stat().st_mtime

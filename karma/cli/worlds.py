@@ -1,5 +1,6 @@
-"""`karma world`: rooms to import, list and look at; recorded episodes to replay in them."""
+"""`karma world` and `karma tasks`: rooms, recorded episodes, and what is to be done there."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from statistics import mean
@@ -17,11 +18,14 @@ from karma.files import below, to_json, write_atomic
 from karma.journal.formats import figure_text, percent_text
 
 if TYPE_CHECKING:
+    from karma.bench.run import Run
+    from karma.bench.task_check import TaskFinding
     from karma.world.alfred.facts import Files
     from karma.world.alfred.replay import TrialResult
     from karma.world.alfred.trial import Trial
 
 T = TypeVar("T")
+_NAMED = 5  # tasks in a warning
 _OR_NONE = 'default below $KARMA_SHARED or ../shared; "none" = without.'
 Several = Annotated[list[Path], typer.Argument(help="Files, also gzipped.")]
 Layouts = Annotated[str | None, typer.Option(help=f"ALFRED's reachable cells; {_OR_NONE}")]
@@ -284,3 +288,81 @@ def _replay_events(files: Sequence[Path], layouts: Path | None, json: Path | Non
 def _percent(share: float | None) -> str:
     """Return a share in percent, rounded down, so that only all is 100."""
     return figure_text(None if share is None else int(share * 10_000) / 100)
+
+
+# ----------------------------------------------------------------- task files
+
+
+def tasks_check(
+    file: Annotated[Path, typer.Argument(help="A task file, e.g. eval/alfred_l/tasks.jsonl.")],
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Only what the rooms tell; the expert does not try.")
+    ] = False,
+    world: Annotated[str, typer.Option(help="Name of the world.")] = "embedded",
+    json: Json = None,
+) -> None:
+    """Look for tasks that are done already, that name nothing, or that nobody can do; exit 1.
+
+    A goal that is true beside others, or after other work, is only mentioned: it may be meant so.
+    """
+    from tempfile import TemporaryDirectory
+
+    from karma import registry
+    from karma.bench.task_check import findings, quick_findings
+    from karma.tasks.files import load_tasks, task_lines
+
+    tasks, make = load_tasks(file), registry.load("worlds", world)
+    lines = task_lines(file)
+    found: list[TaskFinding] = []
+    with TemporaryDirectory() as folder, bar(passing=True) as progress:
+        for task in progress.track(tasks, description="tasks"):
+            found += quick_findings([task], make) if quick else findings(task, make, Path(folder))
+    for one in found:
+        tell(f"{file}:{lines[one.task]}: {'' if one.serious else 'note: '}{one}")
+    write_json(json, found)
+    _end_tasks(file, len(tasks), found, quick)
+
+
+def _end_tasks(file: Path, number: int, found: Sequence["TaskFinding"], quick: bool) -> None:
+    bad = [one for one in found if one.serious]
+    if not bad:
+        how = "the expert did not try" if quick else "the expert solves all"
+        tell(f"{file}: {number} tasks, nothing wrong ({how})")
+        return
+    counts = Counter(one.what for one in bad)
+    said = ", ".join(f"{times} × {what}" for what, times in counts.items())
+    tasks = len({one.task for one in bad})
+    raise KarmaError(
+        f"{file}: {tasks} of {number} tasks measure less than they seem to: {said}\n"
+        "  To fix: the lines above; docs/tasks.md says what goals mean"
+    )
+
+
+def warn_of_tasks(run: "Run", told: set[tuple[str, ...]] | None = None) -> None:
+    """Say before a run's first episode which of its tasks measure less than they seem to.
+
+    It is silent about a run that has begun, and about tasks in `told`, which takes these.
+    """
+    from karma import registry
+    from karma.bench.task_check import quick_findings
+
+    if run.records or not run.left:
+        return
+    if told is not None:
+        these = (run.experiment.world, *(task.id for task in run.tasks))
+        if these in told:
+            return
+        told.add(these)
+    try:
+        found = list(quick_findings(run.tasks, registry.load("worlds", run.experiment.world)))
+    except KarmaError:  # the episodes will say it of each task
+        return
+    ids: dict[str, list[str]] = {}
+    for one in found:
+        if one.serious and one.task not in ids.setdefault(one.what, []):
+            ids[one.what].append(one.task)
+    for what, tasks in ids.items():
+        said = ", ".join(tasks[:_NAMED]) + (" ..." if len(tasks) > _NAMED else "")
+        tell(f"tasks: {what}: {len(tasks)} of {len(run.tasks)}: {said}", style="yellow")
+    if ids and run.experiment.tasks:
+        tell(f"  more: karma tasks check {run.experiment.tasks}")

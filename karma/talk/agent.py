@@ -53,18 +53,7 @@ from karma.loading.presets import preset as preset_of
 from karma.loading.worlds import world_maker
 from karma.methods.guarded import reader_of
 from karma.methods.karma import KarmaMethod, Remembered
-from karma.talk.history import (
-    deeds_of,
-    found_elsewhere,
-    habits,
-    in_plain,
-    in_plain_words,
-    in_turn,
-    is_taught,
-    only_needs,
-    owned,
-    with_habits,
-)
+from karma.talk import history
 from karma.talk.home import KeptHome, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
 from karma.talk.offers import corrected, with_offer
@@ -294,37 +283,39 @@ class Agent:
     def _in_turn(self, instruction: str) -> Iterator[_Clause]:
         """Yield what is said errand by errand, what speaks of the log when that holds the rest."""
         reader = self._method.reader
-        pieces = in_turn(instruction) if reader is not None else [instruction]
-        for number, piece in enumerate(pieces):
-            why = reader is not None and number < len(pieces) - 1 and only_needs(piece, reader)
-            if not why:  # "I still need it, put it back"
-                yield from self._clauses(piece, pieces[:number])
-
-    def _clauses(self, instruction: str, ahead: Sequence[str] = ()) -> list[_Clause]:
-        """Return what is said errand by errand, each with what it asks where that is read."""
-        reader = self._method.reader
         if reader is None:  # without a guard what is said is only cut
             cut = context_left_out(reader_of(None).read(instruction))
             found = [_Clause(text) for one in cut for text, _ in clauses_of(one)]
-            return found or [_Clause(instruction)]
+            yield from found or [_Clause(instruction)]
+            return
+        *first, last = history.in_turn(instruction)
+        for number, piece in enumerate(first):
+            if not history.only_needs(piece, reader):  # "I still need it, put it back"
+                yield from self._clauses(piece, reader, first[:number])
+        yield from self._clauses(last, reader, first)
+
+    def _clauses(
+        self, instruction: str, reader: RequestReader, ahead: Sequence[str]
+    ) -> list[_Clause]:
+        """Return what is said errand by errand, each with what it asks."""
         instruction = of_another(instruction, self._question, reader)
         instruction = corrected(instruction, self._asked, reader)
         seen = {name: sight for name, (sight, _) in self._episode.last_seen().items()}
-        plain = in_plain_words(instruction, self.home.past, reader, seen)
+        plain = history.in_plain_words(instruction, self.home.past, reader, seen)
         requests = context_left_out(reader.read(plain.text, *self._spoken_of(reader, ahead)))
-        usual = habits(self.home.past, reader)
+        usual = history.habits(self.home.past, reader)
         unread = [
             replace(one, unread=(*one.unread, *(w for w in plain.unknown if w in one.text)))
             for one in requests
         ]
         found = []
         for text, asked in (clause for one in unread for clause in clauses_of(one)):
-            put = with_habits(asked, usual)
+            put = history.with_habits(asked, usual)
             found.append(_Clause(text if put is asked else put.errand, put, plain.means))
         return found or [_Clause(plain.text)]
 
     def _spoken_of(
-        self, reader: RequestReader, ahead: Sequence[str] = ()
+        self, reader: RequestReader, ahead: Sequence[str]
     ) -> tuple[tuple[Mention, ...], tuple[SaidDeed, ...], tuple[Mention, ...]]:
         """Return what was spoken of last, what was asked for last, what was spoken of before."""
         last: tuple[Mention, ...] = ()
@@ -349,7 +340,7 @@ class Agent:
                 yield RequestReply(instruction=clause, answer=answer)
                 return
         self._episode.clock_s = self.home.clock_s
-        self._episode.mine = {**owned(self.home.past), **said.means}
+        self._episode.mine = {**history.owned(self.home.past), **said.means}
         self._episode.told = self._remembering().told()
         self._asked = clause if asked is not None and asked.form == "errand" else ""
         subtask = SubTask(instruction=clause, whole=clause if asked else whole, asked=asked)
@@ -394,10 +385,10 @@ class Agent:
                 self._part.steps.actions,
                 changes,
                 self._world.last_event,
-                plain=in_plain(asked),
-                deeds=tuple(deeds_of(asked, results, done=reply.status == "done")),
+                plain=history.in_plain(asked),
+                deeds=tuple(history.deeds_of(asked, results, done=reply.status == "done")),
             )
-            reply = replace(reply, elsewhere=found_elsewhere(self.home.past))
+            reply = replace(reply, elsewhere=history.found_elsewhere(self.home.past))
         yield reply
 
     def _answer(self, clause: str, asked: Request, reader: RequestReader) -> MemoryAnswer | None:
@@ -412,7 +403,7 @@ class Agent:
         if asked.form == "question":
             asked = asked if room is None else replace(asked, text=room.text)
             return answered(asked, self._remembering(), reader)
-        if asked.form not in ("statement", "teaching") and not is_taught(clause):
+        if asked.form not in ("statement", "teaching") and not history.is_taught(clause):
             return None
         told = told_of(asked, self._remembering(), self.scene.name, reader)
         if told is None:

@@ -18,24 +18,16 @@ from karma.household.pieces import base_type, is_piece
 from karma.household.places import HAND, NEAR_M
 from karma.household.saying import name_of, told_place
 from karma.household.states import NEEDS
-from karma.household.types import ObjectType, object_types
+from karma.household.types import object_types
 from karma.household.uses import BASIN_OF, BASINS, BELOW_SINKS
 from karma.journal.formats import plural
 from karma.language.request import RequestReader
 from karma.language.request_words import request_words
 from karma.methods.which_thing import is_so
+from karma.talk import log_answers
 from karma.talk.asking import ASKING, AskedQuestion, can_hold
 from karma.talk.history import habits, looked_into, moves, owned
 from karma.talk.home import PLACE_TOLD, STATE_TOLD
-from karma.talk.log_answers import (
-    not_looked_into,
-    what_changed,
-    what_it_can,
-    what_was_done,
-    what_was_told,
-    whether_it_was_done,
-    who_did_it,
-)
 from karma.talk.remembering import (
     MOST,
     MemoryAnswer,
@@ -199,7 +191,8 @@ def _which_are_so(q: AskedQuestion) -> MemoryAnswer | None:
     known = [
         one
         for one in q.knows.all()
-        if one[0].states and (need is None or kinds or _kind(one[0]).can(need))
+        if one[0].states
+        and (need is None or kinds or object_types()[base_type(one[0].object_type)].can(need))
         if not kinds or kinds & {one[0].object_type, base_type(one[0].object_type)}
     ]
     so = [one for one in known if is_so(q.state, one[0])]
@@ -212,10 +205,6 @@ def _which_are_so(q: AskedQuestion) -> MemoryAnswer | None:
     names = few(last_first(told), lambda one: f"{_the(one[0])} ({_lies(q, *one, STATE_TOLD)})")
     lead = f"No, not {word}: " if every else "Yes: " if q.asks == "" else f"{word.capitalize()}: "
     return answer(f"{lead}{names}.")
-
-
-def _kind(sight: SeenObject) -> ObjectType:
-    return object_types()[base_type(sight.object_type)]
 
 
 def _what_is_known(q: AskedQuestion) -> MemoryAnswer | None:
@@ -456,13 +445,13 @@ def _place(q: AskedQuestion, sight: SeenObject) -> str:
 
 
 _KINDS: tuple[Callable[[AskedQuestion], MemoryAnswer | None], ...] = (
-    what_it_can,
-    what_was_told,
+    log_answers.what_it_can,
+    log_answers.what_was_told,
     _what_is_beside,
-    what_was_done,
-    what_changed,
-    who_did_it,
-    not_looked_into,
+    log_answers.what_was_done,
+    log_answers.what_changed,
+    log_answers.who_did_it,
+    log_answers.not_looked_into,
     _what_is_held,
     _which_it_was,
     _how_many,
@@ -472,7 +461,7 @@ _KINDS: tuple[Callable[[AskedQuestion], MemoryAnswer | None], ...] = (
     _what_lies_there,
     _which_place,
     _whether,
-    whether_it_was_done,
+    log_answers.whether_it_was_done,
     _where,
     _what_is_known,
     _how_it_is,
