@@ -334,11 +334,9 @@ class Agent:
     def _one(self, said: _Clause, whole: str) -> Iterator[Moment]:
         """Carry out one request, or answer it."""
         clause, asked, reader = said.text, said.asked, self._method.reader
-        if asked is not None and reader is not None:
-            answer = self._answer(clause, asked, reader)
-            if answer is not None:
-                yield RequestReply(instruction=clause, answer=answer)
-                return
+        if asked and reader and (answer := self._answer(clause, asked, reader)) is not None:
+            yield RequestReply(instruction=clause, answer=answer)
+            return
         self._episode.clock_s = self.home.clock_s
         self._episode.mine = {**history.owned(self.home.past), **said.means}
         self._episode.told = self._remembering().told()

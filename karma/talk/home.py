@@ -6,7 +6,7 @@ the world, which ends as it was left, and memory learns again what each line lef
 
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from time import time
@@ -19,7 +19,7 @@ from karma.agent.perceive import digest_of
 from karma.contracts import Event, MemoryChange, World
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.files import LARGEST_LOG, append_line, read_bytes, read_json, to_json, write_atomic
-from karma.journal.folder import locked
+from karma.journal.folder import locked, read_lines
 from karma.journal.steps import Action
 from karma.language.clock import HOUR_S
 
@@ -98,7 +98,7 @@ def read_home(folder: Path) -> HomeStory:
     Raises:
         FileError: it is damaged.
     """
-    return HomeStory(_read_card(folder), list(_read(folder / _LOG)))
+    return HomeStory(_read_card(folder), _read(folder / _LOG))
 
 
 def forget_home(folder: Path) -> None:
@@ -164,7 +164,7 @@ class KeptHome(HomeStory):
             try:
                 card = _card_of(folder, scene, people, card)
                 _drop_torn(folder / _LOG)
-                story = list(_read(folder / _LOG))
+                story = _read(folder / _LOG)
             except BaseException:
                 self.leave()
                 raise
@@ -282,29 +282,26 @@ def _card_of(folder: Path, scene: str, people: int | None, new: HomeCard) -> Hom
     return found
 
 
-def _read(path: Path) -> Iterator[PastErrand]:
-    """Yield what happened and was not undone; a torn last line is passed over: nobody heard of it.
+def _read(path: Path) -> list[PastErrand]:
+    """Return what happened and was not undone; a torn last line is passed over: nobody heard of it.
 
     Raises:
         FileError: another line is damaged.
     """
-    if not path.exists():
-        return
-    whole = read_bytes(path, most=LARGEST_LOG).rpartition(b"\n")[0]
+    try:
+        lines = read_lines(path, PastErrand)
+    except FileError as error:
+        fix = f"karma home forget {path.parent}"
+        raise FileError(path, error.reason, fix=fix) from error
     found: list[PastErrand] = []
-    for number, line in enumerate(whole.splitlines(), start=1):
-        try:
-            one = msgspec.json.decode(line, type=PastErrand)
-        except (msgspec.DecodeError, UnicodeDecodeError) as error:
-            fix = f"karma home forget {path.parent}"
-            raise FileError(path, f"line {number}: {error}", fix=fix) from error
+    for one in lines:
         if one.undone:
             errands = [at for at, past in enumerate(found) if not past.waited_s]
             for at in reversed(errands[-one.undone :]):
                 del found[at]
         else:
             found.append(one)
-    yield from found
+    return found
 
 
 def _drop_torn(path: Path) -> None:
