@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.measure import Measurement
@@ -70,11 +71,11 @@ class SafeConsole(Console):
 
     def print(self, *objects: Any, **how: Any) -> None:
         """Print as any console does; a table that is too wide comes in parts that fit."""
-        alone = objects[0] if len(objects) == 1 else None
-        for one in _parts_of(alone, self) if isinstance(alone, Table) else ():
-            super().print(one, **how)
-        if not isinstance(alone, Table):
+        if len(objects) != 1 or not isinstance(objects[0], Table):
             super().print(*objects, **how)
+            return
+        for one in _parts_of(objects[0], self):
+            super().print(one, **how)
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
@@ -209,8 +210,7 @@ def sheet_table(sheet: "Sheet") -> Table:
 
 def _show(reason: str) -> None:
     lines = (one if len(one) < _LONGEST else f"{one[:_LONGEST]} ..." for one in reason.split("\n"))
-    reason = "\n".join(lines)
-    text = f"[red]error:[/] {escape(reason)}"
+    text = "[red]error:[/] " + escape("\n".join(lines))
     SafeConsole(stderr=True).print(text, highlight=False, soft_wrap=True)
 
 
@@ -222,14 +222,14 @@ def _parts_of(table: Table, console: Console) -> list[Table]:
 
     Names may wrap; no figure is cut.
     """
-    width = console.width
     wide = console.options.update(width=_UNBOUNDED)
-    if not table.columns or Measurement.get(console, wide, table).maximum <= width:
+    if not table.columns or Measurement.get(console, wide, table).maximum <= console.width:
         return [table]
-    count = _labels(table.columns)
+    figures = [number for number, one in enumerate(table.columns) if one.justify == "right"]
+    count = max(1, figures[0]) if figures else 1  # columns in front, which say what a line is of
     labels, others = table.columns[:count], table.columns[count:]
     aside = 3  # of padding and border, each
-    room = width - 1 - sum(_narrowest(one) + aside for one in labels)
+    room = console.width - 1 - sum(_narrowest(one) + aside for one in labels)
     groups: list[list[Column]] = [[]]
     left = room
     for column in others:
@@ -239,56 +239,38 @@ def _parts_of(table: Table, console: Console) -> list[Table]:
             left = room
         groups[-1].append(column)
         left -= needed
-    return [
-        _part(table, [*labels, *group], count, title=not number, caption=number == len(groups) - 1)
-        for number, group in enumerate(groups)
-    ]
+    parts = [_part(table, labels, group) for group in groups]
+    parts[0].title, parts[-1].caption = table.title, table.caption
+    return parts
 
 
-def _part(
-    table: Table, columns: Sequence[Column], labels: int, *, title: bool, caption: bool
-) -> Table:
+def _part(table: Table, labels: Sequence[Column], figures: Sequence[Column]) -> Table:
     part = copy(table)
+    part.title = part.caption = None
     part.columns = [
         replace(
             column,
             _index=number,
             no_wrap=False,
             overflow="fold",
-            width=_needed(column) if number >= labels and _is_figure(column) else None,
+            width=_needed(column) if number >= len(labels) and column.justify == "right" else None,
         )
-        for number, column in enumerate(columns)
+        for number, column in enumerate((*labels, *figures))
     ]
-    part.title = table.title if title else None
-    part.caption = table.caption if caption else None
     return part
 
 
-def _labels(columns: Sequence[Column]) -> int:
-    """Return how many columns in front say what a line is of."""
-    figures = [number for number, column in enumerate(columns) if _is_figure(column)]
-    return max(1, figures[0]) if figures else 1
-
-
-def _is_figure(column: Column) -> bool:
-    return column.justify == "right"
-
-
 def _needed(column: Column) -> int:
-    if not _is_figure(column):
+    if column.justify != "right":
         return _narrowest(column)
     lines = [line for cell in column._cells for line in _plain(cell).splitlines()]
-    return max([*map(_width, lines), *map(_width, _plain(column.header).split()), 1])
+    return max([1, *map(cell_len, (*lines, *_plain(column.header).split()))])
 
 
 def _narrowest(column: Column) -> int:
     words = [word for cell in (column.header, *column._cells) for word in _plain(cell).split()]
-    return min(max([*map(_width, words), 1]), 24)
+    return min(max([1, *map(cell_len, words)]), 24)
 
 
 def _plain(cell: object) -> str:
     return Text.from_markup(cell).plain if isinstance(cell, str) else str(cell)
-
-
-def _width(text: str) -> int:
-    return Text(text).cell_len
