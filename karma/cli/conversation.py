@@ -24,7 +24,7 @@ from karma.errors import KarmaError
 
 if TYPE_CHECKING:
     from karma.talk.agent import Agent
-    from karma.talk.replies import AgentReply, Line, Unclear
+    from karma.talk.replies import AgentReply, Line
 
 _ALL = 10_000  # rows of an answer where no screen ends
 CODES: Mapping[str, int] = {
@@ -164,7 +164,6 @@ def converse(agent: "Agent", view: AnswerView | None = None) -> int:
     Returns the exit code: of what was piped in the worst that came of a request.
     """
     codes: list[int] = []
-    asked: Unclear | None = None  # what was asked back about, where somebody can answer
     for line in (*home_lines(agent), f"{agent.map.lines()[0]}. Say what to do, or /help."):
         tell(line)
     try:
@@ -172,13 +171,11 @@ def converse(agent: "Agent", view: AnswerView | None = None) -> int:
             if typed.split()[0] == "/quit":
                 break
             typed = _looking(agent) if typed.lower().rstrip(".!") in _LOOK else typed
-            if (told := _said_of_it(agent, typed, asked)) is not None:
-                tell(told, style="dim")
-                continue
-            offer = agent.replies[-1].offer if agent.replies and sys.stdin.isatty() else ""
-            codes.append(_answered(agent, _whole(agent, typed, asked, offer), view))
-            asked = agent.replies[-1].unclear if agent.replies and sys.stdin.isatty() else None
-            if codes[-1] == STOPPED and not sys.stdin.isatty():
+            if sys.stdin.isatty() and agent.replies:
+                typed = _whole(agent, typed, agent.replies[-1])
+            if typed:
+                codes.append(_answered(agent, typed, view))
+            if codes[-1:] == [STOPPED] and not sys.stdin.isatty():
                 break
     except KeyboardInterrupt:
         codes.append(STOPPED)
@@ -195,31 +192,29 @@ def _looking(agent: "Agent") -> str:
     return next((one.look for one in answers if one is not None and one.look), "/look")
 
 
-def _said_of_it(agent: "Agent", typed: str, asked: "Unclear | None") -> str | None:
-    """Return what is said to a bare yes or no that asks for nothing; None for anything else."""
+def _whole(agent: "Agent", typed: str, last: "AgentReply") -> str:
+    """Return what was typed, put into the request that was asked back about if it answers that.
+
+    "" for a bare yes or no that asks for nothing; what is said to it is printed.
+    """
+    from karma.language.clauses import completed
     from karma.talk.offers import is_no, is_yes
 
-    offer = agent.replies[-1].offer if agent.replies and sys.stdin.isatty() else ""
+    asked, offer = last.unclear, last.offer
     if is_no(typed) and (offer or asked):
-        return "all right, I do nothing"
-    return asked.question if asked is not None and not offer and is_yes(typed) else None
-
-
-def _whole(agent: "Agent", typed: str, asked: "Unclear | None", offer: str = "") -> str:
-    """Return what was typed, put into the request that was asked back about if it answers that."""
-    from karma.language.clauses import completed
-    from karma.talk.offers import is_yes
-
-    if offer and is_yes(typed):
-        tell(f"so: {offer}", style="dim")
-        return offer
-    if asked is None or typed.startswith("/"):
+        told, whole = "all right, I do nothing", ""
+    elif is_yes(typed) and offer:
+        told, whole = f"so: {offer}", offer
+    elif asked is None or typed.startswith("/"):
         return typed
-    if agent.is_errand(typed):
-        tell(f"that in place of: {asked.text}", style="dim")
-        return typed
-    whole = completed(asked.text, typed, asked.about)
-    tell(f"so: {whole}", style="dim")
+    elif is_yes(typed):
+        told, whole = asked.question, ""
+    elif agent.is_errand(typed):
+        told, whole = f"that in place of: {asked.text}", typed
+    else:
+        whole = completed(asked.text, typed, asked.about)
+        told = f"so: {whole}"
+    tell(told, style="dim")
     return whole
 
 
