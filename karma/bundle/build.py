@@ -48,7 +48,6 @@ class BundleSpec:
     thor: Path | None = None  # a Unity build's folder
     lock: Path = PROJECT / "requirements.lock"
     extras: Path | None = None  # pins of what only extras need, if that is to come along
-    project: Path = PROJECT
     own: Path | None = None  # the project's wheel, if it is built already
 
 
@@ -81,7 +80,7 @@ def build(out: Path, spec: BundleSpec, *, say: Say = lambda _: None) -> BuiltBun
             fix = "give --wheels FOLDER, or --download where there is a package index"
             raise FileError(spec.wheels, "no such folder", fix=fix)
         say("collecting wheels; with --download this takes minutes")
-        own = spec.own or own_wheel(spec.project, Path(folder))
+        own = spec.own or own_wheel(PROJECT, Path(folder))
         pins = [path for path in (spec.lock, spec.extras) if path is not None]
         chosen = Path(folder) / "wheels"
         collect(pins, own, spec.wheels, chosen, download=spec.download)
@@ -93,14 +92,14 @@ def build(out: Path, spec: BundleSpec, *, say: Say = lambda _: None) -> BuiltBun
             "karma": karma.__version__, "python": python, "platform": machine, "models": models
         }  # fmt: skip
         papers = {
-            "LICENSE": spec.project / "LICENSE", "AIRGAP.md": spec.project / "docs/airgap.md"
+            "LICENSE": PROJECT / "LICENSE", "AIRGAP.md": PROJECT / "docs/airgap.md"
         }  # fmt: skip
         sources: dict[str, Path | bytes] = {  # models may share a file
             install.ABOUT: json.dumps(about, indent=1).encode(),
             install.INSTALLER: Path(install.__file__),
             **{f"wheels/{one.name}": one for one in wheels},
             **dict(_model_sources(entries, packages)),
-            **dict(_folder("eval", spec.project / "eval")),
+            **dict(_folder("eval", PROJECT / "eval")),
             **dict(_scene_sources(spec.scenes)),
             **({} if spec.thor is None else dict(_folder("thor", spec.thor))),
             **dict(_licence_sources(wheels, entries)),

@@ -33,17 +33,13 @@ def doctor(
     """See what a run needs on this machine, what is missing, and what mends it."""
     if context.invoked_subcommand is not None:
         return
-    _offline(json)
+    doctor_offline(json)
     if not offline:
         console.print("for the real AI2-THOR: karma doctor thor")
 
 
 def doctor_offline(json: Json = None) -> None:
     """List every condition of a run without a network; exit code 1 if one does not hold."""
-    _offline(json)
-
-
-def _offline(json: Path | None) -> None:
     from karma.bundle import conditions
     from karma.offline import DEFAULTS, SWITCHES
     from karma.world.thor.checks import CheckResult
@@ -53,8 +49,8 @@ def _offline(json: Path | None) -> None:
     switches = [one for one in findings if one.name in {**SWITCHES, **DEFAULTS}]
     right = [one for one in switches if one.status == "ok"]
     told = f"{len(right)} of {len(switches)} are set"
-    rest = [one for one in findings if one not in right]
     summed = CheckResult.of("switches of libraries", True, told)
+    rest = [one for one in findings if one not in right]
     good = _show("a run without a network", [*rest, summed])
     _end(good, "ready to run offline", {"findings": findings}, json)
 

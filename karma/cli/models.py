@@ -76,7 +76,7 @@ def models_verify(names: Names = None, json: Json = None) -> None:
     from karma.infer.manifest.manifest import check, find_model, read_manifest
 
     found = []
-    for entry in map(find_model, names) if names else read_manifest().models:
+    for entry in [*map(find_model, names)] if names else read_manifest().models:
         with console.status(escape(f"hashing {entry.name} ...")):
             one = check(entry)
         found.append(one)
@@ -239,9 +239,9 @@ def models_remove(name: Annotated[str, typer.Argument(help="A model that was add
     """Take back an `add`: the entry, and the copies it made; files added in place stay."""
     from karma.infer.manifest.added_models import remove_model
 
-    entry = remove_model(name)
-    stays = Path(entry.files[0].path).is_absolute()
-    tell(f"removed {name}" + (f"; its files stay in {Path(entry.files[0].path).parent}" * stays))
+    place = Path(remove_model(name).files[0].path)
+    stays = f"; its files stay in {place.parent}" if place.is_absolute() else ""
+    tell(f"removed {name}{stays}")
 
 
 # ----------------------------------------------------------------- models that see
@@ -270,12 +270,10 @@ def vlm_eval(
         pair = model.removeprefix("llama:")
         vision = TransformersVision(model) if pair == model else LlamaVision(pair)
         places = held_out_rooms(rooms or (), seed)
-    clock = Clock()
-    asked = []
-    answers = examine(vision, places, frames=frames, seed=seed, clock=clock)
+    clock, asked = Clock(), []
     with bar(passing=True) as progress:
         shown = progress.add_task("asking ...", total=frames)
-        for one in answers:
+        for one in examine(vision, places, frames=frames, seed=seed, clock=clock):
             asked.append(one)
             progress.update(shown, completed=clock.frames)
     found = score(asked, model=vision.name, seed=seed, clock=clock)
@@ -298,8 +296,7 @@ def _show_scores(found: Any) -> None:
     console.print(
         f"macro-F1 {figure_text(found.macro_f1, 3)} · accuracy {figure_text(found.accuracy, 3)} · "
         f"of objects filling 2 % of the frame {figure_text(found.large.value, 3)} "
-        f"({found.large.of}) · "
-        f"no usable answer {found.unanswered}"
+        f"({found.large.of}) · no usable answer {found.unanswered}"
     )
     frame, thing = (figure_text(ms, 0) for ms in (found.ms_per_frame, found.ms_per_object))
     console.print(f"ms per frame {frame}, per object {thing}")

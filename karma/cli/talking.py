@@ -280,10 +280,8 @@ def home_list() -> None:
     """List the homes that are kept here."""
     from karma.talk.home import HOMES, homes
 
-    for folder in homes():
-        tell(folder.name)
-    if not homes():
-        tell(f"no home in {HOMES}; karma chat makes one")
+    for name in [one.name for one in homes()] or [f"no home in {HOMES}; karma chat makes one"]:
+        tell(name)
 
 
 def home_new(
