@@ -94,10 +94,8 @@ def _how_many(q: AskedQuestion) -> MemoryAnswer | None:
         found = [one for one in found if is_piece(one[0].object_type)]
     if not found:
         return unknown("None that I have seen.", look=_looking(q.things[0]))
-    places = ", ".join(
-        f"{_place(q, sight)} ({q.knows.seen(sight, when)})" for sight, when in found[:MOST]
-    )
-    return answer(f"{len(found)} that I have seen: {places}.")
+    places = [f"{_place(q, one[0])} ({q.knows.seen(*one)})" for one in found[:MOST]]
+    return answer(f"{len(found)} that I have seen: {', '.join(places)}.")
 
 
 def _what_is_here(q: AskedQuestion) -> MemoryAnswer | None:
@@ -260,11 +258,10 @@ def _whether(q: AskedQuestion) -> MemoryAnswer | None:
     if not found:
         told = _told_last(q, thing, -1.0, STATE_TOLD) if q.state else ""
         return answer(told) if told else _not_seen(q)
-    lying = [one for one in found if _is_there(q, one[0], places)]
-    if q.state and (lying or not places):  # "is the mug on the table dirty?"
-        return _state_told(q, thing, lying if places else found)
+    there = [one for one in found if _is_there(q, one[0], places)]
+    if q.state and (there or not places):  # "is the mug on the table dirty?"
+        return _state_told(q, thing, there if places else found)
     if "there" in q.words[:3] or places or had or q.has("here"):
-        there = [one for one in found if _is_there(q, one[0], places)]
         if (thing.number or 0) > 1:
             return _whether_so_many(q, thing.number or 0, len(there))
         sight, when = (there or found)[0]
@@ -304,13 +301,10 @@ def _state_told(
     name, seen = name_of(sight.object_id), q.knows.seen(sight, when, STATE_TOLD)
     if not sight.states:  # nothing was read of it: that shows neither
         return unknown(f"I have not seen whether the {name} is {word}.", look=_looking(thing))
+    if plural and not so and several:
+        return answer(f"No, none of the {len(some)} that I have seen is {word}; {seen}.")
     if plural and not so:
-        none = (
-            f"none of the {len(some)} that I have seen is"
-            if several
-            else f"the one {name} that I have seen is not"
-        )
-        return answer(f"No, {none} {word}; {seen}.")
+        return answer(f"No, the one {name} that I have seen is not {word}; {seen}.")
     if yes:
         every = several and len(so) == len(some)
         count = "both" if len(some) == 2 else f"all {len(some)}"
@@ -354,12 +348,12 @@ def _which_place(q: AskedQuestion) -> MemoryAnswer | None:
     there = [one for one in known if is_at(one[0], q.at)]
     name, place = name_of(q.about[0].types[0]), name_of(q.at[0].types[0])
     lines = [
-        f"The {name_of(sight.object_id)} is {_lies(q, sight, when)}."
-        for sight, when in (there or known)[:2]
+        f"The {name_of(one[0].object_id)} is {_lies(q, *one)}." for one in (there or known)[:2]
     ]
-    none = () if there else (f"In no {place} that I have seen is a {name}.",)
-    look = "" if known else _looking(q.about[0])
-    return answer(*none, *lines, known=bool(there), look=look)
+    if there:
+        return answer(*lines)
+    none = f"In no {place} that I have seen is a {name}."
+    return answer(none, *lines, known=False, look="" if known else _looking(q.about[0]))
 
 
 def _where(q: AskedQuestion) -> MemoryAnswer | None:
