@@ -391,11 +391,8 @@ class Request:
     @property
     def mentions(self) -> tuple[Mention, ...]:
         """All things and places of its deeds."""
-        return tuple(
-            one
-            for deed in self.deeds
-            for one in (*deed.things, *((deed.place,) if deed.place else ()))
-        )
+        named = (one for deed in self.deeds for one in (*deed.things, deed.place))
+        return tuple(one for one in named if one is not None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -702,13 +699,9 @@ class Check:
 
     def __str__(self) -> str:
         """Return it as people are told."""
-        words = {
-            "seen": "seen",
-            "done": "done, not seen",
-            "otherwise": "no",
-            "unseen": "not seen",
-        }[self.found]
-        return f"{self.text}: {words}" + (f", {self.note}" if self.note else "")
+        said = {"done": "done, not seen", "otherwise": "no", "unseen": "not seen"}
+        note = f", {self.note}" if self.note else ""
+        return f"{self.text}: {said.get(self.found, self.found)}{note}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -719,9 +712,7 @@ class Outcome:
     resident: tuple[MemoryUnit, ...]  # short-term memory before the instruction
     handled_ids: tuple[str, ...]  # in the order of use
     kept: tuple[MemoryUnit, ...] = ()  # short-term memory after it
-    tour: Tour | None = (
-        None  # that made the map in use, now or in an earlier episode; no part of it
-    )
+    tour: Tour | None = None  # that made the map in use, now or earlier; no part of the episode
     checks: tuple[Check, ...] = ()  # of its programs, where the method looks back
 
 
@@ -985,14 +976,8 @@ class Parser(Protocol):
 
 
 @runtime_checkable
-class ImageEmbedder(Protocol):
+class ImageEmbedder(Embedder, Protocol):
     """Text and pictures to unit vectors of one space."""
-
-    name: str
-    dimension: int
-
-    def embed(self, texts: Sequence[str]) -> Vectors:
-        """Return one row of length 1 per text, shape (n, dimension); n may be 0."""
 
     def embed_images(self, frames: Sequence[Frame]) -> Vectors:
         """Return one row of length 1 per picture, shape (n, dimension); n may be 0."""

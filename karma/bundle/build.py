@@ -48,7 +48,6 @@ class BundleSpec:
     thor: Path | None = None  # a Unity build's folder
     lock: Path = PROJECT / "requirements.lock"
     extras: Path | None = None  # pins of what only extras need, if that is to come along
-    project: Path = PROJECT
     own: Path | None = None  # the project's wheel, if it is built already
 
 
@@ -81,41 +80,37 @@ def build(out: Path, spec: BundleSpec, *, say: Say = lambda _: None) -> BuiltBun
             fix = "give --wheels FOLDER, or --download where there is a package index"
             raise FileError(spec.wheels, "no such folder", fix=fix)
         say("collecting wheels; with --download this takes minutes")
-        own = spec.own or own_wheel(spec.project, Path(folder))
-        pins = [spec.lock, *([] if spec.extras is None else [spec.extras])]
+        own = spec.own or own_wheel(PROJECT, Path(folder))
+        pins = [path for path in (spec.lock, spec.extras) if path is not None]
         chosen = Path(folder) / "wheels"
         collect(pins, own, spec.wheels, chosen, download=spec.download)
         wheels = sorted(chosen.glob("*.whl"))
         packages = {canonicalize_name(one.name.partition("-")[0]) for one in wheels}
         python, machine = install.here()
         models = [entry.name for entry in entries]
-        about: dict[str, object] = {
-            "karma": karma.__version__,
-            "python": python,
-            "platform": machine,
-        }
-        about |= {"models": models}
+        about = {
+            "karma": karma.__version__, "python": python, "platform": machine, "models": models
+        }  # fmt: skip
+        papers = {
+            "LICENSE": PROJECT / "LICENSE", "AIRGAP.md": PROJECT / "docs/airgap.md"
+        }  # fmt: skip
         sources: dict[str, Path | bytes] = {  # models may share a file
             install.ABOUT: json.dumps(about, indent=1).encode(),
             install.INSTALLER: Path(install.__file__),
             **{f"wheels/{one.name}": one for one in wheels},
             **dict(_model_sources(entries, packages)),
-            **dict(_folder("eval", spec.project / "eval")),
+            **dict(_folder("eval", PROJECT / "eval")),
             **dict(_scene_sources(spec.scenes)),
             **({} if spec.thor is None else dict(_folder("thor", spec.thor))),
             **dict(_licence_sources(wheels, entries)),
-            **dict(_papers(spec.project)),
+            **{name: path for name, path in papers.items() if path.is_file()},
         }
         say(f"writing {len(sources)} files into {out}")
         digest = _write(out, sources)
     return BuiltBundle(
-        path=out,
-        sha256=digest,
-        bytes=out.stat().st_size,
-        members=len(sources),
-        wheels=len(wheels),
-        models=tuple(models),
-    )
+        path=out, sha256=digest, bytes=out.stat().st_size, members=len(sources),
+        wheels=len(wheels), models=tuple(models),
+    )  # fmt: skip
 
 
 # ----------------------------------------------------------------- what goes in
@@ -201,12 +196,6 @@ def _licence_sources(wheels: Sequence[Path], models: Sequence[ModelEntry]) -> It
                 yield path, text
     lines += [f"model {one.name}: {one.licence}" for one in models]
     yield "licences/LICENCES.txt", ("\n".join(lines) + "\n").encode()
-
-
-def _papers(project: Path) -> Iterator[Source]:
-    for name, path in (("LICENSE", "LICENSE"), ("AIRGAP.md", "docs/airgap.md")):
-        if (project / path).is_file():
-            yield name, project / path
 
 
 # ----------------------------------------------------------------- the tar

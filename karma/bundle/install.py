@@ -115,11 +115,8 @@ def _open(tar: tarfile.TarFile, name: str) -> IO[bytes]:
 def install(bundle: Path, into: Path, *, sha256: str = "", smoke: bool = True) -> None:
     """Verify a bundle, then install it; killed at any time, the same call does it again.
 
-    Args:
-        bundle: the file.
-        into: a folder that is new, empty, or where this bundle was being installed.
-        sha256: of the whole file, known from elsewhere; "" = not asked for.
-        smoke: afterwards let it carry out one instruction.
+    The folder is new, empty, or where this bundle was being installed. The SHA-256 of the whole
+    file is known from elsewhere, "" where not. With `smoke` it carries out one instruction.
 
     Raises:
         BundleError: refused, or a step failed; `into` then has no `karma` to run.

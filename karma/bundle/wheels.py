@@ -20,15 +20,10 @@ _SOURCES = ("karma", "pyproject.toml", "README.md", "LICENSE")
 
 
 def collect(pins: Sequence[Path], own: Path, kept: Path, out: Path, *, download: bool) -> None:
-    """Put our wheel and what the pins and it need into a folder, chosen by pip for this machine.
+    """Put our own wheel and what the pins and it need into `out`, chosen by pip for this machine.
 
-    Args:
-        pins: requirements files.
-        own: our wheel.
-        kept: folder of wheels at hand.
-        out: the folder to fill.
-        download: first fetch what is missing there from the index that pip is configured for; the
-            one thing here that reaches out. What exists as source only is built.
+    With `download` what is missing in `kept` is first fetched there from the index that pip is
+    configured for, the one thing here that reaches out. What exists as source only is built.
 
     Raises:
         KarmaError: pip could not; names what is missing.
@@ -79,14 +74,14 @@ def own_wheel(project: Path, folder: Path) -> Path:
         raise KarmaError(f"{project}: no checkout of the project, so no wheel can be made of it")
     with tempfile.TemporaryDirectory() as name:
         copy = Path(name)
-        for source in _SOURCES:
-            if (project / source).is_dir():
-                ignored = shutil.ignore_patterns("__pycache__", "*.pyc")
+        ignored = shutil.ignore_patterns("__pycache__", "*.pyc")
+        for source in (project / name for name in _SOURCES):
+            if source.is_dir():
                 shutil.copytree(
-                    project / source, copy / source, ignore=ignored, copy_function=shutil.copyfile
+                    source, copy / source.name, ignore=ignored, copy_function=shutil.copyfile
                 )
-            elif (project / source).exists():
-                shutil.copyfile(project / source, copy / source)
+            elif source.exists():
+                shutil.copyfile(source, copy / source.name)
         for path in copy.rglob("*"):
             path.chmod(0o755 if path.is_dir() else 0o644)
         _pip(

@@ -4,6 +4,7 @@ import io
 import os
 import signal
 import sys
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any
 
 import typer
@@ -11,17 +12,14 @@ import typer
 from karma import __version__ as karma_version
 from karma.cli import (
     agents,
-    bundle,
     compare,
     doctor,
     models,
     report,
-    sweeps,
     talking,
-    tasks,
-    vlm,
     worlds,
 )
+from karma.cli.options import Command, as_function
 from karma.cli.shared import clear_errors
 from karma.offline.guard import go_offline
 
@@ -37,48 +35,51 @@ MATERIAL = "What runs are made of"
 PARTS = "Parts by themselves"
 MACHINES = "This machine, and one without a network"
 
-TOP = {  # of `karma` itself, by panel; NAME_command is `karma NAME`
-    ACTING: (talking.read_command, agents.eval_command),
-    SHOWN: (
-        compare.table_command, compare.compare_command, report.report_command,
-        sweeps.export_command,
-    ),
+Commands = Mapping[str, Callable[..., None] | type[Command]]  # by their names
+TOP: Mapping[str, Commands] = {  # of `karma` itself, by panel
+    ACTING: {"run": talking.RunCommand, "chat": talking.ChatCommand, "read": talking.read,
+             "eval": agents.EvalCommand},
+    SHOWN: {"table": compare.table, "compare": compare.compare, "report": report.ReportCommand,
+            "export": agents.export},
 }  # fmt: skip
-GROUPS = (  # panel, what it is for, commands: GROUP_NAME is `karma GROUP NAME`
-    (ACTING, "Homes that last between sessions.",
-     (talking.home_list, talking.home_new, talking.home_show, talking.home_forget)),
-    (MATERIAL, "Rooms: list, draw, import from AI2-THOR or ALFRED; replay recordings.",
-     (worlds.world_list, worlds.world_show, worlds.world_import, worlds.world_floors,
-      worlds.world_replay)),
-    (MATERIAL, "Task files: look for tasks that measure nothing.", (tasks.tasks_check,)),
-    (MATERIAL, "Models: list, show, verify, bring, add your own, remove.",
-     (models.models_list, models.models_show, models.models_verify, models.models_add,
-      models.models_bring, models.models_tune, models.models_remove)),
-    (PARTS, "Score models that read states (open, dirty ...) out of pictures.", (vlm.vlm_eval,)),
-    (MACHINES, "", (doctor.doctor_offline, doctor.doctor_models, doctor.doctor_thor)),
-    (MACHINES, "All in one archive, for a machine without a network.",
-     (bundle.bundle_build, bundle.bundle_verify, bundle.bundle_install)),
+GROUPS: Sequence[tuple[str, str, str, Commands]] = (  # panel, name, what it is for
+    (ACTING, "home", "Homes that last between sessions.",
+     {"list": talking.home_list, "new": talking.home_new, "show": talking.home_show,
+      "forget": talking.home_forget}),
+    (MATERIAL, "world", "Rooms: list, draw, import from AI2-THOR or ALFRED; replay recordings.",
+     {"list": worlds.world_list, "show": worlds.world_show, "import": worlds.world_import,
+      "floors": worlds.world_floors, "replay": worlds.world_replay}),
+    (MATERIAL, "tasks", "Task files: look for tasks that measure nothing.",
+     {"check": worlds.tasks_check}),
+    (MATERIAL, "models", "Models: list, show, verify, bring, add your own, remove.",
+     {"list": models.models_list, "show": models.models_show, "verify": models.models_verify,
+      "add": models.models_add, "bring": models.models_bring, "tune": models.models_tune,
+      "remove": models.models_remove}),
+    (PARTS, "vlm", "Score models that read states (open, dirty ...) out of pictures.",
+     {"eval": models.vlm_eval}),
+    (MACHINES, "doctor", "", {"offline": doctor.doctor_offline, "models": doctor.ModelsCommand,
+                              "thor": doctor.doctor_thor}),
+    (MACHINES, "bundle", "All in one archive, for a machine without a network.",
+     {"build": doctor.BuildCommand, "verify": doctor.bundle_verify,
+      "install": doctor.bundle_install}),
 )  # fmt: skip
 
 
 def _add_all() -> None:
     """Give `karma` its commands."""
-    run = clear_errors(talking.run_command)
-    app.command("run", rich_help_panel=ACTING)(run)
-    app.command("chat", rich_help_panel=ACTING, cls=talking.Chat, help=talking.CHAT)(run)
     for panel, commands in TOP.items():
-        for one in commands:
-            name = one.__name__.removesuffix("_command")
-            app.command(name, rich_help_panel=panel)(clear_errors(one))
-    for panel, words, commands in GROUPS:
-        name = commands[0].__name__.partition("_")[0]
-        if words:
-            group = typer.Typer(help=words, no_args_is_help=True)
-        else:
-            group = typer.Typer(callback=clear_errors(doctor.doctor), invoke_without_command=True)
-        for one in commands:
-            group.command(one.__name__.partition("_")[2])(clear_errors(one))
+        _add(app, commands, rich_help_panel=panel)
+    alone = typer.Typer(callback=clear_errors(doctor.doctor), invoke_without_command=True)
+    for panel, name, words, commands in GROUPS:
+        group = typer.Typer(help=words, no_args_is_help=True) if words else alone
+        _add(group, commands)
         app.add_typer(group, name=name, rich_help_panel=panel)
+
+
+def _add(to: typer.Typer, commands: Commands, **how: Any) -> None:
+    for name, one in commands.items():
+        function = as_function(one) if isinstance(one, type) else one
+        to.command(name, **how)(clear_errors(function))
 
 
 def _version(asked: bool) -> None:

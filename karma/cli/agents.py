@@ -1,4 +1,4 @@
-"""`karma eval`: experiments."""
+"""`karma eval`: experiments, of one run or of a grid of settings; and `karma export`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -8,27 +8,46 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
-from karma.cli.options import Computed, Kept, option, taking
+from karma.cli.options import Computed, Kept, option
 from karma.cli.progress import bar, workers_for
-from karma.cli.shared import Json, console, refuse_options, tell, write_json
-from karma.cli.sweeps import do_sweep, end_below, write_junit
-from karma.cli.tasks import warn_of_tasks
+from karma.cli.shared import (
+    FAILED,
+    STOPPED,
+    UNFINISHED,
+    Json,
+    console,
+    refuse_options,
+    sheet_table,
+    tell,
+    write_for,
+    write_json,
+)
+from karma.cli.worlds import warn_of_tasks
 from karma.errors import KarmaError
+from karma.files import write_atomic
 
 if TYPE_CHECKING:
     from karma.agent.journal.owned_folder import Kind
     from karma.bench.engine.experiment_file import Changes
     from karma.bench.engine.run import Run
+    from karma.bench.engine.sweep import SweepRun
+    from karma.bench.engine.sweep_folder import SweepData
     from karma.bench.figures.columns import Figures
+    from karma.bench.figures.floors import SuccessFloor
+
+MARKS = {True: "[green]✓[/]", False: "[red]✗[/]"}  # of success
 
 
 OTHERWISE, PASSED = "What is done otherwise than the file says", "Whether it passes"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class EvalOptions:
     """Where an experiment is done and by whom, what is done otherwise, and whether it passes."""
 
+    context: typer.Context
+    file: Annotated[Path, typer.Argument(help="An experiment, e.g. eval/demo.toml.")]
+    json: Json = None
     out: Path | None = option(None, "Run folder; default runs/NAME.")
     fresh: bool = option(False, "Start over instead of going on.")
     tasks: bool = option(False, "Also print a line per task.")
@@ -82,10 +101,16 @@ class EvalOptions:
             settings.append(Setting(key="seeds", value=seeds_of(self.seeds)))
         return Changes(settings=tuple(settings), rows=tuple(self.row or ()))
 
+    @property
+    def floors(self) -> "list[SuccessFloor]":
+        """The rates of success that it ends with code 4 below."""
+        from karma.bench.figures.floors import SuccessFloor
+
+        return [SuccessFloor.of(text) for text in self.fail_under or ()]
+
 
 _FIGURE = frozenset({"out", "fresh", "workers", "ray"})
 _RUN = frozenset(one.name for kind in (EvalOptions, Kept, Computed) for one in fields(kind))
-_RUN |= {"json"}
 _SWEEP = _RUN - {"tasks"}
 _NO_BENCHMARK = {
     "steps", "states", "half_width", "max_seeds", "planner_dir", "fail_under", "junit",
@@ -95,108 +120,194 @@ USED_BY: Mapping["Kind", frozenset[str]] = {  # kind of run -> options that it c
 }  # fmt: skip
 
 
-@taking(given=EvalOptions, kept=Kept, computed=Computed)
-def eval_command(
-    context: typer.Context,
-    file: Annotated[Path, typer.Argument(help="An experiment, e.g. eval/demo.toml.")],
-    json: Json = None,
-    *,
-    given: EvalOptions,
-    kept: Kept,
-    computed: Computed,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class EvalCommand(Computed, Kept, EvalOptions):
     """Do an experiment: every row on every task. Stopped or killed, the same command goes on.
 
     Exit code 0: every episode was run, whatever its success; 1: an error, or some were not run;
     4: all run, and success is below --fail-under; 130: stopped.
     """
-    from karma.agent.journal.not_run import in_words
-    from karma.bench.engine.experiment_file import kind_of
-    from karma.bench.engine.run import Run
-    from karma.bench.engine.sweep import SweepRun
-    from karma.bench.figures.columns import plain
-    from karma.bench.figures.floors import SuccessFloor, check_floors
-    from karma.files import find_experiment
 
-    file = find_experiment(file)
-    folder = given.out or Path("runs") / file.stem
-    changes, workers, ray = given.changes, given.workers, given.ray
-    floors = [SuccessFloor.of(text) for text in given.fail_under or ()]
-    kind = kind_of(file, changes)
-    if kind == "run" and given.planner_dir is not None:
-        kind = "sweep"
-    refuse_options(context, f"{file}: such an experiment", USED_BY[kind])
-    tape = kept.tape
-    if kind == "figure":
-        _do_figure(file, folder, given.fresh, workers, ray)
-        return
-    opened: dict[str, Any] = {
-        "cassette": tape,
-        "base_url": kept.base_url,
-        "computed": computed.keys,
-        "steps": given.steps,
-        "states": kept.states,
-        "half_width": given.half_width,
-        "max_seeds": given.max_seeds,
-    }
-    reading = console.status(escape(f"reading {file} ..."))
-    if kind == "sweep":
-        with reading:
-            sweep = SweepRun(
-                file, folder, changes=changes, planner_dir=given.planner_dir, fresh=given.fresh,
-                opened=opened,
-            )  # fmt: skip
-        check_floors(floors, [one.name for one in sweep.experiment.rows])
-        do_sweep(sweep, workers, ray, floors, given.junit, json)
-        return
-    with reading:
-        run = Run(file, folder, fresh=given.fresh, changes=changes, **opened)
-    if floors:
-        check_floors(floors, [one.name for one in run.experiment.rows])
-    if kind == "benchmark":
-        _do_benchmark(run, workers, ray, json)
-        return
-    lines = _done(run, workers, ray, given.tasks)
-    write_json(json, plain(lines))
-    write_junit(folder, given.junit)
-    if run.not_run:
-        raise KarmaError(in_words(run.not_run))
-    end_below([("", lines)], floors)
+    def do(self) -> None:
+        """Do what kind of experiment the file is."""
+        from karma.bench.engine.experiment_file import kind_of
+        from karma.bench.engine.run import Run
+        from karma.bench.engine.sweep import SweepRun
+        from karma.bench.figures.floors import check_floors
+        from karma.files import find_experiment
 
+        file = find_experiment(self.file)
+        folder, changes = self.out or Path("runs") / file.stem, self.changes
+        floors, kind = self.floors, kind_of(file, changes)
+        if kind == "run" and self.planner_dir is not None:
+            kind = "sweep"
+        refuse_options(self.context, f"{file}: such an experiment", USED_BY[kind])
+        opened: dict[str, Any] = {
+            "cassette": self.tape,
+            "base_url": self.base_url,
+            "computed": self.computed,
+            "steps": self.steps,
+            "states": self.states,
+            "half_width": self.half_width,
+            "max_seeds": self.max_seeds,
+        }
+        if kind == "figure":
+            self._do_figure(file, folder)
+            return
+        made: Run | SweepRun
+        with console.status(escape(f"reading {file} ...")):
+            if kind == "sweep":
+                made = SweepRun(
+                    file, folder, changes=changes, planner_dir=self.planner_dir, fresh=self.fresh,
+                    opened=opened,
+                )  # fmt: skip
+            else:
+                made = Run(file, folder, fresh=self.fresh, changes=changes, **opened)
+        if floors:
+            check_floors(floors, [one.name for one in made.experiment.rows])
+        if isinstance(made, SweepRun):
+            self._end_below(self._do_sweep(made))
+        elif kind == "benchmark":
+            self._do_benchmark(made)
+        else:
+            self._end_below([("", self._do_run(made))])
 
-def _done(run: "Run", workers: int, ray: str, tasks: bool) -> "Sequence[Figures]":
-    """Do what is left of a run, print what it shows, and return its figures."""
-    from karma.agent.journal.formats import spent_text
-    from karma.agent.journal.not_run import in_words
-    from karma.agent.journal.records import spent_by
-    from karma.bench.figures.columns import figures
-    from karma.bench.figures.precision import reached
-    from karma.cli import show
+    def _do_run(self, run: "Run") -> "Sequence[Figures]":
+        """Do what is left of a run, print and write what it shows, and return its figures."""
+        from karma.agent.journal.formats import spent_text
+        from karma.agent.journal.not_run import in_words
+        from karma.agent.journal.records import spent_by
+        from karma.bench.figures.columns import figures, plain
+        from karma.bench.figures.precision import reached
+        from karma.cli import show
 
-    warn_of_tasks(run)
-    try:
-        _do_episodes(run, workers, ray)
-    except KeyboardInterrupt:
-        console.print(f"stopped after {_kept(run)}")
-        raise typer.Exit(130) from None
-    except KarmaError as error:
-        if not run.records:
-            raise
-        not_run = "".join(f"\n  {one}" for one in in_words(run.not_run).splitlines())
-        raise KarmaError(f"{error}{not_run}\n  Kept: {_kept(run)}") from error
-    if tasks or run.experiment.authors:
-        console.print(show.task_table(run.records))
-    lines = figures(run.records, run.timings)
-    console.print(show.summary_table(lines, run.experiment.name))
-    if run.precision is not None:
-        console.print(show.precision_table(reached(run.records, run.precision), run.precision))
-    spent = [one for record in run.records for one in spent_by(record, run.timings[record.key])]
-    if spent:
-        tell(spent_text(spent))
-    console.print(escape(f"records: {run.records_path}"))
-    if words := show.conclusion(lines):
-        console.print(escape(words))
-    return lines
+        warn_of_tasks(run)
+        try:
+            self._do_episodes(run)
+        except KeyboardInterrupt:
+            console.print(f"stopped after {_kept(run)}")
+            raise typer.Exit(STOPPED) from None
+        except KarmaError as error:
+            if not run.records:
+                raise
+            not_run = "".join(f"\n  {one}" for one in in_words(run.not_run).splitlines())
+            raise KarmaError(f"{error}{not_run}\n  Kept: {_kept(run)}") from error
+        if self.tasks or run.experiment.authors:
+            console.print(show.task_table(run.records))
+        lines = figures(run.records, run.timings)
+        console.print(show.summary_table(lines, run.experiment.name))
+        if run.precision is not None:
+            console.print(show.precision_table(reached(run.records, run.precision), run.precision))
+        spent = [one for record in run.records for one in spent_by(record, run.timings[record.key])]
+        if spent:
+            tell(spent_text(spent))
+        console.print(escape(f"records: {run.records_path}"))
+        if words := show.conclusion(lines):
+            console.print(escape(words))
+        write_json(self.json, plain(lines))
+        self._write_junit(run.folder)
+        if run.not_run:
+            raise KarmaError(in_words(run.not_run))
+        return lines
+
+    def _do_episodes(self, run: "Run") -> None:
+        """Do what is left of a run, with a line that says how far it is."""
+        workers = workers_for(run, self.workers, self.ray)
+        with bar() as progress:
+            line = progress.add_task("episodes", total=run.total, completed=len(run.records))
+            for record in run.episodes(workers, ray=self.ray):
+                text = f"{MARKS[record.success]} {escape(record.task)} · {escape(record.row)}"
+                progress.update(line, advance=1, total=run.total, description=text)
+            progress.update(line, description="episodes")
+
+    def _do_benchmark(self, run: "Run") -> None:
+        """Do a benchmark's episodes that are missing, and print its tables."""
+        from karma.agent.journal.header import TABLE
+        from karma.agent.journal.not_run import in_words
+        from karma.bench.figures.sheet import to_markdown
+
+        workers = workers_for(run, self.workers, self.ray)
+        with console.status(""):
+            for record in run.episodes(workers, ray=self.ray):
+                mark = "done" if record.success else record.end
+                tell(f"{len(run.records)} of {run.total}: {record.row}, {record.task}: {mark}")
+        results = run.results()
+        tell(to_markdown(results.behind))
+        write_json(self.json, results.figures)
+        if run.not_run:
+            raise KarmaError(in_words(run.not_run))
+        tell(f"all tables: {run.folder / TABLE}")
+
+    def _do_figure(self, file: Path, folder: Path) -> None:
+        """Run an experiment that replays traces instead of doing episodes."""
+        from rich.markdown import Markdown
+
+        from karma.agent.journal.header import RESULTS
+        from karma.bench.suites.policies.figure import figure_run
+
+        workers = self.workers if self.ray else self.workers or 1
+        with bar() as progress:
+            line = progress.add_task("policies", total=None)
+            run = figure_run(file, folder, fresh=self.fresh)
+            for record in run.episodes(workers, ray=self.ray):
+                done, text = len(run.records), escape(record.row.replace("-", " "))
+                progress.update(line, total=run.total, completed=done, description=text)
+            progress.update(line, total=run.total, completed=run.total, description="drawn")
+        claims = folder / "claims.md"
+        if claims.exists():
+            console.print(Markdown(claims.read_text(encoding="utf-8")))
+        console.print(escape(f"results: {folder / RESULTS}"))
+
+    def _do_sweep(self, sweep: "SweepRun") -> "Sequence[tuple[str, Sequence[Figures]]]":
+        """Do what is missing of a sweep, print its table, and return the figures of its cells.
+
+        Raises:
+            typer.Exit: code 1 where a cell failed, 130 when stopped.
+        """
+        from karma.bench.engine.sweep_folder import figures_by_cell
+
+        seen: set[tuple[str, ...]] = set()  # tasks that were looked at; most cells have the same
+        try:
+            with bar() as progress:
+                line = progress.add_task("cells", total=len(sweep.cells))
+                for one in sweep.episodes(
+                    self.workers, ray=self.ray, opened=lambda run: warn_of_tasks(run, seen)
+                ):
+                    words = escape(f"{one.cell}: {one.done} of {one.total} episodes")
+                    text = f"{MARKS[one.record.success]} {words}"
+                    done = one.number - 1 + one.done / one.total
+                    progress.update(line, completed=done, description=text)
+                progress.update(line, completed=len(sweep.cells), description="cells")
+        except KeyboardInterrupt:
+            console.print("stopped; the same command (without --fresh) goes on")
+            raise typer.Exit(STOPPED) from None
+        print_sweep(sweep.data, self.json)
+        self._write_junit(sweep.folder)
+        if sweep.failed:
+            raise typer.Exit(FAILED)
+        return [(cell.name, lines) for cell, lines in figures_by_cell(sweep.data)]
+
+    def _write_junit(self, folder: Path) -> None:
+        """Write a run's test cases where that is wanted."""
+        if self.junit is not None:
+            from karma.bench.engine.export import to_junit
+
+            write_atomic(self.junit, to_junit(folder))
+            console.print(escape(f"test cases: {self.junit}"))
+
+    def _end_below(self, figures: "Sequence[tuple[str, Sequence[Figures]]]") -> None:
+        """End with code 4 where a run, or a cell of a sweep by its name, is below a floor."""
+        from karma.bench.figures.floors import below
+
+        said = [
+            f"{cell}: {words}" if cell else words
+            for cell, lines in figures
+            for words in below(lines, self.floors)
+        ]
+        for words in said:
+            console.print(f"[red]✗[/] {escape(words)}", soft_wrap=True, highlight=False)
+        if said:
+            raise typer.Exit(UNFINISHED)
 
 
 def _kept(run: "Run") -> str:
@@ -207,53 +318,37 @@ def _kept(run: "Run") -> str:
     return f"{done} of {run.total} episodes; the same command (without --fresh) goes on"
 
 
-def _do_episodes(run: "Run", workers: int, ray: str) -> None:
-    """Do what is left of a run, with a line that says how far it is."""
-    workers = workers_for(run, workers, ray)
-    with bar() as progress:
-        line = progress.add_task("episodes", total=run.total, completed=len(run.records))
-        for record in run.episodes(workers, ray=ray):
-            mark = "[green]✓[/]" if record.success else "[red]✗[/]"
-            text = f"{mark} {escape(record.task)} · {escape(record.row)}"
-            progress.update(line, advance=1, total=run.total, description=text)
-        progress.update(line, description="episodes")
-
-
-def _do_benchmark(run: "Run", workers: int, ray: str, json: Path | None) -> None:
-    """Do a benchmark's episodes that are missing, and print its tables."""
+def print_sweep(data: "SweepData", json: Path | None) -> None:
+    """Print a sweep's table and what failed; also write its figures where that is wanted."""
     from karma.agent.journal.header import TABLE
-    from karma.agent.journal.not_run import in_words
-    from karma.bench.figures.sheet import to_markdown
+    from karma.bench.engine.sweep_folder import figures_by_cell, sweep_sheet
+    from karma.bench.figures.columns import plain
 
-    workers = workers_for(run, workers, ray)
-    with console.status(""):
-        for record in run.episodes(workers, ray=ray):
-            mark = "done" if record.success else record.end
-            done = f"{len(run.records)} of {run.total}"
-            tell(f"{done}: {record.row}, {record.task}: {mark}")
-    results = run.results()
-    tell(to_markdown(results.behind))
-    write_json(json, results.figures)
-    if run.not_run:
-        raise KarmaError(in_words(run.not_run))
-    tell(f"all tables: {run.folder / TABLE}")
+    console.print(sheet_table(sweep_sheet(data)))
+    for cell in data.cells:
+        if cell.failed:
+            console.print(
+                f"[red]failed:[/] {escape(f'{cell.name}: {cell.failed}')}", soft_wrap=True
+            )
+    console.print(escape(f"table: {data.folder / TABLE}"))
+    if json is not None:
+        figures = [
+            {"cell": cell.name, "values": cell.values, "figures": plain(lines)}
+            for cell, lines in figures_by_cell(data)
+        ]
+        write_json(json, figures)
 
 
-def _do_figure(file: Path, folder: Path, fresh: bool, workers: int, ray: str) -> None:
-    """Run an experiment that replays traces instead of doing episodes."""
-    from rich.markdown import Markdown
+def export(
+    run: Annotated[Path, typer.Argument(help="Folder of a run or a sweep.")],
+    to: Annotated[str, typer.Option(help='"csv", "parquet" or "junit".')] = "csv",
+    out: Annotated[
+        Path | None,
+        typer.Option(help="File to write; default in the run's folder."),
+    ] = None,
+) -> None:
+    """Write a run's episodes for other programs: one line each, with every metric."""
+    from karma.bench.engine.export import exported
 
-    from karma.agent.journal.header import RESULTS
-    from karma.bench.suites.policies.figure import figure_run
-
-    with bar() as progress:
-        line = progress.add_task("policies", total=None)
-        run = figure_run(file, folder, fresh=fresh)
-        for record in run.episodes(workers if ray else workers or 1, ray=ray):
-            done, text = len(run.records), escape(record.row.replace("-", " "))
-            progress.update(line, total=run.total, completed=done, description=text)
-        progress.update(line, total=run.total, completed=run.total, description="drawn")
-    claims = folder / "claims.md"
-    if claims.exists():
-        console.print(Markdown(claims.read_text(encoding="utf-8")))
-    console.print(escape(f"results: {folder / RESULTS}"))
+    name = {"junit": "junit.xml"}.get(to, f"episodes.{to}")
+    console.print(escape(f"written: {write_for(run, out, name, exported(run, to))}"))

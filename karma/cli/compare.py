@@ -1,6 +1,6 @@
 """`karma compare` and `karma table`: what runs show, and how sure that is."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from karma.bench.figures.sheet import Sheet
 
 
-def compare_command(
+def compare(
     runs: Annotated[
         list[str],
         typer.Argument(help="Run folders, or RUN:ROW for one row; the first with each other."),
@@ -39,15 +39,15 @@ def compare_command(
         for other in group[1:]
     ]
     for comparisons in found:
-        console.print(sheet_table(_side_by_side(comparisons[0])))
-        console.print(sheet_table(_by_kind(comparisons)))
+        for sheet in _sheets(comparisons):
+            console.print(sheet_table(sheet))
         tell(_remarks(comparisons[0]))
     for words in set_apart(runs):
         tell(words)
     write_json(json, [one for group in found for one in group])
 
 
-def table_command(
+def table(
     context: typer.Context,
     run: Annotated[Path, typer.Argument(help="A run folder.")],
     published: Annotated[
@@ -75,7 +75,7 @@ def table_command(
     from karma.bench.figures.published import load_published
     from karma.bench.figures.results import result_of, unfinished
     from karma.bench.figures.sheet import to_latex, to_markdown
-    from karma.cli.sweeps import print_sweep
+    from karma.cli.agents import print_sweep
 
     match kind_in(run):
         case "benchmark":
@@ -97,12 +97,8 @@ def table_command(
     for wanted in filter(None, (off, lota)):
         if wanted not in rows:
             raise KarmaError(f"{run}: no row {wanted!r}; there are {', '.join(sorted(rows))}")
-    result = result_of(
-        data,
-        load_published(published),
-        off_row=off or OFF_ROW,
-        lota_row=lota or LOTA_ROW,
-    )
+    paper = load_published(published)
+    result = result_of(data, paper, off_row=off or OFF_ROW, lota_row=lota or LOTA_ROW)
     margin = [sheet for sheet in (margin_sheet(result),) if sheet is not None]
     sheets = [*tables.sheets(result), *margin]
     for sheet in (*tables.main_sheets(result), *margin):
@@ -113,11 +109,8 @@ def table_command(
     write_beside(folder, "table.md", to_markdown(sheets).encode())
     write_beside(folder, "table.tex", to_latex(sheets).encode())
     write_beside(folder, "table.csv", tables.to_csv(result).encode())
-    console.print(
-        escape(
-            f"written, with all that stands behind them: {folder}/table.md, table.tex, table.csv"
-        )
-    )
+    names = f"{folder}/table.md, table.tex, table.csv"
+    console.print(escape(f"written, with all that stands behind them: {names}"))
     if json is not None:
         parts = {
             "name": result.name,
@@ -133,11 +126,6 @@ def table_command(
 
 def _write_benchmark(runs: Sequence[Path], folder: Path, json: Path | None) -> None:
     """Write the tables of a benchmark's runs as Markdown, and print what is their own.
-
-    Args:
-        runs: their folders; rows of all stand in one table.
-        folder: takes table.md.
-        json: takes the figures.
 
     Raises:
         KarmaError: the run has no episodes yet; or see `read_results`.
@@ -156,19 +144,19 @@ def _write_benchmark(runs: Sequence[Path], folder: Path, json: Path | None) -> N
     write_json(json, results.figures)
 
 
-def _side_by_side(one: "Comparison") -> "Sheet":
-    """Return every metric of two arms."""
+def _sheets(comparisons: "Sequence[Comparison]") -> "Iterator[Sheet]":
+    """Yield every metric of two arms, and their success rates by kind of task."""
     from karma.agent.journal.formats import figure_text
     from karma.bench.figures.sheet import Sheet
     from karma.bench.figures.statistics import interval_text
 
-    seeds = ", ".join(map(str, one.seeds))
-    return Sheet(
-        title=f"{one.first} against {one.second}",
+    whole = comparisons[0]
+    yield Sheet(
+        title=f"{whole.first} against {whole.second}",
         caption=(
-            f"{one.pairs} pairs: {one.tasks} tasks, seeds {seeds}. Difference: first - second; "
-            "95 % intervals keep a task's seeds together. Detectable: what this many pairs would "
-            "show."
+            f"{whole.pairs} pairs: {whole.tasks} tasks, seeds {', '.join(map(str, whole.seeds))}. "
+            "Difference: first - second; 95 % intervals keep a task's seeds together. Detectable: "
+            "what this many pairs would show."
         ),
         head=("per episode", "first", "second", "difference", "detectable"),
         lines=tuple(
@@ -179,19 +167,11 @@ def _side_by_side(one: "Comparison") -> "Sheet":
                 interval_text(line.difference, line.digits, sign=True),
                 figure_text(line.detectable, line.digits),
             )
-            for line in one.lines
+            for line in whole.lines
             if line.first.value is not None or line.second.value is not None
         ),
     )
-
-
-def _by_kind(comparisons: "Sequence[Comparison]") -> "Sheet":
-    """Return the success rates of two arms by kind of task."""
-    from karma.agent.journal.formats import figure_text
-    from karma.bench.figures.sheet import Sheet
-    from karma.bench.figures.statistics import interval_text
-
-    return Sheet(
+    yield Sheet(
         title="SR by kind of task",
         caption="p: exact, a task's seeds kept together",
         head=("tasks (pairs)", "first", "second", "difference", "p", "detectable"),
@@ -211,14 +191,18 @@ def _by_kind(comparisons: "Sequence[Comparison]") -> "Sheet":
 
 def _remarks(one: "Comparison") -> str:
     """Return where the arms differ, and how many more seeds would make them surer."""
-    from karma.agent.journal.formats import figure_text, percent_text
+    from karma.agent.journal.formats import UNKNOWN, figure_text, percent_text
+
+    def said(splits: "tuple[Split, ...]") -> str:
+        words = (f"{one.task} (seed {', '.join(map(str, one.seeds))})" for one in splits)
+        return "; ".join(words) or UNKNOWN
 
     lines = [
         f"agree on success: {percent_text(one.agreement)} % of pairs; same first program: "
         f"{percent_text(one.same_programs)} % of sub-tasks; McNemar p = {figure_text(one.p, 3)}, "
         f"{figure_text(one.p_tasks, 3)} with seeds kept together",
-        f"only {one.first} solved: {_splits(one.only_first)}",
-        f"only {one.second} solved: {_splits(one.only_second)}",
+        f"only {one.first} solved: {said(one.only_first)}",
+        f"only {one.second} solved: {said(one.only_second)}",
     ]
     if one.timed_out:
         lines.append(
@@ -229,10 +213,3 @@ def _remarks(one: "Comparison") -> str:
         words = "not by more seeds of these tasks" if more is None else f"{more} more seeds"
         lines.append(f"success of {name} to ± {one.half_width:g}: {words}")
     return "\n".join(lines)
-
-
-def _splits(splits: "tuple[Split, ...]") -> str:
-    from karma.agent.journal.formats import UNKNOWN
-
-    words = (f"{one.task} (seed {', '.join(map(str, one.seeds))})" for one in splits)
-    return "; ".join(words) or UNKNOWN

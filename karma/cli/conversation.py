@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
-from karma.cli.answers import AnswerView
+from karma.cli.progress import AnswerView
 from karma.cli.shared import (
     ASKED,
     DONE,
@@ -24,10 +24,9 @@ from karma.errors import KarmaError
 
 if TYPE_CHECKING:
     from karma.talk.agent import Agent
-    from karma.talk.replies import AgentReply, Line, Unclear
+    from karma.talk.replies import AgentReply, Line
 
 _ALL = 10_000  # rows of an answer where no screen ends
-ROWS = 22  # of an answer: with the line that is typed it fits a screen of 24
 CODES: Mapping[str, int] = {
     "done": DONE, "partly": UNFINISHED, "unfinished": UNFINISHED, "refused": REFUSED,
     "asked": ASKED, "answered": DONE,
@@ -56,24 +55,14 @@ _HELP = (
 def say(agent: "Agent", instruction: str, view: AnswerView | None = None) -> "AgentReply":
     """Have something carried out in view; what was understood is printed before it is done.
 
-    Args:
-        agent: who does it.
-        instruction: what.
-        view: hears the agent's answers, and shows them while they come.
+    `view` hears the agent's answers, and shows them while they come.
     """
     from karma.agent.planning.understood import Understanding
     from karma.contracts import Plan, SkillResult
-    from karma.talk.replies import (
-        Line,
-        RequestReply,
-        lines_after,
-        lines_again,
-        lines_before,
-        rows_for,
-    )
+    from karma.talk import replies
+    from karma.talk.replies import Line, RequestReply
 
-    clauses = agent.clauses(instruction)
-    most = rows_for(len(clauses)) if _watched() else _ALL
+    most = replies.rows_for(len(agent.clauses(instruction))) if _watched() else _ALL
     number, printed = 0, 0
     view = view or AnswerView()
     with console.status("thinking ...") as status, closing(agent.doing(instruction)) as moments:
@@ -85,13 +74,12 @@ def say(agent: "Agent", instruction: str, view: AnswerView | None = None) -> "Ag
                 view.answered(moment)
             elif isinstance(moment, Understanding | RequestReply):
                 view.ended()  # it is understood before its plan comes
-                lines: list[Line] = []
                 if isinstance(moment, RequestReply):
-                    lines = lines_after(moment, max(most - printed, 1))
+                    lines = replies.lines_after(moment, max(most - printed, 1))
                 elif printed:
-                    lines = lines_again(moment)
+                    lines = replies.lines_again(moment)
                 else:
-                    lines = lines_before(moment, max(most // 2, 1))
+                    lines = replies.lines_before(moment, max(most // 2, 1))
                 if not printed:
                     lines.insert(0, Line("said", f"{number + 1}. {moment.instruction}"))
                 show_lines(lines)
@@ -121,17 +109,6 @@ def _in_one_row(text: str, style: str = "") -> None:
 
 def figures_of(agent: "Agent", reply: "AgentReply") -> Mapping[str, Any]:
     """Return what `--json` keeps of an agent's reply."""
-    lines = []
-    for part in reply.parts:
-        record = part.record
-        line: dict[str, Any] = {
-            "instruction": part.instruction,
-            "answers": record.answers if record else (),
-            "calls": record.calls if record else (),
-            "understood": part.understood[:1],
-            "afterwards": part.checks,
-        }
-        lines.append({**line, "refused": part.refused} if part.refused else line)
     return {
         "status": reply.status,
         "exit_code": CODES[reply.status],
@@ -139,15 +116,24 @@ def figures_of(agent: "Agent", reply: "AgentReply") -> Mapping[str, Any]:
         "scene": agent.scene.name,
         "run": str(agent.folder),
         "hosted": reply.spent,
-        "instructions": lines,
+        "instructions": [
+            {
+                "instruction": part.instruction,
+                "answers": part.record.answers if part.record else (),
+                "calls": part.record.calls if part.record else (),
+                "understood": part.understood[:1],
+                "afterwards": part.checks,
+                **({"refused": part.refused} if part.refused else {}),
+            }
+            for part in reply.parts
+        ],
     }
 
 
 def show_folder(agent: "Agent") -> None:
     """Say where the run is, if there is one, and what makes a page of it."""
-    if not agent.has_run:
-        return
-    tell(f"run: {agent.folder} (karma report {agent.folder})")
+    if agent.has_run:
+        tell(f"run: {agent.folder} (karma report {agent.folder})")
 
 
 # ----------------------------------------------------------------- the conversation
@@ -155,6 +141,7 @@ def show_folder(agent: "Agent") -> None:
 
 def home_lines(agent: "Agent") -> list[str]:
     """Return what is said of a home that lasts; nothing of another."""
+    from karma.agent.journal.formats import plural
     from karma.language.clock import time_of_day
     from karma.talk.home import BEGINS_S
     from karma.talk.remembering import age
@@ -166,21 +153,17 @@ def home_lines(agent: "Agent") -> list[str]:
     live = f", where {people} {'person lives' if people == 1 else 'people live'}" if people else ""
     if not home.past:
         return [f"a new home, kept in {home.folder}{live}"]
-    last, count = home.past[-1], len(home.past)
-    when = age(home.clock_s - last.at_s)
-    some = "1 request" if count == 1 else f"{count} requests"
-    now = time_of_day(home.clock_s + BEGINS_S)
+    last, now = home.past[-1], time_of_day(home.clock_s + BEGINS_S)
+    some, when = plural(len(home.past), "request"), age(home.clock_s - last.at_s)
     return [f"home: {home.folder}{live}, {now}; {some} so far; the last, {when}: {last.said}"]
 
 
 def converse(agent: "Agent", view: AnswerView | None = None) -> int:
     """Take what is typed, or piped in, until it ends; `view` as in `say`.
 
-    Returns:
-        The exit code: of what was piped in the worst that came of a request.
+    Returns the exit code: of what was piped in the worst that came of a request.
     """
     codes: list[int] = []
-    asked: Unclear | None = None  # what was asked back about, where somebody can answer
     for line in (*home_lines(agent), f"{agent.map.lines()[0]}. Say what to do, or /help."):
         tell(line)
     try:
@@ -188,13 +171,11 @@ def converse(agent: "Agent", view: AnswerView | None = None) -> int:
             if typed.split()[0] == "/quit":
                 break
             typed = _looking(agent) if typed.lower().rstrip(".!") in _LOOK else typed
-            if (told := _said_of_it(agent, typed, asked)) is not None:
-                tell(told, style="dim")
-                continue
-            offer = agent.replies[-1].offer if agent.replies and sys.stdin.isatty() else ""
-            codes.append(_answered(agent, _whole(agent, typed, asked, offer), view))
-            asked = agent.replies[-1].unclear if agent.replies and sys.stdin.isatty() else None
-            if codes[-1] == STOPPED and not sys.stdin.isatty():
+            if sys.stdin.isatty() and agent.replies:
+                typed = _whole(agent, typed, agent.replies[-1])
+            if typed:
+                codes.append(_answered(agent, typed, view))
+            if codes[-1:] == [STOPPED] and not sys.stdin.isatty():
                 break
     except KeyboardInterrupt:
         codes.append(STOPPED)
@@ -211,31 +192,29 @@ def _looking(agent: "Agent") -> str:
     return next((one.look for one in answers if one is not None and one.look), "/look")
 
 
-def _said_of_it(agent: "Agent", typed: str, asked: "Unclear | None") -> str | None:
-    """Return what is said to a bare yes or no that asks for nothing; None for anything else."""
+def _whole(agent: "Agent", typed: str, last: "AgentReply") -> str:
+    """Return what was typed, put into the request that was asked back about if it answers that.
+
+    "" for a bare yes or no that asks for nothing; what is said to it is printed.
+    """
+    from karma.language.clauses import completed
     from karma.talk.offers import is_no, is_yes
 
-    offer = agent.replies[-1].offer if agent.replies and sys.stdin.isatty() else ""
+    asked, offer = last.unclear, last.offer
     if is_no(typed) and (offer or asked):
-        return "all right, I do nothing"
-    return asked.question if asked is not None and not offer and is_yes(typed) else None
-
-
-def _whole(agent: "Agent", typed: str, asked: "Unclear | None", offer: str = "") -> str:
-    """Return what was typed, put into the request that was asked back about if it answers that."""
-    from karma.language.clauses import completed
-    from karma.talk.offers import is_yes
-
-    if offer and is_yes(typed):
-        tell(f"so: {offer}", style="dim")
-        return offer
-    if asked is None or typed.startswith("/"):
+        told, whole = "all right, I do nothing", ""
+    elif is_yes(typed) and offer:
+        told, whole = f"so: {offer}", offer
+    elif asked is None or typed.startswith("/"):
         return typed
-    if agent.is_errand(typed):
-        tell(f"that in place of: {asked.text}", style="dim")
-        return typed
-    whole = completed(asked.text, typed, asked.about)
-    tell(f"so: {whole}", style="dim")
+    elif is_yes(typed):
+        told, whole = asked.question, ""
+    elif agent.is_errand(typed):
+        told, whole = f"that in place of: {asked.text}", typed
+    else:
+        whole = completed(asked.text, typed, asked.about)
+        told = f"so: {whole}"
+    tell(told, style="dim")
     return whole
 
 
@@ -267,8 +246,7 @@ def tell_stopped(agent: "Agent", said: int) -> None:
 def _typed(home: Path | None = None) -> Iterator[str]:
     """Yield what is typed, without blank lines; Ctrl-D, and Ctrl-C at the prompt, end it.
 
-    Args:
-        home: folder of the home, which keeps what was typed for the arrow keys.
+    The folder of the home keeps what was typed for the arrow keys.
 
     Raises:
         KeyboardInterrupt: it was stopped, and nobody types.
@@ -344,6 +322,8 @@ def _command(agent: "Agent", name: str) -> None:
 
 
 def _plain(lines: Sequence[str]) -> None:
+    from karma.talk.replies import ROWS
+
     most = ROWS if _watched() else _ALL
     shown = list(lines[:most])
     if len(lines) > most:
@@ -355,9 +335,8 @@ def _plain(lines: Sequence[str]) -> None:
 def _why(agent: "Agent") -> None:
     from karma.talk.replies import lines_why, rows_for
 
-    if not agent.replies:
+    parts = agent.replies[-1].parts if agent.replies else ()
+    if not parts:
         console.print("nothing was said yet")
-        return
-    parts = agent.replies[-1].parts
     for part in parts:
         show_lines(lines_why(part, rows_for(len(parts))))

@@ -1,8 +1,9 @@
-"""`karma doctor`: what a backend needs, what is missing, and the command that mends it."""
+"""`karma doctor` and `karma bundle`: what a machine needs, and how it comes over the air gap."""
 
-import time
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from time import monotonic, perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -10,9 +11,8 @@ from rich.box import HORIZONTALS
 from rich.markup import escape
 from rich.table import Table
 
-from karma.agent.journal.formats import UNKNOWN, figure_text
-from karma.cli.options import Computed, taking
-from karma.cli.shared import Json, console, write_json
+from karma.cli.options import Computed, option
+from karma.cli.shared import Json, console, tell, write_json
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
@@ -32,17 +32,13 @@ def doctor(
     """See what a run needs on this machine, what is missing, and what mends it."""
     if context.invoked_subcommand is not None:
         return
-    _offline(json)
+    doctor_offline(json)
     if not offline:
         console.print("for the real AI2-THOR: karma doctor thor")
 
 
 def doctor_offline(json: Json = None) -> None:
     """List every condition of a run without a network; exit code 1 if one does not hold."""
-    _offline(json)
-
-
-def _offline(json: Path | None) -> None:
     from karma.bundle import conditions
     from karma.offline.guard import DEFAULTS, SWITCHES
     from karma.world.thor.checks import CheckResult
@@ -52,8 +48,8 @@ def _offline(json: Path | None) -> None:
     switches = [one for one in findings if one.name in {**SWITCHES, **DEFAULTS}]
     right = [one for one in switches if one.status == "ok"]
     told = f"{len(right)} of {len(switches)} are set"
-    rest = [one for one in findings if one not in right]
     summed = CheckResult.of("switches of libraries", True, told)
+    rest = [one for one in findings if one not in right]
     good = _show("a run without a network", [*rest, summed])
     _end(good, "ready to run offline", {"findings": findings}, json)
 
@@ -78,40 +74,41 @@ def _end(good: bool, words: str, figures: Mapping[str, Any], json: Path | None) 
         raise typer.Exit(1)
 
 
-@taking(computed=Computed)
-def doctor_models(
-    experiment: Annotated[
-        Path | None, typer.Argument(help="An experiment; else what `karma run` takes.")
-    ] = None,
-    planner: Annotated[str | None, typer.Option(help="Another name or GGUF.")] = None,
-    json: Json = None,
-    *,
-    computed: Computed,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ModelsCommand(Computed):
     """See what each model runs on here, its memory and speed, and what to change.
 
     Each is opened as a run does and asked a little. Exit code 1 if one cannot be opened.
     """
-    from karma.agent.loading.models import Models
-    from karma.bench.engine.experiment_file import read_experiment
-    from karma.bench.engine.model_doctor import examine
 
-    models = Models() if experiment is None else read_experiment(experiment).models
-    chosen = {**computed.keys, **({} if planner is None else {"planner": planner})}
-    found = []
-    for name, look in examine(models.computed_by(chosen) if chosen else models):
-        with console.status(escape(f"opening and asking {name} ...")):
-            found.append(look())
-    seen = [one for one in found if one is not None]
-    console.print(_models_table(seen))
-    for one in seen:
-        for text in one.advice:
-            _note("note", f"{one.role}: {text}")
-        if one.error:
-            _note("problem", f"{one.role}: {one.error}")
-    write_json(json, seen)
-    if any(one.error for one in seen):
-        raise typer.Exit(1)
+    experiment: Annotated[
+        Path | None, typer.Argument(help="An experiment; else what `karma run` takes.")
+    ] = None
+    planner: str | None = option(None, "Another name or GGUF.")
+    json: Json = None
+
+    def do(self) -> None:
+        """Open and ask each model."""
+        from karma.agent.loading.models import Models
+        from karma.bench.engine.experiment_file import read_experiment
+        from karma.bench.engine.model_doctor import examine
+
+        models = Models() if self.experiment is None else read_experiment(self.experiment).models
+        chosen = self.computed | ({} if self.planner is None else {"planner": self.planner})
+        seen = []
+        for name, look in examine(models.computed_by(chosen) if chosen else models):
+            with console.status(escape(f"opening and asking {name} ...")):
+                if (found := look()) is not None:
+                    seen.append(found)
+        console.print(_models_table(seen))
+        for one in seen:
+            for text in one.advice:
+                _note("note", f"{one.role}: {text}")
+            if one.error:
+                _note("problem", f"{one.role}: {one.error}")
+        write_json(self.json, seen)
+        if any(one.error for one in seen):
+            raise typer.Exit(1)
 
 
 def _models_table(found: Sequence["ModelSeen"]) -> Table:
@@ -201,6 +198,79 @@ def _note(status: str, text: str) -> None:
 
 
 def _timed(call: Any) -> float:
-    begin = time.perf_counter()
+    begin = perf_counter()
     call()
-    return time.perf_counter() - begin
+    return perf_counter() - begin
+
+
+# ----------------------------------------------------------------- bundles
+
+
+File = Annotated[Path, typer.Argument(help="The bundle.")]
+Sha256 = Annotated[str, typer.Option(help="Of the bundle, as `build` said; refused otherwise.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BuildCommand:
+    """Write a bundle: wheels, models, scenes, experiments, licences."""
+
+    out: Path = option(..., "The archive to write, e.g. karma.tar.")
+    models: list[str] | None = option(None, "A model's name; default all that are here.")
+    scenes: list[Path] | None = option(None, "Scene files or folders, beside our own.")
+    wheels: Path | None = option(None, "Folder of wheels; default in ~/.cache/karma.")
+    download: bool = option(False, "Fetch the wheels that are missing, by pip.", "--download")
+    thor: Path | None = option(None, "Folder of an AI2-THOR build.")
+    extras: bool = option(False, "With what hosted models and AI2-THOR need.", "--extras")
+    lock: Path | None = option(None, "Other pins than requirements.lock.")
+    json: Json = None
+
+    def do(self) -> None:
+        """Build it, and say what it holds."""
+        from karma.bundle.build import PROJECT, BundleSpec, build
+        from karma.files import cache
+
+        begin, extras = monotonic(), self.extras or self.thor is not None
+        spec = BundleSpec(
+            wheels=self.wheels or cache() / "bundle-wheels",
+            download=self.download,
+            models=tuple(self.models or ()),
+            scenes=tuple(self.scenes or ()),
+            thor=self.thor,
+            lock=self.lock or PROJECT / "requirements.lock",
+            extras=PROJECT / "requirements-extras.lock" if extras else None,
+        )
+        with console.status("building the bundle ..."):
+            built = build(self.out, spec, say=tell)
+        names = escape(", ".join(built.models) or "none")
+        console.print(
+            f"[green]✓[/] {escape(str(built.path))}: {built.bytes / 1e6:.1f} MB, "
+            f"{built.members} files, {built.wheels} wheels, models {names}; "
+            f"{monotonic() - begin:.0f} s",
+            soft_wrap=True,
+        )
+        console.print(f"SHA-256 {built.sha256}", soft_wrap=True)
+        console.print("bring it by another way than the bundle, and give it as --sha256 over there")
+        write_json(self.json, {**asdict(built), "path": str(built.path)})
+
+
+def bundle_verify(file: File, sha256: Sha256 = "") -> None:
+    """Check every file without unpacking; the first wrong one is named."""
+    _installer(str(file), "--sha256", sha256)
+
+
+def bundle_install(
+    file: File,
+    into: Annotated[Path, typer.Option(help="A new or empty folder.")],
+    sha256: Sha256 = "",
+    smoke: Annotated[bool, typer.Option(help="Try it out afterwards.")] = True,
+) -> None:
+    """Verify and install, with no network; stopped, the same command does it again."""
+    quick = () if smoke else ("--no-smoke",)
+    _installer(str(file), "--into", str(into), "--sha256", sha256, *quick)
+
+
+def _installer(*arguments: str) -> None:
+    """Do what install.py out of the bundle does."""
+    from karma.bundle.install import main
+
+    raise typer.Exit(main(list(arguments)))

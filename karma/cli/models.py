@@ -1,4 +1,4 @@
-"""`karma models`: what the manifest lists, whether the files are right, and bringing in others."""
+"""`karma models`: what the manifest lists, whether files are right, others; and `karma vlm`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -8,10 +8,11 @@ from rich.markup import escape
 from rich.progress import DownloadColumn
 from rich.table import Table
 
-from karma.agent.journal.formats import UNKNOWN
+from karma.agent.journal.formats import UNKNOWN, figure_text
 from karma.cli.progress import bar
 from karma.cli.shared import Json, console, tell, write_json
 from karma.errors import ModelError
+from karma.files import write_atomic
 
 if TYPE_CHECKING:
     from karma.infer.manifest.manifest import ModelEntry
@@ -42,9 +43,9 @@ def models_list(json: Json = None) -> None:
             escape(entry.licence), here,
         )  # fmt: skip
     console.print(table)
-    open_ones = [entry.name for entry in entries if _unknown(entry)]
-    if open_ones:
-        tell(f"{', '.join(open_ones)}: {_OPEN}")
+    unknown = (entry.name for entry in entries if any(one.sha256 is None for one in entry.files))
+    if names := ", ".join(unknown):
+        tell(f"{names}: {_OPEN}")
     write_json(json, entries)
 
 
@@ -74,15 +75,13 @@ def models_verify(names: Names = None, json: Json = None) -> None:
     """Check size and SHA-256 of files; exit code 1 if one is wrong, or a named one not here."""
     from karma.infer.manifest.manifest import check, find_model, read_manifest
 
-    entries = [find_model(name) for name in names] if names else read_manifest().models
     found = []
-    for entry in entries:
+    for entry in [*map(find_model, names)] if names else read_manifest().models:
         with console.status(escape(f"hashing {entry.name} ...")):
-            found.append(check(entry))
-        one = found[-1]
+            one = check(entry)
+        found.append(one)
         detail = "not present" if one.state == "absent" and not names else one.detail
-        mark = _MARKS[one.state]
-        console.print(f"{mark} {escape(one.name)}: {escape(detail)}", soft_wrap=True)
+        console.print(f"{_MARKS[one.state]} {escape(f'{one.name}: {detail}')}", soft_wrap=True)
     write_json(json, found)
     bad = [one for one in found if one.state == "wrong" or (names and one.state != "ok")]
     if bad:
@@ -151,7 +150,6 @@ def models_add(
 
 def _try(entry: "ModelEntry", folder: Path) -> None:
     """Open what is to be added as a run would, and ask it a little."""
-    from karma.agent.journal.formats import figure_text
     from karma.bench.engine.model_doctor import tried
 
     try:
@@ -242,9 +240,67 @@ def models_remove(name: Annotated[str, typer.Argument(help="A model that was add
     """Take back an `add`: the entry, and the copies it made; files added in place stay."""
     from karma.infer.manifest.added_models import remove_model
 
-    entry = remove_model(name)
-    stays = Path(entry.files[0].path).is_absolute()
-    tell(f"removed {name}" + (f"; its files stay in {Path(entry.files[0].path).parent}" * stays))
+    place = Path(remove_model(name).files[0].path)
+    stays = f"; its files stay in {place.parent}" if place.is_absolute() else ""
+    tell(f"removed {name}{stays}")
+
+
+# ----------------------------------------------------------------- models that see
+
+
+def vlm_eval(
+    model: Annotated[
+        str, typer.Option(help='Name in the manifest, or a folder; "llama:..." for two .gguf.')
+    ] = "karma-nano-vlm",
+    frames: Annotated[int, typer.Option(min=1, help="Frames to ask about.")] = 320,
+    rooms: Annotated[
+        list[str] | None,
+        typer.Option(help='Scenes or scene files, or "fresh"; all that ship and fresh ones.'),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
+    json: Json = None,
+    html: Annotated[Path | None, typer.Option(help="Also write a page with the failures.")] = None,
+) -> None:
+    """Score a vision model on frames of rooms that its training never saw."""
+    from karma.infer.llama.vision import LlamaVision
+    from karma.infer.vision.transformers import TransformersVision
+    from karma.train.vision.page import page
+    from karma.train.vision.score import Clock, examine, held_out_rooms, score
+
+    with console.status(escape(f"loading {model} ...")):
+        pair = model.removeprefix("llama:")
+        vision = TransformersVision(model) if pair == model else LlamaVision(pair)
+        places = held_out_rooms(rooms or (), seed)
+    clock, asked = Clock(), []
+    with bar(passing=True) as progress:
+        shown = progress.add_task("asking ...", total=frames)
+        for one in examine(vision, places, frames=frames, seed=seed, clock=clock):
+            asked.append(one)
+            progress.update(shown, completed=clock.frames)
+    found = score(asked, model=vision.name, seed=seed, clock=clock)
+    _show_scores(found)
+    write_json(json, found)
+    if html is not None:
+        write_atomic(html, page(found, asked).encode())
+        console.print(escape(f"page: {html}"))
+
+
+def _show_scores(found: Any) -> None:
+    table = Table(title=escape(f"{found.model}: {found.frames} frames, {found.objects} questions"))
+    table.add_column("state")
+    for name in ("true of", "precision", "recall", "F1"):
+        table.add_column(name, justify="right")
+    for word, line in found.words.items():
+        figures = (figure_text(value, 3) for value in (line.precision, line.recall, line.f1))
+        table.add_row(word, str(line.support), *figures)
+    console.print(table)
+    console.print(
+        f"macro-F1 {figure_text(found.macro_f1, 3)} · accuracy {figure_text(found.accuracy, 3)} · "
+        f"of objects filling 2 % of the frame {figure_text(found.large.value, 3)} "
+        f"({found.large.of}) · no usable answer {found.unanswered}"
+    )
+    frame, thing = (figure_text(ms, 0) for ms in (found.ms_per_frame, found.ms_per_object))
+    console.print(f"ms per frame {frame}, per object {thing}")
 
 
 def _role(text: str | None) -> Any:
@@ -256,10 +312,6 @@ def _role(text: str | None) -> Any:
     if text is not None and text not in get_args(Role):
         raise UnknownNameError(f"no role {text!r}; there are {', '.join(get_args(Role))}")
     return text
-
-
-def _unknown(entry: "ModelEntry") -> bool:
-    return any(file.sha256 is None for file in entry.files)
 
 
 def _megabytes(entry: "ModelEntry") -> str:

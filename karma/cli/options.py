@@ -1,11 +1,10 @@
-"""Options of commands as fields of dataclasses: each stands once, with its default and its help."""
+"""Commands as dataclasses: a field is an option, with its default and its help."""
 
-import inspect
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, fields
-from functools import wraps
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import partial, update_wrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast, get_type_hints
+from typing import TYPE_CHECKING, Any, Protocol
 
 import typer
 
@@ -15,11 +14,16 @@ if TYPE_CHECKING:
     from karma.infer.hosted.cassette import Cassette
     from karma.infer.hosted.session import Hosted
 
-COMPUTED = "How models are computed"
+
+class Command(Protocol):
+    """A dataclass of what was typed."""
+
+    def do(self) -> None:
+        """Carry the command out."""
 
 
 def option(usual: Any, text: str, *names: str, panel: str | None = None, **how: Any) -> Any:
-    """Return a field that is an option.
+    """Return the default of a field that is an option.
 
     Args:
         usual: its default; ... where it must be given.
@@ -28,77 +32,46 @@ def option(usual: Any, text: str, *names: str, panel: str | None = None, **how: 
         panel: of the help; the first one unless told otherwise.
         how: more of `typer.Option`.
     """
-    made = typer.Option(*names, help=text, rich_help_panel=panel, **how)
-    return field(default=usual, metadata={"option": made})
+    return typer.Option(usual, *names, help=text, rich_help_panel=panel, **how)
 
 
-def taking(**groups: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the fields of dataclasses as options; it takes the dataclasses by name."""
+def as_function(kind: type[Command]) -> Callable[..., None]:
+    """Return a command as Typer takes it: a function with the parameters of the dataclass."""
 
-    def taken(command: Callable[..., None]) -> Callable[..., None]:
-        @wraps(command)
-        def wrapped(*args: Any, **kwargs: Any) -> None:
-            for name, kind in groups.items():
-                own = {one.name: kwargs.pop(one.name) for one in fields(kind)}
-                kwargs[name] = kind(**own)
-            command(*args, **kwargs)
+    def typed(**given: Any) -> None:
+        kind(**given).do()
 
-        whole = inspect.signature(command)
-        parts = [
-            part
-            for one in whole.parameters.values()
-            for part in (_parameters(groups[one.name]) if one.name in groups else (one,))
-        ]
-        wrapped.__signature__ = whole.replace(parameters=parts)  # type: ignore[attr-defined]
-        wrapped.__annotations__ = {one.name: one.annotation for one in parts}
-        return wrapped
-
-    return taken
+    return update_wrapper(typed, kind, assigned=("__doc__",), updated=())
 
 
-def _parameters(kind: type) -> Iterator[inspect.Parameter]:
-    types = get_type_hints(kind)
-    for one in fields(kind):
-        annotation = cast("Any", Annotated)[types[one.name], one.metadata.get("option")]
-        usual = inspect.Parameter.empty if one.default is ... else one.default
-        yield inspect.Parameter(
-            one.name, inspect.Parameter.KEYWORD_ONLY, default=usual, annotation=annotation
-        )
+_computed = partial(option, None, panel="How models are computed")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Computed:
     """How models are computed: keys of [models] in an experiment; None where nothing is said."""
 
-    gpu_layers: str | None = option(
-        None, 'On a GPU: "auto", all that fit, or a number; 0: on the CPU.', panel=COMPUTED
+    gpu_layers: str | None = _computed(
+        'On a GPU: "auto", all that fit, or a number; 0: on the CPU.'
     )
-    n_ctx: int | None = option(
-        None, "Context of a GGUF in tokens, at most; else as its prompts need.", panel=COMPUTED
-    )
-    flash_attention: str | None = option(None, '"on", "off" or "auto": on a GPU.', panel=COMPUTED)
-    kv: str | None = option(None, 'Kept keys and values: "f16", "f32" or "q8_0".', panel=COMPUTED)
-    threads: int | None = option(
-        None, "Of a GGUF on the CPU; results do not depend on it.", panel=COMPUTED
-    )
-    device: str | None = option(
-        None, 'Of torch models: "auto", "cpu", "cuda", "cuda:1", "mps".', panel=COMPUTED
-    )
-    dtype: str | None = option(
-        None, 'Of torch models: "auto", "float32", "bfloat16", "float16".', panel=COMPUTED
-    )
+    n_ctx: int | None = _computed("Context of a GGUF in tokens, at most; else as its prompts need.")
+    flash_attention: str | None = _computed('"on", "off" or "auto": on a GPU.')
+    kv: str | None = _computed('Kept keys and values: "f16", "f32" or "q8_0".')
+    threads: int | None = _computed("Of a GGUF on the CPU; results do not depend on it.")
+    device: str | None = _computed('Of torch models: "auto", "cpu", "cuda", "cuda:1", "mps".')
+    dtype: str | None = _computed('Of torch models: "auto", "float32", "bfloat16", "float16".')
 
     @property
-    def keys(self) -> dict[str, Any]:
-        """What was said."""
-        said = {one.name: getattr(self, one.name) for one in fields(self)}
+    def computed(self) -> dict[str, Any]:
+        """The keys of [models] that were given."""
+        said = {one.name: getattr(self, one.name) for one in fields(Computed)}
         layers = self.gpu_layers
         if layers is not None and layers.lstrip("-").isdecimal():
             said["gpu_layers"] = int(layers)
         return {name: value for name, value in said.items() if value is not None}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Kept:
     """Where what models said and computed is kept."""
 

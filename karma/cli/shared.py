@@ -4,19 +4,23 @@ import os
 import sys
 import traceback
 import unicodedata
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
+from copy import copy
+from dataclasses import replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
+from rich.measure import Measurement
 from rich.segment import Segment
-from rich.table import Table
+from rich.table import Column, Table
+from rich.text import Text
 
 from karma import registry
-from karma.cli.wide_tables import parts_of
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
 from karma.offline.guard import settle
@@ -26,6 +30,7 @@ if TYPE_CHECKING:
 
 _HARMLESS = frozenset("\n\t\u200d")  # the last joins the parts of one sign
 _PLAIN = str.maketrans("→–—…✓·×", ">--.*.x")  # where the terminal has ASCII only
+_UNBOUNDED = 100_000  # columns
 _LONGEST = 2000  # characters of a line of an error: a quoted goal or name may have millions
 
 
@@ -66,11 +71,11 @@ class SafeConsole(Console):
 
     def print(self, *objects: Any, **how: Any) -> None:
         """Print as any console does; a table that is too wide comes in parts that fit."""
-        alone = objects[0] if len(objects) == 1 else None
-        for one in parts_of(alone, self) if isinstance(alone, Table) else ():
-            super().print(one, **how)
-        if not isinstance(alone, Table):
+        if len(objects) != 1 or not isinstance(objects[0], Table):
             super().print(*objects, **how)
+            return
+        for one in _parts_of(objects[0], self):
+            super().print(one, **how)
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
@@ -134,12 +139,9 @@ def write_for(run: Path, out: Path | None, name: str, data: bytes) -> Path:
 
 
 def refuse_options(context: typer.Context, what: str, known: Collection[str]) -> None:
-    """Raise KarmaError where a command was given an option that is of no use.
+    """Raise KarmaError where a command was given an option that is not `known` to be of use.
 
-    Args:
-        context: of the command.
-        what: it is about, e.g. "eval/demo.toml: such an experiment".
-        known: options that are of use, as parameters.
+    `what` it is about is such as "eval/demo.toml: such an experiment".
     """
     for one in context.command.params:
         source = context.get_parameter_source(one.name or "")
@@ -157,9 +159,8 @@ def readable(typed: str) -> str:
 def clear_errors(command: Callable[..., None]) -> Callable[..., None]:
     """Turn the package's errors into a message and exit code 1, Ctrl-C and its like into 130.
 
-    Anything else is a bug: of a plug-in, which is named, or of ours.
-
-    A refused attempt to reach the network is such an error also where a library has swallowed it.
+    Anything else is a bug: of a plug-in, which is named, or of ours. A refused attempt to reach the
+    network is such an error also where a library has swallowed it.
     """
 
     @wraps(command)
@@ -172,30 +173,29 @@ def clear_errors(command: Callable[..., None]) -> Callable[..., None]:
         except KeyboardInterrupt as error:
             console.print("stopped", style="yellow")
             raise typer.Exit(STOPPED) from error
-        except KarmaError as error:
-            _show(str(error))
-            raise typer.Exit(FAILED) from error
-        except MemoryError as error:
-            _show("there is not enough memory\n  To fix: take smaller models, or raise ulimit -v")
-            raise typer.Exit(FAILED) from error
-        except OSError as error:  # of the machine: a full disk, no descriptors left
-            where = f"{error.filename}: " if error.filename else ""
-            _show(f"{where}{error.strerror or error}")
-            raise typer.Exit(FAILED) from error
         except Exception as error:
-            if named := registry.plug_in_of(error):
-                _show(f"{named} raised {type(error).__name__}: {error}\n{_lines_of(error)}")
-                raise typer.Exit(FAILED) from error
-            raise
+            if (reason := _reason(error)) is None:
+                raise
+            _show(reason)
+            raise typer.Exit(FAILED) from error
 
     return wrapped
 
 
-def _lines_of(error: Exception) -> str:
-    """Return where an error was raised, the innermost last."""
-    frames = traceback.extract_tb(error.__traceback__)[-4:]
-    places = (f"  {one.filename}:{one.lineno} in {one.name}" for one in frames)
-    return "\n".join([*places, "  To fix: mend or uninstall that package"])
+def _reason(error: Exception) -> str | None:
+    """Return what is said of an error; None of a bug of ours."""
+    if isinstance(error, KarmaError):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return "there is not enough memory\n  To fix: take smaller models, or raise ulimit -v"
+    if isinstance(error, OSError):  # of the machine: a full disk, no descriptors left
+        return f"{error.filename}: " * bool(error.filename) + (error.strerror or str(error))
+    if not (named := registry.plug_in_of(error)):
+        return None
+    frames = traceback.extract_tb(error.__traceback__)[-4:]  # the innermost last
+    places = "\n".join(f"  {one.filename}:{one.lineno} in {one.name}" for one in frames)
+    said = f"{named} raised {type(error).__name__}: {error}"
+    return f"{said}\n{places}\n  To fix: mend or uninstall that package"
 
 
 def sheet_table(sheet: "Sheet") -> Table:
@@ -210,6 +210,67 @@ def sheet_table(sheet: "Sheet") -> Table:
 
 def _show(reason: str) -> None:
     lines = (one if len(one) < _LONGEST else f"{one[:_LONGEST]} ..." for one in reason.split("\n"))
-    reason = "\n".join(lines)
-    text = f"[red]error:[/] {escape(reason)}"
+    text = "[red]error:[/] " + escape("\n".join(lines))
     SafeConsole(stderr=True).print(text, highlight=False, soft_wrap=True)
+
+
+# ----------------------------------------------------------------- tables that are too wide
+
+
+def _parts_of(table: Table, console: Console) -> list[Table]:
+    """Return a table that fits as it is, another as several, each with the first columns.
+
+    Names may wrap; no figure is cut.
+    """
+    wide = console.options.update(width=_UNBOUNDED)
+    if not table.columns or Measurement.get(console, wide, table).maximum <= console.width:
+        return [table]
+    figures = [number for number, one in enumerate(table.columns) if one.justify == "right"]
+    count = max(1, figures[0]) if figures else 1  # columns in front, which say what a line is of
+    labels, others = table.columns[:count], table.columns[count:]
+    aside = 3  # of padding and border, each
+    room = console.width - 1 - sum(_narrowest(one) + aside for one in labels)
+    groups: list[list[Column]] = [[]]
+    left = room
+    for column in others:
+        needed = _needed(column) + aside
+        if needed > left and groups[-1]:
+            groups.append([])
+            left = room
+        groups[-1].append(column)
+        left -= needed
+    parts = [_part(table, labels, group) for group in groups]
+    parts[0].title, parts[-1].caption = table.title, table.caption
+    return parts
+
+
+def _part(table: Table, labels: Sequence[Column], figures: Sequence[Column]) -> Table:
+    part = copy(table)
+    part.title = part.caption = None
+    part.columns = [
+        replace(
+            column,
+            _index=number,
+            no_wrap=False,
+            overflow="fold",
+            width=_needed(column) if number >= len(labels) and column.justify == "right" else None,
+        )
+        for number, column in enumerate((*labels, *figures))
+    ]
+    return part
+
+
+def _needed(column: Column) -> int:
+    if column.justify != "right":
+        return _narrowest(column)
+    lines = [line for cell in column._cells for line in _plain(cell).splitlines()]
+    return max([1, *map(cell_len, (*lines, *_plain(column.header).split()))])
+
+
+def _narrowest(column: Column) -> int:
+    words = [word for cell in (column.header, *column._cells) for word in _plain(cell).split()]
+    return min(max([1, *map(cell_len, words)]), 24)
+
+
+def _plain(cell: object) -> str:
+    return Text.from_markup(cell).plain if isinstance(cell, str) else str(cell)

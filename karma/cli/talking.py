@@ -3,20 +3,18 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
-from typer.core import TyperCommand
 
-from karma.cli.answers import AnswerView
 from karma.cli.conversation import CODES, converse, figures_of, say, show_folder, tell_stopped
-from karma.cli.options import Computed, Kept, option, taking
+from karma.cli.options import Computed, Kept, option
+from karma.cli.progress import AnswerView
 from karma.cli.shared import STOPPED, Json, console, readable, tell, write_json
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
-    from karma.agent.loading.presets import Preset
     from karma.contracts import Mention, Request, SaidDeed
     from karma.talk.agent import Agent
 
@@ -24,7 +22,7 @@ if TYPE_CHECKING:
 _UNITS_S = {"m": 60.0, "h": 3600.0, "d": 86_400.0}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class RequestOptions:
     """The room, the home, the planner, and what it is told and asked."""
 
@@ -78,21 +76,98 @@ class RequestOptions:
     out: Path | None = option(None, "Run folder; default the next in runs/talks.")
 
 
-@taking(given=RequestOptions, kept=Kept, computed=Computed)
-def run_command(
+@dataclass(frozen=True, kw_only=True)
+class RunArguments:
+    """What `karma run` is given beside its options."""
+
     instruction: Annotated[
         str | None, typer.Argument(help="What to do, in plain words; without it, a conversation.")
-    ] = None,
+    ] = None
     more: Annotated[
         list[str] | None,
         typer.Argument(hidden=True, metavar="", help="None: a request stands in quotes."),
-    ] = None,
-    json: Json = None,
-    *,
-    given: RequestOptions,
-    kept: Kept,
-    computed: Computed,
-) -> None:
+    ] = None
+    json: Json = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChatCommand(Computed, Kept, RequestOptions):
+    """Talk with an agent in a room: it remembers what was said and done before."""
+
+    def do(self) -> None:
+        """Converse in a home that lasts, unless it is to be a fresh one."""
+        from karma.contracts import SceneRef
+        from karma.talk.home import SCENE
+
+        view, lasts = AnswerView(), SceneRef.of(self.scene or SCENE).name
+        agent = self.agent(view, self.home if self.fresh else self.home or lasts)
+        raise typer.Exit(converse(agent, view))
+
+    def agent(self, view: AnswerView, home: str) -> "Agent":
+        """Return the agent of these options; `view` hears its answers."""
+        from karma.agent.loading.models import Models
+        from karma.agent.loading.presets import preset
+        from karma.infer.hosted.session import Session
+        from karma.infer.llama.room_states import StateOptions
+        from karma.infer.manifest.manifest import default_planner
+        from karma.talk.agent import ANSWER_SECONDS, Agent
+        from karma.talk.home import SCENE
+
+        if self.fresh and self.home:
+            raise typer.BadParameter("--fresh keeps nothing, --home keeps a home: one of them")
+        planner = self.planner or default_planner()
+        try:
+            chosen = preset(self.preset)
+        except ValueError as error:
+            raise KarmaError(str(error)) from error
+        options = {
+            "long_term": self.long_term,
+            "short_term": self.short_term,
+            "policy": self.policy,
+            "perception": self.perception,
+            "boxes": "detector" if self.detector else "given",
+            **chosen.options,
+        }
+        if self.recall_k is not None:
+            options |= {"recall_k": self.recall_k, "whole_memory": False}
+        session = Session(self.tape)
+        session.cassette.begin("run")
+        same = ("profile", "chat", "vision", "detector", "refusing", "max_tokens", "thinking")
+        models = Models().computed_by(
+            {
+                **{key: getattr(self, key) for key in same},
+                "planner": planner,
+                "recall": self.recall or chosen.recall,
+                "recall_text": chosen.recall_text,
+                "constraint": self.constraint if self.constrained else "free",
+                "hosted": self.hosted(planner, self.model, api=self.api, dialect=self.dialect),
+                **self.computed,
+            }
+        )
+        seconds, place = self.answer_seconds, home or self.scene or SCENE
+        with console.status(escape(f"loading models, getting to know {place} ...")):
+            agent = Agent(
+                self.scene,
+                models=models,
+                options=options,
+                folder=self.out,
+                maps=self.maps,
+                seed=self.seed,
+                session=session,
+                states=StateOptions(folder=self.states),
+                listen=view.hear,
+                answer_seconds=ANSWER_SECONDS if seconds is None else seconds or None,
+                home=home or None,
+                later_s=_later_s(self.later, home, self.people),
+                people=self.people,
+            )
+        if agent.manner:
+            tell(f"planner: {planner}, {agent.manner}", style="dim")
+        return agent
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunCommand(ChatCommand, RunArguments):
     """Carry out an instruction in a room, while you watch; of several requests one by one.
 
     It says what it understood before it acts, and afterwards what is so by its own eyes.
@@ -101,92 +176,29 @@ def run_command(
     something refused; 4: something was not done, or in part; 130: stopped. Of requests that are
     piped into a conversation the first that occurs of 130, 1, 4, 3.
     """
-    from karma.agent.loading.models import Models
-    from karma.contracts import SceneRef
-    from karma.infer.hosted.session import Session
-    from karma.infer.llama.room_states import StateOptions
-    from karma.infer.manifest.manifest import default_planner
-    from karma.talk.agent import ANSWER_SECONDS, Agent
-    from karma.talk.home import SCENE
 
-    if instruction is not None and more:
-        whole = " ".join((instruction, *more))
-        raise typer.BadParameter(f'one request stands in quotes: karma run "{whole}"')
-    if instruction is not None and not instruction.strip():
-        raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
-    if given.fresh and given.home:
-        raise typer.BadParameter("--fresh keeps nothing, --home keeps a home: one of them")
-    home = given.home
-    if instruction is None and not given.fresh:
-        home = home or SceneRef.of(given.scene or SCENE).name
-    planner = given.planner or default_planner()
-    chosen, k = _preset(given.preset), given.recall_k
-    options = {
-        "long_term": given.long_term,
-        "short_term": given.short_term,
-        "policy": given.policy,
-        "perception": given.perception,
-        "boxes": "detector" if given.detector else "given",
-        **chosen.options,
-        **({} if k is None else {"recall_k": k, "whole_memory": False}),
-    }
-    session = Session(kept.tape)
-    session.cassette.begin("run")
-    same = ("profile", "chat", "vision", "detector", "refusing", "max_tokens", "thinking")
-    models = Models().computed_by(
-        {
-            **{key: getattr(given, key) for key in same},
-            "planner": planner,
-            "recall": given.recall or chosen.recall,
-            "recall_text": chosen.recall_text,
-            "constraint": given.constraint if given.constrained else "free",
-            "hosted": kept.hosted(planner, given.model, api=given.api, dialect=given.dialect),
-            **computed.keys,
-        }
-    )
-    view, seconds = AnswerView(), given.answer_seconds
-    place = home or given.scene or SCENE
-    with console.status(escape(f"loading models, getting to know {place} ...")):
-        agent = Agent(
-            given.scene,
-            models=models,
-            options=options,
-            folder=given.out,
-            maps=given.maps,
-            seed=given.seed,
-            session=session,
-            states=StateOptions(folder=kept.states),
-            listen=view.hear,
-            answer_seconds=ANSWER_SECONDS if seconds is None else seconds or None,
-            home=home or None,
-            later_s=_later_s(given.later, home, given.people),
-            people=given.people,
-        )
-    if agent.manner:
-        tell(f"planner: {planner}, {agent.manner}", style="dim")
-    if instruction is None:
-        raise typer.Exit(converse(agent, view))
-    try:
-        reply = say(agent, readable(instruction), view)
-    except KeyboardInterrupt:
-        tell_stopped(agent, 0)
-        if agent.replies:
-            _close(agent)
-        raise typer.Exit(STOPPED) from None
-    _close(agent)
-    write_json(json, figures_of(agent, reply))
-    raise typer.Exit(CODES[reply.status])
-
-
-CHAT = "Talk with an agent in a room: it remembers what was said and done before."
-
-
-class Chat(TyperCommand):
-    """`karma chat`: a call of `karma run` without an instruction, which ends in a conversation."""
-
-    def __init__(self, *args: Any, params: list[Any], **more: Any) -> None:
-        asked = [one for one in params if one.name not in ("instruction", "more", "json")]
-        super().__init__(*args, params=asked, **more)
+    def do(self) -> None:
+        """Carry out the instruction; without one, converse."""
+        if self.instruction is None:
+            super().do()
+            return
+        if self.more:
+            whole = " ".join((self.instruction, *self.more))
+            raise typer.BadParameter(f'one request stands in quotes: karma run "{whole}"')
+        if not self.instruction.strip():
+            raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
+        view = AnswerView()
+        agent = self.agent(view, self.home)
+        try:
+            reply = say(agent, readable(self.instruction), view)
+        except KeyboardInterrupt:
+            tell_stopped(agent, 0)
+            if agent.replies:
+                _close(agent)
+            raise typer.Exit(STOPPED) from None
+        _close(agent)
+        write_json(self.json, figures_of(agent, reply))
+        raise typer.Exit(CODES[reply.status])
 
 
 def _later_s(later: str, home: str, people: int | None) -> float:
@@ -214,19 +226,10 @@ def _close(agent: "Agent") -> None:
     show_folder(agent)
 
 
-def _preset(name: str) -> "Preset":
-    from karma.agent.loading.presets import preset
-
-    try:
-        return preset(name)
-    except ValueError as error:
-        raise KarmaError(str(error)) from error
-
-
 # ----------------------------------------------------------------- what a request asks for
 
 
-def read_command(
+def read(
     text: Annotated[str, typer.Argument(help="What somebody says, in quotes.")],
     json: Json = None,
 ) -> None:
@@ -277,10 +280,8 @@ def home_list() -> None:
     """List the homes that are kept here."""
     from karma.talk.home import HOMES, homes
 
-    for folder in homes():
-        tell(folder.name)
-    if not homes():
-        tell(f"no home in {HOMES}; karma chat makes one")
+    for name in [one.name for one in homes()] or [f"no home in {HOMES}; karma chat makes one"]:
+        tell(name)
 
 
 def home_new(

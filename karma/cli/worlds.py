@@ -1,5 +1,6 @@
-"""`karma world`: rooms to import, list and look at; recorded episodes to replay in them."""
+"""`karma world` and `karma tasks`: rooms, recorded episodes, and what is to be done there."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from statistics import mean
@@ -17,11 +18,14 @@ from karma.errors import FileError, KarmaError
 from karma.files import below, to_json, write_atomic
 
 if TYPE_CHECKING:
+    from karma.bench.engine.run import Run
+    from karma.bench.engine.task_check import TaskFinding
     from karma.world.alfred.facts import Files
     from karma.world.alfred.replay import TrialResult
     from karma.world.alfred.trial import Trial
 
 T = TypeVar("T")
+_NAMED = 5  # tasks in a warning
 _OR_NONE = 'default below $KARMA_SHARED or ../shared; "none" = without.'
 Several = Annotated[list[Path], typer.Argument(help="Files, also gzipped.")]
 Layouts = Annotated[str | None, typer.Option(help=f"ALFRED's reachable cells; {_OR_NONE}")]
@@ -41,11 +45,11 @@ def world_list(json: Json = None) -> None:
     rows = []
     for path in sorted(scene.SCENES.glob("*.json")):
         one = scene.load(path)
-        rows.append((one.name, one.room, len(one.objects), len(one.reachable), one.source))
-        table.add_row(*map(str, rows[-1]))
+        row = {"scene": one.name, "room": one.room, "objects": len(one.objects)}
+        rows.append({**row, "cells": len(one.reachable), "source": one.source})
+        table.add_row(*map(str, rows[-1].values()))
     console.print(table)
-    names = ("scene", "room", "objects", "cells", "source")
-    write_json(json, [dict(zip(names, row, strict=True)) for row in rows])
+    write_json(json, rows)
 
 
 def world_show(
@@ -125,13 +129,10 @@ def _import_dump(
     from karma.world.importing.scenes import import_dump
 
     rows = []
-    cells = None if layouts in (None, "none") else layouts
-    houses = holds_houses(dump)
-    scenes = (
-        import_houses(dump, assets=assets, only=only)
-        if houses
-        else import_dump(dump, layouts=cells, only=only)
-    )
+    if houses := holds_houses(dump):
+        scenes = import_houses(dump, assets=assets, only=only)
+    else:
+        scenes = import_dump(dump, layouts=None if layouts == "none" else layouts, only=only)
     for scene in _shown(scenes, f"importing {dump.name}"):
         path = below(out, f"{scene.name}.json", source=dump)
         write_atomic(path, to_json(scene))
@@ -161,7 +162,7 @@ def _import_trials(
 def _trials(
     files: Sequence[Path], ids: Iterable[str] | None, side: "Files", limit: int | None = None
 ) -> "tuple[list[Trial], Any]":
-    """Return the trials with these ids, all without, and the facts of their rooms.
+    """Return the trials with these ids, or all, and the facts of their rooms.
 
     Raises:
         KarmaError: none of them has one of the ids.
@@ -235,7 +236,17 @@ def world_replay(
         results.append(result)
         if result.ok == (mutate is not None):
             tell(_told(result))
-    _summed(results, mutate, json)
+    ok = sum(result.ok for result in results)
+    handled, unseen = sum(r.handled for r in results), sum(r.unseen for r in results)
+    good = {"ok": ok} if mutate is None else {"caught": len(results) - ok, "seed": mutate}
+    figures = {"trials": len(results), **good, "handled": handled, "unseen": unseen}
+    write_json(json, {**figures, "results": results})
+    if mutate is None:
+        share = f" ({percent_text((handled - unseen) / handled, 1)} %)" if handled else ""
+        tell(f"actions on objects {handled}, in view {handled - unseen}{share}")
+        tell(f"trials {len(results)}, ok {ok}")
+    else:
+        tell(f"trials {len(results)}, caught {len(results) - ok}")
 
 
 def _told(result: "TrialResult") -> str:
@@ -244,21 +255,6 @@ def _told(result: "TrialResult") -> str:
         return f"{where}: not caught without action {result.deleted}"
     at = "" if result.step is None else f" action {result.step}"
     return f"{where}{at}: {result.reason}"
-
-
-def _summed(results: "Sequence[TrialResult]", mutate: int | None, json: Path | None) -> None:
-    """Print the counts, and write them with the results."""
-    ok = sum(result.ok for result in results)
-    handled, unseen = sum(r.handled for r in results), sum(r.unseen for r in results)
-    good = {"ok": ok} if mutate is None else {"caught": len(results) - ok, "seed": mutate}
-    figures = {"trials": len(results), **good, "handled": handled, "unseen": unseen}
-    write_json(json, {**figures, "results": list(results)})
-    if mutate is None:
-        share = f" ({percent_text((handled - unseen) / handled, 1)} %)" if handled else ""
-        tell(f"actions on objects {handled}, in view {handled - unseen}{share}")
-        tell(f"trials {len(results)}, ok {ok}")
-    else:
-        tell(f"trials {len(results)}, caught {len(results) - ok}")
 
 
 def _replay_events(files: Sequence[Path], layouts: Path | None, json: Path | None) -> None:
@@ -277,13 +273,14 @@ def _replay_events(files: Sequence[Path], layouts: Path | None, json: Path | Non
         )  # fmt: skip
         for gap in one.differences:
             what = f"step {gap.step} {gap.action}: {gap.object_id or 'agent'} {gap.field}"
-            said = f"{gap.ours!r}, AI2-THOR {gap.theirs!r}"
-            tell(f"{Path(one.path).name} {what} is {said}" + (f" ({gap.cause})" * bool(gap.cause)))
+            cause = f" ({gap.cause})" if gap.cause else ""
+            said = f"{gap.ours!r}, AI2-THOR {gap.theirs!r}{cause}"
+            tell(f"{Path(one.path).name} {what} is {said}")
     console.print(table)
-    write_json(
-        json,
-        [{"rate": one.rate, "causes": one.causes, **msgspec.to_builtins(one)} for one in reports],
+    whole = (
+        {"rate": one.rate, "causes": one.causes, **msgspec.to_builtins(one)} for one in reports
     )
+    write_json(json, list(whole))
     flags = sum(one.compared for one in reports)
     tell(f"events {len(reports)}, flags {flags}, equal {_percent(total_rate(reports))} %")
 
@@ -291,3 +288,81 @@ def _replay_events(files: Sequence[Path], layouts: Path | None, json: Path | Non
 def _percent(share: float | None) -> str:
     """Return a share in percent, rounded down, so that only all is 100."""
     return figure_text(None if share is None else int(share * 10_000) / 100)
+
+
+# ----------------------------------------------------------------- task files
+
+
+def tasks_check(
+    file: Annotated[Path, typer.Argument(help="A task file, e.g. eval/alfred_l/tasks.jsonl.")],
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Only what the rooms tell; the expert does not try.")
+    ] = False,
+    world: Annotated[str, typer.Option(help="Name of the world.")] = "embedded",
+    json: Json = None,
+) -> None:
+    """Look for tasks that are done already, that name nothing, or that nobody can do; exit 1.
+
+    A goal that is true beside others, or after other work, is only mentioned: it may be meant so.
+    """
+    from tempfile import TemporaryDirectory
+
+    from karma import registry
+    from karma.agent.goals.files import load_tasks, task_lines
+    from karma.bench.engine.task_check import findings, quick_findings
+
+    tasks, make = load_tasks(file), registry.load("worlds", world)
+    lines = task_lines(file)
+    found: list[TaskFinding] = []
+    with TemporaryDirectory() as folder, bar(passing=True) as progress:
+        for task in progress.track(tasks, description="tasks"):
+            found += quick_findings([task], make) if quick else findings(task, make, Path(folder))
+    for one in found:
+        tell(f"{file}:{lines[one.task]}: {'' if one.serious else 'note: '}{one}")
+    write_json(json, found)
+    _end_tasks(file, len(tasks), found, quick)
+
+
+def _end_tasks(file: Path, number: int, found: Sequence["TaskFinding"], quick: bool) -> None:
+    bad = [one for one in found if one.serious]
+    if not bad:
+        how = "the expert did not try" if quick else "the expert solves all"
+        tell(f"{file}: {number} tasks, nothing wrong ({how})")
+        return
+    counts = Counter(one.what for one in bad)
+    said = ", ".join(f"{times} × {what}" for what, times in counts.items())
+    tasks = len({one.task for one in bad})
+    raise KarmaError(
+        f"{file}: {tasks} of {number} tasks measure less than they seem to: {said}\n"
+        "  To fix: the lines above; docs/tasks.md says what goals mean"
+    )
+
+
+def warn_of_tasks(run: "Run", told: set[tuple[str, ...]] | None = None) -> None:
+    """Say before a run's first episode which of its tasks measure less than they seem to.
+
+    It is silent about a run that has begun, and about tasks in `told`, which takes these.
+    """
+    from karma import registry
+    from karma.bench.engine.task_check import quick_findings
+
+    if run.records or not run.left:
+        return
+    if told is not None:
+        these = (run.experiment.world, *(task.id for task in run.tasks))
+        if these in told:
+            return
+        told.add(these)
+    try:
+        found = list(quick_findings(run.tasks, registry.load("worlds", run.experiment.world)))
+    except KarmaError:  # the episodes will say it of each task
+        return
+    ids: dict[str, list[str]] = {}
+    for one in found:
+        if one.serious and one.task not in ids.setdefault(one.what, []):
+            ids[one.what].append(one.task)
+    for what, tasks in ids.items():
+        said = ", ".join(tasks[:_NAMED]) + (" ..." if len(tasks) > _NAMED else "")
+        tell(f"tasks: {what}: {len(tasks)} of {len(run.tasks)}: {said}", style="yellow")
+    if ids and run.experiment.tasks:
+        tell(f"  more: karma tasks check {run.experiment.tasks}")

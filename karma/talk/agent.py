@@ -54,18 +54,7 @@ from karma.infer.manifest.manifest import default_planner, resolve_planner
 from karma.language.clauses import clauses_of, context_left_out
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader, asked_last, check_length
-from karma.talk.history import (
-    deeds_of,
-    found_elsewhere,
-    habits,
-    in_plain,
-    in_plain_words,
-    in_turn,
-    is_taught,
-    only_needs,
-    owned,
-    with_habits,
-)
+from karma.talk import history
 from karma.talk.home import KeptHome, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
 from karma.talk.offers import corrected, with_offer
@@ -176,13 +165,9 @@ class Agent:
             check_options("karma", row.all_options)
             place = TalkFolder(None if folder is None else Path(folder), self.scene.name)
             loaded = resources or load_resources(
-                named or Models(),
-                maps=maps,
-                seed=seed,
-                learn=True,
-                session=self.session,
+                named or Models(), maps=maps, seed=seed, learn=True, session=self.session,
                 states=states,
-            )
+            )  # fmt: skip
             self.session.ledger.take()  # what loading asked, as the canary, is no part of the bill
             decoding = replace(loaded.decoding, answer_seconds=answer_seconds)
             loaded = replace(loaded, decoding=decoding, listen=listen)
@@ -196,13 +181,22 @@ class Agent:
 
     def _begin(self, seed: int) -> None:
         """Get to know the room, and be at its start."""
-        self._steps, self._times = StepLog(), TimeLog()
-        self._tours: dict[str, Tour] = {}
-        world = LoggedWorld(self._world, self._steps)
+        steps = StepLog()
+        world = LoggedWorld(self._world, steps)
         world.reset(self.scene.source)
         self._episode = self._method.begin(world, self.scene, seed=seed, folder=self.folder)
-        self._steps.start(self.scene.name, seed)
-        self._logged = world
+        self._part = EpisodePart(
+            method=self._method.name,
+            episode=self._episode,
+            world=world,
+            tracker=GoalTracker(),  # nothing that is said has goals
+            ledger=self.session.ledger,
+            cassette=self.session.cassette,
+            steps=steps,
+            times=TimeLog(),
+            tours={},
+        )
+        steps.start(self.scene.name, seed)
         self.home.restore(world)
         for errand in self.home.past:
             for change in errand.changes:
@@ -221,7 +215,7 @@ class Agent:
             from karma.talk.people import live  # with it the residents, whom few homes have
 
             now_s = self.home.clock_s
-            done = live(self._logged, self._world, self.home.card, (now_s, now_s + seconds))
+            done = live(self._part.world, self._world, self.home.card, (now_s, now_s + seconds))
         self.home.wait(seconds, done)
 
     # ------------------------------------------------------------- what it does
@@ -229,8 +223,7 @@ class Agent:
     def do(self, instruction: str) -> AgentReply:
         """Carry out what is said; of several requests one by one.
 
-        Returns:
-            What was understood, done, and seen afterwards; it is true where all was done.
+        Returns what was understood, done, and seen afterwards; it is true where all was done.
 
         Raises:
             KarmaError: nothing was said, or a model failed.
@@ -290,37 +283,39 @@ class Agent:
     def _in_turn(self, instruction: str) -> Iterator[_Clause]:
         """Yield what is said errand by errand, what speaks of the log when that holds the rest."""
         reader = self._method.reader
-        pieces = in_turn(instruction) if reader is not None else [instruction]
-        for number, piece in enumerate(pieces):
-            why = reader is not None and number < len(pieces) - 1 and only_needs(piece, reader)
-            if not why:  # "I still need it, put it back"
-                yield from self._clauses(piece, pieces[:number])
-
-    def _clauses(self, instruction: str, ahead: Sequence[str] = ()) -> list[_Clause]:
-        """Return what is said errand by errand, each with what it asks where that is read."""
-        reader = self._method.reader
         if reader is None:  # without a guard what is said is only cut
             cut = context_left_out(reader_of(None).read(instruction))
             found = [_Clause(text) for one in cut for text, _ in clauses_of(one)]
-            return found or [_Clause(instruction)]
+            yield from found or [_Clause(instruction)]
+            return
+        *first, last = history.in_turn(instruction)
+        for number, piece in enumerate(first):
+            if not history.only_needs(piece, reader):  # "I still need it, put it back"
+                yield from self._clauses(piece, reader, first[:number])
+        yield from self._clauses(last, reader, first)
+
+    def _clauses(
+        self, instruction: str, reader: RequestReader, ahead: Sequence[str]
+    ) -> list[_Clause]:
+        """Return what is said errand by errand, each with what it asks."""
         instruction = of_another(instruction, self._question, reader)
         instruction = corrected(instruction, self._asked, reader)
         seen = {name: sight for name, (sight, _) in self._episode.last_seen().items()}
-        plain = in_plain_words(instruction, self.home.past, reader, seen)
+        plain = history.in_plain_words(instruction, self.home.past, reader, seen)
         requests = context_left_out(reader.read(plain.text, *self._spoken_of(reader, ahead)))
-        usual = habits(self.home.past, reader)
+        usual = history.habits(self.home.past, reader)
         unread = [
             replace(one, unread=(*one.unread, *(w for w in plain.unknown if w in one.text)))
             for one in requests
         ]
         found = []
         for text, asked in (clause for one in unread for clause in clauses_of(one)):
-            put = with_habits(asked, usual)
+            put = history.with_habits(asked, usual)
             found.append(_Clause(text if put is asked else put.errand, put, plain.means))
         return found or [_Clause(plain.text)]
 
     def _spoken_of(
-        self, reader: RequestReader, ahead: Sequence[str] = ()
+        self, reader: RequestReader, ahead: Sequence[str]
     ) -> tuple[tuple[Mention, ...], tuple[SaidDeed, ...], tuple[Mention, ...]]:
         """Return what was spoken of last, what was asked for last, what was spoken of before."""
         last: tuple[Mention, ...] = ()
@@ -338,12 +333,12 @@ class Agent:
 
     def _one(self, said: _Clause, whole: str) -> Iterator[Moment]:
         """Carry out one request, or answer it."""
-        clause, asked = said.text, said.asked
-        if asked is not None and (answer := self._answer(clause, asked)) is not None:
+        clause, asked, reader = said.text, said.asked, self._method.reader
+        if asked and reader and (answer := self._answer(clause, asked, reader)) is not None:
             yield RequestReply(instruction=clause, answer=answer)
             return
         self._episode.clock_s = self.home.clock_s
-        self._episode.mine = {**owned(self.home.past), **said.means}
+        self._episode.mine = {**history.owned(self.home.past), **said.means}
         self._episode.told = self._remembering().told()
         self._asked = clause if asked is not None and asked.form == "errand" else ""
         subtask = SubTask(instruction=clause, whole=clause if asked else whole, asked=asked)
@@ -351,7 +346,7 @@ class Agent:
         plans: list[Plan] = []
         results: list[SkillResult] = []
         outcome = None
-        going = self._share().carry_out(len(self._done), subtask, self.scene.name)
+        going = self._part.carry_out(len(self._done), subtask, self.scene.name)
         while True:
             try:
                 moment = next(going)
@@ -381,34 +376,32 @@ class Agent:
             asked=asked,
         )
         changes, self._episode.changes = self._episode.changes, []
-        if self._steps.actions:
-            event = self._world.last_event
+        if self._part.steps.actions:
             self.home.add(
                 clause,
                 reply.status,
-                self._steps.actions,
+                self._part.steps.actions,
                 changes,
-                event,
-                plain=in_plain(asked),
-                deeds=tuple(deeds_of(asked, results, done=reply.status == "done")),
+                self._world.last_event,
+                plain=history.in_plain(asked),
+                deeds=tuple(history.deeds_of(asked, results, done=reply.status == "done")),
             )
-            reply = replace(reply, elsewhere=found_elsewhere(self.home.past))
+            reply = replace(reply, elsewhere=history.found_elsewhere(self.home.past))
         yield reply
 
-    def _answer(self, clause: str, asked: Request) -> MemoryAnswer | None:
+    def _answer(self, clause: str, asked: Request, reader: RequestReader) -> MemoryAnswer | None:
         """Answer a question, or learn what is told; None where it is neither.
 
         Of another room nothing is looked for, done or learnt here.
         """
-        reader = self._method.reader
         self._question = clause if asked.form == "question" else ""
-        room = None if reader is None else room_said(asked, self.scene.name)
-        if room is not None and reader is not None and not room.is_here:
+        room = room_said(asked, self.scene.name)
+        if room is not None and not room.is_here:
             return of_room(room, asked, self.scene.name, self.home.folder, reader)
         if asked.form == "question":
             asked = asked if room is None else replace(asked, text=room.text)
             return answered(asked, self._remembering(), reader)
-        if asked.form not in ("statement", "teaching") and not is_taught(clause):
+        if asked.form not in ("statement", "teaching") and not history.is_taught(clause):
             return None
         told = told_of(asked, self._remembering(), self.scene.name, reader)
         if told is None:
@@ -429,19 +422,6 @@ class Agent:
             people=self.home.card.people,
         )
 
-    def _share(self) -> EpisodePart:
-        return EpisodePart(
-            method=self._method.name,
-            episode=self._episode,
-            world=self._logged,
-            tracker=GoalTracker(),  # nothing that is said has goals
-            ledger=self.session.ledger,
-            cassette=self.session.cassette,
-            steps=self._steps,
-            times=self._times,
-            tours=self._tours,
-        )
-
     def _understood(self, clause: str, plan: Plan, asked: Request | None) -> Understanding:
         here = {*self.map.types(), *(unit.object_type for unit in self.memory)}
         taken = understood(clause, plan, self._episode.where, self._lexicon, sorted(here))
@@ -458,10 +438,7 @@ class Agent:
     def undo(self) -> str | None:
         """Go back to before the last thing that was said: room, memory and records.
 
-        A question changes nothing, and is passed over.
-
-        Returns:
-            What was undone; None where nothing was done.
+        A question changes nothing, and is passed over. Returns what was undone, None for nothing.
         """
         deeds = (n for n, reply in enumerate(self.replies) if reply.status != "answered")
         last = max(deeds, default=None)
@@ -477,7 +454,7 @@ class Agent:
         return _Before(
             self._world.last_event,
             self._episode.remembered(),
-            *deepcopy((self._steps, self._times, self._tours)),
+            *deepcopy((self._part.steps, self._part.times, self._part.tours)),
             len(self._done),
             len(self.home.past),
         )
@@ -485,8 +462,8 @@ class Agent:
     def _return(self, before: _Before) -> None:
         self._world.back_to(before.event)
         self._episode.go_back(before.remembered)
-        self._steps.go_back(before.steps)
-        self._times, self._tours = before.times, before.tours
+        self._part.steps.go_back(before.steps)
+        self._part = replace(self._part, times=before.times, tours=before.tours)
         del self._done[before.done :]
         self.home.go_back(before.kept)
 
@@ -523,7 +500,7 @@ class Agent:
     def spent(self) -> tuple[Spent, ...]:
         """What hosted models have cost, with the seconds they took."""
         spent = (one for record in self._done for one in record.hosted)
-        seconds = (s for timing in self._times.subtasks for s in timing.hosted_s)
+        seconds = (s for timing in self._part.times.subtasks for s in timing.hosted_s)
         return tuple(replace(one, seconds=s) for one, s in zip(spent, seconds, strict=True))
 
     def save(self) -> Path:
@@ -533,28 +510,18 @@ class Agent:
             FileError: the folder cannot be written.
         """
         path = self._maps / f"{self.scene.name}.json"
-        self._keeper.write(
-            self._done,
-            turns_of(self.replies),
-            method=self._method.name,
-            steps=self._steps,
-            times=self._times,
-            tours=self._tours.values(),
-            maps={self.scene.name: read_bytes(path)} if path.exists() else {},
-        )
+        maps = {f"maps/{path.name}": read_bytes(path)} if path.exists() else {}
+        self._keeper.write(self._done, turns_of(self.replies), self._part, maps)
         return self.folder
 
     def __repr__(self) -> str:
-        said = len(self.replies)
-        remembered = f"{said} said, {len(self.memory)} things remembered"
+        remembered = f"{len(self.replies)} said, {len(self.memory)} things remembered"
         return f"Agent({self.scene.source!r}): {self._method.name}, {remembered}"
 
 
-def _row(preset: str, options: Mapping[str, Any], answer_seconds: float | None) -> Row:
+def _row(preset: str, options: dict[str, Any], answer_seconds: float | None) -> Row:
     try:
-        return Row(
-            name="KARMA", preset=preset, options=dict(options), answer_seconds=answer_seconds
-        )
+        return Row(name="KARMA", preset=preset, options=options, answer_seconds=answer_seconds)
     except ValueError as error:
         raise KarmaError(str(error)) from error
 

@@ -31,22 +31,9 @@ _ITSELF = re.compile(r"\b(?:in|inside|on|under) (?:it|them)\b")
 
 
 class AskedQuestion:
-    """A question's words, and the things in it.
+    """A question's words, and the things in it; `knows` is what it is answered from."""
 
-    Args:
-        request: whose form is "question".
-        knows: what it is answered from.
-        reader: of English.
-
-    Attributes:
-        about: the things that something is asked of.
-        at: places where they may be: "in the fridge", "which cabinet has ...".
-        near: whether beside those places, not in or on them; `under` likewise.
-        things: all of them, those of `about` first.
-        unknown: named things that nothing is called by.
-    """
-
-    def __init__(self, request: Request, knows: Remembering, reader: RequestReader | None) -> None:
+    def __init__(self, request: Request, knows: Remembering, reader: RequestReader) -> None:
         self.knows, self.reader = knows, reader
         self.raw = request.text.lower().replace("’", "'")
         text = _LEADS.sub("", self.raw)
@@ -55,27 +42,26 @@ class AskedQuestion:
         self.asks = next((word for word in self.words[:4] if word in ASKING), "")
         self.first = self.words[0] if self.words else ""
         self.open = bool(_OPEN.search(self.raw))
-        self.near = self.under = False
+        self.near = self.under = False  # it asks beside or below those places, not in or on them
         self._places: list[str] = []  # the words by which they are said
         named = list(self._named(request))
-        self.at = [one for one in named if self._is_place(one)]
-        if not self.at:
-            self.at = self._whose_contents(named)
-        self.about = [one for one in named if one not in self.at]
+        at = [one for one in named if self._is_place(one)]
+        self.at = at or self._whose_contents(named)  # "in the fridge", "which cabinet has ..."
+        self.about = [one for one in named if one not in self.at]  # what something is asked of
         self.things = [*self.about, *self.at]
-        self.unknown = [
+        self.unknown = [  # named things that nothing is called by
             one for one in request.alone if not (one.types or one.vague or _OPEN.search(one.text))
         ]
 
     def _named(self, request: Request) -> Iterator[Mention]:
         """Yield its things, without an "in it" of what it names itself."""
         alone = [one for one in request.alone if one.types]
-        own = [one for one in alone if self._surface(one) not in _IT]
+        own = [
+            one for one in alone
+            if self.raw[max(one.start, 0) : max(one.end, 0)].strip() not in _IT
+        ]  # fmt: skip
         itself = bool(_ITSELF.search(self.raw)) and any(map(can_hold, own))
         yield from own if itself else alone
-
-    def _surface(self, one: Mention) -> str:
-        return self.raw[max(one.start, 0) : max(one.end, 0)].strip()
 
     def _is_place(self, one: Mention) -> bool:
         """Return whether a thing is said as a place: "on the table"."""
@@ -116,8 +102,7 @@ class AskedQuestion:
         """Return whether it asks about the time that something happened."""
         if self._span is None:
             return True
-        late = self._span.before_s - BEGINS_S
-        ends = self.knows.now_s if "since" in self.words else late
+        ends = self.knows.now_s if self.has("since") else self._span.before_s - BEGINS_S
         return self._span.after_s - BEGINS_S <= when_s <= ends
 
     @property

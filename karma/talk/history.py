@@ -303,29 +303,22 @@ def in_plain_words(
 ) -> PlainRequest:
     """Return a request with what it says of the log said plainly; as it is where that is unknown.
 
-    Args:
-        text: the request.
-        past: the home's log.
-        reader: of English.
-        seen: the latest sights, by id.
+    `seen` has the latest sights, by id.
     """
     if not any(kind.search(text) for kind in (_ORDINAL, _DONE_TO, _BACK, _BESIDE_IT)):
         return PlainRequest(text, {})
     speaking = _SpeakingOfThePast(past, reader, seen or {})
-    for kind, plainly in (
-        (_ORDINAL, speaking.ordinal), (_DONE_TO, speaking.done_to), (_BACK, speaking.back),
-        (_BESIDE_IT, speaking.beside_it),
-    ):  # fmt: skip
-        text = kind.sub(plainly, text)
+    text = _ORDINAL.sub(speaking.ordinal, text)
+    text = _DONE_TO.sub(speaking.done_to, text)
+    text = _BACK.sub(speaking.back, text)
+    text = _BESIDE_IT.sub(speaking.beside_it, text)
     return PlainRequest(text, speaking.means, tuple(speaking.unknown))
 
 
 def with_habits(request: Request, usual: Mapping[str, str]) -> Request:
     """Return a request that puts things away where they always go: "tidy the bread away".
 
-    Args:
-        request: what was asked.
-        usual: type -> type of the place.
+    `usual` has the type of the place by the type of the thing.
     """
 
     def of(deed: SaidDeed) -> SaidDeed:
@@ -362,14 +355,23 @@ class _SpeakingOfThePast:
         self.means: dict[str, str] = {}
         self.unknown: list[str] = []
 
+    def _mean(self, name: str) -> None:
+        """Note that a thing or place is meant; there is but one floor."""
+        if type_of(name) != FLOOR:
+            self.means[base_type(type_of(name))] = name
+
+    def _not_known(self, words: str) -> str:
+        """Note that nothing in the log answers to some words, and return them."""
+        self.unknown.append(words)
+        return words
+
     def ordinal(self, found: re.Match[str]) -> str:
         """Return "the apple" for the first thing that was put away."""
         put = [one for one in self._moves if one.after not in (None, HAND, FLOOR)]
         if not put:
-            self.unknown.append(found[0])
-            return found[0]
+            return self._not_known(found[0])
         name = put[0 if found["which"].lower() == "first" else -1].object_id
-        self.means[base_type(type_of(name))] = name
+        self._mean(name)
         return f"the {name_of(name)}"
 
     def done_to(self, found: re.Match[str]) -> str:
@@ -380,8 +382,7 @@ class _SpeakingOfThePast:
             for deed in (deed for one in self._reader.read(errand.said) for deed in one.deeds):
                 if deed.deed in asked and deed.things and deed.things[0].types:
                     return f"the {deed.things[0].text}"
-        self.unknown.append(found[0])
-        return found[0]
+        return self._not_known(found[0])
 
     def back(self, found: re.Match[str]) -> str:
         """Return "put the apple on the table" for "put it back", where the log knows both."""
@@ -398,12 +399,11 @@ class _SpeakingOfThePast:
             place = self._usual.get(kind)
             return found[0] if place is None else f"put {name} {told_place(place)}"
         if _goes_back(found) and last is None and (kinds or self._moves):
-            self.unknown.append(found[0])  # the log has no place to which it would go back
+            self._not_known(found[0])  # the log has no place to which it would go back
         if not _goes_back(found) or last is None or type_of(last[1]) == HAND:
             return found[0]
         self.means[kind] = last[0]
-        if type_of(last[1]) != FLOOR:
-            self.means[base_type(type_of(last[1]))] = last[1]
+        self._mean(last[1])
         return f"put {name} {told_place(last[1])}"
 
     def _both_back(self, found: re.Match[str]) -> str:
@@ -413,12 +413,10 @@ class _SpeakingOfThePast:
             if one.before != HAND and one.object_id not in first and len(first) < _BOTH:
                 first[one.object_id] = one.before
         if len(first) < _BOTH or not _goes_back(found):
-            self.unknown.append(found[0])
-            return found[0]
+            return self._not_known(found[0])
         for name, place in first.items():
-            self.means[base_type(type_of(name))] = name
-            if type_of(place) != FLOOR:
-                self.means[base_type(type_of(place))] = place
+            self._mean(name)
+            self._mean(place)
         told = (f"put the {name_of(name)} {told_place(place)}" for name, place in first.items())
         return " and ".join(told)
 
@@ -431,9 +429,9 @@ class _SpeakingOfThePast:
         )  # fmt: skip
         place = next(lying, None)
         if place is None or type_of(place) == FLOOR:
-            self.unknown.append(found[0][len(found["order"]) + 1 :])
+            self._not_known(found[0][len(found["order"]) + 1 :])
             return found[0]
-        self.means[base_type(type_of(place))] = place
+        self._mean(place)
         told = found["order"].lower().endswith(f" {name_of(place)}")  # "open the drawer where ..."
         return found["order"] if told else f"{found['order']} {told_place(place)}"
 

@@ -6,9 +6,8 @@ the world, which ends as it was left, and memory learns again what each line lef
 
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from time import time
 from typing import Any
@@ -16,10 +15,10 @@ from weakref import finalize
 
 import msgspec
 
-from karma.agent.journal.folder import locked
+from karma.agent.journal.folder import locked, read_lines
 from karma.agent.journal.steps import Action
 from karma.agent.seeing.perceive import digest_of
-from karma.contracts import Event, MemoryChange, SceneRef, World
+from karma.contracts import Event, MemoryChange, World
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.files import LARGEST_LOG, append_line, read_bytes, read_json, to_json, write_atomic
 from karma.language.clock import HOUR_S
@@ -84,34 +83,22 @@ def homes() -> list[Path]:
     return sorted(one.parent for one in HOMES.glob(f"*/{_CARD}"))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LeftHome:
-    """A home as its last line left it."""
+class HomeStory:
+    """All that happened in a home, errands and the times between them."""
 
-    folder: Path
-    scene: str  # its name
-    past: Sequence[PastErrand]
-    clock_s: float
-    away_s: float  # since it was left, by the clock
-    people: int
+    def __init__(self, card: HomeCard, story: list[PastErrand]) -> None:
+        self.card, self._story = card, story
+        self.past = [one for one in story if not one.waited_s]
+        self.clock_s = sum(one.waited_s or len(one.actions) * ACTION_S for one in story)
 
 
-def read_home(folder: Path) -> LeftHome:
+def read_home(folder: Path) -> HomeStory:
     """Return what a home's log says; nothing there is changed, and it may be in use.
 
     Raises:
         FileError: it is damaged.
     """
-    card = read_json(folder / _CARD, HomeCard, fix=f"karma home forget {folder}")
-    story = list(_read(folder / _LOG))
-    return LeftHome(
-        folder=folder,
-        scene=SceneRef.of(card.scene).name,
-        past=[one for one in story if not one.waited_s],
-        clock_s=_clock(story),
-        away_s=left_s(folder),
-        people=card.people,
-    )
+    return HomeStory(_read_card(folder), _read(folder / _LOG))
 
 
 def forget_home(folder: Path) -> None:
@@ -137,13 +124,7 @@ def opened(name: str | Path) -> "KeptHome":
 
 
 def new_home(folder: Path, scene: str, world: World, *, people: int = 0) -> "KeptHome":
-    """Begin a home where there is none.
-
-    Args:
-        folder: of the home.
-        scene: what the world is reset to, "" for the usual one.
-        world: to see that the scene is one.
-        people: who live there.
+    """Begin a home where there is none; the world is to see that the scene is one.
 
     Raises:
         KarmaError: there is a home already, or no such scene.
@@ -156,7 +137,7 @@ def new_home(folder: Path, scene: str, world: World, *, people: int = 0) -> "Kep
     return home
 
 
-class KeptHome:
+class KeptHome(HomeStory):
     """A home that one agent has for itself, as long as it lives.
 
     Args:
@@ -174,32 +155,25 @@ class KeptHome:
     def __init__(
         self, folder: Path | None, scene: str = "", *, people: int | None = None, seed: int = 0
     ) -> None:
-        self.folder = folder
-        self.card = HomeCard(scene=scene or SCENE, people=people or 0, seed=seed)
-        self.past, self.clock_s = list[PastErrand](), 0.0
-        self._story: list[PastErrand] = []  # the same, and what happened in between
-        held = ExitStack()
+        self.folder, held = folder, ExitStack()
         self.leave = finalize(self, held.close)
+        card, story = HomeCard(scene=scene or SCENE, people=people or 0, seed=seed), []
         if folder is not None:
-            self._open(folder, scene, people, held)
+            fix = "end what is at work there, or name another --home; karma chat --fresh needs none"
+            held.enter_context(locked(folder, fix=fix))
+            try:
+                card = _card_of(folder, scene, people, card)
+                _drop_torn(folder / _LOG)
+                story = _read(folder / _LOG)
+            except BaseException:
+                self.leave()
+                raise
+        super().__init__(card, story)
 
     @property
     def scene(self) -> str:
         """What the world is reset to."""
         return self.card.scene
-
-    def _open(self, folder: Path, scene: str, people: int | None, held: ExitStack) -> None:
-        fix = "end what is at work there, or name another --home; karma chat --fresh needs none"
-        held.enter_context(locked(folder, fix=fix))
-        try:
-            self.card = _card_of(folder, scene, people, self.card)
-            _drop_torn(folder / _LOG)
-            self._story = list(_read(folder / _LOG))
-        except BaseException:
-            self.leave()
-            raise
-        self.clock_s = _clock(self._story)
-        self.past = [one for one in self._story if not one.waited_s]
 
     def wait(self, seconds: float, done: Iterable[tuple[str, dict[str, Any]]] = ()) -> None:
         """Let time pass; what people did meanwhile is kept."""
@@ -285,13 +259,16 @@ class KeptHome:
             raise
 
 
+def _read_card(folder: Path) -> HomeCard:
+    return read_json(folder / _CARD, HomeCard, fix=f"karma home forget {folder}")
+
+
 def _card_of(folder: Path, scene: str, people: int | None, new: HomeCard) -> HomeCard:
-    card = folder / _CARD
     if Path(scene).is_file():
         scene = str(Path(scene).resolve())
-    if not card.exists():
+    if not (folder / _CARD).exists():
         return msgspec.structs.replace(new, scene=scene or SCENE)
-    found = read_json(card, HomeCard, fix=f"karma home forget {folder}")
+    found = _read_card(folder)
     if scene and scene != found.scene:
         raise KarmaError(
             f"{folder} is a home in {found.scene}, not in {scene}\n"
@@ -305,29 +282,26 @@ def _card_of(folder: Path, scene: str, people: int | None, new: HomeCard) -> Hom
     return found
 
 
-def _read(path: Path) -> Iterator[PastErrand]:
-    """Yield what happened and was not undone; a torn last line is passed over: nobody heard of it.
+def _read(path: Path) -> list[PastErrand]:
+    """Return what happened and was not undone; a torn last line is passed over: nobody heard of it.
 
     Raises:
         FileError: another line is damaged.
     """
-    if not path.exists():
-        return
-    whole = read_bytes(path, most=LARGEST_LOG).rpartition(b"\n")[0]
+    try:
+        lines = read_lines(path, PastErrand)
+    except FileError as error:
+        fix = f"karma home forget {path.parent}"
+        raise FileError(path, error.reason, fix=fix) from error
     found: list[PastErrand] = []
-    for number, line in enumerate(whole.splitlines(), start=1):
-        try:
-            one = msgspec.json.decode(line, type=PastErrand)
-        except (msgspec.DecodeError, UnicodeDecodeError) as error:
-            fix = f"karma home forget {path.parent}"
-            raise FileError(path, f"line {number}: {error}", fix=fix) from error
+    for one in lines:
         if one.undone:
             errands = [at for at, past in enumerate(found) if not past.waited_s]
             for at in reversed(errands[-one.undone :]):
                 del found[at]
         else:
             found.append(one)
-    yield from found
+    return found
 
 
 def _drop_torn(path: Path) -> None:
@@ -336,8 +310,3 @@ def _drop_torn(path: Path) -> None:
     whole, newline, torn = data.rpartition(b"\n")
     if torn:
         write_atomic(path, whole + newline)
-
-
-def _clock(past: Sequence[PastErrand]) -> float:
-    """Return the home's time after all that happened."""
-    return sum(one.waited_s or len(one.actions) * ACTION_S for one in past)

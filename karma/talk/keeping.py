@@ -14,14 +14,13 @@ import msgspec
 
 from karma.agent.journal.folder import locked
 from karma.agent.journal.header import Header
-from karma.agent.journal.part import TimeLog
+from karma.agent.journal.part import EpisodePart
 from karma.agent.journal.provenance import header_of
 from karma.agent.journal.records import EpisodeRecord, SubTaskRecord
 from karma.agent.journal.run_folder import Finished, RunFolder
-from karma.agent.journal.steps import StepLog
 from karma.agent.journal.turns import SAID, Turn, turns_file
 from karma.agent.loading.models import Models, Row
-from karma.contracts import Resources, SceneRef, SubTask, Task, Tour
+from karma.contracts import Resources, SceneRef, SubTask, Task
 from karma.errors import FileError
 from karma.files import read_bytes
 
@@ -32,11 +31,8 @@ _FIX = "--out another folder"
 class TalkFolder:
     """A folder that one conversation has for itself, as long as it lives.
 
-    Args:
-        folder: made where it is not there; None: the next of the scene that is free, such as
-            `kitchen_1-1`, then `kitchen_1-2`.
-        scene: its name.
-        talks: where those lie.
+    It is made where it is not there; None: the next of the scene that is free below `talks`, such
+    as `kitchen_1-1`, then `kitchen_1-2`.
 
     Raises:
         FileError: it cannot be made, or something is in it.
@@ -85,12 +81,7 @@ def _next(scene: str, talks: Path) -> Path:
 class Keeper:
     """Writes a conversation into its folder, whole each time.
 
-    Args:
-        place: of the run.
-        scene: where.
-        row: name and options of the agent.
-        models: that were loaded by name; None where they were given.
-        given: resources that were handed over, instead.
+    `models` are None where resources were given, in place of names.
     """
 
     def __init__(
@@ -105,12 +96,8 @@ class Keeper:
         self,
         done: Iterable[SubTaskRecord],
         turns: Iterable[Turn],
-        *,
-        method: str,
-        steps: StepLog,
-        times: TimeLog,
-        tours: Iterable[Tour],
-        maps: Mapping[str, bytes],
+        part: EpisodePart,
+        files: Mapping[str, bytes],
     ) -> None:
         """Write all that was said so far.
 
@@ -120,7 +107,7 @@ class Keeper:
         subtasks = tuple(done)
         record = EpisodeRecord(
             row=self._row.name,
-            method=method,
+            method=part.method,
             task=SAID,
             kind=SAID,
             scene=self._scene.name,
@@ -128,11 +115,14 @@ class Keeper:
             notes=(),
             subtasks=subtasks,
             unjudged="nobody judges what was said",
-            tours=tuple(tours),
+            tours=tuple(part.tours.values()),
         )
-        files = {f"maps/{name}.json": data for name, data in maps.items()}
-        files |= self._scenes | turns_file(turns)
-        finished = Finished(record=record, timing=times.of(record), steps=steps.data(), files=files)
+        finished = Finished(
+            record=record,
+            timing=part.times.of(record),
+            steps=part.steps.data(),
+            files={**files, **self._scenes, **turns_file(turns)},
+        )
         self.place.files.put_only(self._header(subtasks), finished)
 
     def _header(self, done: Iterable[SubTaskRecord]) -> Header:
@@ -144,8 +134,5 @@ class Keeper:
             f"talk in {self._scene.name}", told, models,
             rows=[self._row], tasks=[task], scenes={}, steps=True,
         )  # fmt: skip
-        return header if self._models else replace(header, models=self._given_names())
-
-    def _given_names(self) -> dict[str, str]:
-        """Return what models call themselves that were not loaded by name."""
-        return {"planner": self._given.model.name, "vision": self._given.vision.name}
+        names = {"planner": self._given.model.name, "vision": self._given.vision.name}
+        return header if self._models else replace(header, models=names)

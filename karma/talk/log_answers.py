@@ -16,7 +16,7 @@ from karma.language.request_words import base_of_deed
 from karma.talk.asking import AskedQuestion
 from karma.talk.history import Move, deeds_in, deeds_of, habits_in, looked_into, moves
 from karma.talk.home import TOLD, PastDeed
-from karma.talk.remembering import MOST, MemoryAnswer
+from karma.talk.remembering import MOST, MemoryAnswer, answer, unknown
 
 _MOVING = ("moved", "took", "put", "placed", "brought", "left", "carried")
 
@@ -31,7 +31,7 @@ def what_it_can(q: AskedQuestion) -> MemoryAnswer | None:
     deeds = ", ".join(kind.said for kind in DEED_KINDS.values() if kind.said and kind.takes)
     can = f"I look after this room. I can put things somewhere, {deeds}."
     tells = "Ask me where something is, how it is or what I did; tell me what I should know."
-    return MemoryAnswer(lines=(can, tells))
+    return answer(can, tells)
 
 
 def what_was_done(q: AskedQuestion) -> MemoryAnswer | None:
@@ -41,9 +41,7 @@ def what_was_done(q: AskedQuestion) -> MemoryAnswer | None:
     did = q.has("did", "done") or q.says(r"\b(?:you|we|i)\b.* do\b|\bwent wrong\b")
     if not (all_of_it and did and (q.has("you", "i", "we") or failed)):
         return None
-    if q.has("here") and q.has("see", "seen"):
-        return None
-    if q.things:
+    if q.things or (q.has("here") and q.has("see", "seen")):
         return None
     past = [
         f"{q.knows.ago(one.at_s)}: {one.plain or one.said} ({one.status})"
@@ -51,17 +49,17 @@ def what_was_done(q: AskedQuestion) -> MemoryAnswer | None:
         if one.status not in TOLD and q.then(one.at_s) and not (failed and one.status == "done")
     ]
     if not past and failed:
-        return MemoryAnswer(lines=("Nothing that I know of.",))
+        return answer("Nothing that I know of.")
     if not past:
-        return MemoryAnswer(lines=("Nothing then." if q.knows.past else "Nothing yet.",))
+        return answer("Nothing then." if q.knows.past else "Nothing yet.")
     left = len(past) - MOST
     more = (f"and {left} before that",) if left > 0 else ()
-    return MemoryAnswer(lines=(*reversed(past[-MOST:]), *more, *q.of_no_time))
+    return answer(*reversed(past[-MOST:]), *more, *q.of_no_time)
 
 
 def what_was_told(q: AskedQuestion) -> MemoryAnswer | None:
     """Answer "what did I tell you about the apple?" and "did I tell you where it is?"."""
-    if not q.says(r"\bi (?:ever |just |already )?(?:tell|told|teach|taught)\b") or q.reader is None:
+    if not q.says(r"\bi (?:ever |just |already )?(?:tell|told|teach|taught)\b"):
         return None
     kinds = {kind for one in q.things for kind in one.types}
     lines = [
@@ -70,8 +68,7 @@ def what_was_told(q: AskedQuestion) -> MemoryAnswer | None:
         if (one.status in TOLD or habits_in(one.said, q.reader)) and q.then(one.at_s)
         if not kinds or kinds & _spoken_of(one.said, q.reader)
     ]
-    nothing = MemoryAnswer(lines=("Nothing that I remember.",), known=False)
-    return MemoryAnswer(lines=tuple(reversed(lines[-MOST:]))) if lines else nothing
+    return answer(*reversed(lines[-MOST:])) if lines else unknown("Nothing that I remember.")
 
 
 def _spoken_of(text: str, reader: RequestReader) -> set[str]:
@@ -85,7 +82,7 @@ def whether_it_was_done(q: AskedQuestion) -> MemoryAnswer | None:
         return None
     if q.has("leave", "left") and q.state:
         return None
-    if q.reader is None or not (q.things or q.unknown):
+    if not (q.things or q.unknown):
         return None
     at = next((n for n, word in enumerate(q.words) if word in ("you", "i", "we")), -1)
     rest = [word for word in q.words[at + 1 :] if word not in ("last", "ever", "already", "yet")]
@@ -94,14 +91,9 @@ def whether_it_was_done(q: AskedQuestion) -> MemoryAnswer | None:
 
 def _whether_i_did(q: AskedQuestion, rest: Sequence[str]) -> MemoryAnswer | None:
     """Tell whether the agent has done what some words ask for: "washed", "the", "apple"."""
-    if q.reader is None:
-        return None
     order = " ".join([base_of_deed(rest[0]) or rest[0], *rest[1:]])
-    asked = [
-        one
-        for request in q.reader.read(order, q.things)
-        for one in deeds_of(request, (), done=True)
-    ]
+    read = q.reader.read(order, q.things)
+    asked = [one for request in read for one in deeds_of(request, (), done=True)]
     if not asked:
         return None
     for past in (one for one in reversed(q.knows.past) if q.then(one.at_s)):
@@ -111,14 +103,13 @@ def _whether_i_did(q: AskedQuestion, rest: Sequence[str]) -> MemoryAnswer | None
             continue
         when, said = q.knows.ago(past.at_s), past.plain or past.said
         if not any(one.done for one in found):
-            line = f"I tried {when}, and it came out {past.status}: {said}."
-            return MemoryAnswer(lines=(line,))
+            return answer(f"I tried {when}, and it came out {past.status}: {said}.")
         told = {
             "when": when.capitalize(), "who": f"I did, {when}", "why": f"You asked for it {when}"
         }  # fmt: skip
-        return MemoryAnswer(lines=(f"{told.get(q.asks, f'Yes, {when}')}: {said}.",))
+        return answer(f"{told.get(q.asks, f'Yes, {when}')}: {said}.")
     nobody = "Nobody that I know of." if q.asks == "who" else "No, not that I remember."
-    return MemoryAnswer(lines=(nobody,), known=q.asks != "who")
+    return answer(nobody, known=q.asks != "who")
 
 
 def who_did_it(q: AskedQuestion) -> MemoryAnswer | None:
@@ -135,15 +126,15 @@ def who_did_it(q: AskedQuestion) -> MemoryAnswer | None:
     moved = [one for one in moves(q.knows.past) if base_type(type_of(one.object_id)) in kinds]
     if not moved:
         name = name_of(q.things[0].types[0])
-        return MemoryAnswer(lines=(f"Nobody that I know of: I saw no {name} moved.",), known=False)
+        return unknown(f"Nobody that I know of: I saw no {name} moved.")
     last = moved[-1]
     name, when = name_of(last.object_id), q.knows.ago(last.at_s)
     if last.told:
-        return MemoryAnswer(lines=(f"You told me {when} that the {name} was moved.",))
+        return answer(f"You told me {when} that the {name} was moved.")
     if last.said:
-        return MemoryAnswer(lines=(f"I did, {when}: {last.said}.",))
+        return answer(f"I did, {when}: {last.said}.")
     line = f"I do not know who. The {name} was {told_place(last.before)}; {when} I found it"
-    return MemoryAnswer(lines=(f"{line} {told_place(last.after)}.",))
+    return answer(f"{line} {told_place(last.after)}.")
 
 
 def what_changed(q: AskedQuestion) -> MemoryAnswer | None:
@@ -154,7 +145,7 @@ def what_changed(q: AskedQuestion) -> MemoryAnswer | None:
     known = [one for one in moves(q.knows.past) if q.then(one.at_s)]
     last = {one.object_id: one for one in known}
     if not last:
-        return MemoryAnswer(lines=("Nothing that I have seen.", *q.of_no_time))
+        return answer("Nothing that I have seen.", *q.of_no_time)
     first: dict[str, Move] = {}
     for one in known:
         first.setdefault(one.object_id, one)
@@ -168,8 +159,7 @@ def what_changed(q: AskedQuestion) -> MemoryAnswer | None:
     more = (f"and {len(lines) - MOST} more",) if len(lines) > MOST else ()
     again = ", the ".join(name_of(one.object_id) for one in told[:MOST])
     lasted = f"Nothing that lasted: where it was before is the {again}."
-    told_lines = (*lines[:MOST], *more) or (lasted,)
-    return MemoryAnswer(lines=(*told_lines, *q.of_no_time))
+    return answer(*((*lines[:MOST], *more) or (lasted,)), *q.of_no_time)
 
 
 def _by(one: Move) -> str:
@@ -196,10 +186,10 @@ def not_looked_into(q: AskedQuestion) -> MemoryAnswer | None:
     into = looked_into(q.knows.past)
     shut = [name for name in q.knows.sights if has_door(type_of(name)) and name not in into]
     if not shut:
-        return MemoryAnswer(lines=("I have looked into all that has a door and that I know of.",))
+        return answer("I have looked into all that has a door and that I know of.")
     counts = Counter(name_of(name) for name in sorted(shut))
     told = ", ".join(plural(count, name) for name, count in counts.items())
-    return MemoryAnswer(lines=(f"I have not looked into {len(shut)} places: {told}.",))
+    return answer(f"I have not looked into {len(shut)} places: {told}.")
 
 
 def _is_that(done: PastDeed, asked: PastDeed) -> bool:

@@ -48,10 +48,7 @@ def is_no(text: str) -> bool:
 def corrected(text: str, last: str, reader: RequestReader) -> str:
     """Return "no, on the desk" and "I meant the cup" as the request before them, corrected.
 
-    Args:
-        text: what is said.
-        last: the request that was made last, "" where it was none.
-        reader: of English.
+    `last` is the request that was made last, "" where it was none.
     """
     found = _CORRECTS.match(text) if last else None
     if found is None:
@@ -71,12 +68,7 @@ def with_offer(
 ) -> Understanding:
     """Return an understanding of a request that is not carried out, with what "yes" would mean.
 
-    Args:
-        taken: it.
-        clause: the request.
-        refused: why not.
-        asked: what its words ask for.
-        slip: a word that nothing is called by, and what it may be meant for.
+    `slip` is a word that nothing is called by, and what it may be meant for.
     """
     if refused.kind in ("time", "condition") and asked.errand:
         return replace(taken, offer=asked.errand)

@@ -5,20 +5,20 @@ and nothing of it is changed.
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
-from karma.contracts import MemoryUnit, Request, SeenObject
+from karma.contracts import MemoryUnit, Request, SceneRef, SeenObject
 from karma.household.places import ROOMS
 from karma.household.types import object_types
 from karma.language.request import RequestReader
 from karma.language.request_words import request_words
 from karma.memory.scene_graph import SceneGraph
-from karma.talk.home import LeftHome, homes, read_home
+from karma.talk.home import HomeStory, homes, left_s, read_home
 from karma.talk.questions import answered
-from karma.talk.remembering import MemoryAnswer, Remembering, age
+from karma.talk.remembering import MemoryAnswer, Remembering, age, answer
 from karma.talk.views import RoomMap
 
 _IN_WORDS = {"living": "living room"}
@@ -55,7 +55,8 @@ def room_said(request: Request, scene: str) -> RoomSaid | None:
             return RoomSaid(name=name, kind=kind, is_here=is_here, text=here)
     for one in named:
         kind = next((k for k in ROOMS if one.text.lower().startswith(f"{_called(k)} ")), own)
-        if kind != own and one.types and not any(_is_carried(each) for each in one.types):
+        carried = any(object_types()[each].can("pickupable") for each in one.types)
+        if kind != own and one.types and not carried:
             name = f"the {_called(kind)}"
             here = re.sub(rf"\b{_called(kind)} ", "", text, flags=re.IGNORECASE)
             return RoomSaid(name=name, kind=kind, is_here=False, text=here)
@@ -65,14 +66,7 @@ def room_said(request: Request, scene: str) -> RoomSaid | None:
 def of_room(
     room: RoomSaid, asked: Request, scene: str, here: Path | None, reader: RequestReader
 ) -> MemoryAnswer:
-    """Return what is said of another room.
-
-    Args:
-        room: it.
-        asked: what was said.
-        scene: name of the room that the agent is in.
-        here: folder of its home, None where nothing of it lasts.
-        reader: of English.
+    """Return what is said of another room than `scene`, by somebody whose home is kept in `here`.
 
     Raises:
         FileError: the other home is damaged.
@@ -83,18 +77,17 @@ def of_room(
         told = asked.form in ("statement", "teaching")
         what = f"keep nothing of {room.name} here" if told else f"can do nothing in {room.name}"
         line = f"{only}: I {what}."
-        more = f" Tell me there: karma chat --home {there[0].folder.name}." if there else ""
+        more = f" Tell me there: karma chat --home {there[0][0].name}." if there else ""
         return MemoryAnswer(lines=(line + more,), known=False, refuses=not told)
     question, lines = replace(asked, text=room.text), list[str]()
-    for home in there:
-        answer = answered(question, _remembering(home), reader)
-        if answer is not None:
-            left = f"In the home {home.folder.name} ({home.scene}), left {age(home.away_s)}:"
-            if answer.known:
-                return replace(answer, lines=(left, *answer.lines))
-            lines += [left, *answer.lines]
-    nothing = f"{only}: I know nothing of {room.name}."
-    return MemoryAnswer(lines=tuple(lines) or (nothing,), known=False)
+    for folder, home in there:
+        found = answered(question, _remembering(folder, home), reader)
+        if found is not None:
+            left = f"In the home {folder.name} ({_scene(home)}), left {age(left_s(folder))}:"
+            if found.known:
+                return replace(found, lines=(left, *found.lines))
+            lines += [left, *found.lines]
+    return answer(*(lines or [f"{only}: I know nothing of {room.name}."]), known=False)
 
 
 def room_kind(scene: str) -> str:
@@ -150,21 +143,21 @@ def _is_of_a_deed(found: re.Match[str], errand: Request) -> bool:
     return any(start - offset in span for start in starts)
 
 
-def _is_carried(kind: str) -> bool:
-    return object_types()[kind].can("pickupable")
-
-
-def _homes_of(room: RoomSaid, scene: str, here: Path | None) -> Iterator[LeftHome]:
+def _homes_of(room: RoomSaid, scene: str, here: Path | None) -> Iterator[tuple[Path, HomeStory]]:
     """Yield the other homes in such a room, the one left last first."""
     own = None if here is None else here.resolve()
-    found = [read_home(folder) for folder in homes() if folder.resolve() != own]
-    for home in sorted(found, key=lambda one: one.away_s):
-        kind = room_kind(home.scene)
+    found = [(folder, read_home(folder)) for folder in homes() if folder.resolve() != own]
+    for folder, home in sorted(found, key=lambda one: left_s(one[0])):
+        kind = room_kind(_scene(home))
         if kind == room.kind or (room.kind == _OTHER and kind != room_kind(scene)):
-            yield home
+            yield folder, home
 
 
-def _remembering(home: LeftHome) -> Remembering:
+def _scene(home: HomeStory) -> str:
+    return SceneRef.of(home.card.scene).name
+
+
+def _remembering(folder: Path, home: HomeStory) -> Remembering:
     """Return what questions about a home are answered from, as its log has it."""
     sights: dict[str, SeenObject] = {}
     when: dict[str, float] = {}
@@ -176,17 +169,13 @@ def _remembering(home: LeftHome) -> Remembering:
         for gone in (*change.gone, *change.forgotten):
             sights.pop(gone, None)
             units.pop(gone, None)
+    path = folder / "maps" / f"{_scene(home)}.json"
     return Remembering(
         sights={name: (one, when.get(name, 0.0)) for name, one in sights.items()},
         units=units,
-        furniture=_furniture(home),
+        furniture=RoomMap.of(_scene(home), SceneGraph.load(path)).types() if path.exists() else (),
         past=home.past,
-        now_s=home.clock_s + home.away_s,
-        people=home.people,
+        now_s=home.clock_s + left_s(folder),
+        people=home.card.people,
         is_here=False,
     )
-
-
-def _furniture(home: LeftHome) -> Sequence[str]:
-    path = home.folder / "maps" / f"{home.scene}.json"
-    return RoomMap.of(home.scene, SceneGraph.load(path)).types() if path.exists() else ()

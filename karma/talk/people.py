@@ -30,13 +30,8 @@ def live(
     """Let people live in a home between two times of its clock; yield what is done.
 
     They are drawn in a copy of the home, and done by the world's own actions, so that a log of
-    these makes the home again. While the agent holds a thing they leave all as it is.
-
-    Args:
-        world: where it is done.
-        truth: the world behind it.
-        home: its scene, its people and the seed of their days.
-        span_s: from when to when by the home's clock.
+    these makes the home again. While the agent holds a thing they leave all as it is. `truth` is
+    the world behind `world`, in which it is done.
     """
     if truth.state.held is not None:
         return

@@ -20,23 +20,25 @@ from karma.household.pieces import base_type, is_piece
 from karma.household.places import HAND, NEAR_M
 from karma.household.saying import name_of, told_place
 from karma.household.states import NEEDS
-from karma.household.types import ObjectType, object_types
+from karma.household.types import object_types
 from karma.household.uses import BASIN_OF, BASINS, BELOW_SINKS
 from karma.language.request import RequestReader
 from karma.language.request_words import request_words
+from karma.talk import log_answers
 from karma.talk.asking import ASKING, AskedQuestion, can_hold
 from karma.talk.history import habits, looked_into, moves, owned
-from karma.talk.home import PLACE_TOLD, STATE_TOLD, PastErrand
-from karma.talk.log_answers import (
-    not_looked_into,
-    what_changed,
-    what_it_can,
-    what_was_done,
-    what_was_told,
-    whether_it_was_done,
-    who_did_it,
+from karma.talk.home import PLACE_TOLD, STATE_TOLD
+from karma.talk.remembering import (
+    MOST,
+    MemoryAnswer,
+    Remembering,
+    Sight,
+    answer,
+    few,
+    is_at,
+    last_first,
+    unknown,
 )
-from karma.talk.remembering import MOST, MemoryAnswer, Remembering, is_at
 
 _POURED = ("water", "coffee", "wine", "liquid")
 _OFFER = 'Say "go and see", or /look, and I look for it.'
@@ -45,16 +47,8 @@ _OF_ANOTHER = re.compile(
 )
 
 
-def answered(
-    request: Request, knows: Remembering, reader: RequestReader | None
-) -> MemoryAnswer | None:
-    """Return the answer to a question, None where it is not understood.
-
-    Args:
-        request: whose form is "question".
-        knows: what is remembered.
-        reader: reads what was asked for earlier.
-    """
+def answered(request: Request, knows: Remembering, reader: RequestReader) -> MemoryAnswer | None:
+    """Return the answer to a question, None where it is not understood."""
     asked = AskedQuestion(request, knows, reader)
     found = next((found for kind in _KINDS if (found := kind(asked)) is not None), None)
     if found is not None and not knows.is_here:
@@ -68,10 +62,7 @@ def answered(
 def of_another(text: str, question: str, reader: RequestReader) -> str:
     """Return "and the mug?" as the question before it, asked of the mug; else the text itself.
 
-    Args:
-        text: what is said.
-        question: what was asked last, "" where it was none.
-        reader: of English.
+    `question` is what was asked last, "" where it was none.
     """
     if not question or not _OF_ANOTHER.match(text):
         return text
@@ -79,15 +70,11 @@ def of_another(text: str, question: str, reader: RequestReader) -> str:
     named = [one for request in old for one in request.alone if one.start >= 0]
     fresh = [one for request in new for one in request.alone if not one.vague]
     rest = re.findall(r"[a-z]+", _OF_ANOTHER.sub(r"\g<rest>", text).lower())
-    if (
-        {*rest} & {*ASKING, "is", "are", "was", "did", "do", "s"}
-        or len(new) != 1
-        or len(fresh) != 1
-        or not named
-    ):
+    whole = {*rest} & {*ASKING, "is", "are", "was", "did", "do", "s"}
+    if whole or len(new) != 1 or len(fresh) != 1 or not named:
         return text
-    whole, instead = old[0].whole, new[0].whole[fresh[0].start : fresh[0].end]
-    return whole[: named[0].start] + instead + whole[named[0].end :]
+    before, instead = old[0].whole, new[0].whole[fresh[0].start : fresh[0].end]
+    return before[: named[0].start] + instead + before[named[0].end :]
 
 
 # ----------------------------------------------------------------- how things are
@@ -106,39 +93,22 @@ def _how_many(q: AskedQuestion) -> MemoryAnswer | None:
     if q.things[0].text.split()[-1] in request_words().pieces:
         found = [one for one in found if is_piece(one[0].object_type)]
     if not found:
-        return MemoryAnswer(
-            lines=("None that I have seen.",), known=False, look=_looking(q.things[0])
-        )
-    places = ", ".join(
-        f"{_told(sight, q.knows.room)} ({q.knows.seen(sight, when)})"
-        for sight, when in found[:MOST]
-    )
-    return MemoryAnswer(lines=(f"{len(found)} that I have seen: {places}.",))
+        return unknown("None that I have seen.", look=_looking(q.things[0]))
+    places = [f"{_place(q, one[0])} ({q.knows.seen(*one)})" for one in found[:MOST]]
+    return answer(f"{len(found)} that I have seen: {', '.join(places)}.")
 
 
 def _what_is_here(q: AskedQuestion) -> MemoryAnswer | None:
     """Answer "what is here?", and "what is in the kitchen?" there: the last that was seen first."""
     asks = q.asks in ("what", "which") or q.has("anything", "something")
-    if (
-        not asks
-        or not q.has("here")
-        or q.things
-        or q.state
-        or not all(one.anything for one in q.unknown)
-    ):
+    named = q.things or q.state or not all(one.anything for one in q.unknown)
+    if not asks or not q.has("here") or named:
         return None
-    found = sorted(
-        ((one, when) for one, when in q.knows.sights.values() if one.pickupable),
-        key=lambda one: (-one[1], one[0].object_id),
-    )
+    found = last_first(one for one in q.knows.sights.values() if one[0].pickupable)
     if not found:
-        return MemoryAnswer(lines=("I have seen nothing yet that can be carried.",), known=False)
-    told = [
-        f"the {name_of(one.object_id)} {_told(one, q.knows.room)} ({q.knows.seen(one, when)})"
-        for one, when in found[:MOST]
-    ]
-    more = f" and {len(found) - MOST} more" if len(found) > MOST else ""
-    return MemoryAnswer(lines=(f"I have seen {', '.join(told)}{more}.",))
+        return unknown("I have seen nothing yet that can be carried.")
+    told = few(found, lambda one: f"{_the(one[0])} {_place(q, one[0])} ({q.knows.seen(*one)})")
+    return answer(f"I have seen {told}.")
 
 
 def _what_lies_there(q: AskedQuestion, *, counted: bool = False) -> MemoryAnswer | None:
@@ -152,34 +122,22 @@ def _what_lies_there(q: AskedQuestion, *, counted: bool = False) -> MemoryAnswer
     if q.under and {*place.types} & {*BASIN_OF, *BASINS}:
         place = replace(place, text="cabinet under it", types=BELOW_SINKS)
     elif q.under:
-        line = f"I cannot see what is under the {place.text}."
-        return MemoryAnswer(lines=(line,), known=False)
+        return unknown(f"I cannot see what is under the {place.text}.")
     known = q.knows.of(place)
-    lying = _lying(q, place)
-    where = told_place(known[0][0].object_id if known else place.types[0])
     if q.near:
-        where = f"near the {place.text}"
+        lying, where = _beside(q, [sight for sight, _ in known]), f"near the {place.text}"
+    else:
+        at = (one for one in q.knows.sights.values() if is_at(one[0], [place]))
+        lying = [one for one in at if one[0].pickupable]
+        where = told_place(known[0][0].object_id if known else place.types[0])
     if not lying:
         return _nothing_there(q, place, where, empty=empty)
-    lying.sort(key=lambda one: (-one[1], one[0].object_id))
-    told = [
-        f"the {name_of(sight.object_id)} ({q.knows.seen(sight, when)})" for sight, when in lying
-    ]
-    more = f" and {len(told) - MOST} more" if len(told) > MOST else ""
-    lead = "No. " if empty else "Yes. " if whether else f"{len(told)}. " if counted else ""
-    what = f"{where[0].upper()}{where[1:]}: {', '.join(told[:MOST])}{more}."
-    return MemoryAnswer(lines=(lead + what,))
+    told = few(last_first(lying), lambda one: f"{_the(one[0])} ({q.knows.seen(*one)})")
+    lead = "No. " if empty else "Yes. " if whether else f"{len(lying)}. " if counted else ""
+    return answer(f"{lead}{where[0].upper()}{where[1:]}: {told}.")
 
 
-def _lying(q: AskedQuestion, place: Mention) -> list[tuple[SeenObject, float]]:
-    """Return what was seen in, on or near a place."""
-    if not q.near:
-        at = [one for one in q.knows.sights.values() if is_at(one[0], [place])]
-        return [one for one in at if one[0].pickupable]
-    return _beside(q, [sight for sight, _ in q.knows.of(place)])
-
-
-def _beside(q: AskedQuestion, those: Sequence[SeenObject]) -> list[tuple[SeenObject, float]]:
+def _beside(q: AskedQuestion, those: Sequence[SeenObject]) -> list[Sight]:
     """Return what can be carried and was seen within reach of some things."""
     ids = {one.object_id for one in those}
     return [
@@ -197,17 +155,13 @@ def _nothing_there(
     ids = {sight.object_id for sight, _ in q.knows.of(place)}
     unopened = has_door(place.types[0]) and not ids & looked_into(q.knows.past)
     if empty and unopened:
-        line = f"I have not looked into the {place.text}."
-        return MemoryAnswer(lines=(line,), known=False, look=_looking(place))
+        return unknown(f"I have not looked into the {place.text}.", look=_looking(place))
     if empty:
-        return None if q.knows.of(place) else _not_seen(q)
+        return None if ids else _not_seen(q)
     shut = " I have not looked into it." if unopened else ""
-    unseen = q.knows.is_here and not ids
-    return MemoryAnswer(
-        lines=(f"I have seen nothing {where}.{shut}{f' {_OFFER}' if unseen else ''}",),
-        known=False,
-        look=_looking(place) if unseen else "",
-    )
+    if not q.knows.is_here or ids:
+        return unknown(f"I have seen nothing {where}.{shut}")
+    return unknown(f"I have seen nothing {where}.{shut} {_OFFER}", look=_looking(place))
 
 
 def _what_is_beside(q: AskedQuestion) -> MemoryAnswer | None:
@@ -217,11 +171,10 @@ def _what_is_beside(q: AskedQuestion) -> MemoryAnswer | None:
     if not (found := q.knows.of(q.about[0])):
         return _not_seen(q)
     sight, when = found[0]
-    names = dict.fromkeys(f"the {name_of(one.object_id)}" for one, _ in _beside(q, [sight]))
+    names = dict.fromkeys(_the(one) for one, _ in _beside(q, [sight]))
     near = f", near {', '.join([*names][:MOST])}" if names else ""
-    where, seen = _told(sight, q.knows.room), q.knows.seen(sight, when)
-    line = f"The {name_of(sight.object_id)} is {where}{near}; {seen}."
-    return MemoryAnswer(lines=(line,))
+    seen = q.knows.seen(sight, when)
+    return answer(f"The {name_of(sight.object_id)} is {_place(q, sight)}{near}; {seen}.")
 
 
 def _which_are_so(q: AskedQuestion) -> MemoryAnswer | None:
@@ -236,7 +189,8 @@ def _which_are_so(q: AskedQuestion) -> MemoryAnswer | None:
     known = [
         one
         for one in q.knows.all()
-        if one[0].states and (need is None or kinds or _kind(one[0]).can(need))
+        if one[0].states
+        and (need is None or kinds or object_types()[base_type(one[0].object_type)].can(need))
         if not kinds or kinds & {one[0].object_type, base_type(one[0].object_type)}
     ]
     so = [one for one in known if is_so(q.state, one[0])]
@@ -245,18 +199,10 @@ def _which_are_so(q: AskedQuestion) -> MemoryAnswer | None:
     word = q.state_word
     if not told:
         none = f"Yes, all that I have seen is {word}." if every else "Nothing that I have seen."
-        return MemoryAnswer(lines=(none,), known=bool(known))
-    names = ", ".join(
-        f"the {name_of(sight.object_id)} ({_lies(q, sight, when, STATE_TOLD)})"
-        for sight, when in sorted(told, key=lambda one: (-one[1], one[0].object_id))[:MOST]
-    )
-    more = f" and {len(told) - MOST} more" if len(told) > MOST else ""
+        return answer(none, known=bool(known))
+    names = few(last_first(told), lambda one: f"{_the(one[0])} ({_lies(q, *one, STATE_TOLD)})")
     lead = f"No, not {word}: " if every else "Yes: " if q.asks == "" else f"{word.capitalize()}: "
-    return MemoryAnswer(lines=(f"{lead}{names}{more}.",))
-
-
-def _kind(sight: SeenObject) -> ObjectType:
-    return object_types()[base_type(sight.object_type)]
+    return answer(f"{lead}{names}.")
 
 
 def _what_is_known(q: AskedQuestion) -> MemoryAnswer | None:
@@ -268,7 +214,7 @@ def _what_is_known(q: AskedQuestion) -> MemoryAnswer | None:
     counts = Counter(name_of(one.object_id) for one in carried)
     names = ", ".join(plural(count, name) for name, count in sorted(counts.items()))
     told = f"I have seen {plural(len(carried), 'thing')} that can be carried"
-    return MemoryAnswer(lines=(f"{told}: {names}. /memory and /map show more.",))
+    return answer(f"{told}: {names}. /memory and /map show more.")
 
 
 def _what_is_held(q: AskedQuestion) -> MemoryAnswer | None:
@@ -277,26 +223,21 @@ def _what_is_held(q: AskedQuestion) -> MemoryAnswer | None:
         return None
     held = [one for one, _ in q.knows.sights.values() if place_of(one) == HAND]
     if not held:
-        return MemoryAnswer(lines=("No, nothing.",) if q.asks != "what" else ("Nothing.",))
+        return answer("Nothing." if q.asks == "what" else "No, nothing.")
     kinds = {kind for thing in q.things for kind in thing.types}
     so = q.asks == "what" or not kinds or base_type(held[0].object_type) in kinds
     lead = "" if q.asks == "what" else "Yes: " if so else "No: "
-    return MemoryAnswer(lines=(f"{lead}I hold the {name_of(held[0].object_id)}.",))
+    return answer(f"{lead}I hold {_the(held[0])}.")
 
 
 def _which_it_was(q: AskedQuestion) -> MemoryAnswer | None:
     """Answer "what was the first thing you moved?", which names that thing by now."""
-    if (
-        q.asks not in ("what", "which")
-        or len(q.things) != 1
-        or q.words[1:2] not in (["was"], ["is"])
-    ):
+    asks = q.asks in ("what", "which") and q.words[1:2] in (["was"], ["is"])
+    if not asks or len(q.things) != 1 or q.has("state", "in", "on", "inside", "under", "with"):
         return None
     kinds = {*q.things[0].types}
-    if q.has("state", "in", "on", "inside", "under", "with"):
-        return None
     mine = [m for m in moves(q.knows.past) if m.said and base_type(type_of(m.object_id)) in kinds]
-    return MemoryAnswer(lines=(f"The {name_of(mine[-1].object_id)}.",)) if mine else None
+    return answer(f"The {name_of(mine[-1].object_id)}.") if mine else None
 
 
 def _whether(q: AskedQuestion) -> MemoryAnswer | None:
@@ -315,22 +256,19 @@ def _whether(q: AskedQuestion) -> MemoryAnswer | None:
         return _state_told(q, thing, q.knows.of(thing), "filled") if q.knows.of(thing) else None
     found = q.knows.of(thing)
     if not found:
-        told = _told_last(q, thing, -1.0, STATE_TOLD) if q.state else None
-        said = told and f"You told me {q.knows.ago(told.at_s)}: {told.said.rstrip('.!')}."
-        return MemoryAnswer(lines=(said,)) if said else _not_seen(q)
-    lying = [one for one in found if _is_there(q, one[0], places)]
-    if q.state and (lying or not places):  # "is the mug on the table dirty?"
-        return _state_told(q, thing, lying if places else found)
+        told = _told_last(q, thing, -1.0, STATE_TOLD) if q.state else ""
+        return answer(told) if told else _not_seen(q)
+    there = [one for one in found if _is_there(q, one[0], places)]
+    if q.state and (there or not places):  # "is the mug on the table dirty?"
+        return _state_told(q, thing, there if places else found)
     if "there" in q.words[:3] or places or had or q.has("here"):
-        there = [one for one in found if _is_there(q, one[0], places)]
         if (thing.number or 0) > 1:
             return _whether_so_many(q, thing.number or 0, len(there))
         sight, when = (there or found)[0]
         yes = "Yes" if there else "No, not that I saw"
-        name, seen = name_of(sight.object_id), q.knows.seen(sight, when)
         either = "or" in q.words and len(places) > 1 and bool(there)
-        lead = f"The {name}" if either else f"{yes}: the {name}"
-        return MemoryAnswer(lines=(f"{lead} is {_told(sight, q.knows.room)}, {seen}.",))
+        lead = f"The {name_of(sight.object_id)}" if either else f"{yes}: {_the(sight)}"
+        return answer(f"{lead} is {_lies(q, sight, when)}.")
     return None
 
 
@@ -339,7 +277,7 @@ def _whether_so_many(q: AskedQuestion, number: int, count: int) -> MemoryAnswer:
     fewer = q.says(r"\b(?:less|fewer) than\b")
     enough = count < number if fewer else count > number if q.says(r"\bmore than\b") else None
     enough = count >= number if enough is None else enough
-    return MemoryAnswer(lines=(f"{'Yes' if enough else 'No'}: {count} that I have seen.",))
+    return answer(f"{'Yes' if enough else 'No'}: {count} that I have seen.")
 
 
 def _is_there(q: AskedQuestion, sight: SeenObject, places: Sequence[Mention]) -> bool:
@@ -350,7 +288,7 @@ def _is_there(q: AskedQuestion, sight: SeenObject, places: Sequence[Mention]) ->
 
 
 def _state_told(
-    q: AskedQuestion, thing: Mention, found: Sequence[tuple[SeenObject, float]], state: str = ""
+    q: AskedQuestion, thing: Mention, found: Sequence[Sight], state: str = ""
 ) -> MemoryAnswer:
     """Return whether what was seen of a thing shows a state; of several, which do."""
     plural = thing.every or (thing.number or 0) > 1
@@ -360,28 +298,20 @@ def _state_told(
     yes = bool(so) if q.has("any", "either") else len(so) == len(some)
     word = state or next(w for w in reversed(q.words) if w in request_words().seen)
     sight, when = (so if yes else [one for one in some if one not in so])[0]
-    name = name_of(sight.object_id)
+    name, seen = name_of(sight.object_id), q.knows.seen(sight, when, STATE_TOLD)
     if not sight.states:  # nothing was read of it: that shows neither
-        line = f"I have not seen whether the {name} is {word}."
-        return MemoryAnswer(lines=(line,), known=False, look=_looking(thing))
+        return unknown(f"I have not seen whether the {name} is {word}.", look=_looking(thing))
+    if plural and not so and several:
+        return answer(f"No, none of the {len(some)} that I have seen is {word}; {seen}.")
     if plural and not so:
-        none = (
-            f"none of the {len(some)} that I have seen is"
-            if several
-            else f"the one {name} that I have seen is not"
-        )
-        return MemoryAnswer(lines=(f"No, {none} {word}; {q.knows.seen(sight, when, STATE_TOLD)}.",))
+        return answer(f"No, the one {name} that I have seen is not {word}; {seen}.")
     if yes:
         every = several and len(so) == len(some)
         count = "both" if len(some) == 2 else f"all {len(some)}"
         whole = f"{count} that I have seen are" if every else f"the {name} is"
-        return MemoryAnswer(
-            lines=(f"Yes, {whole} {word}; {q.knows.seen(sight, when, STATE_TOLD)}.",)
-        )
-    where = f" {_told(sight, q.knows.room)}" if several and place_of(sight) else ""
-    return MemoryAnswer(
-        lines=(f"No, the {name}{where} is not {word}; {q.knows.seen(sight, when, STATE_TOLD)}.",)
-    )
+        return answer(f"Yes, {whole} {word}; {seen}.")
+    where = f" {_place(q, sight)}" if several and place_of(sight) else ""
+    return answer(f"No, the {name}{where} is not {word}; {seen}.")
 
 
 def _how_it_is(q: AskedQuestion) -> MemoryAnswer | None:
@@ -394,11 +324,8 @@ def _how_it_is(q: AskedQuestion) -> MemoryAnswer | None:
         return _not_seen(q)
     sight, when = found[0]
     states = ", ".join(sight.states) or "as it was: I have seen nothing special about it"
-    return MemoryAnswer(
-        lines=(
-            f"The {name_of(sight.object_id)}: {states}; {q.knows.seen(sight, when, STATE_TOLD)}.",
-        )
-    )
+    seen = q.knows.seen(sight, when, STATE_TOLD)
+    return answer(f"The {name_of(sight.object_id)}: {states}; {seen}.")
 
 
 # ----------------------------------------------------------------- where things are
@@ -410,10 +337,7 @@ def _when(q: AskedQuestion) -> MemoryAnswer | None:
     if not (found := q.knows.of(q.things[0])):
         return _not_seen(q)
     sight, when = found[0]
-    told = q.knows.ago(when)
-    return MemoryAnswer(
-        lines=(f"I saw the {name_of(sight.object_id)} {told}, {_told(sight, q.knows.room)}.",)
-    )
+    return answer(f"I saw {_the(sight)} {q.knows.ago(when)}, {_place(q, sight)}.")
 
 
 def _which_place(q: AskedQuestion) -> MemoryAnswer | None:
@@ -424,12 +348,12 @@ def _which_place(q: AskedQuestion) -> MemoryAnswer | None:
     there = [one for one in known if is_at(one[0], q.at)]
     name, place = name_of(q.about[0].types[0]), name_of(q.at[0].types[0])
     lines = [
-        f"The {name_of(sight.object_id)} is {_lies(q, sight, when)}."
-        for sight, when in (there or known)[:2]
+        f"The {name_of(one[0].object_id)} is {_lies(q, *one)}." for one in (there or known)[:2]
     ]
-    none = () if there else (f"In no {place} that I have seen is a {name}.",)
-    look = "" if known else _looking(q.about[0])
-    return MemoryAnswer(lines=(*none, *lines), known=bool(there), look=look)
+    if there:
+        return answer(*lines)
+    none = f"In no {place} that I have seen is a {name}."
+    return answer(none, *lines, known=False, look="" if known else _looking(q.about[0]))
 
 
 def _where(q: AskedQuestion) -> MemoryAnswer | None:
@@ -437,12 +361,12 @@ def _where(q: AskedQuestion) -> MemoryAnswer | None:
         return None
     if not q.things:
         return _not_seen(q) if q.unknown else None
-    if q.reader is not None and q.has("go", "goes", "belong", "belongs", "live", "lives"):
+    if q.has("go", "goes", "belong", "belongs", "live", "lives"):
         usual = habits(q.knows.past, q.reader)
         place = next((usual[kind] for kind in q.things[0].types if kind in usual), "")
         if place:
             name = name_of(q.things[0].types[0])
-            return MemoryAnswer(lines=(f"You told me: the {name} goes {told_place(place)}.",))
+            return answer(f"You told me: the {name} goes {told_place(place)}.")
     lines: list[str] = []
     carried = [
         one for one in q.things if any(object_types()[k].can("pickupable") for k in one.types)
@@ -454,12 +378,12 @@ def _where(q: AskedQuestion) -> MemoryAnswer | None:
         found = mine or found
         several = thing.every or (thing.number or 0) > 1
         seen_s = max((when for _, when in found), default=0.0)
-        if not mine and (told := _told_last(q, thing, seen_s)) is not None:
-            lines.append(f"You told me {q.knows.ago(told.at_s)}: {told.said.rstrip('.!')}.")
+        if not mine and (told := _told_last(q, thing, seen_s)):
+            lines.append(told)
             continue
         for sight, when in found[: MOST if several else 2]:
             name = f"{'Your' if mine else 'The'} {name_of(sight.object_id)}"
-            lines.append(f"{name} is {_told(sight, q.knows.room)}, {q.knows.seen(sight, when)}.")
+            lines.append(f"{name} is {_lies(q, sight, when)}.")
             moved = [m for m in moves(q.knows.past) if m.object_id == sight.object_id]
             if q.has("was", "were") and moved:
                 lines.append(f"Before that it was {told_place(moved[-1].before)}.")
@@ -467,19 +391,17 @@ def _where(q: AskedQuestion) -> MemoryAnswer | None:
         if not found and on_map:
             where = "; /map shows where" if q.knows.is_here else ""
             lines.append(f"The {name_of(on_map[0])} is in {q.knows.room}{where}.")
-    return MemoryAnswer(lines=tuple(lines)) if lines else _not_seen(q)
+    return answer(*lines) if lines else _not_seen(q)
 
 
-def _told_last(
-    q: AskedQuestion, thing: Mention, since_s: float, kind: str = PLACE_TOLD
-) -> PastErrand | None:
-    """Return what a person told of a thing after it was seen."""
+def _told_last(q: AskedQuestion, thing: Mention, since_s: float, kind: str = PLACE_TOLD) -> str:
+    """Return what a person told of a thing after it was seen; "" for nothing."""
     for past in reversed(q.knows.past):
-        if past.status == kind and past.at_s >= since_s and q.reader is not None:
+        if past.status == kind and past.at_s >= since_s:
             about = (one for request in q.reader.read(past.said) for one in request.alone[:2])
             if any({*thing.types} & {*one.types} for one in about):
-                return past
-    return None
+                return f"You told me {q.knows.ago(past.at_s)}: {past.said.rstrip('.!')}."
+    return ""
 
 
 def _not_seen(q: AskedQuestion) -> MemoryAnswer | None:
@@ -487,44 +409,43 @@ def _not_seen(q: AskedQuestion) -> MemoryAnswer | None:
     if thing is None:
         return None
     if not thing.types:
-        return MemoryAnswer(lines=(f"I know nothing that is called {thing.text}.",), known=False)
+        return unknown(f"I know nothing that is called {thing.text}.")
     on_map = any(kind in q.knows.furniture for kind in thing.types)
     said = f"I have not seen any {thing.text} {'here' if q.knows.is_here else 'there'}."
     if on_map:
         they = ("are", "they are") if thing.every or len(q.knows.of(thing)) > 1 else ("is", "it is")
         said = f"The {thing.text} {they[0]} in {q.knows.room}; how {they[1]} I have not seen."
-    return MemoryAnswer(
-        lines=(f"{said} {_OFFER}" if q.knows.is_here else said,),
-        known=False,
-        look=_looking(thing),
-    )
+    return unknown(f"{said} {_OFFER}" if q.knows.is_here else said, look=_looking(thing))
 
 
 def _looking(thing: Mention) -> str:
     return f"find the {name_of(thing.types[0])}"
 
 
+def _the(sight: SeenObject) -> str:
+    return f"the {name_of(sight.object_id)}"
+
+
 def _lies(q: AskedQuestion, sight: SeenObject, when: float, about: str = PLACE_TOLD) -> str:
-    return f"{_told(sight, q.knows.room)}, {q.knows.seen(sight, when, about)}"
+    return f"{_place(q, sight)}, {q.knows.seen(sight, when, about)}"
 
 
-def _told(sight: SeenObject, room: str = "this room") -> str:
+def _place(q: AskedQuestion, sight: SeenObject) -> str:
+    """Return where a thing is, in words; of what nobody moves, that it is in the room."""
     place = place_of(sight)
     kind = object_types().get(sight.object_type)
     fixed = not sight.pickupable and (kind is None or not kind.can("pickupable"))
-    if place != HAND and (fixed or place is None):
-        return f"in {room}"
-    return told_place(place)
+    return f"in {q.knows.room}" if place != HAND and (fixed or place is None) else told_place(place)
 
 
 _KINDS: tuple[Callable[[AskedQuestion], MemoryAnswer | None], ...] = (
-    what_it_can,
-    what_was_told,
+    log_answers.what_it_can,
+    log_answers.what_was_told,
     _what_is_beside,
-    what_was_done,
-    what_changed,
-    who_did_it,
-    not_looked_into,
+    log_answers.what_was_done,
+    log_answers.what_changed,
+    log_answers.who_did_it,
+    log_answers.not_looked_into,
     _what_is_held,
     _which_it_was,
     _how_many,
@@ -534,7 +455,7 @@ _KINDS: tuple[Callable[[AskedQuestion], MemoryAnswer | None], ...] = (
     _what_lies_there,
     _which_place,
     _whether,
-    whether_it_was_done,
+    log_answers.whether_it_was_done,
     _where,
     _what_is_known,
     _how_it_is,

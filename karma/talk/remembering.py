@@ -1,7 +1,8 @@
 """What questions are answered from: what was seen, when, and what a person told of it."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 from karma.agent.seeing.perceive import place_of
 from karma.contracts import MemoryUnit, Mention, SeenObject
@@ -11,6 +12,8 @@ from karma.household.uses import without_basin
 from karma.talk.history import how_sure
 from karma.talk.home import PLACE_TOLD, TOLD, PastErrand
 
+T = TypeVar("T")
+Sight = tuple[SeenObject, float]  # of a thing, and when it was in view
 MOST = 6  # things or errands in one answer
 _OLD_S = 3600.0  # what was seen so long ago may have been moved
 
@@ -25,11 +28,32 @@ class MemoryAnswer:
     refuses: bool = False  # it was an errand, and is not carried out
 
 
+def answer(*lines: str, known: bool = True, look: str = "") -> MemoryAnswer:
+    """Return an answer of these lines."""
+    return MemoryAnswer(lines=lines, known=known, look=look)
+
+
+def unknown(line: str, *, look: str = "") -> MemoryAnswer:
+    """Return an answer that says what is not known."""
+    return answer(line, known=False, look=look)
+
+
+def few(things: Sequence[T], said: Callable[[T], str]) -> str:
+    """Return what is said of the first of some things, and how many more there are."""
+    more = f" and {len(things) - MOST} more" if len(things) > MOST else ""
+    return ", ".join(map(said, things[:MOST])) + more
+
+
+def last_first(sights: Iterable[Sight]) -> list[Sight]:
+    """Return sights, the last seen first."""
+    return sorted(sights, key=lambda one: (-one[1], one[0].object_id))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remembering:
     """What questions are answered from."""
 
-    sights: Mapping[str, tuple[SeenObject, float]]  # id -> the latest sight, when it was in view
+    sights: Mapping[str, Sight]  # id -> the latest
     units: Mapping[str, MemoryUnit]  # short-term memory
     furniture: Sequence[str]  # types on the map
     past: Sequence[PastErrand]
@@ -42,16 +66,15 @@ class Remembering:
         """What the room is called by who asks."""
         return "this room" if self.is_here else "that room"
 
-    def of(self, thing: Mention) -> list[tuple[SeenObject, float]]:
+    def of(self, thing: Mention) -> list[Sight]:
         """Return the sights of what a mention may mean, the last seen first."""
         kinds = {*thing.types, *map(without_basin, thing.types)}
-        found = [
+        found = last_first(
             one for one in self.all() if kinds & {one[0].object_type, base_type(one[0].object_type)}
-        ]
-        found.sort(key=lambda one: (-one[1], one[0].object_id))
+        )
         return list({_heap(sight): (sight, when) for sight, when in reversed(found)}.values())[::-1]
 
-    def all(self) -> Iterator[tuple[SeenObject, float]]:
+    def all(self) -> Iterator[Sight]:
         """Yield each thing that was seen, in the states that are known, with when it was seen."""
         for sight, when in self.sights.values():
             yield replace(sight, states=self._states(sight)), when

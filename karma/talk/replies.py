@@ -145,12 +145,11 @@ class AgentReply:
         part = next((one for one in self.parts if one.status == "asked"), None)
         if part is None:
             return None
-        last = part.understood[-1]
         things = part.asked.deeds[0].things if part.asked and part.asked.deeds else ()
         return Unclear(
             text=part.instruction,
-            question=last.question,
-            candidates=last.candidates,
+            question=part.understood[-1].question,
+            candidates=part.understood[-1].candidates,
             about=things[0].text if things else "",
         )
 

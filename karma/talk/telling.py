@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from karma.agent.experience import unit_of
 from karma.agent.seeing.perceive import place_of
-from karma.contracts import MemoryChange, Mention, Request, SeenObject
+from karma.contracts import MemoryChange, Mention, Request
 from karma.household.deeds import deed_kind
 from karma.household.places import HAND
 from karma.household.saying import name_of, told_place
@@ -15,7 +14,7 @@ from karma.language.request_words import base_of_deed, deed_verbs, request_words
 from karma.talk.history import can_lie_in, habits_in, is_owning
 from karma.talk.home import PLACE_TOLD, STATE_TOLD
 from karma.talk.offers import offer_against
-from karma.talk.remembering import MemoryAnswer, Remembering, is_at
+from karma.talk.remembering import MemoryAnswer, Remembering, answer, is_at, unknown
 
 _NOT_NOW = frozenset(
     ("no", "was", "were", "used", "should", "belongs", "belong", "goes", "go", "will", "or",
@@ -23,7 +22,7 @@ _NOT_NOW = frozenset(
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ToldPlace:
     """Where or how a thing is, by a person's words, and what that leaves in memory."""
 
@@ -33,28 +32,20 @@ class ToldPlace:
 
 
 def told_of(
-    request: Request, knows: Remembering, scene: str, reader: RequestReader | None = None
+    request: Request, knows: Remembering, scene: str, reader: RequestReader
 ) -> ToldPlace | None:
     """Return what a statement says of a thing's place or state, or where it always goes.
 
-    None where it says no such thing.
-
-    Of a thing that was seen the believed place moves there, if one such place is known.
-
-    Args:
-        request: whose form is "statement" or "teaching".
-        knows: what is remembered.
-        scene: name of the room.
-        reader: of English.
+    None where it says no such thing. Of a thing that was seen the believed place moves there, if
+    one such place is known. `scene` is the name of the room.
     """
     change = MemoryChange(scene=scene, at_s=knows.now_s)
-    habits = habits_in(request.text, reader) if reader is not None else []
-    if habits:
+    if habits := habits_in(request.text, reader):
         usual = ", ".join(
             f"the {thing.text} {'go' if thing.every else 'goes'} {told_place(place.types[0])}"
             for thing, place in habits
         )
-        return ToldPlace(answer=MemoryAnswer(lines=(f"I will remember: {usual}.",)), change=change)
+        return ToldPlace(answer(f"I will remember: {usual}."), change)
     if (told := _state_told(request, knows, change)) is not None:
         return told
     thing, place = _thing_and_place(request)
@@ -63,24 +54,27 @@ def told_of(
     found, places = knows.of(thing), knows.of(place)
     name, where = name_of(thing.types[0]), told_place(place.types[0])
     if found and place_of(found[0][0]) == HAND:
-        held = MemoryAnswer(lines=(f"I have the {name} in my hand.",))
-        return ToldPlace(answer=held, change=None)
+        return ToldPlace(answer(f"I have the {name} in my hand."), None)
     own = [one for one, _ in found if is_at(one, [place])] if is_owning(request.text) else []
     if len(own) == 1:
-        where = told_place(place_of(own[0]))
-        mine = MemoryAnswer(lines=(f"I will remember: the {name} {where} is yours.",))
-        return ToldPlace(answer=mine, change=replace(change, seen=(own[0],)))
+        mine = f"I will remember: the {name} {told_place(place_of(own[0]))} is yours."
+        return ToldPlace(answer(mine), replace(change, seen=(own[0],)))
     if own:
-        some = MemoryAnswer(lines=(f"I have seen {len(own)} {where}: which of them is yours?",))
-        return ToldPlace(answer=replace(some, known=False), change=None)
+        which = f"I have seen {len(own)} {where}: which of them is yours?"
+        return ToldPlace(unknown(which), None)
     if found and len(places) == 1:
-        sight, there = found[0][0], places[0][0]
-        moved = _moved(sight, there)
+        there = places[0][0]
+        moved = replace(
+            found[0][0],
+            parent_ids=(there.object_id,),
+            position_m=there.position_m,
+            box_center_m=there.box_center_m,
+            region=None,
+            silhouette=(),
+        )
         line = unit_of(moved, (), handled=False, image=None, scene=scene)
         change = replace(change, seen=(moved,), remembered=(line,))
-    return ToldPlace(
-        answer=MemoryAnswer(lines=(f"I will remember: the {name} is {where}.",)), change=change
-    )
+    return ToldPlace(answer(f"I will remember: the {name} is {where}."), change)
 
 
 def _state_told(request: Request, knows: Remembering, change: MemoryChange) -> ToldPlace | None:
@@ -94,19 +88,16 @@ def _state_told(request: Request, knows: Remembering, change: MemoryChange) -> T
     asks = bool(offer_against(request))
     if len(found) > 1 and not asks:
         which = f"I have seen {len(found)} of them: which {name}, and where is it?"
-        return ToldPlace(answer=MemoryAnswer(lines=(which,), known=False), change=None)
+        return ToldPlace(unknown(which), None)
     if not found and not asks:
         line = f"I will remember that you said so; I have seen no {name} yet."
-        return ToldPlace(answer=MemoryAnswer(lines=(line,)), change=change, about=STATE_TOLD)
+        return ToldPlace(answer(line), change, STATE_TOLD)
     if len(found) != 1:
         return None
     sight = found[0][0]
     line = f"I will remember: the {name} is {SAID_AS.get(state, state)}."
-    return ToldPlace(
-        answer=None if asks else MemoryAnswer(lines=(line,)),
-        change=replace(change, seen=(replace(sight, states=_with(sight.states, state)),)),
-        about=STATE_TOLD,
-    )
+    change = replace(change, seen=(replace(sight, states=_with(sight.states, state)),))
+    return ToldPlace(None if asks else answer(line), change, STATE_TOLD)
 
 
 def _state_said(words: Sequence[str]) -> str:
@@ -144,14 +135,3 @@ def _thing_and_place(request: Request) -> tuple[Mention | None, Mention | None]:
         return None, None
     thing, place = named
     return (thing, place) if can_lie_in(thing, place) else (None, None)
-
-
-def _moved(sight: SeenObject, there: SeenObject) -> SeenObject:
-    return replace(
-        sight,
-        parent_ids=(there.object_id,),
-        position_m=there.position_m,
-        box_center_m=there.box_center_m,
-        region=None,
-        silhouette=(),
-    )

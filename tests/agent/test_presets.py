@@ -1,7 +1,7 @@
 """One default agent: settings, experiments, `karma run` and the docs say the same of it."""
 
-import inspect
 import re
+from dataclasses import fields
 from pathlib import Path
 
 import msgspec
@@ -16,7 +16,7 @@ from karma.agent.loading.presets import PRESETS
 from karma.agent.options import settings_of
 from karma.bench.engine.experiment_file import kind_of, read_experiment
 from karma.cli import app
-from karma.cli.talking import run_command
+from karma.cli.talking import RequestOptions
 from karma.contracts import Resources
 from karma.errors import FileError
 from karma.infer.scripted import ScriptedModel
@@ -39,7 +39,7 @@ def setting(row, models=None):
 def test_default_agent_is_that_of_settings_presets_and_the_command():
     assert setting(Row(name="x")) == ("stateful", "sentence", 3, "subtask")
     assert settings_of(KarmaSettings, Row(name="x").all_options) == KarmaSettings()
-    given = {name: one.default for name, one in inspect.signature(run_command).parameters.items()}
+    given = {one.name: one.default.default for one in fields(RequestOptions)}
     assert (given["preset"], given["recall"], given["recall_k"]) == ("", "", None)
     assert given["policy"] == KarmaSettings().policy
     assert given["planner"] == ""  # the best that is here; an experiment that names none: nano

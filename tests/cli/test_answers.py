@@ -10,10 +10,9 @@ from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma import Agent
-from karma.agent.journal.run_folder import read_run
-from karma.cli import answers, app, conversation
-from karma.cli.answers import AnswerView
+from karma.cli import app, conversation, progress
 from karma.cli.conversation import say
+from karma.cli.progress import AnswerView
 from karma.cli.shared import SafeConsole
 from karma.contracts import Heard
 from karma.errors import KarmaError
@@ -74,7 +73,7 @@ def test_first_token_is_told_of_before_any_line_is_whole(capsys):
 def test_what_a_model_says_steers_no_terminal_and_is_no_markup(terminal, monkeypatch, capsys):
     screen = StringIO()
     console = SafeConsole(force_terminal=terminal, file=screen, width=80)
-    monkeypatch.setattr(answers, "console", console)
+    monkeypatch.setattr(progress, "console", console)
     view = AnswerView()
     status = console.status("thinking ...")
     view.request(status)
@@ -90,7 +89,7 @@ def test_what_a_model_says_steers_no_terminal_and_is_no_markup(terminal, monkeyp
 def test_terminal_shows_the_last_lines_under_way_with_tokens_and_seconds(monkeypatch):
     screen = StringIO()
     console = SafeConsole(force_terminal=True, file=screen, width=60)
-    monkeypatch.setattr(answers, "console", console)
+    monkeypatch.setattr(progress, "console", console)
     view = AnswerView()
     status = console.status("thinking ...")
     view.request(status)

@@ -61,15 +61,16 @@ def test_refusal_is_told_with_a_question(talk):
 
 def test_an_answer_to_what_was_asked_back_goes_on_with_the_errand(tmp_path, capsys):
     agent = agent_saying(tmp_path, [STORE, STORE])
-    asked = agent.do("put the apple in").unclear
-    assert asked is not None
+    asked = agent.do("put the apple in")
+    assert asked.unclear is not None
     assert _whole(agent, "the fridge", asked) == "put the apple in the fridge"
     assert "so: put the apple in the fridge" in capsys.readouterr().out
-    assert agent.do(_whole(agent, "the fridge", asked))
+    done = agent.do(_whole(agent, "the fridge", asked))
+    assert done
     other = "take the apple"
     assert _whole(agent, other, asked) == other
     assert "in place of: put the apple in" in capsys.readouterr().out
-    assert _whole(agent, "/map", asked) == "/map" and _whole(agent, other, None) == other
+    assert _whole(agent, "/map", asked) == "/map" and _whole(agent, other, done) == other
 
 
 def test_undo_and_why_and_map_and_help_answer(talk):

@@ -49,7 +49,7 @@ class Balanced(HTMLParser):
 def everything(agent, folder):
     """All bytes that an agent leaves, and what it remembers."""
     maps = (folder / "maps" / "handmade.json").read_bytes()
-    return files(agent.folder), maps, repr(agent.memory), repr(agent.map), agent._steps.data()
+    return files(agent.folder), maps, repr(agent.memory), repr(agent.map), agent._part.steps.data()
 
 
 def test_package_is_light_and_still_has_the_agent():
