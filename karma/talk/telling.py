@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from karma.agent.experience import unit_of
 from karma.agent.seeing.perceive import place_of
 from karma.contracts import MemoryChange, Mention, Request
 from karma.household.deeds import deed_kind

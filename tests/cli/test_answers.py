@@ -10,6 +10,7 @@ from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma import Agent
+from karma.agent.journal.run_folder import read_run
 from karma.cli import app, conversation, progress
 from karma.cli.conversation import say
 from karma.cli.progress import AnswerView
