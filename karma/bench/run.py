@@ -14,7 +14,7 @@ from karma.bench.workers import check_far, perform
 from karma.contracts import Task
 from karma.errors import KarmaError
 from karma.infer.hosted.cassette import Cassette
-from karma.infer.hosted.server import slots_of
+from karma.infer.hosted.dialects import slots_of
 from karma.infer.hosted.session import Session
 from karma.journal.folder import locked
 from karma.journal.header import EPISODES

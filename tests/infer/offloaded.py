@@ -17,8 +17,8 @@ from karma.cli import app
 from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.infer.llama import devices
 from karma.infer.llama.options import LlamaOptions
-from karma.infer.llama.picture_chat import PictureChat
 from karma.infer.llama.room_states import StateOptions
+from karma.infer.llama.vision import PictureChat
 from karma.infer.manifest.picture_pair import PicturePair
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.vision.pictures import picture_url

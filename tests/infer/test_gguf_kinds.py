@@ -16,8 +16,7 @@ from support.paths import ROOT
 from karma.errors import ModelError, UnknownNameError
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.llama.model import LlamaModel
-from karma.infer.manifest.added_entry import AddOptions
-from karma.infer.manifest.added_models import add_model
+from karma.infer.manifest.added import AddOptions, add_model
 from karma.infer.manifest.manifest import read_local, resolve_planner
 from karma.loading.names import check_models
 from karma.testing import make_planner

@@ -17,13 +17,10 @@ from karma.contracts import SeenObject
 from karma.errors import ModelError, UnknownNameError
 from karma.infer.checks import memory
 from karma.infer.checks.projector import check_projector
-from karma.infer.llama import picture_chat
 from karma.infer.llama import vision as llama_vision
 from karma.infer.llama.options import LlamaOptions
-from karma.infer.llama.picture_chat import PictureChat
-from karma.infer.llama.vision import LlamaVision, require_pictures
-from karma.infer.manifest.added_entry import AddOptions
-from karma.infer.manifest.added_models import add_model
+from karma.infer.llama.vision import LlamaVision, PictureChat, require_pictures
+from karma.infer.manifest.added import AddOptions, add_model
 from karma.infer.manifest.manifest import find_model
 from karma.infer.manifest.picture_pair import PicturePair, resolve_pair
 from karma.infer.vision.pictures import picture_url
@@ -176,7 +173,7 @@ def test_projector_without_what_it_needs_is_refused_by_name(pairs, tmp_path, fam
 def test_what_ends_the_process_ends_the_trial_only(pairs, tmp_path, family, lost):
     pair = damaged(pairs, family, lost, tmp_path / "x")
     with pytest.raises(ModelError, match=r"cannot look at a picture by it .*\(code -?\d+\)"):
-        picture_chat.try_pair(pair)
+        llama_vision.try_pair(pair)
 
 
 def test_cut_or_foreign_projector_is_a_model_error(pairs, tmp_path):
@@ -218,7 +215,7 @@ def test_both_files_are_counted_against_the_memory_that_is_free(pairs, tmp_path,
     whole = tmp_path / "meminfo"
     monkeypatch.setattr(memory, "MEMINFO", whole)
     monkeypatch.setattr(memory, "projector_mb", None)
-    monkeypatch.setattr(picture_chat, "projector_mb", lambda path: 5000.0)
+    monkeypatch.setattr(llama_vision, "projector_mb", lambda path: 5000.0)
     whole.write_text("MemAvailable: 4000000 kB\n")
     with pytest.raises(ModelError, match=r"llava\.gguf: needs about 5\d\d\d MB"):
         PictureChat(pair, ONE)
@@ -252,7 +249,7 @@ def test_added_pair_is_described_verified_and_opened_by_name(pairs, manifest, mo
         "weights/smolvlm/mmproj-smolvlm.gguf", "weights/smolvlm/smolvlm.gguf",
     ]  # fmt: skip
     assert entry.memory_mb > 128
-    monkeypatch.setattr(picture_chat, "try_pair", None)  # the manifest vouches
+    monkeypatch.setattr(llama_vision, "try_pair", None)  # the manifest vouches
     eyes = LlamaVision("smolvlm", llama_options=ONE, max_tokens=4)
     assert eyes.read_states(picture(1), "wash the mug", [MUG]) == {}
     eyes.close()

@@ -14,9 +14,8 @@ from karma.cli import app
 from karma.errors import FileError, ModelError, UnknownNameError
 from karma.infer.embed.clip import ClipEmbedder
 from karma.infer.llama.model import LlamaModel
-from karma.infer.manifest import added_entry, added_models
-from karma.infer.manifest.added_entry import AddOptions
-from karma.infer.manifest.added_models import add_model, remove_model
+from karma.infer.manifest import added as added_models
+from karma.infer.manifest.added import AddOptions, add_model, remove_model
 from karma.infer.manifest.manifest import (
     check,
     find_model,
@@ -175,7 +174,7 @@ def test_file_that_is_not_the_manifest_s_is_refused_by_name_before_it_is_parsed(
     known(manifest, clip, wrong="config.json")
     before = everything(manifest.parent)
     for part in ("check_weights", "read_config", "check_gguf"):
-        monkeypatch.setattr(added_entry, part, None)  # a call would be another error
+        monkeypatch.setattr(added_models, part, None)  # a call would be another error
     with pytest.raises(ModelError, match=r"config\.json: not the file of model 'clip'") as caught:
         add_model(clip, AddOptions(name="clip"), manifest=manifest)
     for part in (hashlib.sha256(b"other").hexdigest(), "https://example.org/clip", "revision abc"):

@@ -17,7 +17,7 @@ from support.tiny import opened
 
 from karma.contracts import Prompt
 from karma.infer.checks import memory
-from karma.infer.llama import kv_state
+from karma.infer.llama import room_states
 from karma.infer.llama.room_states import RoomStates, StateOptions
 from karma.testing import make_planner
 
@@ -112,7 +112,7 @@ def test_new_version_of_llama_cpp_evaluates_anew(made, tmp_path, monkeypatch):
     states = StateOptions(folder=tmp_path)
     cold = answer(opened(made["llama3"], states=states), ROOMS[0])
     monkeypatch.setattr("llama_cpp.__version__", "0.0.1")
-    assert "0.0.1" in kv_state.llama_build()
+    assert "0.0.1" in room_states.llama_build()
     assert answer(opened(made["llama3"], states=states), ROOMS[0]) == cold
 
 

@@ -13,7 +13,7 @@ from support.tiny import export_tiny
 
 from karma.contracts import END, Prompt
 from karma.errors import ModelError
-from karma.infer.choosing.token_trie import trie_of
+from karma.infer.choosing import trie_of
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions

@@ -18,7 +18,7 @@ from karma.infer.checks.gguf import read_header
 from karma.infer.llama import chat_template
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
-from karma.infer.llama.picture_chat import PictureChat
+from karma.infer.llama.vision import PictureChat
 from karma.infer.manifest.picture_pair import PicturePair
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.vision.pictures import picture_url

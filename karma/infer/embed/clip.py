@@ -15,7 +15,7 @@ import numpy as np
 from karma.contracts import Frame, Vectors
 from karma.errors import ModelError
 from karma.infer.checks.folder import CheckedFolder
-from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
+from karma.infer.embed import REMEMBERED, stacked, unit_row
 from karma.infer.torch_load import (
     TorchOptions,
     checked_folder,

@@ -24,11 +24,10 @@ from karma.contracts import (
     Vectors,
 )
 from karma.errors import ModelError, RequestRefused
-from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
+from karma.infer.embed import REMEMBERED, stacked, unit_row
 from karma.infer.hosted.cassette import Exchange
 from karma.infer.hosted.cost import cost_of, usage_of
-from karma.infer.hosted.dialects import Language, Manner, language_of
-from karma.infer.hosted.server import manner_of
+from karma.infer.hosted.dialects import Language, Manner, language_of, manner_of
 from karma.infer.hosted.session import Endpoint, Session
 from karma.infer.hosted.thinking import told_apart
 from karma.infer.programs.automaton import without_closing

@@ -10,9 +10,8 @@ from dataclasses import replace
 
 from karma.contracts import LanguageModel, Prompt, Thinking
 from karma.errors import ModelError, ServerLost
-from karma.infer.hosted.dialects import Language
+from karma.infer.hosted.dialects import Language, manner_of
 from karma.infer.hosted.model import HostedLanguageModel
-from karma.infer.hosted.server import manner_of
 from karma.infer.hosted.session import Endpoint, Session
 from karma.infer.programs.grammars import literal
 from karma.seeds import stream

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from karma.contracts import Thinking
+from karma.infer.llama.answer import UnderWay
 from karma.infer.llama.gguf_model import GgufModel
-from karma.infer.llama.under_way import UnderWay
 
 OPEN, CLOSE = "<think>", "</think>"
 _GAP = "\n\n"  # between thought and answer, as the families' own templates have it

@@ -1,15 +1,27 @@
-"""Read object states by llama.cpp: a GGUF and its picture projector (mmproj)."""
+"""Read object states by llama.cpp: a GGUF and its picture projector (mmproj), by its library mtmd.
 
+The generic handler of llama-cpp-python is used, which renders the file's own chat template: the one
+it has for Qwen2.5-VL loses the last line break of the prompt.
+"""
+
+import weakref
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from karma.contracts import Frame, SeenObject
+import numpy as np
+
+from karma.contracts import Engine, Frame, SeenObject
 from karma.errors import ModelError
+from karma.infer.checks.memory import projector_mb
+from karma.infer.checks.projector import check_projector
+from karma.infer.checks.template import TEMPLATE
+from karma.infer.llama.gguf_model import GgufModel
+from karma.infer.llama.opening import try_in_own_process
 from karma.infer.llama.options import LlamaOptions
-from karma.infer.llama.picture_chat import PictureChat
-from karma.infer.manifest.picture_pair import resolve_pair
+from karma.infer.manifest.picture_pair import PicturePair, resolve_pair
 from karma.infer.vision.pictures import picture_url
 from karma.infer.vision.text import question, some_picture, states_told
 from karma.places import rebuild_llama, repair
@@ -117,3 +129,109 @@ def require_pictures() -> None:
         f"  To fix: {rebuild_llama('')} (our own options, which have them)\n"
         '  Or use a folder of safetensors: vision = "transformers:NAME"'
     )
+
+
+CONTEXT = 8192  # tokens, where n_ctx is not said: a picture may take thousands
+Message = Mapping[str, Any]
+
+
+class PictureChat:
+    """Two opened files, which answer conversations with a picture in them.
+
+    Args:
+        pair: the files; where nobody vouches for them, they are first tried in another process.
+        options: how they are opened.
+
+    Raises:
+        ModelError: a file is missing, damaged or without a chat template, the two do not belong
+            together, or there is too little memory.
+    """
+
+    def __init__(self, pair: PicturePair, options: LlamaOptions | None = None) -> None:
+        options = options or LlamaOptions()
+        check_projector(pair.projector)
+        self.name = pair.name
+        self._model = GgufModel(
+            pair.model, replace(options, n_ctx=_whole(options.n_ctx or CONTEXT)), name=pair.name,
+            sha256=pair.sha256, beside_mb=projector_mb(pair.projector),
+        )  # fmt: skip
+        if TEMPLATE not in self._model.metadata:
+            raise ModelError(
+                f"{pair.model}: has no chat template, and a picture needs one\n"
+                "  To fix: gguf-new-metadata --chat-template-file TEMPLATE IN.gguf OUT.gguf"
+            )
+        if pair.sha256 is None:
+            try_pair(pair)
+        # freed as late as Python's own end, llama-cpp-python complains of a closed terminal
+        weakref.finalize(self, self._model.close)
+        self._handler = _handler(pair.projector, use_gpu=self._model.placement.layers > 0)
+
+    @property
+    def engine(self) -> Engine:
+        """What computes it."""
+        return self._model.engine
+
+    def answer(self, messages: Sequence[Message], *, max_tokens: int) -> str:
+        """Return what the model says, greedily.
+
+        Args:
+            messages: as OpenAI's, all contents lists of parts; pictures as data URIs.
+            max_tokens: of the answer.
+
+        Raises:
+            ModelError: llama.cpp cannot answer, e.g. since the question is longer than the context.
+        """
+        if any(_is_remote(part) for message in messages for part in message["content"]):
+            raise ModelError(f"{self.name}: a picture is given as a data URI, never as an address")
+        try:
+            found = self._handler(
+                llama=self._model.llama, messages=list(messages), temperature=0.0,
+                max_tokens=max_tokens, repeat_penalty=1.0,
+            )  # fmt: skip
+        except Exception as error:  # ValueError, RuntimeError, Jinja's
+            raise ModelError(f"{self.name}: llama.cpp cannot answer: {error}") from error
+        return str(found["choices"][0]["message"]["content"] or "")
+
+    def close(self) -> None:
+        """Free the memory of both; they cannot be used afterwards."""
+        self._model.close()
+
+
+def trial(model: str, projector: str) -> None:
+    """Load both files and look at a picture, where it may kill nothing but this process."""
+    import llama_cpp
+
+    llama = llama_cpp.Llama(model, n_ctx=2048, n_threads=1, n_gpu_layers=0, verbose=False)
+    content = [
+        {"type": "image_url", "image_url": {"url": picture_url(np.full((8, 8, 3), 128, np.uint8))}},
+        {"type": "text", "text": "What is this?"},
+    ]
+    messages = [{"role": "user", "content": content}]
+    _handler(Path(projector), use_gpu=False)(llama=llama, messages=messages, max_tokens=1)
+
+
+def try_pair(pair: PicturePair) -> None:
+    """Try two files that nobody vouches for; see `try_in_own_process`."""
+    cannot = f"cannot look at a picture by it and {pair.model.name}"
+    try_in_own_process(f"{__name__}:trial", pair.model, pair.projector, cannot=cannot)
+
+
+def _handler(projector: Path, *, use_gpu: bool) -> Any:
+    """Return llama-cpp-python's handler, and let its library speak of errors only."""
+    from llama_cpp import _logger, llama_chat_format, mtmd_cpp
+
+    mtmd_cpp.mtmd_log_set(_logger.llama_log_callback, None)
+    mtmd_cpp.mtmd_helper_log_set(_logger.llama_log_callback, None)
+    return llama_chat_format.MTMDChatHandler(
+        clip_model_path=str(projector), verbose=False, use_gpu=use_gpu
+    )
+
+
+def _whole(tokens: int) -> int:
+    """Return a context as llama.cpp rounds it; the handler compares with that, not with ours."""
+    return -(-tokens // 256) * 256
+
+
+def _is_remote(part: Mapping[str, Any]) -> bool:
+    address = part.get("image_url")
+    return address is not None and not str(address["url"]).startswith("data:")

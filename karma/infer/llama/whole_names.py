@@ -12,8 +12,8 @@ from heapq import heappop, heappush
 
 import numpy as np
 
-from karma.infer.choosing.token_trie import path_to, trie_of
-from karma.infer.llama.certainty import CertaintyLog
+from karma.infer.choosing import path_to, trie_of
+from karma.infer.llama.answer import CertaintyLog
 from karma.infer.llama.constrain import Logits, best_token
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.programs.automaton import ProgramAutomaton, State

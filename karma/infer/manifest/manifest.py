@@ -1,7 +1,7 @@
 """Read models/manifest.toml, and verify every file before a byte of it is parsed.
 
 Two files make the list: `manifest.toml`, which ships and is only read, and `local.toml` beside it,
-which holds what `karma models add` brought (`added_models`) and which git ignores.
+which holds what `karma models add` brought (`added`) and which git ignores.
 """
 
 import os

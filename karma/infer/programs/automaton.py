@@ -18,8 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from karma.contracts import AnswerSpec, HandSpec, PlanSpec, ProgramSpec, RefusedRequest, Skill
-from karma.infer.programs.frames import END, Frame, followed, trie
-from karma.infer.programs.plans import plan_frame
+from karma.infer.programs.frames import END, Frame, followed, plan_frame, trie
 
 CLOSINGS = ("\n", "```", "#")  # on the line below a call: the program has ended above it
 _FAR = 64  # bytes that are looked ahead
