@@ -24,7 +24,7 @@ from karma.bench.run import Run
 from karma.bench.sweep_folder import SweepData, SweptCell, read_sweep, write_sweep
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.infer.checks.gguf import is_gguf
-from karma.infer.manifest.picture_pair import is_projector
+from karma.infer.checks.projector import is_projector
 from karma.journal.folder import locked
 from karma.journal.header import CELLS, TABLE
 from karma.journal.not_run import in_words

@@ -19,7 +19,7 @@ from karma.infer.llama import devices
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.llama.vision import PictureChat
-from karma.infer.manifest.picture_pair import PicturePair
+from karma.infer.manifest.manifest import PicturePair
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.vision.pictures import picture_url
 from karma.testing import make_picture_model

@@ -21,8 +21,7 @@ from karma.infer.llama import vision as llama_vision
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.vision import LlamaVision, PictureChat, require_pictures
 from karma.infer.manifest.added import AddOptions, add_model
-from karma.infer.manifest.manifest import find_model
-from karma.infer.manifest.picture_pair import PicturePair, resolve_pair
+from karma.infer.manifest.manifest import PicturePair, find_model, resolve_pair
 from karma.infer.vision.pictures import picture_url
 from karma.registry import load
 from karma.testing import PICTURE_FAMILIES, Size, make_picture_model, make_planner

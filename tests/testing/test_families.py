@@ -19,7 +19,7 @@ from karma.infer.llama import chat_template
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.vision import PictureChat
-from karma.infer.manifest.picture_pair import PicturePair
+from karma.infer.manifest.manifest import PicturePair
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.vision.pictures import picture_url
 from karma.testing import FAMILIES, Size, make_picture_model, make_planner

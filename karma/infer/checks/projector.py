@@ -5,13 +5,13 @@ of others: without places or norms it loads and computes something else. So for 
 projector that are known here, all of them are looked for. Others are left to a trial.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from karma.errors import ModelError
-from karma.infer.checks.gguf import GgufHeader, read_header
+from karma.infer.checks.gguf import GgufHeader, is_gguf, read_header
 
 _SIZES = (
     "vision.image_size", "vision.patch_size", "vision.embedding_length", "vision.block_count",
@@ -82,3 +82,30 @@ def _lacking(header: GgufHeader, kind: _ProjectorKind) -> list[str]:
         parts = ("attn_qkv",) if fused else ("attn_q", "attn_k", "attn_v")
         wanted += [f"v.blk.{layer}.{part}.weight" for part in (*parts, *_BLOCK)]
     return [name for name in wanted if name not in header.tensors]
+
+
+def split_pair(folder: Path, files: Iterable[Path]) -> tuple[Path, Path]:
+    """Return the language part and the projector, told apart by what their headers say.
+
+    Raises:
+        ModelError: there are not just these two, or one is damaged.
+    """
+    weights = [file for file in files if is_gguf(file)]
+    projectors = [file for file in weights if is_projector(file)]
+    models = [file for file in weights if file not in projectors]
+    if len(projectors) != 1 or len(models) != 1:
+        raise ModelError(
+            f"{folder}: a picture model is two .gguf files, the model and its projector (mmproj); "
+            f"here are {len(models)} and {len(projectors)}\n"
+            "  To fix: a folder with just these two"
+        )
+    return models[0], projectors[0]
+
+
+def is_projector(path: Path) -> bool:
+    """Return whether a GGUF is the picture part of another.
+
+    Raises:
+        ModelError: it is damaged.
+    """
+    return bool(read_header(path, sizes=()).metadata.get("general.architecture") == "clip")

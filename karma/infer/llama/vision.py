@@ -21,7 +21,7 @@ from karma.infer.checks.template import TEMPLATE
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.opening import try_in_own_process
 from karma.infer.llama.options import LlamaOptions
-from karma.infer.manifest.picture_pair import PicturePair, resolve_pair
+from karma.infer.manifest.manifest import PicturePair, resolve_pair
 from karma.infer.vision.pictures import picture_url
 from karma.infer.vision.text import question, some_picture, states_told
 from karma.places import rebuild_llama, repair
