@@ -15,7 +15,6 @@ from typing import Any
 from karma.contracts import AnswerSpec, PlanSpec, Thinking
 from karma.errors import ModelError, ServerLost
 from karma.infer.hosted.session import Constraint, DialectName, Endpoint, Session
-from karma.infer.hosted.thinking import gbnf_after_thought
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.programs.grammars import (
     admits_plan,
@@ -159,6 +158,22 @@ _ALL = (
     Dialect(name="plain", bindings={"schema": _response_format}),
 )
 DIALECTS: Mapping[str, Dialect] = MappingProxyType({one.name: one for one in _ALL})
+
+
+def gbnf_after_thought(grammar: str, opens_thought: bool) -> str:
+    r"""Return a grammar that admits a thought of any words before what the given one admits.
+
+    Args:
+        grammar: its root is the rule `root`.
+        opens_thought: the prompt ends in `<think>`; else the model says that first.
+
+    >>> print(gbnf_after_thought('root ::= "yes"', opens_thought=True))
+    root ::= !</think>* </think> "\n\n" answer
+    answer ::= "yes"
+    """
+    opening = "" if opens_thought else "<think> "
+    answer = grammar.replace("root ::=", "answer ::=", 1)
+    return f'root ::= {opening}!</think>* </think> "\\n\\n" answer\n{answer}'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

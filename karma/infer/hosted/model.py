@@ -29,10 +29,14 @@ from karma.infer.hosted.cassette import Exchange
 from karma.infer.hosted.cost import cost_of, usage_of
 from karma.infer.hosted.dialects import Language, Manner, language_of, manner_of
 from karma.infer.hosted.session import Endpoint, Session
-from karma.infer.hosted.thinking import told_apart
 from karma.infer.programs.automaton import without_closing
 from karma.infer.vision.pictures import picture_url
 from karma.language.whole import CUTS, cut_off, filtered
+
+_FIELDS = ("reasoning_content", "reasoning", "thinking")  # that servers return a thought in
+_SPOKEN = ("text", "output_text", "refusal", None)  # types of parts of a message
+_THOUGHT = ("thinking", "reasoning")
+_TAGS = (("<think>", "</think>"), ("<thinking>", "</thinking>"), ("[THINK]", "[/THINK]"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -322,6 +326,43 @@ def said_in(
         told = str(error) if "where a text" in str(error) else "no choice with a text"
         raise _odd(endpoint, told) from error
     return text, CUTS.get(str(finish), "stop"), reasoning
+
+
+def told_apart(message: Mapping[str, Any]) -> tuple[str, str]:
+    r"""Return answer and thought of a message, wherever its server has put the thought.
+
+    A thought that was begun and not ended leaves no answer.
+
+    >>> told_apart({"content": "<think>An apple.</think>\n\nGo"})
+    ('Go', 'An apple.')
+    >>> told_apart({"content": None, "reasoning_content": "An app"})
+    ('', 'An app')
+    """
+    thoughts = [message.get(name) for name in _FIELDS]
+    thought: str = next((one for one in thoughts if isinstance(one, str) and one), "")
+    content = message.get("content") or message.get("refusal") or ""
+    if isinstance(content, list) and all(isinstance(one, dict) for one in content):
+        parts = [(one.get("type"), _text_of(one)) for one in content]
+        thought = "".join([thought, *(text for kind, text in parts if kind in _THOUGHT)])
+        content = "".join(text for kind, text in parts if kind in _SPOKEN)
+    if not isinstance(content, str):
+        raise TypeError(f"a {type(content).__name__} where a text should be")
+    for opening, closing in _TAGS:
+        before, found, after = content.rpartition(closing)
+        if found:  # the opening tag may have been in the prompt
+            inside = before.strip().removeprefix(opening).strip()
+            return after.lstrip(), "\n".join(filter(None, [thought, inside]))
+        if content.lstrip().startswith(opening):
+            inside = content.lstrip().removeprefix(opening).strip()
+            return "", "\n".join(filter(None, [thought, inside]))
+    return content, thought
+
+
+def _text_of(part: Mapping[str, Any]) -> str:
+    """Return the text of a part of a message, which may have parts itself."""
+    said = part.get("text", part.get("thinking", ""))
+    inner = said if isinstance(said, list) else [said]
+    return "".join(one if isinstance(one, str) else str(one.get("text", "")) for one in inner)
 
 
 def _odd(endpoint: Endpoint, what: str) -> ModelError:
