@@ -34,8 +34,7 @@ class Node:
 def trie_of(continuations: Sequence[Sequence[int]]) -> list[Node]:
     """Return the trie of token lists, parents before children, the root first.
 
-    Raises:
-        ValueError: there is none, or one has no token.
+    ValueError where there is none, or one has no token.
     """
     if not continuations:
         raise ValueError("there is no continuation to score")
@@ -74,16 +73,9 @@ def lowest_run(trie: Sequence[Node]) -> list[int]:
 def score_children(
     trie: Sequence[Node], found: Floats, nodes: Sequence[int], logits: Logits
 ) -> None:
-    """Score the children of nodes, whose own scores are known.
+    """Score the children of `nodes`, whose own scores are `found`; `logits` has a row per node.
 
-    Args:
-        trie: the trie.
-        found: the score of each node so far, added to.
-        nodes: the parents.
-        logits: after each of them, a row per node.
-
-    Raises:
-        ModelError: the logits are not numbers.
+    ModelError where the logits are not numbers.
     """
     for start in range(0, len(nodes), _ROWS):
         rows = logits[start : start + _ROWS]
@@ -106,12 +98,9 @@ def _log_sum_exp(logits: Logits) -> Floats:
 class Race:
     """The prefixes that are scored, by the most that each can come to.
 
-    Args:
-        trie: what runs.
-        found: scores of its nodes, filled in as they become known.
-        average: whether a continuation's score is divided by its tokens.
-        settle: puts a node's score in place of a bound on it, and says whether it was one; without
-            it there are no bounds.
+     No continuation can score more than what it begins with, because log p <= 0; so the first one
+    that leads every unfinished prefix has won. `found` has the scores of nodes as they become
+    known; with `average` a continuation's is divided by its tokens.
     """
 
     def __init__(
@@ -129,8 +118,7 @@ class Race:
     def run(self, score_below: Callable[[int], None]) -> tuple[float, int, int]:
         """Return the best that ends: score, continuation (the first of equals), node.
 
-        Args:
-            score_below: fills in the scores of a node's children, the root's first.
+        `score_below` fills in the scores of a node's children, the root's first.
         """
         leader: int | None = 0
         while leader is not None:

@@ -40,8 +40,7 @@ class CheckedFolder:
     def number(self, *keys: str, default: int) -> int:
         """Return the number at `keys` of config.json, one inside the other; else the default.
 
-        Raises:
-            ModelError: no positive number stands there.
+        ModelError where no positive number stands there.
         """
         found: Any = self.config
         for key in keys:
@@ -66,12 +65,9 @@ def check_folder(
 ) -> CheckedFolder:
     """Check a model folder: architecture first, then processor files, then headers of the weights.
 
-    Args:
-        folder: holds config.json and model.safetensors, or shards with their index.
-        families: `model_type` -> architectures that will do, as config.json has it; () = any.
-        needs: groups of files; of every group at least one must be there.
-        name: of the model, by default the folder's.
-        fix: what the message tells to do about a missing file.
+     `families`: `model_type` -> architectures that will do, as config.json has it; () = any. Of
+    every group in `needs` at least one file must be there; `fix` says what to do about a missing
+    one.
 
     Raises:
         ModelError: not a folder, the wrong architecture, a file missing, or a header damaged.
@@ -108,11 +104,7 @@ def check_folder(
 
 
 def read_config(path: Path, *, fix: str) -> Mapping[str, Any]:
-    """Read a JSON object of a model folder.
-
-    Raises:
-        ModelError: missing, huge, torn, or not an object.
-    """
+    """Read a JSON object of a model folder; ModelError if missing, huge, torn, or not an object."""
     try:
         found = json.loads(read_bytes(path, most=_MOST_CONFIG))
     except FileError as error:
@@ -127,8 +119,7 @@ def read_config(path: Path, *, fix: str) -> Mapping[str, Any]:
 def check_sizes(path: Path, said: Any, name: str = "") -> None:
     """Refuse numbers in what a file says for which a library would make things without end.
 
-    Raises:
-        ModelError: a size beyond all models; names it.
+    ModelError for a size beyond all models; names it.
     """
     match said:
         case dict():
@@ -144,10 +135,7 @@ def check_sizes(path: Path, said: Any, name: str = "") -> None:
 
 
 def check_weights(folder: Path, *, fix: str) -> Mapping[str, int]:
-    """Check the safetensors of a folder: model.safetensors, or all shards its index names.
-
-    Returns:
-        How many parameters each tensor has, by its name.
+    """Return parameters by tensor of model.safetensors, or of all shards that its index names.
 
     Raises:
         ModelError: there are none (pickles are refused by name), one is missing or damaged.
@@ -159,10 +147,7 @@ def check_weights(folder: Path, *, fix: str) -> Mapping[str, int]:
 
 
 def check_safetensors(path: Path) -> Mapping[str, int]:
-    """Have the header of one safetensors file read, and the place of every tensor checked.
-
-    Returns:
-        How many parameters each tensor has, by its name.
+    """Return parameters by tensor of one safetensors file, by its header.
 
     Raises:
         ModelError: not a safetensors file, cut off, or with sizes that make no sense.

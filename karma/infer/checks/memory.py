@@ -26,17 +26,13 @@ def available_mb() -> float | None:
 def check_memory(
     name: str, needed_mb: float, *, parts: str, fix: str, free_mb: float | None = None
 ) -> None:
-    """Refuse a model that does not fit.
+    """Refuse a model that does not fit; never where nothing is known of the memory.
 
-    Args:
-        name: the model, or the file or folder it is in.
-        needed_mb: what it takes once loaded.
-        parts: what that is made of, for the message.
-        fix: what to do about it, for the message.
-        free_mb: of a GPU; None: what this machine has.
+    `parts` and `fix` are for the message: what it needs is made of, and what to do about it;
+    `free_mb` is of a GPU, None: what this machine has.
 
     Raises:
-        ModelError: less memory is available; names both figures. Never where nothing is known.
+        ModelError: less memory is available; names both figures.
     """
     whose = "memory" if free_mb is None else "GPU memory"
     free = available_mb() if free_mb is None else free_mb
@@ -68,14 +64,7 @@ class Footprint:
     def of(
         cls, path: Path, metadata: Mapping[str, Any], *, batch: int, bytes_each: float = 2
     ) -> Self:
-        """Estimate it from the header.
-
-        Args:
-            path: the file.
-            metadata: see `check_gguf`.
-            batch: tokens per call.
-            bytes_each: of one number of the keys and values.
-        """
+        """Estimate it from the header, for calls of `batch` tokens."""
         words = _listed(metadata, "tokenizer.ggml.tokens")
         pairs = _listed(metadata, "tokenizer.ggml.merges")
         width = _number(metadata, "embedding_length", 1)

@@ -49,8 +49,7 @@ _KINDS: Mapping[str, _ProjectorKind] = {
 def check_projector(path: Path) -> Mapping[str, Any]:
     """Check header, keys and names of tensors; return the metadata.
 
-    Raises:
-        ModelError: not a projector for pictures, cut off, or something that it needs is missing.
+    ModelError: not a projector for pictures, cut off, or something that it needs is missing.
     """
     header = read_header(path, sizes=_SIZES)
     metadata = header.metadata
@@ -87,8 +86,7 @@ def _lacking(header: GgufHeader, kind: _ProjectorKind) -> list[str]:
 def split_pair(folder: Path, files: Iterable[Path]) -> tuple[Path, Path]:
     """Return the language part and the projector, told apart by what their headers say.
 
-    Raises:
-        ModelError: there are not just these two, or one is damaged.
+    ModelError where there are not just these two, or one is damaged.
     """
     weights = [file for file in files if is_gguf(file)]
     projectors = [file for file in weights if is_projector(file)]
@@ -103,9 +101,5 @@ def split_pair(folder: Path, files: Iterable[Path]) -> tuple[Path, Path]:
 
 
 def is_projector(path: Path) -> bool:
-    """Return whether a GGUF is the picture part of another.
-
-    Raises:
-        ModelError: it is damaged.
-    """
+    """Return whether a GGUF is the picture part of another; ModelError where it is damaged."""
     return bool(read_header(path, sizes=()).metadata.get("general.architecture") == "clip")

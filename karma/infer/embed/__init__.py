@@ -15,11 +15,7 @@ def stacked(rows: Iterable[Vectors], dimension: int) -> Vectors:
 
 
 def unit_row(values: object) -> Vectors:
-    """Return a row of numbers at length 1.
-
-    Raises:
-        ValueError: they are no numbers, not in one row, or of a length that is none.
-    """
+    """Return a row at length 1; ValueError for what is no row of numbers, or of no length."""
     row = np.asarray(values, np.float32)
     if row.ndim != 1:
         raise ValueError(f"an array of shape {row.shape} is not one row")

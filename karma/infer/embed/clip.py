@@ -37,12 +37,9 @@ _PUNCTUATION = re.compile(f"[{re.escape(string.punctuation)}]")
 class ClipEmbedder:
     """An `Embedder` and an `ImageEmbedder`: one row per text or picture, all in one space.
 
-    Every text and every picture goes through the network alone, on one thread, so its row is the
-    same bits in any company.
-
-    Args:
-        model: a name of the manifest (then every file is verified first), or a folder.
-        torch_options: on which device, in which numbers.
+     Every text and every picture goes through the network alone, on one thread, so its row is the
+    same bits in any company. `model`: a name of the manifest (then every file is verified first),
+    or a folder.
 
     Raises:
         UnknownNameError: neither.
@@ -77,8 +74,7 @@ class ClipEmbedder:
     def embed_images(self, frames: Sequence[Frame]) -> Vectors:
         """Return one row of length 1 per picture, shape (n, dimension); n may be 0.
 
-        Raises:
-            ValueError: a frame is not of shape (H, W, 3) and type uint8.
+        ValueError where a frame is not of shape (H, W, 3) and type uint8.
         """
         return stacked(map(self._picture, frames), self.dimension)
 

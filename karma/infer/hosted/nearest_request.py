@@ -18,14 +18,7 @@ def describe_miss(
     scope: str,
     key: str,
 ) -> str:
-    """Return a message with the nearest recorded request and the difference.
-
-    Args:
-        wanted: the request in canonical form.
-        recorded: (episode, request) of what is there, in the order of recording.
-        scope: the episode that asks.
-        key: SHA-256 of the request.
-    """
+    """Return a message with the nearest of (episode, request), and how it differs."""
     asked = f"request {key[:12]} of episode {scope!r} was not recorded"
     if not recorded:
         return f"{asked}: the cassette holds no exchange"

@@ -34,18 +34,10 @@ def open_planner(
     thinking_tokens: int = 1024,
     seed: int = 0,
 ) -> LanguageModel:
-    """Return the model at an endpoint.
-
-    Args:
-        endpoint: where, and which model.
-        session: the run's; by default one without a cassette.
-        constrained: the run relies on answers that are held to programs.
-        thinking: this and the next: see `manner_of`.
-        thinking_tokens: see there.
-        seed: of the run.
+    """Return the model at an endpoint, as `manner_of` says; if `constrained`, `prove` tries it.
 
     Raises:
-        ModelError: see `manner_of` and, if `constrained`, `prove`.
+        ModelError: see `manner_of` and `prove`.
         KarmaError: see `Session.admit`.
     """
     session = session or Session()
@@ -61,8 +53,7 @@ def prove(model: HostedLanguageModel, seed: int = 0) -> None:
     """Ask a model for what it would never say, by the way in which programs are asked for.
 
     Raises:
-        ModelError: the server takes no constraint, passes over it, or accepts a grammar that is
-            none.
+        ModelError: the server takes no constraint, passes over it, or accepts a malformed grammar.
     """
     manner = model.manner
     if manner.constraint is None:

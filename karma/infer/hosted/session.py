@@ -73,11 +73,7 @@ class Endpoint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
             raise ValueError(f"extra: {taken[0]!r} is set by karma itself")
 
     def at(self, base_url: str) -> "Endpoint":
-        """Return the same model at another place.
-
-        Raises:
-            KarmaError: the address cannot be used.
-        """
+        """Return the same model at another place; KarmaError where the address cannot be used."""
         try:
             return msgspec.structs.replace(self, base_url=base_url)
         except ValueError as error:
@@ -103,11 +99,7 @@ class Hosted(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     @classmethod
     def of_planner(cls, base_url: str, model: str, **settings: str) -> Self:
-        """Return a hosted planner alone, everything else by default.
-
-        Raises:
-            KarmaError: the address or a setting (fields of `Endpoint`) cannot be used.
-        """
+        """Return a hosted planner alone, of fields of `Endpoint`; KarmaError for a wrong one."""
         try:
             return msgspec.convert(
                 {"planner": {"base_url": base_url, "model": model, **settings}}, cls
@@ -118,8 +110,7 @@ class Hosted(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     def at(self, base_url: str) -> "Hosted":
         """Return the same models at another place.
 
-        Raises:
-            KarmaError: the address cannot be used, or there is no hosted model.
+        KarmaError where the address cannot be used, or there is no hosted model.
         """
         moved = {
             role: endpoint.at(base_url)
@@ -132,11 +123,7 @@ class Hosted(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 class Session:
-    """What the hosted models of one run share.
-
-    Args:
-        cassette: by default none, i.e. every request goes out.
-    """
+    """What the hosted models of one run share; without a cassette every request goes out."""
 
     def __init__(self, cassette: Cassette | None = None) -> None:
         self.cassette = cassette or Cassette()
@@ -173,14 +160,10 @@ class Session:
     ) -> Exchange:
         """Ask once and return the exchange; its reply has an answer.
 
-        Args:
-            role: "planner", "vision" or "embedder", for the bill.
-            endpoint: whom.
-            path: e.g. "/chat/completions"; "../tokenize" lies beside /v1.
-            body: what is sent.
-            named: what is recorded in place of `body` where that is large (pictures).
-            shared: equal bodies have equal answers.
-            billed: not so where it costs nothing and is not asked in every episode.
+         `role` ("planner", "vision", "embedder") is for the bill, unless it is not `billed`: what
+        costs nothing and is not asked in every episode. A path such as "../tokenize" lies beside
+        /v1. `named` is recorded in place of a large body; `shared`: equal bodies have equal
+        answers.
 
         Raises:
             ModelError: the endpoint failed; never holds the key.
@@ -206,8 +189,7 @@ class Session:
     def look(self, endpoint: Endpoint, path: str) -> dict[str, Any] | None:
         """Return what a page of the server says; None where there is none, or none was recorded.
 
-        Raises:
-            ServerLost: the server cannot be reached.
+        ServerLost where the server cannot be reached.
         """
         key = Key() if self.cassette.mode == "replay" else _key(endpoint)
         try:
@@ -399,11 +381,7 @@ def _brief(reason: str, key: Key) -> str:
 
 
 def _key(endpoint: Endpoint) -> Key:
-    """Return the key of an endpoint.
-
-    Raises:
-        ModelError: what the variable holds is none.
-    """
+    """Return the key of an endpoint; ModelError where its variable holds something else."""
     text = os.environ.get(endpoint.key_variable, "").strip()
     if text and not _KEY.fullmatch(text):
         raise ModelError(

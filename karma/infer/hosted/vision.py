@@ -15,10 +15,6 @@ ATTEMPTS = 2  # the second quotes what could not be used
 class HostedVision:
     """A `VisionModel` at an endpoint that takes pictures.
 
-    Args:
-        endpoint: where, and which model; `api` must be "chat".
-        session: the run's; by default one without a cassette.
-
     Raises:
         ModelError: the endpoint is not for chat.
         KarmaError: see `Session.admit`.
@@ -38,12 +34,7 @@ class HostedVision:
     ) -> Mapping[str, tuple[str, ...]]:
         """Return object id -> state words; objects that the answer leaves out are left out.
 
-        A cassette keeps size and hash of the picture in place of the picture.
-
-        Args:
-            image: shape (H, W, 3), RGB.
-            instruction: the task.
-            objects: of interest; () asks nothing.
+        A cassette keeps size and hash of the picture, RGB of shape (H, W, 3), in its place.
 
         Raises:
             ModelError: there is no picture, the endpoint failed, or its answer has another form.

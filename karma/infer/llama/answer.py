@@ -19,12 +19,7 @@ from karma.language.whole import cut_off
 
 
 class UnderWay:
-    """One answer from when it was asked for.
-
-    Args:
-        max_seconds: that it may take; None: as long as it likes.
-        listen: hears what comes.
-    """
+    """One answer from when it was asked for: heard while it comes, late after `max_seconds`."""
 
     def __init__(self, max_seconds: float | None, listen: Listener | None) -> None:
         self._begun = perf_counter()

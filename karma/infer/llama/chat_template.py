@@ -35,13 +35,11 @@ def trial(path: str) -> None:
 class ChatTemplate:
     """Renders prompts: `stable` is the system message, `changing` the user's.
 
-    Args:
-        model: whose template it is.
-        thinking: "off" closes a thought that the template opens, and asks it for none; "on" opens
-            one where it does not.
+     With `thinking` "off" a thought that the template opens is closed, and it is asked for none;
+    with "on" one is opened where the template does not.
 
     Raises:
-        ModelError: there is none, or it knows no thoughts and `thinking` is "on".
+        ModelError: there is no template, or it knows no thoughts and `thinking` is "on".
     """
 
     def __init__(self, model: GgufModel, *, thinking: Thinking = "off") -> None:
@@ -79,8 +77,7 @@ class ChatTemplate:
     def halves(self, prompt: Prompt) -> tuple[str, str]:
         """Return the rendered text before the changing part, and from there on.
 
-        Raises:
-            ModelError: the template refuses a plain conversation, or drops what it is given.
+        ModelError where the template refuses a plain conversation, or drops what it is given.
         """
         reason, switch = "", self._thinking == "on"
         for form in sorted(_FORMS, key=lambda one: one is not self._form):

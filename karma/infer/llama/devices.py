@@ -88,16 +88,10 @@ def memory_mb(device: Device) -> tuple[float, float] | None:
 
 
 def place(name: str, size: Footprint, options: LlamaOptions, *, context: int) -> Placement:
-    """Choose where a model's layers go.
+    """Choose where a model's layers go, and leave room for a context of so many tokens.
 
     All of them on the GPU where there is one with enough free memory, else as many as fit, else
     none.
-
-    Args:
-        name: of the model, for messages.
-        size: what it takes.
-        options: what is asked for.
-        context: tokens that the layers on a GPU leave room for.
 
     Raises:
         ModelError: layers were asked for by number and there is no GPU, or they do not fit.

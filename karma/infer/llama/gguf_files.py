@@ -34,11 +34,8 @@ SPLITS = {
 def new_tokenizer(corpus: Iterable[str], vocab_size: int, special_tokens: Sequence[str]) -> Any:
     """Train a byte-level BPE `tokenizers.Tokenizer` that llama.cpp reproduces token for token.
 
-    Args:
-        corpus: texts to learn merges from.
-        vocab_size: upper bound of the vocabulary, special tokens included; at least 256 of them
-            are single bytes, so every text can be encoded.
-        special_tokens: control tokens, given the first ids in this order.
+    At most `vocab_size` tokens, special ones included, which get the first ids in their order; 256
+    are single bytes, so every text can be encoded.
     """
     from tokenizers import pre_tokenizers, trainers
 
@@ -61,8 +58,7 @@ def bare_tokenizer(
 ) -> Any:
     """Return a `tokenizers.Tokenizer` of these pieces that splits and joins as llama.cpp does.
 
-    Raises:
-        ModelError: `pre`, llama.cpp's name for how a text is split, is none of `SPLITS`.
+    ModelError where `pre`, llama.cpp's name for how a text is split, is none of `SPLITS`.
     """
     from tokenizers import Tokenizer, decoders, models, pre_tokenizers
 
@@ -96,8 +92,7 @@ def _splitters(pre: str) -> list[Any]:
 def read_gguf_tokenizer(path: Path) -> Any:
     """Return the byte-level BPE `tokenizers.Tokenizer` of a GGUF; every token keeps its id.
 
-    Raises:
-        FileError: no such file, or no GGUF with such a tokenizer.
+    FileError where there is no such file, or no GGUF with such a tokenizer.
     """
     import gguf
     from tokenizers import AddedToken
@@ -127,11 +122,7 @@ def _pair(merge: str) -> tuple[str, str]:
 
 
 def gguf_reader(path: Path) -> Any:
-    """Return a `gguf.GGUFReader`.
-
-    Raises:
-        FileError: no such file, or no GGUF.
-    """
+    """Return a `gguf.GGUFReader`; FileError where there is no such file, or no GGUF."""
     import gguf
 
     if not path.is_file():
@@ -145,11 +136,8 @@ def gguf_reader(path: Path) -> Any:
 def add_vocabulary(writer: Any, tokenizer: Any, vocab_size: int, *, pre: str = "llama-bpe") -> None:
     """Write tokens in id order, their types, and the merges in rank order.
 
-    Args:
-        writer: a `gguf.GGUFWriter`.
-        tokenizer: a `tokenizers.Tokenizer` of `new_tokenizer`.
-        vocab_size: of the model; ids that the tokenizer lacks are never said.
-        pre: how llama.cpp splits a text; only with the default are its tokens the tokenizer's.
+     Ids below `vocab_size` that the tokenizer (of `new_tokenizer`) lacks are never said. `pre` is
+    how llama.cpp splits a text; only with the default are its tokens the tokenizer's.
     """
     import gguf
 
@@ -173,8 +161,7 @@ def add_special_tokens(
 ) -> None:
     """Write the ids of the tokens "bos", "eos" and "pad", where there are such.
 
-    Raises:
-        ModelError: one is not in the vocabulary, or `add_bos` without a "bos".
+    ModelError where one is not in the vocabulary, or `add_bos` without a "bos".
     """
     add = {
         "bos": writer.add_bos_token_id,

@@ -36,9 +36,7 @@ def make_merged(
 ) -> Path:
     """Make the file of a model that is another one with an adapter, and check its hash.
 
-    Args:
-        entry: with a `base`; its files are what is made, the adapter and the adapter's config.
-        progress: is told the share that is done.
+    The entry's files are what is made, the adapter and its config; `progress` hears the share done.
 
     Raises:
         ModelError: the base or the adapter is not here or not right, or what was made is not what

@@ -49,16 +49,10 @@ class OutOfTime(Exception):
 class GgufModel:
     """An opened file: text to tokens, tokens to logits, keys and values kept.
 
-    Args:
-        path: the file; any GGUF that llama.cpp can run.
-        options: on what, with how much context and how it is computed.
-        name: by default the file's name.
-        sha256: if given, the file is refused unless it has this hash; a file without is first
-            tried in a process of its own, which costs a second or two.
-        restore: the step that brings a file with such a hash back, for errors.
-        states: where what was computed of stable parts is kept.
-        beside_mb: memory that something else will take with it, on the same device.
-        tried: leave out the trial.
+     A file is refused unless it has the SHA-256 that is given (`restore` is the step that brings it
+    back); one without is first tried in a process of its own, which costs a second or two, unless
+    it was `tried`. `states` says where what was computed of stable parts is kept, `beside_mb` what
+    memory something else will take with it, on the same device.
 
     Attributes:
         metadata: what the file says of itself; llama-cpp-python drops it all for one bad letter.
@@ -117,13 +111,11 @@ class GgufModel:
         self._states = self._room_states(path, sha256, states or StateOptions())
 
     def tokens(self, text: str, *, begins: bool = False, special: bool = False) -> list[int]:
-        """Return the tokens of a text, or of a part of one.
+        """Return the tokens of a text, or of a part of one; half characters are replaced.
 
-        Args:
-            text: any; half characters are replaced.
-            begins: nothing stands before it: put the model's own first token there, if it has one
-                and wants it. SentencePiece's space before a text stands there only.
-            special: let the text name control tokens, as chat templates do.
+         Where it `begins`, nothing stands before it: the model's own first token goes there, if it
+        has one and wants it, and SentencePiece's space. A `special` text may name control tokens,
+        as chat templates do.
         """
         found = self._tokenized(text, special) if begins or not self._spaces else []
         if text and not found:
@@ -170,8 +162,7 @@ class GgufModel:
     def make_room(self, tokens: int) -> None:
         """Let the context hold so many tokens; one that is opened anew keeps nothing.
 
-        Raises:
-            ModelError: more than the limit, or there is no memory for it.
+        ModelError for more than the limit, or where there is no memory for it.
         """
         if tokens <= self.n_ctx:
             return
@@ -200,11 +191,8 @@ class GgufModel:
     ) -> KvState:
         """Decode a prompt in its cut; return where the state of its stable part came from.
 
-        Args:
-            stable: tokens of the first part.
-            changing: of the second.
-            is_late: asked before each batch of tokens; what was read until then stays, and the same
-                prompt goes on from there.
+        `is_late` is asked before each batch of tokens; what was read until then stays, and the same
+        prompt goes on from there.
 
         Raises:
             ModelError: it does not fit the context, or llama.cpp cannot decode it.
@@ -319,13 +307,9 @@ class GgufModel:
         return RoomStates(f"{weights} {llama_build()} {engine} {chips}", options)
 
     def sequences(self, count: int, *, cells: int) -> Any:
-        """Open a second context over the same weights: one cache for several sequences.
+        """Open a second context over the same weights: `cells` tokens of several sequences.
 
         It is freed with the model at the latest; see `karma.infer.llama.scoring`.
-
-        Args:
-            count: of sequences.
-            cells: tokens that the cache holds, of all of them together.
 
         Raises:
             ModelError: the model keeps no keys and values, or there is no memory for more.

@@ -46,19 +46,11 @@ class _Decoded:
 
 
 class LlamaModel:
-    """A `LanguageModel` and a `ScoringModel` over one GGUF file.
+    """A `LanguageModel` and a `ScoringModel` over one GGUF file; opened as `GgufModel` says.
 
-    Args:
-        path: the file.
-        chat: whether prompts go through the file's own chat template: `stable` is the system
-            message, `changing` the user's; None: if it has one. Texts are scored without it.
-        thinking: whether a thinking model may think before it answers; needs the template.
-        thinking_tokens: of a thought at most; it is then closed.
-        options: this and the rest: see `GgufModel`.
-        name: see there.
-        sha256: see there.
-        restore: see there.
-        states: see there.
+    Prompts go through the file's own chat template if `chat`, None: if it has one: `stable` is the
+    system message, `changing` the user's. Texts are scored without it. `thinking` needs it, and a
+    thought is closed after `thinking_tokens`.
 
     Attributes:
         manner: how prompts go in where there is a template, in words; else "".
@@ -209,8 +201,7 @@ class LlamaModel:
     def _rooms(self, prompt_tokens: int, max_tokens: int) -> tuple[int, int]:
         """Return how many tokens a thought and the answer may have; the answer comes first.
 
-        Raises:
-            RequestRefused: there is no room for an answer.
+        RequestRefused where there is no room for an answer.
         """
         left = self.gguf.limit - prompt_tokens - self._closing_tokens
         if left < 1:

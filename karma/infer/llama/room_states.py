@@ -60,9 +60,7 @@ class Found(NamedTuple):
 class RoomStates:
     """The states of one opened model.
 
-    Args:
-        identity: of everything but the tokens that a state's bits depend on.
-        options: where, and how much.
+    `identity`: everything but the tokens that a state's bits depend on.
     """
 
     def __init__(self, identity: str, options: StateOptions) -> None:

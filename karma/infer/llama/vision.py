@@ -33,12 +33,9 @@ ATTEMPTS = 2
 class LlamaVision:
     """A `VisionModel` over two GGUF files; all objects are asked about at once, greedily.
 
-    Role and question are one message of the user's, for several families take no system message.
-
-    Args:
-        model: a name of the manifest, or a folder with just the two files.
-        llama_options: how they are opened; a picture may take thousands of tokens of `n_ctx`.
-        max_tokens: of an answer.
+     Role and question are one message of the user's, for several families take no system message.
+    `model`: a name of the manifest, or a folder with just the two files; a picture may take
+    thousands of tokens of `n_ctx`.
 
     Raises:
         UnknownNameError: no such name.
@@ -73,14 +70,8 @@ class LlamaVision:
     ) -> Mapping[str, tuple[str, ...]]:
         """Return object id -> state words, () for "none"; ids without a usable answer are left out.
 
-        Args:
-            image: uint8 (H, W, 3).
-            instruction: the task.
-            objects: of interest.
-
-        Raises:
-            ModelError: there is no picture, or llama.cpp cannot answer, e.g. since the question is
-                longer than the context.
+         ModelError where there is no picture (uint8, (H, W, 3)), or llama.cpp cannot answer, e.g.
+        since the question is longer than the context.
         """
         if not objects:
             return {}
@@ -115,11 +106,7 @@ def has_pictures() -> bool:
 
 
 def require_pictures() -> None:
-    """Refuse where llama.cpp cannot look at pictures.
-
-    Raises:
-        ModelError: the package is missing, or was built without them; says how to build it.
-    """
+    """Refuse where llama.cpp cannot look at pictures; ModelError says how to build it."""
     if has_pictures():
         return
     if find_spec("llama_cpp") is None:
@@ -138,9 +125,7 @@ Message = Mapping[str, Any]
 class PictureChat:
     """Two opened files, which answer conversations with a picture in them.
 
-    Args:
-        pair: the files; where nobody vouches for them, they are first tried in another process.
-        options: how they are opened.
+    Where nobody vouches for the files, they are first tried in another process.
 
     Raises:
         ModelError: a file is missing, damaged or without a chat template, the two do not belong
@@ -172,14 +157,10 @@ class PictureChat:
         return self._model.engine
 
     def answer(self, messages: Sequence[Message], *, max_tokens: int) -> str:
-        """Return what the model says, greedily.
+        """Return what the model says, greedily; messages as OpenAI's, all contents lists of parts.
 
-        Args:
-            messages: as OpenAI's, all contents lists of parts; pictures as data URIs.
-            max_tokens: of the answer.
-
-        Raises:
-            ModelError: llama.cpp cannot answer, e.g. since the question is longer than the context.
+         Raises: ModelError: a picture is no data URI, or llama.cpp cannot answer, e.g. since the
+        question is longer than the context.
         """
         if any(_is_remote(part) for message in messages for part in message["content"]):
             raise ModelError(f"{self.name}: a picture is given as a data URI, never as an address")

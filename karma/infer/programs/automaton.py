@@ -155,8 +155,7 @@ class State(NamedTuple):
 class ProgramAutomaton:
     """Recognises prefixes of the programs, or of the plan in JSON, that a spec admits.
 
-    Raises:
-        ValueError: a name cannot be quoted, a skill is named twice, or no line is possible.
+    ValueError as by `forms`.
     """
 
     def __init__(self, spec: AnswerSpec) -> None:
@@ -199,10 +198,7 @@ class ProgramAutomaton:
     def advance(self, state: State, text: str | bytes, *, closing: bool = False) -> State | None:
         """Return the state after `text`, or None when no program goes on like this.
 
-        Args:
-            state: before it.
-            text: what comes.
-            closing: whether anything may follow what closes a program: a token may hold both.
+        `closing`: anything may follow what closes a program, since a token may hold both.
         """
         lines, frame, node = state
         for byte in text.encode() if isinstance(text, str) else text:
@@ -257,10 +253,7 @@ class ProgramAutomaton:
     def _after(self, form: LineForm, now: HandSpec | None, done: int = 0) -> Callable[[], Frame]:
         """Return the frame after `done` arguments: end of line, or one argument more.
 
-        Args:
-            form: of the line.
-            now: hand and doors when the line is done.
-            done: arguments before.
+        `now`: hand and doors when the line is done.
         """
 
         @cache

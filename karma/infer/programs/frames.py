@@ -58,11 +58,7 @@ _LETTERS = "".join(chr(code) for code in range(0x20, 0x7F) if chr(code) not in '
 
 
 def plan_frame(spec: PlanSpec) -> Frame:
-    """Return where an answer begins.
-
-    Raises:
-        ValueError: there is no action to name.
-    """
+    """Return where an answer begins; ValueError where there is no action to name."""
     frame = _list(spec)
     for key in reversed(spec.texts):
         frame = _text(spec, key, frame)

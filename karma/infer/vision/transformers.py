@@ -85,12 +85,8 @@ class TransformersVision:
 
     With `crop`, each object of interest is asked about alone, on a square cut out around its box;
     else all at once, on the whole frame. Decoding is greedy. Weights are opened in float32; large
-    models that are stored in 16 bits are opened in bfloat16.
-
-    Args:
-        model: a name of the manifest (then every file is verified first), or a folder.
-        options: overrides `karma.json`.
-        torch_options: on which device, in which numbers.
+    models that are stored in 16 bits are opened in bfloat16. `model`: a name of the manifest (then
+    every file is verified first), or a folder; `options` go before its `karma.json`.
 
     Raises:
         UnknownNameError: neither.
@@ -134,13 +130,8 @@ class TransformersVision:
     ) -> Mapping[str, tuple[str, ...]]:
         """Return object id -> state words, () for "none"; ids without a usable answer are left out.
 
-        Args:
-            image: uint8 (H, W, 3), what the agent saw.
-            instruction: the task.
-            objects: of interest; with `crop` those without a region cannot be asked about.
-
-        Raises:
-            ModelError: there is no picture.
+         With `crop` objects without a region cannot be asked about. ModelError where there is no
+        picture (uint8, (H, W, 3)).
         """
         if not objects:
             return {}
@@ -249,8 +240,7 @@ _TRIAL = (_message("user", "What is it?", picture=True),)
 def load_processor(folder: CheckedFolder) -> Any:
     """Open a vision model's processor: tokenizer, picture preparation and chat template.
 
-    Raises:
-        ModelError: a file of it is missing or damaged, or there is no chat template.
+    ModelError where a file of it is missing or damaged, or there is no chat template.
     """
     kind = pictures_only(folder.model_type)
     with quiet(), foreign(f"{folder.path}: its processor does not open"):
