@@ -98,20 +98,13 @@ def _log_sum_exp(logits: Logits) -> Floats:
 class Race:
     """The prefixes that are scored, by the most that each can come to.
 
-     No continuation can score more than what it begins with, because log p <= 0; so the first one
+    No continuation can score more than what it begins with, because log p <= 0; so the first one
     that leads every unfinished prefix has won. `found` has the scores of nodes as they become
     known; with `average` a continuation's is divided by its tokens.
     """
 
-    def __init__(
-        self,
-        trie: Sequence[Node],
-        found: Floats,
-        *,
-        average: bool,
-        settle: Callable[[int], bool] = lambda number: False,
-    ) -> None:
-        self._trie, self._found, self._average, self._settle = trie, found, average, settle
+    def __init__(self, trie: Sequence[Node], found: Floats, *, average: bool) -> None:
+        self._trie, self._found, self._average = trie, found, average
         self._queue: list[tuple[float, int]] = []  # (minus the most it can come to, node); a heap
         self._ended: list[tuple[float, int, int]] = []  # (-score, continuation, node); a heap
 
@@ -123,23 +116,17 @@ class Race:
         leader: int | None = 0
         while leader is not None:
             score_below(leader)
-            self._enter(leader)
+            for child in self._trie[leader].children.values():
+                most = self._found[child] / (self._trie[child].longest if self._average else 1)
+                heapq.heappush(self._queue, (-float(most), child))
             leader = self._leader()
         score, one, number = self._ended[0]
         return -score, one, number
-
-    def _enter(self, number: int) -> None:
-        """Let the children of a node in, now that they have scores."""
-        for child in self._trie[number].children.values():
-            self._push(child)
 
     def _leader(self) -> int | None:
         """Take out the best prefix to go on from; None when the race is over."""
         while self._queue and not self._decided():
             _, number = heapq.heappop(self._queue)
-            if self._settle(number):
-                self._push(number)
-                continue
             node = self._trie[number]
             score = self._found[number] / (node.depth if self._average else 1)
             for one in node.ends:
@@ -147,10 +134,6 @@ class Race:
             if node.children:
                 return number
         return None
-
-    def _push(self, number: int) -> None:
-        most = self._found[number] / (self._trie[number].longest if self._average else 1)
-        heapq.heappush(self._queue, (-float(most), number))
 
     def _decided(self) -> bool:
         """Return whether nothing in the queue can come up to what has ended; equals can."""

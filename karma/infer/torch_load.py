@@ -79,37 +79,22 @@ def bytes_of(options: TorchOptions, *, half: bool = False) -> int:
     return 4 if options.dtype == "float32" or (options.dtype == "auto" and not half) else 2
 
 
-def check_room(
-    folder: CheckedFolder, *, bytes_each: int = 4, work_mb: float = 0, device: str = "cpu"
-) -> None:
-    """Refuse a model that would not fit into a device's memory, before its weights are read.
-
-    `bytes_each`: of a parameter once loaded.
-    """
-    count = folder.parameters
-    parts = f"{count / 1e6:.1f} million parameters of {bytes_each} bytes, and room to compute"
-    check_memory(
-        str(folder.path), weights_mb(count, bytes_each=bytes_each) + work_mb, parts=parts,
-        fix="take a smaller model (`karma models list`)", free_mb=_free_mb(device),
-    )  # fmt: skip
-
-
-def _free_mb(device: str) -> float | None:
-    """Return the free memory of a card; None for what shares this machine's."""
-    if not device.startswith("cuda"):
-        return None
+def check_room(folder: CheckedFolder, options: TorchOptions, *, half: bool = False) -> str:
+    """Return the device of a model; ModelError, before weights are read, where it does not fit."""
     import torch
 
-    return float(torch.cuda.mem_get_info(device)[0]) / 1e6
+    device, count, each = device_of(options), folder.parameters, bytes_of(options, half=half)
+    free = float(torch.cuda.mem_get_info(device)[0]) / 1e6 if device[:4] == "cuda" else None
+    check_memory(
+        str(folder.path), weights_mb(count, bytes_each=each), free_mb=free,
+        parts=f"{count / 1e6:.1f} million parameters of {each} bytes, and room to compute",
+        fix="take a smaller model (`karma models list`)",
+    )  # fmt: skip
+    return device
 
 
 def load_weights(
-    kind: str,
-    folder: CheckedFolder,
-    options: TorchOptions | None = None,
-    *,
-    work_mb: float = 0,
-    half: bool = False,
+    kind: str, folder: CheckedFolder, options: TorchOptions | None = None, *, half: bool = False
 ) -> Any:
     """Open a model of a class of transformers on its device, ready to be asked.
 
@@ -121,8 +106,7 @@ def load_weights(
             say so in a warning only.
     """
     options = options or TorchOptions()
-    device = device_of(options)
-    check_room(folder, bytes_each=bytes_of(options, half=half), work_mb=work_mb, device=device)
+    device = check_room(folder, options, half=half)
     import torch
 
     auto = "bfloat16" if half else "float32"

@@ -15,7 +15,6 @@ from karma.agent.prompt import render, skills_of
 from karma.contracts import END, Area, MemoryUnit, PlanRequest, Prompt
 from karma.errors import ModelError
 from karma.infer.checks.gguf import read_header
-from karma.infer.llama import chat_template
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.vision import PictureChat
@@ -46,8 +45,8 @@ CANDIDATES = (
     "PutObject(robot, 'Apple', 'Fridge')\n", "OpenObject(robot, 'Fridge')\n", END,
 )  # fmt: skip
 MESSAGES = {
-    chat_template._system: "system and user", chat_template._user: "user only",
-    chat_template._FORMS[2]: "system and user, in parts",
+    (True, False): "system and user", (False, False): "user only",
+    (True, True): "system and user, in parts",
 }  # fmt: skip
 
 

@@ -59,13 +59,13 @@ def check_folder(
     folder: Path,
     families: Mapping[str, Collection[str]],
     *,
-    needs: Sequence[Sequence[str]] = (),
+    needs: Sequence[Sequence[str]],
+    fix: str,
     name: str | None = None,
-    fix: str = "bring the model's whole folder and run `karma models add FOLDER`",
 ) -> CheckedFolder:
     """Check a model folder: architecture first, then processor files, then headers of the weights.
 
-     `families`: `model_type` -> architectures that will do, as config.json has it; () = any. Of
+    `families`: `model_type` -> architectures that will do, as config.json has it; () = any. Of
     every group in `needs` at least one file must be there; `fix` says what to do about a missing
     one.
 
@@ -74,33 +74,26 @@ def check_folder(
     """
     if not folder.is_dir():
         raise ModelError(f"{folder}: no such folder\n  To fix: {fix}")
-    config = read_config(folder / "config.json", fix=fix)
-    model_type = str(config.get("model_type"))
-    if model_type not in families:
+    place = folder / "config.json"
+    config = read_config(place, fix=fix)
+    kind = str(config.get("model_type"))
+    if kind not in families:
         wanted = ", ".join(sorted(families))
-        raise ModelError(
-            f"{folder / 'config.json'}: model_type is {model_type!r}, this adapter opens {wanted}"
-        )
-    check_sizes(folder / "config.json", config)
-    named = config.get("architectures") or ()
+        raise ModelError(f"{place}: model_type is {kind!r}, this adapter opens {wanted}")
+    check_sizes(place, config)
+    named, known = config.get("architectures") or (), families[kind]
     if not isinstance(named, list | tuple) or not all(isinstance(one, str) for one in named):
-        raise ModelError(f"{folder / 'config.json'}: architectures is {named!r}, not a list")
-    if named and families[model_type] and not set(named) & set(families[model_type]):
-        wanted = ", ".join(sorted(families[model_type]))
-        raise ModelError(
-            f"{folder / 'config.json'}: architecture {', '.join(map(str, named))}, "
-            f"this adapter opens {wanted}"
-        )
+        raise ModelError(f"{place}: architectures is {named!r}, not a list")
+    if named and known and not set(named) & set(known):
+        wanted = ", ".join(sorted(known))
+        raise ModelError(f"{place}: architecture {', '.join(named)}, this adapter opens {wanted}")
     for group in needs:
         if not any((folder / name).is_file() for name in group):
             raise ModelError(f"{folder}: no {' nor '.join(group)}\n  To fix: {fix}")
     return CheckedFolder(
-        name=name or folder.name,
-        path=folder,
-        model_type=model_type,
-        config=config,
+        name=name or folder.name, path=folder, model_type=kind, config=config,
         sizes=check_weights(folder, fix=fix),
-    )
+    )  # fmt: skip
 
 
 def read_config(path: Path, *, fix: str) -> Mapping[str, Any]:

@@ -61,17 +61,13 @@ def check_projector(path: Path) -> Mapping[str, Any]:
     missing += [key for key in _THREE if (metadata.get(f"clip.{key}") or 0) < 3]
     if kind is None:
         missing.append("projector_type")
-    if known is not None:
-        missing += [key for key in known.keys if not _positive(metadata.get(f"clip.{key}"))]
+    numbers = {} if known is None else {key: metadata.get(f"clip.{key}") for key in known.keys}
+    missing += [key for key, one in numbers.items() if not (isinstance(one, int) and one > 0)]
     if missing:
         raise ModelError(f"{path}: damaged projector: no usable clip.{missing[0]}")
     if known is not None and (lacking := _lacking(header, known)):
         raise ModelError(f"{path}: damaged projector of kind {kind!r}: no tensor {lacking[0]}")
     return metadata
-
-
-def _positive(value: Any) -> bool:
-    return isinstance(value, int) and value > 0
 
 
 def _lacking(header: GgufHeader, kind: _ProjectorKind) -> list[str]:

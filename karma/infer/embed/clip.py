@@ -37,7 +37,7 @@ _PUNCTUATION = re.compile(f"[{re.escape(string.punctuation)}]")
 class ClipEmbedder:
     """An `Embedder` and an `ImageEmbedder`: one row per text or picture, all in one space.
 
-     Every text and every picture goes through the network alone, on one thread, so its row is the
+    Every text and every picture goes through the network alone, on one thread, so its row is the
     same bits in any company. `model`: a name of the manifest (then every file is verified first),
     or a folder.
 

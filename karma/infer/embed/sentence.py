@@ -14,9 +14,7 @@ from karma.infer.embed import REMEMBERED, stacked, unit_row
 from karma.infer.manifest.manifest import resolve_folder
 from karma.infer.torch_load import (
     TorchOptions,
-    bytes_of,
     check_room,
-    device_of,
     foreign,
     import_transformers,
     place_of,
@@ -33,7 +31,7 @@ NEEDS = (("tokenizer.json", "vocab.txt", "sentencepiece.bpe.model"),)
 class SentenceEmbedder:
     """An `Embedder` over a folder that sentence-transformers wrote: modules.json and safetensors.
 
-     Texts go through one at a time on one thread, so that a row is the same bits in any company. A
+    Texts go through one at a time on one thread, so that a row is the same bits in any company. A
     model's prompt for queries is not used: recall compares texts of one kind. `model`: a name of
     the manifest (then every file is verified first), or a folder.
 
@@ -50,9 +48,9 @@ class SentenceEmbedder:
         place = resolve_folder(model, "text-embedder")
         inner = place.path / _check_modules(place.path, place.fix)
         checked = check_folder(inner, FAMILIES, needs=NEEDS, fix=place.fix)
-        check_room(checked, bytes_each=bytes_of(options), device=device_of(options))
+        device = check_room(checked, options)
         self.name = place.name
-        self._model = _load(place.path, options)
+        self._model = _load(place.path, device, options)
         _refuse_missing(self._model, checked)
         self._row = lru_cache(maxsize=REMEMBERED)(self._computed)
         with foreign(f"{place.path}: it opens and cannot be asked"):
@@ -121,9 +119,8 @@ def _refuse_missing(model: Any, folder: CheckedFolder) -> None:
         )
 
 
-def _load(folder: Path, options: TorchOptions) -> Any:
+def _load(folder: Path, device: str, options: TorchOptions) -> Any:
     """Read the model from disk only; no progress bar, and no setting left changed."""
-    device = device_of(options)
     dtype = "float32" if options.dtype == "auto" else options.dtype
     import_transformers()
     from sentence_transformers import SentenceTransformer

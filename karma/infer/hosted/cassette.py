@@ -21,7 +21,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -66,14 +66,6 @@ class Recording:
         finally:
             fcntl.lockf(self._lock, fcntl.LOCK_UN, 1, _TURN)
 
-    def append(self, line: bytes) -> None:
-        """Add a line; for use in a turn, and to be synced after it."""
-        append_line(self._path, line, sync=False)
-
-    def sync(self) -> None:
-        """See to the disk what was appended; outside a turn, so that nobody waits for the disk."""
-        append_line(self._path, b"")
-
     def news(self) -> list[bytes]:
         """Return the lines since the last look, whoever wrote them; for use in a turn."""
         if not self._path.exists():
@@ -117,6 +109,7 @@ FILE = "exchanges.jsonl"
 VOLATILE = frozenset({
     "metadata", "prompt_cache_key", "safety_identifier", "service_tier", "store", "user",
 })  # fields of a request that change nothing in its answer  # fmt: skip
+_AGAIN = "replay what was recorded, or record again with --cassette-mode record"
 _SHARED = b'"shared":true'
 
 
@@ -143,11 +136,15 @@ class Reply(msgspec.Struct, frozen=True, kw_only=True):
     failure: str = ""
 
 
-class Exchange(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag=True):
+class _Line(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag=True):
+    scope: str  # the episode that it belongs to
+    line_key: str = ""  # SHA-256 of all the rest; "" in older recordings
+
+
+class Exchange(_Line, frozen=True, kw_only=True, tag=True):
     """One question and what came back."""
 
-    scope: str  # the episode it was asked in
-    count: int  # how often the same was asked in it before
+    count: int  # how often the same was asked in its episode before
     key: str  # SHA-256 of the canonical request
     request: dict[str, Any]  # canonical
     url: str  # where it was sent
@@ -155,34 +152,28 @@ class Exchange(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     reply_key: str  # SHA-256 of the reply
     seconds: float  # as measured, retries included
     shared: bool = False  # the answer holds in every episode
-    line_key: str = ""  # SHA-256 of all the rest; "" in older recordings
 
 
-class Begin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag=True):
+class Begin(_Line, frozen=True, kw_only=True, tag=True):
     """An episode begins; what an earlier attempt at it left no longer counts."""
 
-    scope: str
-    line_key: str = ""
 
-
-class Tick(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag=True):
+class Tick(_Line, frozen=True, kw_only=True, tag=True):
     """One time that was measured."""
 
-    scope: str
     count: int
     seconds: float
-    line_key: str = ""
 
 
 Entry = Exchange | Begin | Tick
 
 
-@dataclass(frozen=True, slots=True)
 class _Recorded:
     """What a recording holds of one episode."""
 
-    exchanges: dict[tuple[str, int], Exchange] = field(default_factory=dict)  # by key and count
-    seconds: dict[int, float] = field(default_factory=dict)  # by count
+    def __init__(self) -> None:
+        self.exchanges: dict[tuple[str, int], Exchange] = {}  # by key and count
+        self.seconds: dict[int, float] = {}  # by count
 
 
 def canonical(request: Mapping[str, Any]) -> dict[str, Any]:
@@ -283,7 +274,7 @@ class Cassette:
         found = self._episodes[self._scope].seconds.get(count)
         if found is None:
             reason = f"episode {self._scope!r} went another way than its recording: there is"
-            raise CassetteError(self.path, f"{reason} no time {count + 1}", fix=self._again())
+            raise CassetteError(self.path, f"{reason} no time {count + 1}", fix=_AGAIN)
         return found
 
     def exchange(
@@ -296,7 +287,7 @@ class Cassette:
     ) -> Exchange:
         """Ask by `send`, or look up what was answered; `url` is kept beside the request.
 
-         `shared`: equal requests have equal answers (embeddings), so one is enough: the first in
+        `shared`: equal requests have equal answers (embeddings), so one is enough: the first in
         the file. Two processes may still ask at once; then the second answer holds for its own
         place only.
 
@@ -311,7 +302,7 @@ class Cassette:
             mine = self._episodes[self._scope].exchanges
             found = mine.get((key, count)) or self._shared.get(key)
             if found is None:
-                raise CassetteError(self.path, self._miss(key, count, wanted), fix=self._again())
+                raise CassetteError(self.path, self._miss(key, count, wanted), fix=_AGAIN)
             return found
         if shared and (known := self._known(key)):
             return known
@@ -338,8 +329,8 @@ class Cassette:
                     self._look_up()
                     line = msgspec.structs.replace(line, shared=line.key not in self._shared)
                 line = msgspec.structs.replace(line, line_key=line_key_of(line))
-                self._recording.append(to_json(line))
-            self._recording.sync()
+                append_line(self.path, to_json(line), sync=False)
+            append_line(self.path, b"")  # to the disk; by now nobody waits for their turn
         self._take(line)
 
     def _known(self, key: str) -> Exchange | None:
@@ -390,7 +381,7 @@ class Cassette:
         *lines, torn = read_bytes(self.path, most=LARGEST_LOG).split(b"\n")
         if torn:
             reason = f"line {len(lines) + 1} is torn: the end is missing"
-            raise CassetteError(self.path, reason, fix=f"{self._again()}; what is whole is kept")
+            raise CassetteError(self.path, reason, fix=f"{_AGAIN}; what is whole is kept")
         return lines
 
     def _decoded(self, line: bytes, number: int) -> Entry:
@@ -400,24 +391,19 @@ class Cassette:
         except FileError as error:
             reason = f"line {number}: {error.reason}"
             raise CassetteError(self.path, reason, fix=fix) from error
-        if isinstance(found, Exchange):
-            for what, value, key in (
-                ("request", found.request, found.key),
-                ("reply", found.reply, found.reply_key),
-            ):
-                if key_of(value) != key:
-                    reason = f"line {number}: the {what} is not what its SHA-256 says"
-                    raise CassetteError(self.path, reason, fix=fix)
-        if (found.line_key or self._keyed) and found.line_key != line_key_of(found):
-            reason = f"line {number}: episode, time or place is not what the line's SHA-256 says"
-            raise CassetteError(self.path, reason, fix=fix)
         self._keyed = self._keyed or bool(found.line_key)
+        wrong = ""
+        if isinstance(found, Exchange) and key_of(found.request) != found.key:
+            wrong = "the request is not what its SHA-256 says"
+        elif isinstance(found, Exchange) and key_of(found.reply) != found.reply_key:
+            wrong = "the reply is not what its SHA-256 says"
+        elif self._keyed and found.line_key != line_key_of(found):
+            wrong = "episode, time or place is not what the line's SHA-256 says"
+        if wrong:
+            raise CassetteError(self.path, f"line {number}: {wrong}", fix=fix)
         return found
 
     # ------------------------------------------------------------- a miss
-
-    def _again(self) -> str:
-        return "replay what was recorded, or record again with --cassette-mode record"
 
     def _miss(self, key: str, count: int, wanted: Mapping[str, Any]) -> str:
         scope = self._scope

@@ -46,29 +46,24 @@ class Language:
 def language_of(spec: AnswerSpec) -> Language:
     """Return the answers of a spec; ValueError where it admits none."""
     automaton = ProgramAutomaton(spec)
-    if isinstance(spec, PlanSpec):
-        return Language(
-            grammar=plan_gbnf(spec),
-            regex=plan_regex(spec),
-            schema=plan_schema(spec),
-            read=lambda text: text,
-            admits=lambda text: admits_plan(spec, text),
-            begins=lambda text: automaton.advance(automaton.start(), text) is not None,
-            otherwise="schema",
-        )
+
+    def begins(text: str) -> bool:
+        return automaton.advance(automaton.start(), text) is not None
 
     def admits(text: str) -> bool:
         state = automaton.advance(automaton.start(), text)
         return state is not None and automaton.accepts(state)
 
+    if isinstance(spec, PlanSpec):
+        return Language(
+            grammar=plan_gbnf(spec), regex=plan_regex(spec), schema=plan_schema(spec),
+            read=lambda text: text, admits=lambda text: admits_plan(spec, text), begins=begins,
+            otherwise="schema",
+        )  # fmt: skip
     return Language(
-        grammar=gbnf(spec),
-        regex=regex(spec),
-        schema=schema(spec),
-        read=program_text,
-        admits=admits,
-        begins=lambda text: automaton.advance(automaton.start(), text) is not None,
-    )
+        grammar=gbnf(spec), regex=regex(spec), schema=schema(spec),
+        read=program_text, admits=admits, begins=begins,
+    )  # fmt: skip
 
 
 Binding = Callable[[Language], Fields]
@@ -240,14 +235,9 @@ def manner_of(
     if session is not None and thinks and chat and dialect.thought_in_grammar and known:
         opens = _opens_thought(dialect, endpoint, session)
     return Manner(
-        dialect=dialect,
-        constraint=constraint,
-        thinks=thinks,
-        thinking_tokens=thinking_tokens,
-        chat=chat,
-        opens_thought=opens,
-        known=known,
-    )
+        dialect=dialect, constraint=constraint, thinks=thinks, thinking_tokens=thinking_tokens,
+        chat=chat, opens_thought=opens, known=known,
+    )  # fmt: skip
 
 
 def slots_of(endpoint: Endpoint) -> int | None:
@@ -335,5 +325,4 @@ def _listed(answer: dict[str, Any] | None) -> list[str] | None:
     match answer:
         case {"data": [*models]}:
             return [str(one["id"]) for one in models if isinstance(one, dict) and "id" in one]
-        case _:
-            return None
+    return None

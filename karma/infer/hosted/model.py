@@ -138,15 +138,13 @@ class HostedLanguageModel:
     ) -> Said:
         """Return what the model says, held to a language if there is one; errors as above."""
         stable, changing = sendable(prompt.stable), sendable(prompt.changing)
-        body: Any
+        path = "/chat/completions" if self._endpoint.api == "chat" else "/completions"
+        body: dict[str, Any] = {"prompt": stable + changing}
+        kept = body
         if self._endpoint.api == "chat":
-            path = "/chat/completions"
             body, kept = messages_of(stable, changing, prompt.pictures, alone=self._no_system)
         elif prompt.pictures:
             raise ModelError(f'{self.name}: pictures need api = "chat"')
-        else:
-            path, body = "/completions", {"prompt": stable + changing}
-            kept = body
         fields, room = self.manner.fields(language, max_tokens)
         options = options_of(self._endpoint, room, temperature, seed, fields)
         try:
@@ -227,10 +225,10 @@ class HostedEmbedder:
             row = np.asarray(answer["data"][0]["embedding"], dtype=np.float32)
         except (KeyError, IndexError, TypeError, ValueError) as error:
             raise _odd(self._endpoint, "no row of numbers") from error
-        if row.ndim != 1:
-            reason = "a row per token: it is served without pooling"
-            raise _odd(self._endpoint, f"{reason} (shape {row.shape})")
         try:
+            if row.ndim != 1:
+                reason = "a row per token: it is served without pooling"
+                raise ValueError(f"{reason} (shape {row.shape})")
             return unit_row(row)
         except ValueError as error:
             raise _odd(self._endpoint, str(error)) from error
@@ -267,12 +265,11 @@ def messages_of(
     """Return the messages of a prompt, and as a cassette keeps them; `alone`: the user's only."""
     before = [{"role": "system", "content": stable}] if stable and not alone else []
     text = stable + changing if alone else changing
-    whole, kept = (_user(one) for one in _with_pictures(text, pictures))
-    return {"messages": [*before, whole]}, {"messages": [*before, kept]}
-
-
-def _user(content: Any) -> dict[str, Any]:
-    return {"role": "user", "content": content}
+    whole, kept = (
+        {"messages": [*before, {"role": "user", "content": one}]}
+        for one in _with_pictures(text, pictures)
+    )
+    return whole, kept
 
 
 def options_of(

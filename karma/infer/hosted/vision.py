@@ -44,14 +44,12 @@ class HostedVision:
         image = some_picture(self.name, image)
         role, text = question("full", sendable(instruction), objects)
         first = messages_of(role, text, [image], alone=False)
-        options = options_of(self._endpoint, MAX_TOKENS, 0.0, 0)
+        place, options = self._endpoint, options_of(self._endpoint, MAX_TOKENS, 0.0, 0)
 
         def ask(said: Sequence[tuple[str, str]]) -> str:
             later = [{"role": role, "content": text} for role, text in said]
             body, named = ({"messages": [*one["messages"], *later], **options} for one in first)
-            exchange = self._session.ask(
-                "vision", self._endpoint, "/chat/completions", body, named=named
-            )
-            return said_in(exchange.reply.answer or {}, self._endpoint)[0]
+            exchange = self._session.ask("vision", place, "/chat/completions", body, named=named)
+            return said_in(exchange.reply.answer or {}, place)[0]
 
-        return states_told(ask, objects, ATTEMPTS)[0]
+        return states_told(ask, objects, ATTEMPTS)

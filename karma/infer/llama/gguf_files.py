@@ -41,11 +41,9 @@ def new_tokenizer(corpus: Iterable[str], vocab_size: int, special_tokens: Sequen
 
     tokenizer = bare_tokenizer()
     trainer = trainers.BpeTrainer(
-        vocab_size=vocab_size,
-        special_tokens=list(special_tokens),
+        vocab_size=vocab_size, special_tokens=list(special_tokens), show_progress=False,
         initial_alphabet=sorted(pre_tokenizers.ByteLevel.alphabet()),
-        show_progress=False,
-    )
+    )  # fmt: skip
     tokenizer.train_from_iterator(corpus, trainer)
     tokenizer.model.ignore_merges = True  # as llama.cpp does for "llama-bpe"
     return tokenizer
@@ -60,33 +58,21 @@ def bare_tokenizer(
 
     ModelError where `pre`, llama.cpp's name for how a text is split, is none of `SPLITS`.
     """
-    from tokenizers import Tokenizer, decoders, models, pre_tokenizers
+    from tokenizers import Regex, Tokenizer, decoders, models, pre_tokenizers
 
     if pre not in SPLITS:
         raise ModelError(f"texts are split in the way {pre!r}; known are: {', '.join(SPLITS)}")
-    pieces = None if vocabulary is None else dict(vocabulary)
-    tokenizer = Tokenizer(
-        models.BPE(
-            vocab=pieces,
-            merges=None if pieces is None else list(merges),
-            ignore_merges=pre == "llama-bpe",
-        )
-    )
-    tokenizer.pre_tokenizer = pre_tokenizers.Sequence(_splitters(pre))
+    known: dict[str, Any] = {}
+    if vocabulary is not None:
+        known = {"vocab": dict(vocabulary), "merges": list(merges)}
+    tokenizer = Tokenizer(models.BPE(**known, ignore_merges=pre == "llama-bpe"))
+    first: Any = pre_tokenizers.Digits(individual_digits=True)
+    if pre != "smollm":
+        first = pre_tokenizers.Split(Regex(SPLITS[pre]), behavior="isolated")
+    then = pre_tokenizers.ByteLevel(add_prefix_space=False, use_regex=pre == "smollm")
+    tokenizer.pre_tokenizer = pre_tokenizers.Sequence([first, then])
     tokenizer.decoder = decoders.ByteLevel()
     return tokenizer
-
-
-def _splitters(pre: str) -> list[Any]:
-    from tokenizers import Regex, pre_tokenizers
-
-    if pre == "smollm":
-        digits = pre_tokenizers.Digits(individual_digits=True)
-        return [digits, pre_tokenizers.ByteLevel(add_prefix_space=False)]
-    return [
-        pre_tokenizers.Split(Regex(SPLITS[pre]), behavior="isolated"),
-        pre_tokenizers.ByteLevel(add_prefix_space=False, use_regex=False),
-    ]
 
 
 def read_gguf_tokenizer(path: Path) -> Any:
@@ -106,7 +92,8 @@ def read_gguf_tokenizer(path: Path) -> Any:
     except KeyError as error:
         raise FileError(path, f"no {error.args[0]} in it") from error
     vocabulary = {text: place for place, text in enumerate(tokens)}
-    tokenizer = bare_tokenizer(vocabulary, [_pair(merge) for merge in merges], pre)
+    pairs = [merge.partition(" ")[::2] for merge in merges]
+    tokenizer = bare_tokenizer(vocabulary, pairs, pre)
     for text, kind in zip(tokens, kinds, strict=True):
         if kind in (gguf.TokenType.CONTROL, gguf.TokenType.USER_DEFINED):
             special = kind == gguf.TokenType.CONTROL
@@ -114,11 +101,6 @@ def read_gguf_tokenizer(path: Path) -> Any:
     if any(tokenizer.token_to_id(text) != place for place, text in enumerate(tokens)):
         raise FileError(path, "its tokens are not in the order of its ids")
     return tokenizer
-
-
-def _pair(merge: str) -> tuple[str, str]:
-    left, _, right = merge.partition(" ")
-    return left, right
 
 
 def gguf_reader(path: Path) -> Any:
@@ -136,7 +118,7 @@ def gguf_reader(path: Path) -> Any:
 def add_vocabulary(writer: Any, tokenizer: Any, vocab_size: int, *, pre: str = "llama-bpe") -> None:
     """Write tokens in id order, their types, and the merges in rank order.
 
-     Ids below `vocab_size` that the tokenizer (of `new_tokenizer`) lacks are never said. `pre` is
+    Ids below `vocab_size` that the tokenizer (of `new_tokenizer`) lacks are never said. `pre` is
     how llama.cpp splits a text; only with the default are its tokens the tokenizer's.
     """
     import gguf

@@ -49,7 +49,7 @@ class OutOfTime(Exception):
 class GgufModel:
     """An opened file: text to tokens, tokens to logits, keys and values kept.
 
-     A file is refused unless it has the SHA-256 that is given (`restore` is the step that brings it
+    A file is refused unless it has the SHA-256 that is given (`restore` is the step that brings it
     back); one without is first tried in a process of its own, which costs a second or two, unless
     it was `tried`. `states` says where what was computed of stable parts is kept, `beside_mb` what
     memory something else will take with it, on the same device.
@@ -113,7 +113,7 @@ class GgufModel:
     def tokens(self, text: str, *, begins: bool = False, special: bool = False) -> list[int]:
         """Return the tokens of a text, or of a part of one; half characters are replaced.
 
-         Where it `begins`, nothing stands before it: the model's own first token goes there, if it
+        Where it `begins`, nothing stands before it: the model's own first token goes there, if it
         has one and wants it, and SentencePiece's space. A `special` text may name control tokens,
         as chat templates do.
         """

@@ -34,7 +34,7 @@ _TEXT, _SPARE = 0, 1  # sequences; the spare one is for a token that keeps anoth
 class SequenceCache:
     """One text as tokens at positions, extended or cut back at its end, apart from the model's own.
 
-     llama.cpp's CPU kernels for F32, F16, BF16 and Q8_0 (measured on x86) give a token the same
+    llama.cpp's CPU kernels for F32, F16, BF16 and Q8_0 (measured on x86) give a token the same
     bits in any batch of two or more, whatever else is decoded with it, as long as its sequence lies
     in the same cells; a batch, or a request for logits, of one goes through other kernels. So
     nothing here is decoded, or asked for, alone.
@@ -133,7 +133,7 @@ class SequenceCache:
 class PathRuns:
     """Runs a trie behind a prompt path after path, keeping what a path shares with the one before.
 
-     So each continuation lies in the very cells that it would have alone, and its logits are those
+    So each continuation lies in the very cells that it would have alone, and its logits are those
     of a run of its own, bit for bit. All paths in one batch take less time, but lie in other cells:
     the sums of their attention are taken in another order, and with weights, or kept keys and
     values, of 16 bits the log-probability of an unlikely text moves by a few thousandths.
@@ -245,7 +245,7 @@ class SkillScorer:
     ) -> Scores:
         """Return the score of every continuation, the sum of log-probabilities or their average.
 
-         Each segment of the prompt is tokenised and decoded by itself; `END` stands for the end of
+        Each segment of the prompt is tokenised and decoded by itself; `END` stands for the end of
         the answer.
 
         Raises:

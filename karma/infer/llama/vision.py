@@ -33,7 +33,7 @@ ATTEMPTS = 2
 class LlamaVision:
     """A `VisionModel` over two GGUF files; all objects are asked about at once, greedily.
 
-     Role and question are one message of the user's, for several families take no system message.
+    Role and question are one message of the user's, for several families take no system message.
     `model`: a name of the manifest, or a folder with just the two files; a picture may take
     thousands of tokens of `n_ctx`.
 
@@ -70,7 +70,7 @@ class LlamaVision:
     ) -> Mapping[str, tuple[str, ...]]:
         """Return object id -> state words, () for "none"; ids without a usable answer are left out.
 
-         ModelError where there is no picture (uint8, (H, W, 3)), or llama.cpp cannot answer, e.g.
+        ModelError where there is no picture (uint8, (H, W, 3)), or llama.cpp cannot answer, e.g.
         since the question is longer than the context.
         """
         if not objects:
@@ -84,7 +84,7 @@ class LlamaVision:
             later = [{"role": role, "content": [_text(text)]} for role, text in said]
             return self._chat.answer([first, *later], max_tokens=self._max_tokens)
 
-        return states_told(ask, objects, ATTEMPTS)[0]
+        return states_told(ask, objects, ATTEMPTS)
 
     def close(self) -> None:
         """Free the model's memory; it cannot be used afterwards."""
@@ -98,11 +98,8 @@ def _text(text: str) -> dict[str, Any]:
 def has_pictures() -> bool:
     """Return whether the installed llama-cpp-python was built with its picture library."""
     spec = find_spec("llama_cpp")
-    places = spec.submodule_search_locations if spec is not None else None
-    return any(
-        path.name.startswith(("libmtmd.", "mtmd."))
-        for path in Path((places or [""])[0]).glob("lib/*")
-    )
+    place = Path(((spec and spec.submodule_search_locations) or [""])[0])
+    return any(path.name.startswith(("libmtmd.", "mtmd.")) for path in place.glob("lib/*"))
 
 
 def require_pictures() -> None:
@@ -159,7 +156,7 @@ class PictureChat:
     def answer(self, messages: Sequence[Message], *, max_tokens: int) -> str:
         """Return what the model says, greedily; messages as OpenAI's, all contents lists of parts.
 
-         Raises: ModelError: a picture is no data URI, or llama.cpp cannot answer, e.g. since the
+        Raises: ModelError: a picture is no data URI, or llama.cpp cannot answer, e.g. since the
         question is longer than the context.
         """
         if any(_is_remote(part) for message in messages for part in message["content"]):

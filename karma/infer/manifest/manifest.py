@@ -131,13 +131,13 @@ class PicturePair:
     sha256: str | None = None  # of the model; None where no manifest vouches for the files
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ModelCheck:
     """What `check` found of one model."""
 
     name: str
     state: State  # open: files are there that have no hash in the manifest
-    detail: str = ""
+    detail: str
 
 
 # ----------------------------------------------------------------- reading
@@ -252,7 +252,7 @@ def check(entry: ModelEntry) -> ModelCheck:
     try:
         places = file_paths(entry)
         if not any(place.exists() for place in places):
-            return ModelCheck(name=entry.name, state="absent", detail=entry.fix)
+            return ModelCheck(entry.name, "absent", entry.fix)
         state, nameless = "wrong", []
         for file, place in zip(entry.files, places, strict=True):
             if file.sha256 is None and place.is_file():
@@ -260,12 +260,11 @@ def check(entry: ModelEntry) -> ModelCheck:
             else:
                 check_file(place, file.sha256, size=file.bytes, restore=entry.fix)
     except ModelError as error:
-        return ModelCheck(name=entry.name, state=state, detail=str(error))
+        return ModelCheck(entry.name, state, str(error))
     if nameless:
         fix = f"fill with `karma models add {places[0].parent} --name {entry.name}`"
-        detail = f"hash not known: {nameless[0]}; {fix}"
-        return ModelCheck(name=entry.name, state="open", detail=detail)
-    return ModelCheck(name=entry.name, state="ok", detail=f"{len(places)} files as they must be")
+        return ModelCheck(entry.name, "open", f"hash not known: {nameless[0]}; {fix}")
+    return ModelCheck(entry.name, "ok", f"{len(places)} files as they must be")
 
 
 def is_present(entry: ModelEntry) -> bool:
@@ -329,14 +328,9 @@ def resolve_planner(text: str) -> PlannerFile:
     if entry.files[0].sha256 is None:
         verify(entry)  # says what is missing
     return PlannerFile(
-        name=entry.name,
-        path=file_paths(entry)[0],
-        sha256=entry.files[0].sha256,
-        prompt_profile=entry.prompt_profile,
-        chat=entry.chat,
-        fix=entry.fix,
-        refuses=entry.refuses,
-    )
+        name=entry.name, path=file_paths(entry)[0], sha256=entry.files[0].sha256,
+        prompt_profile=entry.prompt_profile, chat=entry.chat, fix=entry.fix, refuses=entry.refuses,
+    )  # fmt: skip
 
 
 def resolve_folder(text: str | Path, role: Role) -> ModelFolder:

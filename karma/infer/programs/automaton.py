@@ -15,8 +15,6 @@ from functools import cache
 from itertools import takewhile
 from typing import NamedTuple
 
-import numpy as np
-
 from karma.contracts import AnswerSpec, HandSpec, PlanSpec, ProgramSpec, RefusedRequest, Skill
 from karma.infer.programs.frames import END, Frame, followed, plan_frame, trie
 
@@ -238,17 +236,6 @@ class ProgramAutomaton:
             found += bytes(coming)
             state = after
         return bytes(found)
-
-    def random_program(self, generator: np.random.Generator, lines: int) -> str:
-        """Return a program of so many lines, or a refusal, each choice made uniformly."""
-        text, frame, done = [], self._start, 0
-        while done < lines and not frame.ends:
-            choices = len(frame.words) - (len(CLOSINGS) if frame.line_start else 0)
-            word = int(generator.integers(choices))
-            text.append(frame.words[word])
-            frame = frame.follow[word]()
-            done += frame.line_end
-        return "".join([*text, "\n"])
 
     def _after(self, form: LineForm, now: HandSpec | None, done: int = 0) -> Callable[[], Frame]:
         """Return the frame after `done` arguments: end of line, or one argument more.

@@ -16,7 +16,7 @@ THIN = 60.0  # the square's side over the width of a line in it
 def cut(frame: Frame, region: Region, margin: float, silhouette: Sequence[Point] = ()) -> Frame:
     """Return a square around a region of an uint8 frame, black where that ends, shape (s, s, 3).
 
-     Region and silhouette are in pixels: left, top, right, bottom, and corners; a line is drawn
+    Region and silhouette are in pixels: left, top, right, bottom, and corners; a line is drawn
     along these, which tells a drawer from those above and below it. `margin` is the square's side
     over the region's longer side.
     """

@@ -123,12 +123,11 @@ def again(reading: Reading, objects: Sequence[SeenObject]) -> str:
 
 def states_told(
     ask: Callable[[Sequence[tuple[str, str]]], str], objects: Sequence[SeenObject], attempts: int
-) -> tuple[dict[str, tuple[str, ...]], int]:
+) -> dict[str, tuple[str, ...]]:
     """Ask until every object of interest has a usable line, or the attempts are used up.
 
-     `ask` is given what was said after the question: (role, text) of each earlier answer and of
-    what was said about it. Returns object id -> words, and how often it was asked; a later answer
-    about an object holds.
+    `ask` is given what was said after the question: (role, text) of each earlier answer and of what
+    was said about it. Returns object id -> words; a later answer about an object holds.
     """
     states: dict[str, tuple[str, ...]] = {}
     said: list[tuple[str, str]] = []
@@ -139,7 +138,7 @@ def states_told(
         if not reading.unread or attempt == attempts:
             break
         said += [("assistant", answer), ("user", again(reading, objects))]
-    return states, attempt
+    return states
 
 
 def some_picture(name: str, image: Frame | None) -> Frame:
