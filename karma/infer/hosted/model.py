@@ -1,7 +1,7 @@
 """Fill the roles of planner and embedder over any OpenAI-compatible endpoint.
 
-`dialects` says how an answer is held to programs, `server` who it is that answers, `planner` proves
-it, and `session` holds the line.
+`dialects` says who answers and how it is held to programs, `planner` proves it, and `session` holds
+the line.
 """
 
 import hashlib

@@ -156,7 +156,7 @@ class PictureChat:
     def answer(self, messages: Sequence[Message], *, max_tokens: int) -> str:
         """Return what the model says, greedily; messages as OpenAI's, all contents lists of parts.
 
-        Raises: ModelError: a picture is no data URI, or llama.cpp cannot answer, e.g. since the
+         ModelError where a picture is no data URI, or llama.cpp cannot answer, e.g. since the
         question is longer than the context.
         """
         if any(_is_remote(part) for message in messages for part in message["content"]):

@@ -6,7 +6,7 @@ its newline, and after one of `CLOSINGS` on the line below: instruction-tuned mo
 these ways. Names stand in quotes and hold none, so every choice is settled by the bytes read so
 far: the automaton is deterministic and nothing is ever taken back. `forms` says the same language
 in short; the automaton, and the grammars that servers take (`grammars`, `schema`), are made of it.
-A `PlanSpec` admits one JSON text, see `plans`.
+A `PlanSpec` admits one JSON text, see `frames`.
 """
 
 from collections.abc import Callable, Mapping
