@@ -125,7 +125,9 @@ class Race:
 
     def _leader(self) -> int | None:
         """Take out the best prefix to go on from; None when the race is over."""
-        while self._queue and not self._decided():
+        while self._queue:
+            if self._ended and self._ended[0][0] < self._queue[0][0]:  # equals can come up to it
+                break
             _, number = heapq.heappop(self._queue)
             node = self._trie[number]
             score = self._found[number] / (node.depth if self._average else 1)
@@ -134,7 +136,3 @@ class Race:
             if node.children:
                 return number
         return None
-
-    def _decided(self) -> bool:
-        """Return whether nothing in the queue can come up to what has ended; equals can."""
-        return bool(self._ended) and self._ended[0][0] < self._queue[0][0]

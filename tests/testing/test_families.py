@@ -17,7 +17,7 @@ from karma.errors import ModelError
 from karma.infer.checks.gguf import read_header
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
-from karma.infer.llama.vision import PictureChat
+from karma.infer.llama.vision import LlamaVision
 from karma.infer.manifest.manifest import PicturePair
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.vision.pictures import picture_url
@@ -110,9 +110,9 @@ def pictures_cell(family, tmp_path_factory):
     if family.projector is None:
         return "–"
     made = make_picture_model(tmp_path_factory.mktemp("pictures"), family.name)
-    chat = PictureChat(
+    chat = LlamaVision(
         PicturePair(name="x", model=made.model, projector=made.projector, sha256=sha(made.model)),
-        LlamaOptions(threads=1),
+        llama_options=LlamaOptions(threads=1),
     )
     noise = np.random.default_rng(1).integers(0, 256, (2, 64, 64, 3), dtype=np.uint8)
     first, other, again = (chat.answer(about(noise[n]), max_tokens=12) for n in (0, 1, 0))

@@ -90,17 +90,13 @@ def _check_modules(folder: Path, fix: str) -> str:
             )
         if ".." in Path(inside).parts or Path(inside).is_absolute():
             raise ModelError(f"{path}: {inside!r} leaves the model's folder")
-        _refuse_pickles(folder / inside)
+        own = folder / inside
+        pickled = sorted(file for file in own.glob("*") if file.suffix in PICKLES)
+        if pickled and not any(own.glob("*.safetensors")):
+            raise ModelError(f"{pickled[0]}: not opened, it may hold code; needs safetensors")
     if not kinds or not kinds[0][0].endswith(".Transformer"):
         raise ModelError(f"{path}: the first module must be a Transformer")
     return kinds[0][1]
-
-
-def _refuse_pickles(folder: Path) -> None:
-    """Refuse a module whose own weights are pickled and not in safetensors."""
-    pickled = [p for p in folder.glob("*") if p.suffix in PICKLES]
-    if pickled and not any(folder.glob("*.safetensors")):
-        raise ModelError(f"{sorted(pickled)[0]}: not opened, it may hold code; needs safetensors")
 
 
 def _refuse_missing(model: Any, folder: CheckedFolder) -> None:

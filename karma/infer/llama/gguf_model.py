@@ -81,7 +81,6 @@ class GgufModel:
         self.name, self.options = name or path.stem, options
         wanted = options.n_ctx or trained
         self.limit = wanted if options.beyond_training else min(wanted, trained)
-        self.n_threads = options.threads
         self.n_batch = min(_N_BATCH, self.limit)
         self.n_ctx = self.limit if options.n_ctx else self.n_batch
         check_width(self.name, metadata, options)
@@ -94,15 +93,21 @@ class GgufModel:
         self._check_memory(path)
         if sha256 is None and not tried:
             try_in_own_process(_TRIAL, path, cannot="cannot run it")
+        keywords: Mapping[str, Any] = {
+            "n_ctx": self.n_ctx, "n_batch": self.n_batch, "n_threads": options.threads,
+            "n_threads_batch": options.threads, "flash_attn": self._flash,
+            **self.placement.keywords,
+        }  # fmt: skip
         self.llama: Any
-        self.llama, layers = open_gguf(path, self._keywords(), kv=options.kv)
+        self.llama, layers = open_gguf(path, keywords, kv=options.kv)
         if layers != self.placement.layers:
             raise ModelError(
                 f"{self.name}: llama.cpp put {layers} layers on {self.placement.name}, not "
                 f"{self.placement.layers}\n  To fix: gpu_layers = 0"
             )
         self.table = _token_table(self.llama)
-        self._spaces = self._puts_a_space()
+        letter = b"".join(self.table.pieces[one] for one in self._tokenized("a", False))
+        self._spaces = letter[:1] == b" "  # the tokens of a text say a space before it
         self._kept: list[int] = []  # tokens whose keys and values are valid from position 0
         self._ahead: list[int] = []  # tokens that were decoded behind the last, as a guess
         self._row = -1  # of the last call's logits, those after the last token
@@ -132,10 +137,6 @@ class GgufModel:
                 return both[len(before) :]
         return self._tokenized(text, special)
 
-    def _puts_a_space(self) -> bool:
-        """Return whether the tokens of a text say a space before it."""
-        return b"".join(self.table.pieces[one] for one in self._tokenized("a", False))[:1] == b" "
-
     def _tokenized(self, text: str, special: bool) -> list[int]:
         found: list[int] = self.llama.tokenize(text.encode("utf-8", "replace"), False, special)
         return found
@@ -145,7 +146,7 @@ class GgufModel:
         """What computes it."""
         return Engine(
             device=self.placement.name, gpu_layers=self.placement.layers, n_ctx=self.n_ctx,
-            threads=self.n_threads, batch=self.n_batch, kv=self.options.kv,
+            threads=self.options.threads, batch=self.n_batch, kv=self.options.kv,
             flash_attention=self._flash,
         )  # fmt: skip
 
@@ -227,9 +228,10 @@ class GgufModel:
         if not known:
             self.llama.reset()
         if states is not None and not known and (found := states.find(stable)):
-            if put_back(self.llama.ctx, found.state):
+            state, source = found
+            if put_back(self.llama.ctx, state):
                 self.llama.n_tokens = len(stable)
-                return found.source
+                return source
             states.forget(stable)
         if stable:
             self.extend(stable[known:], is_late=is_late)
@@ -349,14 +351,6 @@ class GgufModel:
         check_memory(
             self.name, tokens * self.size.token_mb, parts=parts, fix=_SMALLER, free_mb=free
         )
-
-    def _keywords(self) -> Mapping[str, Any]:
-        """What llama-cpp-python's `Llama` is opened with."""
-        return {
-            "n_ctx": self.n_ctx, "n_batch": self.n_batch, "n_threads": self.n_threads,
-            "n_threads_batch": self.n_threads, "flash_attn": self._flash,
-            **self.placement.keywords,
-        }  # fmt: skip
 
 
 def _check_there(path: Path, sha256: str | None, restore: str) -> None:

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,13 +50,6 @@ class StateOptions:
         return self.memory_mb > 0 or self.folder is not None
 
 
-class Found(NamedTuple):
-    """A state, and whether it was kept in memory or loaded from the folder."""
-
-    state: State
-    source: KvState
-
-
 class RoomStates:
     """The states of one opened model.
 
@@ -69,17 +62,17 @@ class RoomStates:
         self._memory: OrderedDict[str, State] = OrderedDict()  # used longest ago first
         self._folder = None if options.folder is None else _Folder(options.folder, options)
 
-    def find(self, tokens: Sequence[int]) -> Found | None:
-        """Return the state of a stable part; None if it has to be evaluated."""
+    def find(self, tokens: Sequence[int]) -> tuple[State, KvState] | None:
+        """Return a stable part's state, and where it was; None if it has to be evaluated."""
         name = self._name(tokens)
         if name in self._memory:
             self._memory.move_to_end(name)
-            return Found(self._memory[name], "kept")
+            return self._memory[name], "kept"
         state = None if self._folder is None else self._folder.load(name)
         if state is None:
             return None
         self._remember(name, state)
-        return Found(state, "loaded")
+        return state, "loaded"
 
     def keep(self, tokens: Sequence[int], state: State) -> None:
         """Keep a state, not to be changed afterwards; that there is no room is no error."""

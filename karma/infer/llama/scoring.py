@@ -138,24 +138,22 @@ class PathRuns:
     the sums of their attention are taken in another order, and with weights, or kept keys and
     values, of 16 bits the log-probability of an unlikely text moves by a few thousandths.
 
-    The cache holds a prompt of `start` tokens, and the scores of the root's children are found.
-
-    Attributes:
-        count: tokens run.
+    The cache holds a prompt of `start` tokens, and the scores of the root's children are `found`;
+    `count` tokens were run.
     """
 
     def __init__(
         self, cache: SequenceCache, trie: Sequence[Node], found: Floats, start: int
     ) -> None:
         self.count = 0
-        self._cache, self._trie, self._found, self._start = cache, trie, found, start
+        self._cache, self.trie, self.found, self.start = cache, trie, found, start
         self._path: tuple[int, ...] = ()  # in the cache
         self._known = {0}  # nodes whose children have scores
 
     def score_all(self) -> None:
         """Score every node."""
-        for number in lowest_run(self._trie):
-            self._run(path_to(self._trie, number))
+        for number in lowest_run(self.trie):
+            self._run(path_to(self.trie, number))
 
     def score_below(self, number: int) -> None:
         """Score the children of a node, whose parent's are scored.
@@ -167,27 +165,29 @@ class PathRuns:
         last = number
         while len(inner := self._inner(last)) == 1:
             last = inner[0]
-        self._run(path_to(self._trie, last))
+        self._run(path_to(self.trie, last))
 
     def _inner(self, number: int) -> list[int]:
-        children = self._trie[number].children.values()
-        return [child for child in children if self._trie[child].children]
+        children = self.trie[number].children.values()
+        return [child for child in children if self.trie[child].children]
 
     def _run(self, path: tuple[int, ...]) -> None:
-        same = 0
-        for old, new in zip(self._path, path, strict=False):
-            if old != new:
-                break
-            same += 1
-        self._cache.forget(self._start + same)
+        same = _same(self._path, path)
+        self._cache.forget(self.start + same)
         self._path = path
         for first in range(same, len(path), self._cache.batch):
             nodes = path[first : first + self._cache.batch]
-            tokens = [self._trie[number].token for number in nodes]
-            logits = self._cache.decode(tokens, self._start + first)
-            score_children(self._trie, self._found, nodes, logits)
+            tokens = [self.trie[number].token for number in nodes]
+            logits = self._cache.decode(tokens, self.start + first)
+            score_children(self.trie, self.found, nodes, logits)
             self._known.update(nodes)
         self.count += len(path) - same
+
+
+def _same(old: Sequence[object], new: Sequence[object]) -> int:
+    """Return how many of the first are equal."""
+    pairs = enumerate(zip(old, new, strict=False))
+    return next((n for n, (a, b) in pairs if a != b), min(len(old), len(new)))
 
 
 _TRIES = 8  # lists of continuations whose tokens are kept
@@ -211,16 +211,6 @@ class _Segment:
     logits: Logits  # after its last token
 
 
-@dataclass(frozen=True, slots=True)
-class _Begun:
-    """A trie behind its prompt; the scores of the root's children are known."""
-
-    trie: Sequence[Node]
-    found: Floats
-    prompt_tokens: int
-    reused_tokens: int
-
-
 class SkillScorer:
     """Scores continuations with an opened model, in a cache of its own.
 
@@ -237,11 +227,7 @@ class SkillScorer:
         self._tries: dict[tuple[str, ...], Sequence[Node]] = {}
 
     def scores(
-        self,
-        prompt: Sequence[str],
-        continuations: Sequence[str],
-        *,
-        scoring: Scoring = "sum",
+        self, prompt: Sequence[str], continuations: Sequence[str], *, scoring: Scoring = "sum"
     ) -> Scores:
         """Return the score of every continuation, the sum of log-probabilities or their average.
 
@@ -252,19 +238,14 @@ class SkillScorer:
             RequestRefused: prompt and longest continuation do not fit the context.
             ValueError: there is no continuation, one without tokens, or no prompt.
         """
-        begun = self._begin(prompt, continuations)
-        trie, found = begun.trie, begun.found
-        paths = PathRuns(self._cache, trie, found, begun.prompt_tokens)
+        paths, reused = self._begin(prompt, continuations)
         paths.score_all()
         values = np.empty(len(continuations), np.float64)
-        for number, node in enumerate(trie):
+        for number, node in enumerate(paths.trie):
             divisor = max(node.depth, 1) if scoring == "average" else 1
-            values[node.ends] = found[number] / divisor
+            values[node.ends] = paths.found[number] / divisor
         return Scores(
-            values=values,
-            prompt_tokens=begun.prompt_tokens,
-            reused_tokens=begun.reused_tokens,
-            run_tokens=paths.count,
+            values=values, prompt_tokens=paths.start, reused_tokens=reused, run_tokens=paths.count
         )
 
     def choose(
@@ -275,28 +256,21 @@ class SkillScorer:
         The score is the one that `scores` gives. Arguments and errors as there.
         """
         start_s = time.perf_counter()
-        begun = self._begin(prompt, continuations)
-        trie, found = begun.trie, begun.found
-        paths = PathRuns(self._cache, trie, found, begun.prompt_tokens)
-        race = Race(trie, found, average=scoring == "average")
+        paths, reused = self._begin(prompt, continuations)
+        race = Race(paths.trie, paths.found, average=scoring == "average")
         score, one, number = race.run(paths.score_below)
         return Choice(
-            number=one,
-            score=score,
-            prompt_tokens=begun.prompt_tokens,
-            reused_tokens=begun.reused_tokens,
-            completion_tokens=trie[number].depth,
-            run_tokens=paths.count,
-            total_s=time.perf_counter() - start_s,
-            engine=self.model.engine,
-        )
+            number=one, score=score, prompt_tokens=paths.start, reused_tokens=reused,
+            completion_tokens=paths.trie[number].depth, run_tokens=paths.count,
+            total_s=time.perf_counter() - start_s, engine=self.model.engine,
+        )  # fmt: skip
 
     def close(self) -> None:
         """Free the cache; the model stays open."""
         self._cache.close()
 
-    def _begin(self, prompt: Sequence[str], continuations: Sequence[str]) -> _Begun:
-        """Have the prompt in the cache."""
+    def _begin(self, prompt: Sequence[str], continuations: Sequence[str]) -> tuple[PathRuns, int]:
+        """Have the prompt in the cache; return what runs behind it, and how much was kept."""
         trie = self._trie(tuple(continuations))
         given = [
             tuple(self.model.tokens(text, begins=number == 0)) for number, text in enumerate(prompt)
@@ -316,15 +290,11 @@ class SkillScorer:
         reused = self._keep(segments)
         found = np.zeros(len(trie), np.float64)
         score_children(trie, found, [0], self._kept[-1].logits[None, :])
-        return _Begun(trie, found, tokens, reused)
+        return PathRuns(self._cache, trie, found, tokens), reused
 
     def _keep(self, segments: Sequence[tuple[int, ...]]) -> int:
         """Decode what is not kept of a prompt; return how many tokens were."""
-        same = 0
-        for kept, wanted in zip(self._kept, segments, strict=False):
-            if kept.tokens != wanted:
-                break
-            same += 1
+        same = _same([kept.tokens for kept in self._kept], segments)
         self._kept = self._kept[:same]
         reused = sum(len(segment.tokens) for segment in self._kept)
         self._cache.forget(reused)

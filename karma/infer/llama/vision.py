@@ -28,42 +28,60 @@ from karma.places import rebuild_llama, repair
 
 MAX_TOKENS = 768  # of an answer with its four steps
 ATTEMPTS = 2
+CONTEXT = 8192  # tokens, where n_ctx is not said: a picture may take thousands
+Message = Mapping[str, Any]
 
 
 class LlamaVision:
     """A `VisionModel` over two GGUF files; all objects are asked about at once, greedily.
 
     Role and question are one message of the user's, for several families take no system message.
-    `model`: a name of the manifest, or a folder with just the two files; a picture may take
-    thousands of tokens of `n_ctx`.
+    `model`: a name of the manifest, a folder with just the two files, or these; where nobody
+    vouches for them, they are first tried in another process.
 
     Raises:
         UnknownNameError: no such name.
-        ModelError: llama.cpp was built without pictures, a file is missing or damaged, or there is
-            too little memory.
+        ModelError: llama.cpp was built without pictures, a file is missing, damaged or without a
+            chat template, the two do not belong together, or there is too little memory.
     """
 
     needs_pictures = True
 
     def __init__(
-        self,
-        model: str | Path,
-        *,
-        llama_options: LlamaOptions | None = None,
-        max_tokens: int = MAX_TOKENS,
+        self, model: str | Path | PicturePair, *, llama_options: LlamaOptions | None = None
     ) -> None:
         require_pictures()
-        pair = resolve_pair(model)
+        pair = model if isinstance(model, PicturePair) else resolve_pair(model)
+        options = llama_options or LlamaOptions()
+        check_projector(pair.projector)
         self.name = pair.name
-        self._max_tokens = max_tokens
-        self._chat = PictureChat(pair, llama_options)
+        # as llama.cpp rounds it: the handler compares with that
+        tokens = -(-(options.n_ctx or CONTEXT) // 256) * 256
+        self._model = GgufModel(
+            pair.model, replace(options, n_ctx=tokens), name=pair.name, sha256=pair.sha256,
+            beside_mb=projector_mb(pair.projector),
+        )  # fmt: skip
+        if TEMPLATE not in self._model.metadata:
+            raise ModelError(
+                f"{pair.model}: has no chat template, and a picture needs one\n"
+                "  To fix: gguf-new-metadata --chat-template-file TEMPLATE IN.gguf OUT.gguf"
+            )
+        if pair.sha256 is None:
+            try_pair(pair)
+        # freed as late as Python's own end, llama-cpp-python complains of a closed terminal
+        weakref.finalize(self, self._model.close)
+        self._handler = _handler(pair.projector, use_gpu=self._model.placement.layers > 0)
+
+    @property
+    def engine(self) -> Engine:
+        """What computes it."""
+        return self._model.engine
 
     @property
     def computed_on(self) -> str:
         """Device, layers on it and kind of the kept keys and values."""
-        engine = self._chat.engine
-        layers = f"{engine.gpu_layers} layers, " if engine.gpu_layers else ""
-        return f"{engine.device}, {layers}{engine.kv} KV"
+        layers = f"{self.engine.gpu_layers} layers, " if self.engine.gpu_layers else ""
+        return f"{self.engine.device}, {layers}{self.engine.kv} KV"
 
     def read_states(
         self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]
@@ -82,13 +100,31 @@ class LlamaVision:
 
         def ask(said: Sequence[tuple[str, str]]) -> str:
             later = [{"role": role, "content": [_text(text)]} for role, text in said]
-            return self._chat.answer([first, *later], max_tokens=self._max_tokens)
+            return self.answer([first, *later], max_tokens=MAX_TOKENS)
 
         return states_told(ask, objects, ATTEMPTS)
 
+    def answer(self, messages: Sequence[Message], *, max_tokens: int) -> str:
+        """Return what the model says, greedily; messages as OpenAI's, all contents lists of parts.
+
+        ModelError where a picture is no data URI, or llama.cpp cannot answer.
+        """
+        parts = [part for message in messages for part in message["content"]]
+        addresses = [str(part["image_url"]["url"]) for part in parts if part.get("image_url")]
+        if not all(address.startswith("data:") for address in addresses):
+            raise ModelError(f"{self.name}: a picture is given as a data URI, never as an address")
+        try:
+            found = self._handler(
+                llama=self._model.llama, messages=list(messages), temperature=0.0,
+                max_tokens=max_tokens, repeat_penalty=1.0,
+            )  # fmt: skip
+        except Exception as error:  # ValueError, RuntimeError, Jinja's
+            raise ModelError(f"{self.name}: llama.cpp cannot answer: {error}") from error
+        return str(found["choices"][0]["message"]["content"] or "")
+
     def close(self) -> None:
-        """Free the model's memory; it cannot be used afterwards."""
-        self._chat.close()
+        """Free the memory of both; they cannot be used afterwards."""
+        self._model.close()
 
 
 def _text(text: str) -> dict[str, Any]:
@@ -113,66 +149,6 @@ def require_pictures() -> None:
         f"  To fix: {rebuild_llama('')} (our own options, which have them)\n"
         '  Or use a folder of safetensors: vision = "transformers:NAME"'
     )
-
-
-CONTEXT = 8192  # tokens, where n_ctx is not said: a picture may take thousands
-Message = Mapping[str, Any]
-
-
-class PictureChat:
-    """Two opened files, which answer conversations with a picture in them.
-
-    Where nobody vouches for the files, they are first tried in another process.
-
-    Raises:
-        ModelError: a file is missing, damaged or without a chat template, the two do not belong
-            together, or there is too little memory.
-    """
-
-    def __init__(self, pair: PicturePair, options: LlamaOptions | None = None) -> None:
-        options = options or LlamaOptions()
-        check_projector(pair.projector)
-        self.name = pair.name
-        self._model = GgufModel(
-            pair.model, replace(options, n_ctx=_whole(options.n_ctx or CONTEXT)), name=pair.name,
-            sha256=pair.sha256, beside_mb=projector_mb(pair.projector),
-        )  # fmt: skip
-        if TEMPLATE not in self._model.metadata:
-            raise ModelError(
-                f"{pair.model}: has no chat template, and a picture needs one\n"
-                "  To fix: gguf-new-metadata --chat-template-file TEMPLATE IN.gguf OUT.gguf"
-            )
-        if pair.sha256 is None:
-            try_pair(pair)
-        # freed as late as Python's own end, llama-cpp-python complains of a closed terminal
-        weakref.finalize(self, self._model.close)
-        self._handler = _handler(pair.projector, use_gpu=self._model.placement.layers > 0)
-
-    @property
-    def engine(self) -> Engine:
-        """What computes it."""
-        return self._model.engine
-
-    def answer(self, messages: Sequence[Message], *, max_tokens: int) -> str:
-        """Return what the model says, greedily; messages as OpenAI's, all contents lists of parts.
-
-         ModelError where a picture is no data URI, or llama.cpp cannot answer, e.g. since the
-        question is longer than the context.
-        """
-        if any(_is_remote(part) for message in messages for part in message["content"]):
-            raise ModelError(f"{self.name}: a picture is given as a data URI, never as an address")
-        try:
-            found = self._handler(
-                llama=self._model.llama, messages=list(messages), temperature=0.0,
-                max_tokens=max_tokens, repeat_penalty=1.0,
-            )  # fmt: skip
-        except Exception as error:  # ValueError, RuntimeError, Jinja's
-            raise ModelError(f"{self.name}: llama.cpp cannot answer: {error}") from error
-        return str(found["choices"][0]["message"]["content"] or "")
-
-    def close(self) -> None:
-        """Free the memory of both; they cannot be used afterwards."""
-        self._model.close()
 
 
 def trial(model: str, projector: str) -> None:
@@ -203,13 +179,3 @@ def _handler(projector: Path, *, use_gpu: bool) -> Any:
     return llama_chat_format.MTMDChatHandler(
         clip_model_path=str(projector), verbose=False, use_gpu=use_gpu
     )
-
-
-def _whole(tokens: int) -> int:
-    """Return a context as llama.cpp rounds it; the handler compares with that, not with ours."""
-    return -(-tokens // 256) * 256
-
-
-def _is_remote(part: Mapping[str, Any]) -> bool:
-    address = part.get("image_url")
-    return address is not None and not str(address["url"]).startswith("data:")

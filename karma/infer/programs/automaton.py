@@ -9,14 +9,14 @@ in short; the automaton, and the grammars that servers take (`grammars`, `schema
 A `PlanSpec` admits one JSON text, see `frames`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import takewhile
 from typing import NamedTuple
 
 from karma.contracts import AnswerSpec, HandSpec, PlanSpec, ProgramSpec, RefusedRequest, Skill
-from karma.infer.programs.frames import END, Frame, followed, plan_frame, trie
+from karma.infer.programs.frames import END, Frame, choice, followed, plan_frame, trie
 
 CLOSINGS = ("\n", "```", "#")  # on the line below a call: the program has ended above it
 _FAR = 64  # bytes that are looked ahead
@@ -126,16 +126,8 @@ def without_closing(text: str) -> str:
     >>> without_closing("GoToObject(robot, 'Mug')\n```\nThis")
     "GoToObject(robot, 'Mug')\n"
     """
-    return "".join(takewhile(_is_call, text.splitlines(keepends=True)))
-
-
-def _is_call(line: str) -> bool:
-    return not line.startswith(CLOSINGS)
-
-
-def _choice(words: Mapping[str, Callable[[], Frame]]) -> Frame:
-    """Return the frame of words, and of what follows each."""
-    return trie(list(words))._replace(follow=tuple(words.values()))
+    lines = text.splitlines(keepends=True)
+    return "".join(takewhile(lambda line: not line.startswith(CLOSINGS), lines))
 
 
 _CLOSED = END._replace()  # a frame of its own: nothing of the program follows
@@ -167,7 +159,7 @@ class ProgramAutomaton:
         self._calls = frozenset(skill.name.encode()[0] for skill in spec.skills)
         begins = self._begins(spec.hand)
         refusals = {line: lambda: _REFUSED for line in refusal_lines(spec)}
-        self._start = _choice({**begins, **refusals})
+        self._start = choice({**begins, **refusals})
         self._line = self._line_of(spec.hand)
 
     def _begins(self, now: HandSpec | None) -> dict[str, Callable[[], Frame]]:
@@ -185,7 +177,7 @@ class ProgramAutomaton:
         """Return the frame of a line's beginning, but the first line's."""
         if now not in self._lines:
             closings = {one: lambda: _CLOSED for one in CLOSINGS}
-            frame = _choice({**self._begins(now), **closings})
+            frame = choice({**self._begins(now), **closings})
             self._lines[now] = frame._replace(line_start=True)
         return self._lines[now]
 
@@ -260,7 +252,7 @@ class ProgramAutomaton:
                     words[", '"] = lambda: names._replace(follow=follow)
                 else:
                     words[", '"] = followed(names, then)
-            return _choice(words)
+            return choice(words)
 
         return build
 
@@ -272,7 +264,7 @@ class ProgramAutomaton:
             words = {"]": then}
             if left > 1:
                 words[", '"] = self._list(names, left - 1, then)
-            after = _choice(words)
+            after = choice(words)
             return followed(names, lambda: after)()
 
         return build

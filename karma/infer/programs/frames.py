@@ -51,6 +51,11 @@ def trie(words: Sequence[str]) -> Frame:
     return Frame(nodes, tuple(words), ())
 
 
+def choice(words: Mapping[str, Callable[[], Frame]]) -> Frame:
+    """Return the frame of words, and of what follows each."""
+    return trie(list(words))._replace(follow=tuple(words.values()))
+
+
 END = trie([])._replace(ends=True)
 
 
@@ -62,7 +67,7 @@ def plan_frame(spec: PlanSpec) -> Frame:
     frame = _list(spec)
     for key in reversed(spec.texts):
         frame = _text(spec, key, frame)
-    return _words({"{": lambda: frame})
+    return choice({"{": lambda: frame})
 
 
 def _text(spec: PlanSpec, key: str, then: Frame) -> Frame:
@@ -78,7 +83,7 @@ def _text(spec: PlanSpec, key: str, then: Frame) -> Frame:
         more: Callable[[], Frame] = lambda: rest(left - 1)  # noqa: E731  one for all letters
         return any_letter._replace(follow=(*(more for _ in letters), lambda: then))
 
-    return _words({f'{as_json(key)}:"': lambda: rest(spec.max_text)})
+    return choice({f'{as_json(key)}:"': lambda: rest(spec.max_text)})
 
 
 def _list(spec: PlanSpec) -> Frame:
@@ -99,9 +104,9 @@ def _list(spec: PlanSpec) -> Frame:
         words: dict[str, Callable[[], Frame]] = {"]}": lambda: END}
         if left:
             words[","] = lambda: item(left)
-        return _words(words)
+        return choice(words)
 
-    return _words({f"{as_json(spec.plan)}:[": lambda: item(spec.max_actions)})
+    return choice({f"{as_json(spec.plan)}:[": lambda: item(spec.max_actions)})
 
 
 def items_of(spec: PlanSpec) -> list[str]:
@@ -109,10 +114,6 @@ def items_of(spec: PlanSpec) -> list[str]:
     if not spec.actions or spec.max_actions < 1 or spec.max_text < 0:
         raise ValueError("this spec admits no plan: no action, or a bound below nothing")
     return [as_json({spec.number: n, spec.name: name}) for n, name in enumerate(spec.actions)]
-
-
-def _words(words: Mapping[str, Callable[[], Frame]]) -> Frame:
-    return trie(list(words))._replace(follow=tuple(words.values()))
 
 
 def as_json(value: Any) -> str:
