@@ -2,16 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from karma.contracts import (
-    END,
-    AnswerSpec,
-    Choice,
-    Completion,
-    Heard,
-    Listener,
-    Prompt,
-    Scoring,
-)
+from karma.contracts import END, AnswerSpec, Choice, Completion, Heard, Listener, Prompt, Scoring
 from karma.errors import ModelError, RequestRefused
 
 

@@ -62,7 +62,13 @@ class Footprint:
 
     @classmethod
     def of(
-        cls, path: Path, metadata: Mapping[str, Any], *, batch: int, bytes_each: float = 2
+        cls,
+        path: Path,
+        metadata: Mapping[str, Any],
+        *,
+        batch: int,
+        bytes_each: float,
+        beside_mb: float = 0.0,
     ) -> Self:
         """Estimate it from the header, for calls of `batch` tokens."""
         words, pairs = (
@@ -80,6 +86,7 @@ class Footprint:
             layer_mb=numbers * (3 * inner + 2 * width),
             scores_mb=numbers * (heads + 1),
             logits_mb=numbers * words,
+            beside_mb=beside_mb,
         )
 
     def layers_mb(self, context: int) -> float:

@@ -46,6 +46,8 @@ class ClipEmbedder:
         ModelError: another architecture, a file missing or damaged, or too little memory.
     """
 
+    computed_on = ""  # device and numbers, as torch calls them
+
     def __init__(
         self, model: str | Path = DEFAULT, *, torch_options: TorchOptions | None = None
     ) -> None:
@@ -54,15 +56,11 @@ class ClipEmbedder:
         self._words = _Words(folder)
         self._pictures = load_image_processor(folder)
         self._model = load_weights(FAMILIES[folder.model_type][0], folder, torch_options)
+        self.computed_on = place_of(self._model)
         with foreign(f"{folder.path}: it opens and cannot be asked"):
             self.dimension = len(self._text("a"))
             self._picture(np.full((37, 53, 3), 100, np.uint8))
         self._row = lru_cache(maxsize=REMEMBERED)(self._text)
-
-    @property
-    def computed_on(self) -> str:
-        """Device and numbers, as torch calls them."""
-        return place_of(self._model)
 
     def embed(self, texts: Sequence[str]) -> Vectors:
         """Return one row of length 1 per text, shape (n, dimension); n may be 0.

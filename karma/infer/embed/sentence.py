@@ -41,6 +41,8 @@ class SentenceEmbedder:
             sentence-transformers' own, a pickle among the weights, or too little memory.
     """
 
+    computed_on = ""  # device and numbers, as torch calls them
+
     def __init__(
         self, model: str | Path = "bge-small-en", *, torch_options: TorchOptions | None = None
     ) -> None:
@@ -51,15 +53,11 @@ class SentenceEmbedder:
         device = check_room(checked, options)
         self.name = place.name
         self._model = _load(place.path, device, options)
+        self.computed_on = place_of(self._model)
         _refuse_missing(self._model, checked)
         self._row = lru_cache(maxsize=REMEMBERED)(self._computed)
         with foreign(f"{place.path}: it opens and cannot be asked"):
             self.dimension = len(unit_row(self._row("a")))
-
-    @property
-    def computed_on(self) -> str:
-        """Device and numbers, as torch calls them."""
-        return place_of(self._model)
 
     def embed(self, texts: Sequence[str]) -> Vectors:
         """Return one row of length 1 per text, shape (n, dimension); n may be 0."""

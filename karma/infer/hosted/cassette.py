@@ -220,7 +220,8 @@ class Cassette:
         self._lines = 0  # read so far
         self._keyed = False  # a line with its hash was read: those behind it have theirs, too
         self._asked: Counter[str] = Counter()
-        self._scope, self._measured, self._start = "", 0, time.perf_counter()
+        self.scope = ""  # the episode that is going on; "" before the first
+        self._measured, self._start = 0, time.perf_counter()
         self._recording: Recording | None = None
         if mode == "record":
             with self._named():
@@ -241,17 +242,12 @@ class Cassette:
         token = self._recording.token if self._recording else ""
         return Tape(folder=self.path.parent, mode=self.mode, token=token)
 
-    @property
-    def scope(self) -> str:
-        """The episode that is going on; "" before the first."""
-        return self._scope
-
     def begin(self, scope: str) -> None:
         """Start an episode; recording, what an earlier attempt at it left is forgotten.
 
         CassetteError where the file cannot be written.
         """
-        self._scope, self._measured, self._start = scope, 0, time.perf_counter()
+        self.scope, self._measured, self._start = scope, 0, time.perf_counter()
         self._asked.clear()
         if self.mode == "record":
             self._write(Begin(scope=scope))
@@ -269,11 +265,11 @@ class Cassette:
             return seconds
         count, self._measured = self._measured, self._measured + 1
         if self.mode == "record":
-            self._write(Tick(scope=self._scope, count=count, seconds=seconds))
+            self._write(Tick(scope=self.scope, count=count, seconds=seconds))
             return seconds
-        found = self._episodes[self._scope].seconds.get(count)
+        found = self._episodes[self.scope].seconds.get(count)
         if found is None:
-            reason = f"episode {self._scope!r} went another way than its recording: there is"
+            reason = f"episode {self.scope!r} went another way than its recording: there is"
             raise CassetteError(self.path, f"{reason} no time {count + 1}", fix=_AGAIN)
         return found
 
@@ -299,7 +295,7 @@ class Cassette:
         count = self._asked[key]
         self._asked[key] += 1
         if self.mode == "replay":
-            mine = self._episodes[self._scope].exchanges
+            mine = self._episodes[self.scope].exchanges
             found = mine.get((key, count)) or self._shared.get(key)
             if found is None:
                 raise CassetteError(self.path, self._miss(key, count, wanted), fix=_AGAIN)
@@ -309,7 +305,7 @@ class Cassette:
         begun = time.perf_counter()
         reply = send()
         made = Exchange(
-            scope=self._scope, count=count, key=key, request=wanted, url=url, reply=reply,
+            scope=self.scope, count=count, key=key, request=wanted, url=url, reply=reply,
             reply_key=key_of(reply), seconds=time.perf_counter() - begun,
             shared=shared and not reply.failure,
         )  # fmt: skip
@@ -406,7 +402,7 @@ class Cassette:
     # ------------------------------------------------------------- a miss
 
     def _miss(self, key: str, count: int, wanted: Mapping[str, Any]) -> str:
-        scope = self._scope
+        scope = self.scope
         mine = self._episodes[scope].exchanges
         if times := sum(1 for found, _ in mine if found == key):
             return (

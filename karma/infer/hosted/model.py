@@ -60,11 +60,7 @@ class HostedLanguageModel:
     """
 
     def __init__(
-        self,
-        endpoint: Endpoint,
-        *,
-        session: Session | None = None,
-        manner: Manner | None = None,
+        self, endpoint: Endpoint, *, session: Session | None = None, manner: Manner | None = None
     ) -> None:
         self.name, self.host = endpoint.model, endpoint.host
         self._endpoint, self._session = endpoint, session or Session()

@@ -14,6 +14,7 @@ from karma.infer.hosted.dialects import Language, manner_of
 from karma.infer.hosted.model import HostedLanguageModel
 from karma.infer.hosted.session import Endpoint, Session
 from karma.infer.programs.grammars import literal
+from karma.infer.programs.schema import object_schema
 from karma.seeds import stream
 
 _TIMES = 2
@@ -76,7 +77,6 @@ def prove(model: HostedLanguageModel, seed: int = 0) -> None:
 
 def _language(words: tuple[str, ...]) -> Language:
     admitted = [f"{word}\n" for word in words]
-    one = {"type": "string", "enum": list(words)}
 
     def read(answer: str) -> str | None:
         found = re.fullmatch(r'\s*\{\s*"k"\s*:\s*"(k-[0-9a-f]{8})"\s*\}\s*', answer)
@@ -85,12 +85,7 @@ def _language(words: tuple[str, ...]) -> Language:
     return Language(
         grammar=f"root ::= {' | '.join(map(literal, admitted))}",
         regex=rf"({'|'.join(words)})\n",
-        schema={
-            "type": "object",
-            "properties": {"k": one},
-            "required": ["k"],
-            "additionalProperties": False,
-        },
+        schema=object_schema({"k": {"type": "string", "enum": list(words)}}),
         read=read,
         admits=admitted.__contains__,
         begins=lambda text: any(word.startswith(text) for word in admitted),

@@ -85,12 +85,17 @@ class GgufModel:
         self.n_ctx = self.limit if options.n_ctx else self.n_batch
         check_width(self.name, metadata, options)
         self.size = Footprint.of(
-            path, metadata, batch=self.n_batch, bytes_each=KV_BYTES[options.kv]
-        )
-        self.size = replace(self.size, beside_mb=beside_mb)
+            path, metadata, batch=self.n_batch, bytes_each=KV_BYTES[options.kv],
+            beside_mb=beside_mb,
+        )  # fmt: skip
         planned = self.limit if options.n_ctx else min(self.limit, _PLANNED)
         self.placement = place(self.name, self.size, options, context=planned)
-        self._check_memory(path)
+        off = 1 - min(1.0, self.placement.layers / self.size.blocks)  # what is not on a GPU
+        check_memory(
+            str(path), off * self.size.layers_mb(self.n_ctx) + self.size.work_mb(self.n_ctx),
+            parts=f"{off * self.size.file_mb:.0f} MB of file, a context of {self.n_ctx} tokens",
+            fix=_SMALLER,
+        )  # fmt: skip
         if sha256 is None and not tried:
             try_in_own_process(_TRIAL, path, cannot="cannot run it")
         keywords: Mapping[str, Any] = {
@@ -105,6 +110,8 @@ class GgufModel:
                 f"{self.name}: llama.cpp put {layers} layers on {self.placement.name}, not "
                 f"{self.placement.layers}\n  To fix: gpu_layers = 0"
             )
+        self.vocabulary = int(self.llama.n_vocab())  # how many tokens there are
+        self.end_token = int(self.llama.token_eos())  # it ends an answer
         self.table = _token_table(self.llama)
         letter = b"".join(self.table.pieces[one] for one in self._tokenized("a", False))
         self._spaces = letter[:1] == b" "  # the tokens of a text say a space before it
@@ -149,16 +156,6 @@ class GgufModel:
             threads=self.options.threads, batch=self.n_batch, kv=self.options.kv,
             flash_attention=self._flash,
         )  # fmt: skip
-
-    @property
-    def end_token(self) -> int:
-        """The token that ends an answer."""
-        return int(self.llama.token_eos())
-
-    @property
-    def vocabulary(self) -> int:
-        """How many tokens there are."""
-        return int(self.llama.n_vocab())
 
     def make_room(self, tokens: int) -> None:
         """Let the context hold so many tokens; one that is opened anew keeps nothing.
@@ -335,15 +332,6 @@ class GgufModel:
     @property
     def _flash(self) -> bool:
         return self.options.flash(on_gpu=bool(self.placement.layers))
-
-    def _check_memory(self, path: Path) -> None:
-        """Refuse the file where the part of it that is not on a GPU does not fit."""
-        off = 1 - min(1.0, self.placement.layers / self.size.blocks)
-        check_memory(
-            str(path), off * self.size.layers_mb(self.n_ctx) + self.size.work_mb(self.n_ctx),
-            parts=f"{off * self.size.file_mb:.0f} MB of file, a context of {self.n_ctx} tokens",
-            fix=_SMALLER,
-        )  # fmt: skip
 
     def _check_more(self, tokens: int, parts: str) -> None:
         """Refuse so many more tokens where their keys and values do not fit."""

@@ -84,6 +84,7 @@ class TransformersVision:
     """
 
     needs_pictures = True
+    computed_on = ""  # device and numbers, as torch calls them
 
     def __init__(
         self,
@@ -103,15 +104,11 @@ class TransformersVision:
         half = folder.parameters >= LARGE and stored in ("bfloat16", "float16")
         kind = "AutoModelForImageTextToText"
         self._model = load_weights(kind, folder, torch_options, half=half)
+        self.computed_on = place_of(self._model)
         self._batch = self.options.batch or (1 if self._model.device.type == "cpu" else _BATCH)
         if folder.parameters < LARGE:  # others take minutes for a picture
             with foreign(f"{folder.path}: it opens and cannot be asked"):
                 self.answer_all([np.full((37, 53, 3), 100, np.uint8)], [_TRIAL], most=1)
-
-    @property
-    def computed_on(self) -> str:
-        """Device and numbers, as torch calls them."""
-        return place_of(self._model)
 
     def read_states(
         self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]
