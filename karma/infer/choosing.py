@@ -63,13 +63,6 @@ def path_to(trie: Sequence[Node], number: int) -> tuple[int, ...]:
     return tuple(path[::-1])
 
 
-def lowest_run(trie: Sequence[Node]) -> list[int]:
-    """Return the nodes to run that none to run is below; neighbours share most of their paths."""
-    inner = [number for number, node in enumerate(trie) if number and node.children]
-    lowest = [n for n in inner if not any(trie[c].children for c in trie[n].children.values())]
-    return sorted(lowest, key=lambda number: path_to(trie, number))
-
-
 def score_children(
     trie: Sequence[Node], found: Floats, nodes: Sequence[int], logits: Logits
 ) -> None:

@@ -24,7 +24,7 @@ import numpy as np
 
 from karma.contracts import END, Choice, Scoring
 from karma.errors import ModelError, RequestRefused
-from karma.infer.choosing import Floats, Node, Race, lowest_run, path_to, score_children, trie_of
+from karma.infer.choosing import Floats, Node, Race, path_to, score_children, trie_of
 from karma.infer.llama.constrain import Logits
 from karma.infer.llama.gguf_model import GgufModel
 
@@ -150,11 +150,6 @@ class PathRuns:
         self._path: tuple[int, ...] = ()  # in the cache
         self._known = {0}  # nodes whose children have scores
 
-    def score_all(self) -> None:
-        """Score every node."""
-        for number in lowest_run(self.trie):
-            self._run(path_to(self.trie, number))
-
     def score_below(self, number: int) -> None:
         """Score the children of a node, whose parent's are scored.
 
@@ -165,13 +160,14 @@ class PathRuns:
         last = number
         while len(inner := self._inner(last)) == 1:
             last = inner[0]
-        self._run(path_to(self.trie, last))
+        self.run(path_to(self.trie, last))
 
     def _inner(self, number: int) -> list[int]:
         children = self.trie[number].children.values()
         return [child for child in children if self.trie[child].children]
 
-    def _run(self, path: tuple[int, ...]) -> None:
+    def run(self, path: tuple[int, ...]) -> None:
+        """Run a path of nodes, from below the root, and score their children."""
         same = _same(self._path, path)
         self._cache.forget(self.start + same)
         self._path = path
@@ -191,16 +187,6 @@ def _same(old: Sequence[object], new: Sequence[object]) -> int:
 
 
 _TRIES = 8  # lists of continuations whose tokens are kept
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scores:
-    """All continuations scored, in the order given, and what that took in tokens."""
-
-    values: Floats
-    prompt_tokens: int
-    reused_tokens: int  # of the prompt, kept from an earlier call
-    run_tokens: int  # of continuations
 
 
 @dataclass(slots=True)
@@ -226,37 +212,20 @@ class SkillScorer:
         self._kept: list[_Segment] = []  # segments of the prompt in the cache
         self._tries: dict[tuple[str, ...], Sequence[Node]] = {}
 
-    def scores(
-        self, prompt: Sequence[str], continuations: Sequence[str], *, scoring: Scoring = "sum"
-    ) -> Scores:
-        """Return the score of every continuation, the sum of log-probabilities or their average.
-
-        Each segment of the prompt is tokenised and decoded by itself; `END` stands for the end of
-        the answer.
-
-        Raises:
-            RequestRefused: prompt and longest continuation do not fit the context.
-            ValueError: there is no continuation, one without tokens, or no prompt.
-        """
-        paths, reused = self._begin(prompt, continuations)
-        paths.score_all()
-        values = np.empty(len(continuations), np.float64)
-        for number, node in enumerate(paths.trie):
-            divisor = max(node.depth, 1) if scoring == "average" else 1
-            values[node.ends] = paths.found[number] / divisor
-        return Scores(
-            values=values, prompt_tokens=paths.start, reused_tokens=reused, run_tokens=paths.count
-        )
-
     def choose(
         self, prompt: Sequence[str], continuations: Sequence[str], *, scoring: Scoring = "sum"
     ) -> Choice:
         """Return the continuation with the highest score, running as few tokens as can prove it.
 
-        The score is the one that `scores` gives. Arguments and errors as there.
+        The score is the sum of log-probabilities or their average. Each segment of the prompt is
+        tokenised and decoded by itself; `END` stands for the end of the answer.
+
+        Raises:
+            RequestRefused: prompt and longest continuation do not fit the context.
+            ValueError: there is no continuation, one without tokens, or no prompt.
         """
         start_s = time.perf_counter()
-        paths, reused = self._begin(prompt, continuations)
+        paths, reused = self.begin(prompt, continuations)
         race = Race(paths.trie, paths.found, average=scoring == "average")
         score, one, number = race.run(paths.score_below)
         return Choice(
@@ -269,7 +238,7 @@ class SkillScorer:
         """Free the cache; the model stays open."""
         self._cache.close()
 
-    def _begin(self, prompt: Sequence[str], continuations: Sequence[str]) -> tuple[PathRuns, int]:
+    def begin(self, prompt: Sequence[str], continuations: Sequence[str]) -> tuple[PathRuns, int]:
         """Have the prompt in the cache; return what runs behind it, and how much was kept."""
         trie = self._trie(tuple(continuations))
         given = [
