@@ -1,6 +1,7 @@
 """Skill scoring against its definition, on random weights and on the shipped planner."""
 
 import os
+from functools import partial
 
 import numpy as np
 import pytest
@@ -217,7 +218,7 @@ def test_a_prompt_without_room_for_the_longest_text_is_refused(model, scorer):
     tokens = len(model.tokens(*prompt, begins=True))
     longest = max(len(tokens_of(model, text)) for text in SKILLS)
     words = f"context of {tokens + longest - 1}, but tiny has {model.limit}$"
-    for ask in (scorer.scores, scorer.choose):
+    for ask in (partial(every_score, scorer), scorer.choose):
         with pytest.raises(ModelError, match=words):
             ask(prompt, SKILLS)
     assert every_score(scorer, PROMPT, SKILLS).values.shape == (len(SKILLS),)

@@ -37,7 +37,7 @@ class NameWatch:
         self._begun: NameBegun | None = None
 
     def seen(self, state: State, pieces: list[bytes]) -> State | None:
-        """Return where the answer stands, in which a name that has led astray is another."""
+        """Return where the answer stands, a name that led astray replaced, in `pieces` too."""
         if not state.frame.names:
             return state
         if state.node == 0:
