@@ -67,7 +67,7 @@ class Footprint:
         metadata: Mapping[str, Any],
         *,
         batch: int,
-        bytes_each: float,
+        bytes_each: float = 2,
         beside_mb: float = 0.0,
     ) -> Self:
         """Estimate it from the header, for calls of `batch` tokens."""
