@@ -24,6 +24,7 @@ from typing import Annotated
 
 import typer
 from measuring import in_turns, table, taken
+from support.every_score import every_score
 from support.naive_scoring import PLACES, THINGS, Naive, lines, tokens_of
 
 from karma.bench.engine.experiment_file import beside
@@ -66,14 +67,14 @@ def speed(model: GgufModel, texts: Sequence[str]) -> None:
     timed = stream(0, "timed").choice(len(texts), TIMED, replace=False).tolist()
     whole = len(texts) * median(taken(lambda n=n: naive.score(prompt, texts[n])) for n in timed)
     ways = {
-        "all, warm prompt": lambda: scorer.scores(prompt, texts),
+        "all, warm prompt": lambda: every_score(scorer, prompt, texts),
         "argmax, warm prompt": lambda: scorer.choose(prompt, texts),
     }
     cold = []
     for _ in range(TIMED):
         scorer.choose(("#", "other"), texts)  # the long prompt is gone
         cold.append(taken(ways["all, warm prompt"]))
-    found, best = scorer.scores(prompt, texts), scorer.choose(prompt, texts)
+    found, best = every_score(scorer, prompt, texts), scorer.choose(prompt, texts)
     assert best.number == int(found.values.argmax())
     seconds = {name: median(times) for name, times in in_turns(ways, REPEAT).items()}
     rows = [

@@ -21,7 +21,7 @@ import karma
 from karma.bundle import install
 from karma.bundle.wheels import collect, licence, own_wheel
 from karma.errors import FileError
-from karma.infer.manifest.added_entry import entry_toml
+from karma.infer.manifest.added import entry_toml
 from karma.infer.manifest.manifest import (
     ModelEntry,
     check,

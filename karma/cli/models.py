@@ -122,8 +122,7 @@ def models_add(
     Files of a model of the manifest are recognised, and refused by name if they are not what it
     says; anything else becomes a model of its own. Nothing is ever fetched.
     """
-    from karma.infer.manifest.added_entry import AddOptions
-    from karma.infer.manifest.added_models import add_model
+    from karma.infer.manifest.added import AddOptions, add_model
 
     options = AddOptions(
         name=name, role=_role(role), licence=licence, source=source, revision=revision,
@@ -238,7 +237,7 @@ def models_tune(
 
 def models_remove(name: Annotated[str, typer.Argument(help="A model that was added.")]) -> None:
     """Take back an `add`: the entry, and the copies it made; files added in place stay."""
-    from karma.infer.manifest.added_models import remove_model
+    from karma.infer.manifest.added import remove_model
 
     place = Path(remove_model(name).files[0].path)
     stays = f"; its files stay in {place.parent}" if place.is_absolute() else ""

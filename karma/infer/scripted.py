@@ -2,24 +2,12 @@
 
 from collections.abc import Iterable, Sequence
 
-from karma.contracts import (
-    END,
-    AnswerSpec,
-    Choice,
-    Completion,
-    Heard,
-    Listener,
-    Prompt,
-    Scoring,
-)
+from karma.contracts import END, AnswerSpec, Choice, Completion, Heard, Listener, Prompt, Scoring
 from karma.errors import ModelError, RequestRefused
 
 
 class ScriptedModel:
-    """A `LanguageModel` and `ScoringModel` with its answers given beforehand.
-
-    Args:
-        answers: texts, said in this order; a spec is not applied to them.
+    """A `LanguageModel` and `ScoringModel` that says texts in their order; specs are not applied.
 
     Attributes:
         prompts: the prompts it was given, in order.
@@ -45,12 +33,9 @@ class ScriptedModel:
         seed: int = 0,
         listen: Listener | None = None,
     ) -> Completion:
-        """Return the next answer; tokens are counted as words, times are zero.
+        """Return the next answer, heard line by line; tokens are counted as words, times are zero.
 
-        It is heard line by line.
-
-        Raises:
-            RequestRefused: the script has run out.
+        RequestRefused where the script has run out.
         """
         self.prompts.append(prompt)
         self.specs.append(spec)
@@ -77,8 +62,7 @@ class ScriptedModel:
     ) -> Choice:
         """Choose the next line of the answers, `END` after each answer; others are passed over.
 
-        Raises:
-            RequestRefused: the script has run out.
+        RequestRefused where the script has run out.
         """
         self._pass_over(continuations)
         if not self._lines:

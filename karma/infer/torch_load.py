@@ -45,9 +45,7 @@ def checked_folder(
 ) -> CheckedFolder:
     """Find a model by its name in the manifest or by its path, and check its folder.
 
-    Raises:
-        UnknownNameError: neither a name nor a folder.
-        ModelError: see `resolve_folder` and `check_folder`.
+    Errors as those of `resolve_folder` and `check_folder`.
     """
     place = resolve_folder(model, role)
     return check_folder(place.path, families, needs=needs, name=place.name, fix=place.fix)
@@ -56,8 +54,7 @@ def checked_folder(
 def device_of(options: TorchOptions) -> str:
     """Return the device that is meant, as torch calls it: "cpu", "cuda", "cuda:1", "mps".
 
-    Raises:
-        ModelError: there is none like it here.
+    ModelError where there is none like it here.
     """
     import torch
 
@@ -82,53 +79,26 @@ def bytes_of(options: TorchOptions, *, half: bool = False) -> int:
     return 4 if options.dtype == "float32" or (options.dtype == "auto" and not half) else 2
 
 
-def check_room(
-    folder: CheckedFolder, *, bytes_each: int = 4, work_mb: float = 0, device: str = "cpu"
-) -> None:
-    """Refuse a model that would not fit into memory, before its weights are read.
-
-    Args:
-        folder: the model.
-        bytes_each: of a parameter once loaded; 4 is float32.
-        work_mb: what it needs to compute, where that is much.
-        device: whose memory is asked.
-
-    Raises:
-        ModelError: it would not fit.
-    """
-    count = folder.parameters
-    parts = f"{count / 1e6:.1f} million parameters of {bytes_each} bytes, and room to compute"
-    check_memory(
-        str(folder.path), weights_mb(count, bytes_each=bytes_each) + work_mb, parts=parts,
-        fix="take a smaller model (`karma models list`)", free_mb=_free_mb(device),
-    )  # fmt: skip
-
-
-def _free_mb(device: str) -> float | None:
-    """Return the free memory of a card; None for what shares this machine's."""
-    if not device.startswith("cuda"):
-        return None
+def check_room(folder: CheckedFolder, options: TorchOptions, *, half: bool = False) -> str:
+    """Return the device of a model; ModelError, before weights are read, where it does not fit."""
     import torch
 
-    return float(torch.cuda.mem_get_info(device)[0]) / 1e6
+    device, count, each = device_of(options), folder.parameters, bytes_of(options, half=half)
+    free = float(torch.cuda.mem_get_info(device)[0]) / 1e6 if device[:4] == "cuda" else None
+    check_memory(
+        str(folder.path), weights_mb(count, bytes_each=each), free_mb=free,
+        parts=f"{count / 1e6:.1f} million parameters of {each} bytes, and room to compute",
+        fix="take a smaller model (`karma models list`)",
+    )  # fmt: skip
+    return device
 
 
 def load_weights(
-    kind: str,
-    folder: CheckedFolder,
-    options: TorchOptions | None = None,
-    *,
-    work_mb: float = 0,
-    half: bool = False,
+    kind: str, folder: CheckedFolder, options: TorchOptions | None = None, *, half: bool = False
 ) -> Any:
-    """Open a model on its device, ready to be asked.
+    """Open a model of a class of transformers on its device, ready to be asked.
 
-    Args:
-        kind: its class in transformers, e.g. "CLIPModel".
-        folder: checked before, see `check_folder`.
-        options: on which device, in which numbers.
-        work_mb: see `check_room`.
-        half: in bfloat16 instead of float32, where the options leave it open.
+    In bfloat16 if `half` and the options leave it open, else in float32.
 
     Raises:
         ModelError: no such device, too little memory, or weights that are not this
@@ -136,8 +106,7 @@ def load_weights(
             say so in a warning only.
     """
     options = options or TorchOptions()
-    device = device_of(options)
-    check_room(folder, bytes_each=bytes_of(options, half=half), work_mb=work_mb, device=device)
+    device = check_room(folder, options, half=half)
     import torch
 
     auto = "bfloat16" if half else "float32"
@@ -160,13 +129,9 @@ def load_weights(
 
 @contextmanager
 def foreign(what: str) -> Iterator[None]:
-    """Turn whatever a library makes of files from elsewhere into one error.
+    """Turn whatever a library makes of files from elsewhere into one ModelError.
 
-    Args:
-        what: names the file or folder, and says what is wrong with it.
-
-    Raises:
-        ModelError: the library raised anything but an error of ours or for lack of memory.
+    Errors of ours and the lack of memory stay as they are; `what` names the file, and its fault.
     """
     try:
         yield
@@ -197,8 +162,7 @@ def import_transformers() -> Any:
 def load_image_processor(folder: CheckedFolder) -> Any:
     """Open what prepares pictures, the variant over Pillow whatever else is installed.
 
-    Raises:
-        ModelError: preprocessor_config.json cannot be used.
+    ModelError where preprocessor_config.json cannot be used.
     """
     where = folder.path / "preprocessor_config.json"
     said = read_config(where, fix="bring the model's whole folder")
@@ -215,8 +179,7 @@ def load_image_processor(folder: CheckedFolder) -> Any:
 def load_tokenizer(folder: CheckedFolder) -> Any:
     """Open tokenizer.json with the `tokenizers` library, which runs no code of the model's.
 
-    Raises:
-        ModelError: it is torn or no tokenizer.
+    ModelError where it is torn or no tokenizer.
     """
     from tokenizers import Tokenizer
 

@@ -5,6 +5,7 @@ The last part is about programs for a request as its words were read, without an
 
 import numpy as np
 import pytest
+from support.random_programs import random_program
 
 from karma.agent.goals.goals import parse_goal
 from karma.agent.loading.examples import bank_file, read_bank
@@ -124,7 +125,7 @@ def test_no_line_says_what_no_type_allows():
     needs = {line.name: line.takes for line in GOAL_LINES if line.takes}
     generator = np.random.default_rng(3)
     for _ in range(300):
-        (call,) = parse_program(automaton.random_program(generator, 1), GOAL_LINES)
+        (call,) = parse_program(random_program(automaton, generator, 1), GOAL_LINES)
         kinds = [object_types().get(name) for name in call.objects]
         if call.skill in needs and kinds[0] is not None:
             assert kinds[0].can(needs[call.skill]), str(call)

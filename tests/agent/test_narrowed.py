@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.random_programs import random_program
 
 from karma.agent.planning.expert import solve
 from karma.agent.planning.inspector import hand_of, narrowed, objection
@@ -52,7 +53,7 @@ def test_no_walk_says_what_its_types_never_allow():
         generator = np.random.default_rng(7)
         count = 0
         for _ in range(SAMPLE):
-            calls = parse_program(automaton.random_program(generator, 1), (*SKILLS, *OUR_SKILLS))
+            calls = parse_program(random_program(automaton, generator, 1), (*SKILLS, *OUR_SKILLS))
             found = objection(calls, held=None, known=set(ROOM))
             misplaced = found is not None and "cannot be placed" in found.reason
             count += found is not None and found.lasting and not misplaced
@@ -94,7 +95,7 @@ def walks(*, follow: bool, lines: int):
         spec = held_to_types(ProgramSpec(skills=(*SKILLS, *OUR_SKILLS), objects=ROOM))
         hand = HandSpec(held=held, shut=("Fridge", "Microwave", "Cabinet_1"))
         spec = replace(spec, hand=hand) if follow else spec
-        text = ProgramAutomaton(spec).random_program(generator, lines)
+        text = random_program(ProgramAutomaton(spec), generator, lines)
         yield held, parse_program(text, (*SKILLS, *OUR_SKILLS))
 
 

@@ -4,6 +4,7 @@ import re
 from itertools import pairwise
 
 import pytest
+from support.every_score import every_score
 from support.household import kitchen
 from support.tiny import export_tiny
 
@@ -270,7 +271,7 @@ def test_score_chooses_what_all_scores_say(world, tmp_path):
     plans, _, _ = do(started(method, world, tmp_path))
     texts = tuple(steps_in_lines())
     prompt = (plans[0].prompt.stable, plans[0].prompt.changing)
-    values = SkillScorer(model.gguf).scores(prompt, texts).values
+    values = every_score(SkillScorer(model.gguf), prompt, texts).values
     chosen = values[texts.index(plans[0].completion.text)]
     assert chosen == pytest.approx(values.max(), abs=1e-6)
     model.close()

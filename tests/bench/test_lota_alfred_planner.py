@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support import alfred_kitchen as ours
 from support import eb_alfred as eb
+from support.every_score import every_score
 from support.lota_alfred import FETCH, SAID, STOW, environment, listed, trial
 from support.paths import SHARED
 from support.tiny import export_tiny
@@ -260,7 +261,7 @@ def test_scored_skill_is_the_best_of_all_scores(tmp_path, scoring):
     scorer = SkillScorer(model.gguf)
     for place, answer in enumerate(record.answers[:3]):
         prompt = score_prompt(SAID, record.steps[:place], OPTIONS)
-        values = scorer.scores(prompt, texts, scoring=scoring).values
+        values = every_score(scorer, prompt, texts, scoring=scoring).values
         assert values[NAMES.index(answer.text)] == pytest.approx(values.max(), abs=1e-6)
         assert answer.score == pytest.approx(values.max(), abs=1e-6)
     assert record.answers

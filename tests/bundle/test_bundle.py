@@ -333,7 +333,10 @@ def test_model_in_a_package_travels_by_its_wheel_or_else_by_its_files(comes, tmp
         f'files = [{{ path = "big.gguf", bytes = {len(LOREM)}, sha256 = "{sha(LOREM)}" }}]\n'
     )
     packages = {"some-weights"} if comes else set()
-    found = dict(building._model_sources([find_model("big", shipped)], packages))
+    with monkeypatch.context() as there:
+        there.setenv("KARMA_MODELS", str(shipped.parent))
+        entry = find_model("big")
+    found = dict(building._model_sources([entry], packages))
     assert ("models/weights/big/big.gguf" in found) is not comes
     if comes:
         return
@@ -343,5 +346,6 @@ def test_model_in_a_package_travels_by_its_wheel_or_else_by_its_files(comes, tmp
         data = found[name]
         place.write_bytes(data if isinstance(data, bytes) else data.read_bytes())
     monkeypatch.undo()  # over there the package is not installed
-    over_there = find_model("big", shipped)
-    assert verify_model(over_there, shipped) == (shipped.parent / "weights/big/big.gguf",)
+    monkeypatch.setenv("KARMA_MODELS", str(shipped.parent))
+    over_there = find_model("big")
+    assert verify_model(over_there) == (shipped.parent / "weights/big/big.gguf",)

@@ -17,9 +17,9 @@ from karma.cli import app
 from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.infer.llama import devices
 from karma.infer.llama.options import LlamaOptions
-from karma.infer.llama.picture_chat import PictureChat
 from karma.infer.llama.room_states import StateOptions
-from karma.infer.manifest.picture_pair import PicturePair
+from karma.infer.llama.vision import LlamaVision
+from karma.infer.manifest.manifest import PicturePair
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.vision.pictures import picture_url
 from karma.train.testing import make_picture_model
@@ -150,8 +150,8 @@ def test_layers_that_do_not_fit_are_told_with_what_makes_room(gpu, monkeypatch, 
 def test_pictures_are_answered_with_the_same_words(gpu, tmp_path):
     made = make_picture_model(tmp_path / "pair", "llava")
     pair = PicturePair(name="llava", model=made.model, projector=made.projector)
-    far = PictureChat(pair, LlamaOptions(threads=1))
-    near = PictureChat(pair, LlamaOptions(threads=1, gpu_layers=0))
+    far = LlamaVision(pair, llama_options=LlamaOptions(threads=1))
+    near = LlamaVision(pair, llama_options=LlamaOptions(threads=1, gpu_layers=0))
     assert (far.engine.device, near.engine.device) == ("RPC0", "CPU")
     assert far.engine.gpu_layers > 0
     frame = np.random.default_rng(3).integers(0, 256, (96, 128, 3), dtype=np.uint8)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.random_programs import random_program
 
 from karma.contracts import REFUSAL_KINDS, ProgramSpec, Skill, SkillCall
 from karma.errors import ModelError
@@ -84,7 +85,7 @@ def read(automaton, text):
 @given(spec=SPECS, generator=SEEDS, data=st.data())
 def test_random_program_is_a_member_and_its_prefixes_are_alive(spec, generator, data):
     automaton = ProgramAutomaton(spec)
-    text = automaton.random_program(generator, data.draw(st.integers(1, spec.max_calls)))
+    text = random_program(automaton, generator, data.draw(st.integers(1, spec.max_calls)))
     assert members(spec, text)
     for cut in range(len(text) + 1):
         found = read(automaton, text[:cut])
@@ -128,7 +129,7 @@ def test_every_program_of_the_spec_is_admitted(data):
 @given(spec=SPECS, generator=SEEDS, data=st.data())
 def test_mangled_program_is_accepted_only_if_still_a_member(spec, generator, data):
     automaton = ProgramAutomaton(spec)
-    text = automaton.random_program(generator, data.draw(st.integers(1, spec.max_calls)))
+    text = random_program(automaton, generator, data.draw(st.integers(1, spec.max_calls)))
     place = data.draw(st.integers(0, len(text) - 1))
     size = data.draw(st.integers(0, 3))
     new = data.draw(st.text(st.sampled_from("'\"[](), \n_ARobotxé1"), max_size=3))
@@ -187,7 +188,7 @@ def masked(state):
 @st.composite
 def states(draw):
     generator = draw(SEEDS)
-    text = AUTOMATON.random_program(generator, draw(st.integers(1, 3))).encode()
+    text = random_program(AUTOMATON, generator, draw(st.integers(1, 3))).encode()
     return AUTOMATON.advance(AUTOMATON.start(), text[: draw(st.integers(0, len(text)))])
 
 
@@ -288,7 +289,7 @@ def test_admitted_text_parses_with_the_planner_s_own_parser():
     )  # fmt: skip
     automaton, generator = ProgramAutomaton(spec), np.random.default_rng(0)
     for lines in range(1, 41):
-        text = automaton.random_program(generator, lines)
+        text = random_program(automaton, generator, lines)
         calls = program.parse_program(text)
         assert "".join(f"{call}\n" for call in calls) == text
         assert re.fullmatch(r"(\w+\(robot, '[^'\n]+'(, ('[^']+'|\[[^]]+\]))?\)\n)+", text)

@@ -123,7 +123,7 @@ def test_importing_loads_nothing_heavy():
     program = (
         "import sys, karma.infer.embed.sentence, karma.infer.llama.model\n"
         "import karma.infer.llama.gguf_files, karma.infer.embed.clip\n"
-        "import karma.infer.manifest.added_models\n"
+        "import karma.infer.manifest.added\n"
         "import karma.infer.vision.transformers, karma.infer.hosted.vision\n"
         "heavy = {'torch', 'transformers', 'llama_cpp', 'sentence_transformers', 'gguf', 'openai',"
         " 'PIL', 'safetensors'}\n"

@@ -17,8 +17,7 @@ from karma.agent.loading.names import check_models
 from karma.errors import ModelError, UnknownNameError
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.llama.model import LlamaModel
-from karma.infer.manifest.added_entry import AddOptions
-from karma.infer.manifest.added_models import add_model
+from karma.infer.manifest.added import AddOptions, add_model
 from karma.infer.manifest.manifest import read_local, resolve_planner
 from karma.train.testing import make_planner
 from karma.train.testing.architectures import Size, language_keys, language_tensors
@@ -81,8 +80,8 @@ def test_what_is_no_model_to_ask_says_what_it_is(manifest, tmp_path, architectur
     with pytest.raises(ModelError, match=said):
         LlamaModel(path)
     with pytest.raises(ModelError):
-        add_model(path, manifest=manifest)
-    assert not read_local(manifest).models
+        add_model(path)
+    assert not read_local().models
 
 
 @pytest.mark.parametrize(
@@ -141,14 +140,14 @@ def test_a_gguf_is_told_by_its_first_bytes_and_named_by_its_link(
     shutil.copy(planner, tmp_path / "blobs" / "9a1b")
     link = tmp_path / "snapshots" / name
     link.symlink_to("../blobs/9a1b")
-    added = add_model(link, manifest=manifest).entry
+    added = add_model(link).entry
     assert added.name == name.rpartition(".")[0] or name
     found = resolve_planner(added.name)
     assert found.path.read_bytes() == planner.read_bytes() and not found.path.is_symlink()
     monkeypatch.chdir(link.parent)
     assert resolve_planner(name).path.name == name
     check_models({"planner": name})
-    again = add_model(link, AddOptions(name="there", in_place=True), manifest=manifest).entry
+    again = add_model(link, AddOptions(name="there", in_place=True)).entry
     assert again.files[0].path == str(link)
 
 
@@ -202,19 +201,19 @@ def killed_while_it_is_tried(folder, *words):
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc")
 def test_model_whose_trial_was_killed_is_not_listed(manifest, planner):
     assert killed_while_it_is_tried(manifest.parent, planner, "--name", "mine")
-    assert not read_local(manifest).models
-    assert add_model(planner, AddOptions(name="mine"), manifest=manifest).entry.name == "mine"
+    assert not read_local().models
+    assert add_model(planner, AddOptions(name="mine")).entry.name == "mine"
 
 
 def test_trial_that_fails_leaves_nothing_and_sees_the_entry_before_it_is_listed(manifest, planner):
     def refuses(entry, folder):
         assert (folder / "tiny.gguf").read_bytes() == planner.read_bytes()
-        assert entry.name == "tiny" and not read_local(manifest).models
+        assert entry.name == "tiny" and not read_local().models
         raise ModelError("it is tired")
 
     with pytest.raises(ModelError, match="it is tired"):
-        add_model(planner, manifest=manifest, trial=refuses)
-    assert not read_local(manifest).models
+        add_model(planner, trial=refuses)
+    assert not read_local().models
     assert list((manifest.parent / "weights").iterdir()) == []
 
 

@@ -17,15 +17,11 @@ from karma.contracts import SeenObject
 from karma.errors import ModelError, UnknownNameError
 from karma.infer.checks import memory
 from karma.infer.checks.projector import check_projector
-from karma.infer.llama import picture_chat
 from karma.infer.llama import vision as llama_vision
 from karma.infer.llama.options import LlamaOptions
-from karma.infer.llama.picture_chat import PictureChat
 from karma.infer.llama.vision import LlamaVision, require_pictures
-from karma.infer.manifest.added_entry import AddOptions
-from karma.infer.manifest.added_models import add_model
-from karma.infer.manifest.manifest import find_model
-from karma.infer.manifest.picture_pair import PicturePair, resolve_pair
+from karma.infer.manifest.added import AddOptions, add_model
+from karma.infer.manifest.manifest import PicturePair, find_model, resolve_pair
 from karma.infer.vision.pictures import picture_url
 from karma.registry import load
 from karma.train.testing import PICTURE_FAMILIES, Size, make_picture_model, make_planner
@@ -91,16 +87,15 @@ def damaged(pairs, family, lost, folder):
 
 
 @pytest.mark.parametrize("family", PICTURE_FAMILIES)
-def test_every_picture_family_answers_another_picture_with_other_words(pairs, family):
-    eyes = load("vision_models", "llama")(str(pairs[family]), llama_options=ONE, max_tokens=20)
-    first, other, again = (
-        eyes._chat.answer(about(picture(seed)), max_tokens=12) for seed in (1, 2, 1)
-    )
+def test_every_picture_family_answers_another_picture_with_other_words(pairs, family, monkeypatch):
+    monkeypatch.setattr(llama_vision, "MAX_TOKENS", 20)
+    eyes = load("vision_models", "llama")(str(pairs[family]), llama_options=ONE)
+    first, other, again = (eyes.answer(about(picture(seed)), max_tokens=12) for seed in (1, 2, 1))
     assert first == again != other
     assert eyes.read_states(picture(1), "wash the mug", [MUG]) == {}  # it babbles
     assert eyes.read_states(None, "wash the mug", []) == {}
     assert (eyes.name, eyes.needs_pictures) == (family, True)
-    assert eyes._chat.engine.threads == 1
+    assert eyes.engine.threads == 1
     with pytest.raises(ModelError, match="there is none: nothing was rendered"):
         eyes.read_states(None, "wash the mug", [MUG])
     eyes.close()
@@ -110,10 +105,11 @@ def test_nothing_is_written_to_the_terminal_by_the_library(pairs):
     program = (
         "import sys, numpy as np\n"
         "from karma.contracts import SeenObject\n"
-        "from karma.infer.llama.vision import LlamaVision\n"
+        "from karma.infer.llama import vision\n"
         "mug = SeenObject(object_id='Mug|1', object_type='Mug', position_m=(0, 0, 0),\n"
         "    box_center_m=(0, 0, 0), box_size_m=(1, 1, 1), pickupable=True)\n"
-        "eyes = LlamaVision(sys.argv[1], max_tokens=4)\n"
+        "vision.MAX_TOKENS = 4\n"
+        "eyes = vision.LlamaVision(sys.argv[1])\n"
         "kept = [eyes]  # to the end\n"
         "print(eyes.read_states(np.zeros((32, 32, 3), np.uint8), 'wash it', [mug]))\n"
     )
@@ -124,7 +120,7 @@ def test_nothing_is_written_to_the_terminal_by_the_library(pairs):
 
 def test_question_longer_than_the_context_and_an_address_are_refused(pairs):
     pair = pair_of(pairs["smolvlm"])
-    chat = PictureChat(pair, LlamaOptions(threads=1, n_ctx=48))
+    chat = LlamaVision(pair, llama_options=LlamaOptions(threads=1, n_ctx=48))
     long = [{"role": "user", "content": [{"type": "text", "text": "mug " * 300}]}]
     with pytest.raises(ModelError, match=r"smolvlm: llama\.cpp cannot answer: .*exceeds n_ctx"):
         chat.answer(long, max_tokens=4)
@@ -140,7 +136,7 @@ def test_question_longer_than_the_context_and_an_address_are_refused(pairs):
 @pytest.mark.model
 def test_run_looks_through_a_pair_and_keeps_what_it_looked_at(pairs, tmp_path, monkeypatch):
     need_models("karma-nano")
-    monkeypatch.setitem(LlamaVision.__init__.__kwdefaults__, "max_tokens", 4)  # it babbles on
+    monkeypatch.setattr(llama_vision, "MAX_TOKENS", 4)  # it babbles on
     path = tmp_path / "x.toml"
     path.write_text(
         f'name = "x"\ntasks = "{ROOT / "eval/alfred_l/tasks.jsonl"}"\nonly = ["simple-12"]\n'
@@ -152,7 +148,7 @@ def test_run_looks_through_a_pair_and_keeps_what_it_looked_at(pairs, tmp_path, m
 
 
 def test_scoring_a_pair_counts_what_it_said_nothing_usable_about(pairs, tmp_path, monkeypatch):
-    monkeypatch.setitem(LlamaVision.__init__.__kwdefaults__, "max_tokens", 4)
+    monkeypatch.setattr(llama_vision, "MAX_TOKENS", 4)
     model, page = f"llama:{pairs['llava']}", tmp_path / "x.json"
     options = ["--model", model, "--rooms", "kitchen_1", "--frames", "2", "--json", str(page)]
     done = CliRunner().invoke(app, ["vlm", "eval", *options])
@@ -176,7 +172,7 @@ def test_projector_without_what_it_needs_is_refused_by_name(pairs, tmp_path, fam
 def test_what_ends_the_process_ends_the_trial_only(pairs, tmp_path, family, lost):
     pair = damaged(pairs, family, lost, tmp_path / "x")
     with pytest.raises(ModelError, match=r"cannot look at a picture by it .*\(code -?\d+\)"):
-        picture_chat.try_pair(pair)
+        llama_vision.try_pair(pair)
 
 
 def test_cut_or_foreign_projector_is_a_model_error(pairs, tmp_path):
@@ -218,10 +214,10 @@ def test_both_files_are_counted_against_the_memory_that_is_free(pairs, tmp_path,
     whole = tmp_path / "meminfo"
     monkeypatch.setattr(memory, "MEMINFO", whole)
     monkeypatch.setattr(memory, "projector_mb", None)
-    monkeypatch.setattr(picture_chat, "projector_mb", lambda path: 5000.0)
+    monkeypatch.setattr(llama_vision, "projector_mb", lambda path: 5000.0)
     whole.write_text("MemAvailable: 4000000 kB\n")
     with pytest.raises(ModelError, match=r"llava\.gguf: needs about 5\d\d\d MB"):
-        PictureChat(pair, ONE)
+        LlamaVision(pair, llama_options=ONE)
 
 
 def test_a_build_without_pictures_says_how_to_build_one(monkeypatch):
@@ -252,8 +248,9 @@ def test_added_pair_is_described_verified_and_opened_by_name(pairs, manifest, mo
         "weights/smolvlm/mmproj-smolvlm.gguf", "weights/smolvlm/smolvlm.gguf",
     ]  # fmt: skip
     assert entry.memory_mb > 128
-    monkeypatch.setattr(picture_chat, "try_pair", None)  # the manifest vouches
-    eyes = LlamaVision("smolvlm", llama_options=ONE, max_tokens=4)
+    monkeypatch.setattr(llama_vision, "try_pair", None)  # the manifest vouches
+    monkeypatch.setattr(llama_vision, "MAX_TOKENS", 4)
+    eyes = LlamaVision("smolvlm", llama_options=ONE)
     assert eyes.read_states(picture(1), "wash the mug", [MUG]) == {}
     eyes.close()
     projector = manifest.parent / "weights/smolvlm/mmproj-smolvlm.gguf"

@@ -54,7 +54,8 @@ files = [
 
 
 @pytest.fixture
-def manifest(tmp_path):
+def manifest(tmp_path, monkeypatch):
+    monkeypatch.setenv("KARMA_MODELS", str(tmp_path))
     (tmp_path / "nano").mkdir()
     (tmp_path / "nano/nano.gguf").write_bytes(DATA)
     path = tmp_path / "manifest.toml"
@@ -106,35 +107,35 @@ def test_every_key_and_role_of_the_manifest_is_in_its_page():
 
 
 def test_right_file_is_verified(manifest):
-    entry = find_model("nano", manifest)
-    assert verify(entry, manifest) == (manifest.parent / "nano/nano.gguf",)
+    entry = find_model("nano")
+    assert verify(entry) == (manifest.parent / "nano/nano.gguf",)
 
 
 def test_absent_wrong_open_and_right_files_are_told_apart(manifest):
-    entry = find_model("nano", manifest)
-    assert check(entry, manifest).state == "ok"
+    entry = find_model("nano")
+    assert check(entry).state == "ok"
     manifest.write_text(ENTRY.replace(f', sha256 = "{SHA}"', ""))
-    unknown = find_model("nano", manifest)
-    found = check(unknown, manifest)
+    unknown = find_model("nano")
+    found = check(unknown)
     assert found.state == "open"
     assert "hash not known: nano/nano.gguf; fill with `karma models add" in found.detail
     with pytest.raises(ModelError, match="not known, so it is not opened"):
-        verify(unknown, manifest)
+        verify(unknown)
     with pytest.raises(ModelError, match="not known, so it is not opened"):
-        resolve_planner("nano", manifest)
+        resolve_planner("nano")
     (manifest.parent / "nano/nano.gguf").write_bytes(b"other")
-    assert check(entry, manifest).state == "wrong"
+    assert check(entry).state == "wrong"
     (manifest.parent / "nano/nano.gguf").unlink()
-    assert check(entry, manifest).state == check(unknown, manifest).state == "absent"
+    assert check(entry).state == check(unknown).state == "absent"
     with pytest.raises(ModelError, match="karma models add PATH --name nano"):
-        verify(unknown, manifest)
+        verify(unknown)
 
 
 @pytest.mark.parametrize("text", ["org/model", "sentence-transformers/all-MiniLM-L6-v2", "nope"])
 def test_name_of_a_hub_is_an_error_that_names_it_and_the_command(manifest, text):
-    for resolve in (resolve_planner, resolve_folder):
+    for resolve in (resolve_planner, lambda name: resolve_folder(name, "vlm")):
         with pytest.raises(UnknownNameError) as caught:
-            resolve(text, path=manifest)
+            resolve(text)
         for part in (text, "Nothing is ever fetched", "karma models add PATH"):
             assert part in str(caught.value)
 
@@ -144,16 +145,16 @@ def test_folder_is_a_verified_name_or_a_path(manifest):
     (manifest.parent / "f/1_Pooling").mkdir(parents=True)
     for file in ("f/model.safetensors", "f/1_Pooling/config.json"):
         (manifest.parent / file).write_bytes(DATA)
-    found = resolve_folder("folder", "text-embedder", path=manifest)
+    found = resolve_folder("folder", "text-embedder")
     assert (found.name, found.path) == ("folder", manifest.parent / "f")
-    assert resolve_folder(str(manifest.parent / "f"), path=manifest).path == found.path
+    assert resolve_folder(str(manifest.parent / "f"), "text-embedder").path == found.path
     with pytest.raises(ModelError, match="not for role vlm but for 'text-embedder'"):
-        resolve_folder("folder", "vlm", path=manifest)
+        resolve_folder("folder", "vlm")
     with pytest.raises(ModelError, match="no such folder"):
-        resolve_folder(manifest.parent / "g", path=manifest)
+        resolve_folder(manifest.parent / "g", "text-embedder")
     (manifest.parent / "f/1_Pooling/config.json").write_bytes(b"Weights")
     with pytest.raises(ModelError, match=r"1_Pooling/config\.json: its SHA-256"):
-        resolve_folder("folder", path=manifest)
+        resolve_folder("folder", "text-embedder")
 
 
 @pytest.mark.parametrize(
@@ -165,7 +166,7 @@ def test_wrong_file_is_named_with_hash_and_command(manifest, content, reason):
     if content is not None:
         file.write_bytes(content)
     with pytest.raises(ModelError) as caught:
-        verify(find_model("nano", manifest), manifest)
+        verify(find_model("nano"))
     fix = ("git restore models/nano", "karma models verify")
     for part in (str(file), reason, f"Expected SHA-256: {SHA}", *fix):
         assert part in str(caught.value)
@@ -174,7 +175,7 @@ def test_wrong_file_is_named_with_hash_and_command(manifest, content, reason):
 def test_missing_package_is_named_with_the_command_that_installs_it(manifest):
     manifest.write_text(ENTRY.replace("files", 'package = "no_such_package"\nfiles'))
     with pytest.raises(ModelError, match="no_such_package") as caught:
-        verify(find_model("nano", manifest), manifest)
+        verify(find_model("nano"))
     assert "git restore" in str(caught.value)
 
 
@@ -189,33 +190,35 @@ def test_missing_package_is_named_with_the_command_that_installs_it(manifest):
 def test_manifest_that_does_not_fit_is_refused_by_name(manifest, old, new, reason):
     manifest.write_text(ENTRY.replace(old, new, 1))
     with pytest.raises(FileError, match=r"manifest\.toml") as caught:
-        read_manifest(manifest)
+        read_manifest()
     assert reason in str(caught.value)
 
 
-def test_missing_manifest_says_how_to_point_to_it(tmp_path):
+def test_missing_manifest_says_how_to_point_to_it(tmp_path, monkeypatch):
+    monkeypatch.setenv("KARMA_MODELS", str(tmp_path))
     with pytest.raises(FileError, match="KARMA_MODELS"):
-        read_manifest(tmp_path / "manifest.toml")
+        read_manifest()
 
 
 def test_environment_moves_the_manifest(manifest, monkeypatch):
+    monkeypatch.delenv("KARMA_MODELS")
     assert manifest_path() == ROOT / "models/manifest.toml"
     monkeypatch.setenv("KARMA_MODELS", str(manifest.parent))
     assert [entry.name for entry in read_manifest().models] == ["nano"]
 
 
 def test_planner_is_a_name_or_any_gguf_path(manifest, tmp_path):
-    named = resolve_planner("nano", manifest)
+    named = resolve_planner("nano")
     assert (named.name, named.sha256, named.prompt_profile) == ("nano", SHA, "compact")
     assert named.path.read_bytes() == DATA
-    assert named.context_length == 2048
-    other = resolve_planner(str(tmp_path / "my.Model.gguf"), manifest)
+    other = resolve_planner(str(tmp_path / "my.Model.gguf"))
     assert (other.name, other.sha256, other.prompt_profile) == ("my.Model", None, "full")
 
 
-def test_planner_unknown_name_suggests_the_nearest(manifest):
+def test_planner_unknown_name_suggests_the_nearest(manifest, monkeypatch):
     with pytest.raises(UnknownNameError, match="Did you mean 'nano'"):
-        resolve_planner("nanno", manifest)
+        resolve_planner("nanno")
+    monkeypatch.delenv("KARMA_MODELS")
     with pytest.raises(ModelError, match="not a planner"):
         resolve_planner("minilm")
 

@@ -16,9 +16,8 @@ from karma.cli import app
 from karma.errors import FileError, ModelError, UnknownNameError
 from karma.infer.embed.clip import ClipEmbedder
 from karma.infer.llama.model import LlamaModel
-from karma.infer.manifest import added_entry, added_models
-from karma.infer.manifest.added_entry import AddOptions
-from karma.infer.manifest.added_models import add_model, remove_model
+from karma.infer.manifest import added as added_models
+from karma.infer.manifest.added import AddOptions, add_model, remove_model
 from karma.infer.manifest.manifest import (
     check,
     find_model,
@@ -53,9 +52,10 @@ def clip(tmp_path_factory):
 
 
 @pytest.fixture
-def manifest(tmp_path):
+def manifest(tmp_path, monkeypatch):
     folder = tmp_path / "models"
     folder.mkdir()
+    monkeypatch.setenv("KARMA_MODELS", str(folder))
     (folder / "ours.gguf").write_bytes(b"abc")
     (folder / "manifest.toml").write_text(OURS)
     return folder / "manifest.toml"
@@ -88,18 +88,18 @@ def everything(folder):
 
 
 def test_gguf_is_copied_hashed_described_and_runs(manifest, gguf):
-    added = add_model(gguf, AddOptions(licence="MIT"), manifest=manifest)
-    entry = find_model("tiny-Q8", manifest)
+    added = add_model(gguf, AddOptions(licence="MIT"))
+    entry = find_model("tiny-Q8")
     assert added.entry == entry
     assert not added.known
     assert (entry.role, entry.format, entry.licence) == ("planner", "gguf", "MIT")
     assert (entry.context_length, entry.prompt_profile, entry.chat) == (4096, "full", None)
     assert entry.files[0].sha256 == hashlib.sha256(gguf.read_bytes()).hexdigest()
     assert entry.memory_mb > entry.files[0].bytes / 1e6 + 12
-    (path,) = verify(entry, manifest)
+    (path,) = verify(entry)
     assert path == manifest.parent / "weights/tiny-Q8/tiny-Q8.gguf"
-    assert check(entry, manifest).state == "ok"
-    planner = resolve_planner("tiny-Q8", manifest)
+    assert check(entry).state == "ok"
+    planner = resolve_planner("tiny-Q8")
     assert LlamaModel(planner.path, sha256=planner.sha256).name == "tiny-Q8"
 
 
@@ -109,12 +109,12 @@ def test_folder_without_a_name_in_the_manifest_is_described_by_its_config(manife
     (folder / "pytorch_model.bin").write_bytes(b"pickle")
     (folder / ".cache").mkdir()
     (folder / ".cache/x.json").write_text("{}")
-    added = add_model(folder, manifest=manifest)
+    added = add_model(folder)
     assert added.left_out == ("pytorch_model.bin",)
     assert (added.entry.name, added.entry.role) == ("my-clip", "image-embedder")
     copies = manifest.parent / "weights/my-clip"
     assert set(everything(copies)) == {Path(p.name) for p in clip.iterdir()}
-    place = resolve_folder("my-clip", "image-embedder", path=manifest)
+    place = resolve_folder("my-clip", "image-embedder")
     assert np.array_equal(
         ClipEmbedder(place.path).embed(["apple"]), ClipEmbedder(clip).embed(["apple"])
     )
@@ -122,27 +122,27 @@ def test_folder_without_a_name_in_the_manifest_is_described_by_its_config(manife
 
 def test_in_place_leaves_the_files_where_they_are(manifest, gguf):
     options = AddOptions(name="there", in_place=True, chat=True, context_length=128)
-    entry = add_model(gguf, options, manifest=manifest).entry
-    assert verify(find_model("there", manifest), manifest) == (gguf.resolve(),)
+    entry = add_model(gguf, options).entry
+    assert verify(find_model("there")) == (gguf.resolve(),)
     assert (entry.chat, entry.context_length) == (True, 128)
     assert not (manifest.parent / "weights").exists()
-    remove_model("there", manifest=manifest)
+    remove_model("there")
     assert gguf.is_file()
 
 
 def test_model_of_the_manifest_is_recognised_and_its_open_hashes_are_filled(manifest, clip):
     known(manifest, clip, leave_open=("config.json", "tokenizer.json"))
-    assert check(find_model("clip", manifest), manifest).state == "absent"
-    added = add_model(clip, manifest=manifest)
+    assert check(find_model("clip")).state == "absent"
+    added = add_model(clip)
     assert (added.entry.name, added.known) == ("clip", True)
-    entry = find_model("clip", manifest)
+    entry = find_model("clip")
     assert all(file.sha256 for file in entry.files)
     assert (entry.licence, entry.revision) == ("MIT", "abc")
-    assert check(entry, manifest).state == "ok"
-    assert [entry.name for entry in read_manifest(manifest).models] == ["ours", "clip"]
-    remove_model("clip", manifest=manifest)
-    assert find_model("clip", manifest).files[0].sha256 != ""
-    assert check(find_model("clip", manifest), manifest).state == "absent"
+    assert check(entry).state == "ok"
+    assert [entry.name for entry in read_manifest().models] == ["ours", "clip"]
+    remove_model("clip")
+    assert find_model("clip").files[0].sha256 != ""
+    assert check(find_model("clip")).state == "absent"
 
 
 def test_files_put_where_the_manifest_has_them_need_no_copy_and_are_never_removed(manifest, clip):
@@ -150,17 +150,17 @@ def test_files_put_where_the_manifest_has_them_need_no_copy_and_are_never_remove
     place = manifest.parent / "weights/clip"
     shutil.copytree(clip, place)
     before = everything(place)
-    assert check(find_model("clip", manifest), manifest).state == "open"
-    add_model(place, manifest=manifest)
-    assert check(find_model("clip", manifest), manifest).state == "ok"
-    remove_model("clip", manifest=manifest)
+    assert check(find_model("clip")).state == "open"
+    add_model(place)
+    assert check(find_model("clip")).state == "ok"
+    remove_model("clip")
     assert everything(place) == before
-    assert check(find_model("clip", manifest), manifest).state == "open"
+    assert check(find_model("clip")).state == "open"
 
 
 def test_progress_reaches_all_the_bytes(manifest, clip):
     told = []
-    add_model(clip, manifest=manifest, progress=lambda *step: told.append(step))
+    add_model(clip, progress=lambda *step: told.append(step))
     total = sum(path.stat().st_size for path in clip.iterdir())
     assert told[-1][1:] == (total, total)
     assert {part for part, _, _ in told} == {path.name for path in clip.iterdir()}
@@ -175,9 +175,9 @@ def test_file_that_is_not_the_manifest_s_is_refused_by_name_before_it_is_parsed(
     known(manifest, clip, wrong="config.json")
     before = everything(manifest.parent)
     for part in ("check_weights", "read_config", "check_gguf"):
-        monkeypatch.setattr(added_entry, part, None)  # a call would be another error
+        monkeypatch.setattr(added_models, part, None)  # a call would be another error
     with pytest.raises(ModelError, match=r"config\.json: not the file of model 'clip'") as caught:
-        add_model(clip, AddOptions(name="clip"), manifest=manifest)
+        add_model(clip, AddOptions(name="clip"))
     for part in (hashlib.sha256(b"other").hexdigest(), "https://example.org/clip", "revision abc"):
         assert part in str(caught.value)
     assert everything(manifest.parent) == before
@@ -188,9 +188,9 @@ def test_wrong_file_of_a_telling_name_is_refused_and_not_made_a_model_of_its_own
 ):
     shutil.copy(gguf, tmp_path / "ours.gguf")
     with pytest.raises(ModelError, match=r"ours\.gguf: not the file of model 'ours'") as caught:
-        add_model(tmp_path / "ours.gguf", manifest=manifest)
+        add_model(tmp_path / "ours.gguf")
     assert "as another model with --name" in str(caught.value)
-    added = add_model(tmp_path / "ours.gguf", AddOptions(name="mine"), manifest=manifest)
+    added = add_model(tmp_path / "ours.gguf", AddOptions(name="mine"))
     assert (added.entry.name, added.known) == ("mine", False)
 
 
@@ -199,7 +199,7 @@ def test_model_that_lacks_a_file_of_the_manifest_is_refused_by_that_name(manifes
     shutil.copytree(clip, tmp_path / "part")
     (tmp_path / "part/tokenizer.json").unlink()
     with pytest.raises(ModelError, match=r"tokenizer\.json: missing"):
-        add_model(tmp_path / "part", AddOptions(name="clip"), manifest=manifest)
+        add_model(tmp_path / "part", AddOptions(name="clip"))
     assert not any((manifest.parent / "weights").iterdir())
 
 
@@ -210,9 +210,9 @@ def test_pickle_is_refused_by_name_as_a_file_and_as_a_folder(manifest, tmp_path,
     (folder / name).write_bytes(b"\x80\x04")
     (folder / "config.json").write_text("{}")
     with pytest.raises(ModelError, match=f"{name}: not opened"):
-        add_model(folder / name, manifest=manifest)
+        add_model(folder / name)
     with pytest.raises(ModelError, match=r"may hold code|no \.safetensors, no \.gguf"):
-        add_model(folder, manifest=manifest)
+        add_model(folder)
     assert not (manifest.parent / "local.toml").exists()
 
 
@@ -220,7 +220,7 @@ def test_pickle_is_refused_by_name_as_a_file_and_as_a_folder(manifest, tmp_path,
 def test_path_that_does_not_exist_is_no_name_of_a_hub(manifest, tmp_path, monkeypatch, path):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ModelError, match="no such file or folder") as caught:
-        add_model(path, manifest=manifest)
+        add_model(path)
     assert "never looked up" in str(caught.value)
 
 
@@ -231,7 +231,7 @@ def test_damaged_files_are_refused_and_leave_nothing(manifest, gguf, clip, tmp_p
     (tmp_path / "cut/model.safetensors").write_bytes(b"x" * 100)
     for path in ("cut.gguf", "cut"):
         with pytest.raises(ModelError, match="damaged") as caught:
-            add_model(tmp_path / path, manifest=manifest)
+            add_model(tmp_path / path)
         assert str(caught.value).startswith(str(tmp_path / path))
     assert everything(manifest.parent) == before
     assert list((manifest.parent / "weights").iterdir()) == []
@@ -253,31 +253,31 @@ def test_parts_of_a_gguf_are_told_to_be_joined(manifest, gguf, tmp_path):
     shutil.copy(gguf, tmp_path / "m-00002-of-00002.gguf")
     for path in (part, tmp_path):
         with pytest.raises(ModelError, match="llama-gguf-split --merge"):
-            add_model(path, manifest=manifest)
+            add_model(path)
     with pytest.raises(ModelError, match="one part of 2"):
         LlamaModel(part)
 
 
 def test_names_do_not_collide_and_do_not_leave_the_folder(manifest, gguf):
-    add_model(gguf, manifest=manifest)
+    add_model(gguf)
     with pytest.raises(ModelError, match="was added before"):
-        add_model(gguf, manifest=manifest)
+        add_model(gguf)
     with pytest.raises(ModelError, match="SHA-256"):  # it is another file than ours.gguf
-        add_model(gguf, AddOptions(name="ours"), manifest=manifest)
+        add_model(gguf, AddOptions(name="ours"))
     for name in ("../up", ".hidden", "a/b", "a\nb"):
         with pytest.raises(ModelError, match="is not a name"):
-            add_model(gguf, AddOptions(name=name), manifest=manifest)
+            add_model(gguf, AddOptions(name=name))
     (manifest.parent / "weights/second").mkdir()
     with pytest.raises(FileError, match="something already"):
-        add_model(gguf, AddOptions(name="second"), manifest=manifest)
+        add_model(gguf, AddOptions(name="second"))
 
 
 def test_folder_of_unknown_purpose_asks_for_a_role(manifest, clip, tmp_path):
     shutil.copytree(clip, tmp_path / "odd")
     (tmp_path / "odd/config.json").write_text('{"model_type": "strange"}')
     with pytest.raises(ModelError, match="give --role"):
-        add_model(tmp_path / "odd", manifest=manifest)
-    entry = add_model(tmp_path / "odd", AddOptions(role="vlm"), manifest=manifest).entry
+        add_model(tmp_path / "odd")
+    entry = add_model(tmp_path / "odd", AddOptions(role="vlm")).entry
     assert entry.role == "vlm"
 
 
@@ -285,7 +285,7 @@ def test_full_disk_is_told_before_anything_is_copied(manifest, gguf, monkeypatch
     usage = shutil.disk_usage(manifest.parent)._replace(free=1000)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
     with pytest.raises(FileError, match="0 are free"):
-        add_model(gguf, manifest=manifest)
+        add_model(gguf)
     assert list((manifest.parent / "weights").iterdir()) == []
 
 
@@ -295,34 +295,34 @@ def test_list_that_cannot_be_written_leaves_no_copy(manifest, gguf, monkeypatch)
 
     monkeypatch.setattr(added_models, "write_atomic", full)
     with pytest.raises(FileError, match="No space left"):
-        add_model(gguf, manifest=manifest)
+        add_model(gguf)
     assert list((manifest.parent / "weights").iterdir()) == []
-    assert read_local(manifest).models == ()
+    assert read_local().models == ()
 
 
 def test_remove_touches_only_what_was_added(manifest, gguf):
-    add_model(gguf, manifest=manifest)
+    add_model(gguf)
     with pytest.raises(ModelError, match=r"'ours' was not added, so it stays\. Added: tiny-Q8"):
-        remove_model("ours", manifest=manifest)
-    remove_model("tiny-Q8", manifest=manifest)
+        remove_model("ours")
+    remove_model("tiny-Q8")
     assert not (manifest.parent / "weights/tiny-Q8").exists()
     assert not (manifest.parent / "local.toml").exists()
     assert (manifest.parent / "ours.gguf").read_bytes() == b"abc"
     with pytest.raises(ModelError, match="Added: nothing"):
-        remove_model("tiny-Q8", manifest=manifest)
+        remove_model("tiny-Q8")
 
 
 def test_manifest_that_came_to_know_another_hash_wins(manifest, clip):
     known(manifest, clip, leave_open=("config.json",))
-    add_model(clip, manifest=manifest)
+    add_model(clip)
     known(manifest, clip, wrong="config.json")
     with pytest.raises(
         FileError, match=r"local\.toml: model 'clip' has no file of SHA-256"
     ) as caught:
-        read_manifest(manifest)
+        read_manifest()
     assert "karma models remove clip" in str(caught.value)
-    remove_model("clip", manifest=manifest)
-    assert find_model("clip", manifest)
+    remove_model("clip")
+    assert find_model("clip")
 
 
 # ------------------------------------------------------------------------------ the command
@@ -335,7 +335,6 @@ def karma(*arguments, code=0):
 
 
 def test_commands_bring_in_show_verify_and_take_out(manifest, clip, monkeypatch, tmp_path):
-    monkeypatch.setenv("KARMA_MODELS", str(manifest.parent))
     known(manifest, clip, leave_open=("config.json",))
     assert "clip: hash not known: fill with karma models add PATH" in karma("models", "list")
     assert "– clip: not present" in karma("models", "verify")
@@ -350,7 +349,6 @@ def test_commands_bring_in_show_verify_and_take_out(manifest, clip, monkeypatch,
 
 
 def test_commands_refuse_with_one_message(manifest, monkeypatch, tmp_path):
-    monkeypatch.setenv("KARMA_MODELS", str(manifest.parent))
     (tmp_path / "m.bin").write_bytes(b"x")
     for arguments, reason in [
         (("add", tmp_path / "m.bin"), "m.bin: not opened, it may hold code"),
@@ -363,7 +361,6 @@ def test_commands_refuse_with_one_message(manifest, monkeypatch, tmp_path):
 
 
 def test_verify_goes_on_after_a_wrong_file(manifest, gguf, monkeypatch):
-    monkeypatch.setenv("KARMA_MODELS", str(manifest.parent))
     add_model(gguf)
     (manifest.parent / "ours.gguf").write_bytes(b"abd")
     said = karma("models", "verify", code=1)
@@ -375,25 +372,22 @@ def test_verify_goes_on_after_a_wrong_file(manifest, gguf, monkeypatch):
 
 
 def test_add_tries_a_planner_and_says_how_fast_it_is(manifest, gguf, monkeypatch):
-    monkeypatch.setenv("KARMA_MODELS", str(manifest.parent))
     said = karma("models", "add", gguf, "--name", "mine", "--profile", "compact")
     assert "tried as planner on " in said and "decode tokens/s" in said
     assert said.index("tried as planner") < said.index("added mine")
 
 
 def test_what_does_not_run_in_its_role_is_not_added(manifest, clip, monkeypatch, tmp_path):
-    monkeypatch.setenv("KARMA_MODELS", str(manifest.parent))
     said = karma("models", "add", clip, "--name", "eyes", "--role", "vlm", code=1)
     assert "not added, since it was tried" in said
     assert "added eyes" not in said and "Traceback" not in said
-    assert not read_local(manifest).models
+    assert not read_local().models
     assert not (manifest.parent / "weights" / "eyes").exists()
     said = karma("models", "add", clip, "--name", "eyes", "--role", "vlm", "--untried")
     assert "added eyes" in said and "tried as" not in said
 
 
 def test_model_is_found_by_its_name_alone_in_the_role_that_it_has(manifest, clip, monkeypatch):
-    monkeypatch.setenv("KARMA_MODELS", str(manifest.parent))
     karma("models", "add", clip, "--name", "mysmol", "--role", "vlm", "--untried")
     karma("models", "add", clip, "--name", "myclip")
     assert Models(vision="mysmol").vision == "transformers:mysmol"

@@ -15,6 +15,7 @@ from llama_cpp.llama_grammar import json_schema_to_gbnf
 from support.grammar_oracle import LlamaGrammar, is_valid
 from support.hosted_server import NANO
 from support.needs import need_models
+from support.random_programs import random_program
 
 from karma.agent.planning.program import SKILLS, parse_program, parse_refusal
 from karma.contracts import REFUSAL_KINDS, ProgramSpec
@@ -74,7 +75,7 @@ def samples():
     found = []
     for number in range(SAMPLES):
         lines = 1 + int(generator.integers(SPEC.max_calls))
-        text = automaton.random_program(generator, lines)
+        text = random_program(automaton, generator, lines)
         end = ("\n", "", "\n\n", "\n```", "\n#")[number % 5]
         text = text if text.startswith("refuse") else text.rstrip("\n") + end
         found.append(text if number % 2 else mutated(text, generator))

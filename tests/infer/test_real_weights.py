@@ -18,8 +18,7 @@ from karma.contracts import Prompt
 from karma.errors import ModelError
 from karma.infer.hosted.session import Session
 from karma.infer.llama.model import LlamaModel
-from karma.infer.manifest.added_entry import AddOptions
-from karma.infer.manifest.added_models import add_model
+from karma.infer.manifest.added import AddOptions, add_model
 from karma.infer.manifest.manifest import find_model, resolve_planner
 from karma.train.testing import make_planner
 
@@ -209,7 +208,7 @@ class Clock:
 
 @pytest.fixture
 def clocked(monkeypatch):
-    monkeypatch.setattr("karma.infer.llama.under_way.perf_counter", Clock())
+    monkeypatch.setattr("karma.infer.llama.answer.perf_counter", Clock())
 
 
 def test_answer_that_takes_too_long_is_cut_and_at_fault(tmp_path, clocked):

@@ -17,7 +17,7 @@ from support.tiny import opened
 
 from karma.contracts import Prompt
 from karma.infer.checks import memory
-from karma.infer.llama import kv_state
+from karma.infer.llama import room_states
 from karma.infer.llama.room_states import RoomStates, StateOptions
 from karma.train.testing import make_planner
 
@@ -112,7 +112,7 @@ def test_new_version_of_llama_cpp_evaluates_anew(made, tmp_path, monkeypatch):
     states = StateOptions(folder=tmp_path)
     cold = answer(opened(made["llama3"], states=states), ROOMS[0])
     monkeypatch.setattr("llama_cpp.__version__", "0.0.1")
-    assert "0.0.1" in kv_state.llama_build()
+    assert "0.0.1" in room_states.llama_build()
     assert answer(opened(made["llama3"], states=states), ROOMS[0]) == cold
 
 
@@ -187,7 +187,7 @@ def numbers(states, count=8):
     """Which of the rooms are there, and that each is itself."""
     found = {number: states.find([number]) for number in range(count)}
     there = {number: one for number, one in found.items() if one is not None}
-    assert all(np.array_equal(one.state, state(n)) for n, one in there.items())
+    assert all(np.array_equal(one[0], state(n)) for n, one in there.items())
     return list(there)
 
 
@@ -219,7 +219,7 @@ def test_folder_keeps_the_rooms_used_last_within_its_budget_and_touches_no_other
     for number in range(12):
         states.keep([number], state(number))
         if number == 5:
-            assert states.find([0]).source == "loaded"
+            assert states.find([0])[1] == "loaded"
     assert numbers(states, 12) == [0, 3, 4, 5, 6, 7, 8, 9, 10, 11]
     assert sum(path.stat().st_size for path in tmp_path.glob("*.kvstate")) <= 1_000_000
     assert (tmp_path / "notes.txt").exists()
@@ -234,7 +234,7 @@ def test_models_in_one_folder_do_not_see_each_other_s_states(tmp_path):
     one.keep([1, 2], state(1))
     assert other.find([1, 2]) is None
     assert one.find([1]) is None
-    assert RoomStates("one", options).find([1, 2]).source == "loaded"
+    assert RoomStates("one", options).find([1, 2])[1] == "loaded"
 
 
 def work(folder, seed):
@@ -246,7 +246,7 @@ def work(folder, seed):
         if found is None:
             states.keep([number], state(number))
         else:
-            assert np.array_equal(found.state, state(number))
+            assert np.array_equal(found[0], state(number))
             loaded += 1
     return loaded
 

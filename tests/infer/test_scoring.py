@@ -1,11 +1,13 @@
 """Skill scoring against its definition, on random weights and on the shipped planner."""
 
 import os
+from functools import partial
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.every_score import every_score
 from support.naive_scoring import Naive, lines, prompts, tokens_of
 from support.needs import need_models
 from support.paths import ROOT
@@ -13,7 +15,7 @@ from support.tiny import export_tiny
 
 from karma.contracts import END, Prompt
 from karma.errors import ModelError
-from karma.infer.choosing.token_trie import trie_of
+from karma.infer.choosing import trie_of
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
@@ -71,7 +73,7 @@ def test_scores_of_the_shipped_planner_are_naive_ones():
     scorer, count = SkillScorer(model), int(os.environ.get("KARMA_SAMPLE", "1"))
     for prompt in prompts(count):
         texts = lines(200 if count > 1 else 20)
-        expected, values = naive(model, prompt, texts), scorer.scores(prompt, texts).values
+        expected, values = naive(model, prompt, texts), every_score(scorer, prompt, texts).values
         best = scorer.choose(prompt, texts)
         assert best.number == values.argmax() == expected.argmax()
         off += [float(np.abs(values - expected).max()), abs(best.score - expected[best.number])]
@@ -91,7 +93,7 @@ def test_scores_of_the_shipped_planner_are_naive_ones():
 )
 def test_scores_are_the_sums_of_the_definition(model, scorer, prompt):
     texts = [*SKILLS, "Möhre\n", "人参\n", "🥕", "a\udc80b"]
-    values = scorer.scores(prompt, texts).values
+    values = every_score(scorer, prompt, texts).values
     assert values == pytest.approx(naive(model, prompt, texts), abs=1e-5)
     assert (values < 0).all()
 
@@ -100,40 +102,40 @@ def test_text_longer_than_a_batch_is_scored_as_defined(model, scorer):
     texts = ["go " * 300, "go " * 299 + "b" * 3, "ab"]
     assert max(len(model.tokens(text)) for text in texts) > model.n_batch
     expected = naive(model, PROMPT, texts)
-    assert scorer.scores(PROMPT, texts).values == pytest.approx(expected, rel=1e-6)
+    assert every_score(scorer, PROMPT, texts).values == pytest.approx(expected, rel=1e-6)
 
 
 def test_average_divides_by_the_number_of_tokens(model, scorer):
     lengths = [len(tokens_of(model, text)) for text in SKILLS]
-    sums = scorer.scores(PROMPT, SKILLS).values
-    averages = scorer.scores(PROMPT, SKILLS, scoring="average").values
+    sums = every_score(scorer, PROMPT, SKILLS).values
+    averages = every_score(scorer, PROMPT, SKILLS, scoring="average").values
     assert averages == pytest.approx(sums / lengths, abs=1e-12)
 
 
 def test_a_text_that_begins_another_scores_no_less(model, scorer):
     short, long = SKILLS[4:6]
     assert tokens_of(model, long)[: len(tokens_of(model, short))] == tokens_of(model, short)
-    one, other = scorer.scores(PROMPT, [short, long]).values
+    one, other = every_score(scorer, PROMPT, [short, long]).values
     assert one > other
 
 
 def test_one_token_texts_need_no_run(model, scorer):
     texts = [text for text in "abcdefgh" if len(model.tokens(text)) == 1]
-    found = scorer.scores(PROMPT, texts)
+    found = every_score(scorer, PROMPT, texts)
     assert found.run_tokens == 0
     assert found.values == pytest.approx(naive(model, PROMPT, texts), abs=1e-3)
     assert scorer.choose(PROMPT, texts).run_tokens == 0
 
 
 def test_equal_texts_score_the_same_and_the_first_is_the_best(scorer):
-    values = scorer.scores(PROMPT, ["go go", "go", "go"]).values
+    values = every_score(scorer, PROMPT, ["go go", "go", "go"]).values
     assert values[1] == values[2]
     assert scorer.choose(PROMPT, ["go go", "go", "go"]).number == 1
 
 
 def test_several_hundred_texts_are_scored_as_defined(model, scorer):
     texts = [f"{a}{b}{c}x" for a in "abcdefghij" for b in "klmnopqrst" for c in "uvw"]
-    values = scorer.scores(PROMPT, texts).values
+    values = every_score(scorer, PROMPT, texts).values
     some = list(range(0, 300, 23))
     expected = naive(model, PROMPT, [texts[i] for i in some])
     assert values[some] == pytest.approx(expected, abs=1e-5)
@@ -143,7 +145,7 @@ def test_several_hundred_texts_are_scored_as_defined(model, scorer):
 def test_shared_beginnings_run_once_and_last_tokens_not_at_all(model, scorer):
     lists = [tokens_of(model, text) for text in SKILLS]
     inner = {tuple(tokens[:n]) for tokens in lists for n in range(1, len(tokens))}
-    assert scorer.scores(PROMPT, SKILLS).run_tokens == len(inner)
+    assert every_score(scorer, PROMPT, SKILLS).run_tokens == len(inner)
 
 
 # ----------------------------------------------------------------- the best alone
@@ -152,7 +154,7 @@ def test_shared_beginnings_run_once_and_last_tokens_not_at_all(model, scorer):
 @given(st.lists(WORDS, min_size=1, max_size=30), st.sampled_from(["sum", "average"]))
 @settings(max_examples=40, deadline=None)
 def test_best_first_search_finds_the_argmax_of_all_scores(shared_scorer, texts, scoring):
-    values = shared_scorer.scores(PROMPT, texts, scoring=scoring).values
+    values = every_score(shared_scorer, PROMPT, texts, scoring=scoring).values
     best = shared_scorer.choose(PROMPT, texts, scoring=scoring)
     assert best.score == pytest.approx(values.max(), abs=1e-6)
     assert values[best.number] == pytest.approx(values.max(), abs=1e-6)
@@ -167,7 +169,7 @@ def shared_scorer(model):
 
 def test_best_runs_less_than_all(model, scorer):
     texts = [f"{a}{b}{c}{d}" for a in "abcdef" for b in "ghijkl" for c in "mnop" for d in "qrst"]
-    all_of_them = scorer.scores(PROMPT, texts).run_tokens
+    all_of_them = every_score(scorer, PROMPT, texts).run_tokens
     assert scorer.choose(PROMPT, texts).run_tokens < all_of_them / 2
 
 
@@ -175,7 +177,7 @@ def test_a_longer_text_never_wins_against_its_beginning_unless_averaged(model, s
     texts = ["go", "go go go go go go"]
     assert model.tokens(texts[1])[: len(model.tokens("go"))] == model.tokens("go")
     assert scorer.choose(PROMPT, texts).number == 0
-    averages = scorer.scores(PROMPT, texts, scoring="average").values
+    averages = every_score(scorer, PROMPT, texts, scoring="average").values
     assert scorer.choose(PROMPT, texts, scoring="average").number == int(averages.argmax())
 
 
@@ -184,15 +186,15 @@ def test_a_longer_text_never_wins_against_its_beginning_unless_averaged(model, s
 
 def test_a_kept_prompt_changes_no_bit(model, scorer):
     longer = (*PROMPT, "GoToObject(robot, 'Apple')\n")
-    cold = scorer.scores(longer, SKILLS)
+    cold = every_score(scorer, longer, SKILLS)
     scorer.choose(PROMPT, SKILLS)
-    scorer.scores(("#other\n",), SKILLS)
-    before = scorer.scores(PROMPT, SKILLS)
-    warm = scorer.scores(longer, SKILLS)
+    every_score(scorer, ("#other\n",), SKILLS)
+    before = every_score(scorer, PROMPT, SKILLS)
+    warm = every_score(scorer, longer, SKILLS)
     assert (before.reused_tokens, warm.reused_tokens) == (0, before.prompt_tokens)
     assert warm.values.tobytes() == cold.values.tobytes()
     again = SkillScorer(model)
-    assert again.scores(longer, SKILLS).values.tobytes() == cold.values.tobytes()
+    assert every_score(again, longer, SKILLS).values.tobytes() == cold.values.tobytes()
     again.close()
 
 
@@ -200,7 +202,7 @@ def test_scoring_leaves_the_models_kept_prompt_and_answers_alone(planner, scorer
     prompt = Prompt(stable=PROMPT[0], changing=PROMPT[1])
     before = planner.complete(prompt, max_tokens=12)
     logits = planner.gguf.logits().tobytes()
-    scorer.scores(PROMPT, SKILLS)
+    every_score(scorer, PROMPT, SKILLS)
     assert planner.choose(PROMPT, SKILLS).number == scorer.choose(PROMPT, SKILLS).number
     assert planner.gguf.logits().tobytes() == logits
     after = planner.complete(prompt, max_tokens=12)
@@ -216,10 +218,10 @@ def test_a_prompt_without_room_for_the_longest_text_is_refused(model, scorer):
     tokens = len(model.tokens(*prompt, begins=True))
     longest = max(len(tokens_of(model, text)) for text in SKILLS)
     words = f"context of {tokens + longest - 1}, but tiny has {model.limit}$"
-    for ask in (scorer.scores, scorer.choose):
+    for ask in (partial(every_score, scorer), scorer.choose):
         with pytest.raises(ModelError, match=words):
             ask(prompt, SKILLS)
-    assert scorer.scores(PROMPT, SKILLS).values.shape == (len(SKILLS),)
+    assert every_score(scorer, PROMPT, SKILLS).values.shape == (len(SKILLS),)
 
 
 def test_context_smaller_than_a_token_of_each_sequence(model, tmp_path):
@@ -227,7 +229,7 @@ def test_context_smaller_than_a_token_of_each_sequence(model, tmp_path):
         export_tiny(tmp_path / "tiny.gguf"), options=LlamaOptions(n_ctx=16, threads=1)
     )
     scorer, texts = SkillScorer(small.gguf), ["a", "b c", "go go go go"]
-    values = scorer.scores(("#t\n",), texts).values
+    values = every_score(scorer, ("#t\n",), texts).values
     assert values == pytest.approx(naive(model, ("#t\n",), texts), abs=1e-4)
     with pytest.raises(ModelError, match=r"needs a context of \d+, but tiny has 16"):
         scorer.choose(PROMPT, SKILLS)
@@ -240,7 +242,7 @@ def test_context_smaller_than_a_token_of_each_sequence(model, tmp_path):
 )
 def test_nothing_to_score_is_refused(scorer, prompt, texts, words):
     with pytest.raises(ValueError, match=words):
-        scorer.scores(prompt, texts)
+        every_score(scorer, prompt, texts)
 
 
 def test_trie_refuses_a_text_without_tokens():
@@ -260,7 +262,7 @@ def test_shipped_planner_scores_as_defined_and_knows_the_first_step():
     texts = [END, *steps, "PutObject(robot, 'Apple', 'Fridge')\n", "人参\n"]
     scorer = SkillScorer(model)
     for prompt in (PROMPT, (*PROMPT, steps[0]), (*PROMPT, "GoToObject")):
-        values = scorer.scores(prompt, texts).values
+        values = every_score(scorer, prompt, texts).values
         assert values == pytest.approx(naive(model, prompt, texts), abs=1e-5)
         best = scorer.choose(prompt, texts)
         assert best.number == int(values.argmax())

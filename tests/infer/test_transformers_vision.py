@@ -52,8 +52,6 @@ def test_a_model_of_each_family_looks_and_says_something(folders, family):
     assert model.name == family
     states = model.read_states(FRAME, "wash the mug", [MUG])
     assert set(states) <= {"Mug|1"}
-    tally = model.tally
-    assert (tally.asked, tally.read + tally.unread) == (1, 1)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -75,14 +73,13 @@ def test_the_paper_s_question_reaches_the_model_with_the_picture(folders):
     assert model.pictures[0] is FRAME
 
 
-def test_an_unusable_answer_is_quoted_once_and_then_counted(folders):
+def test_an_unusable_answer_is_quoted_once_and_then_left_out(folders):
     model = Saying(folders["llava"], options=SHORT).say("Mug: sparkling", "Mug: cleaned")
     assert model.read_states(FRAME, "look", [MUG]) == {"Mug|1": ("cleaned",)}
     assert "'sparkling' is not a state" in model.heard[1][-1]["content"][0]["text"]
     model.say("no idea", "still none")
     assert model.read_states(FRAME, "look", [MUG]) == {}
-    assert (model.tally.asked, model.tally.read) == (2, 1)
-    assert (model.tally.retried, model.tally.unread) == (2, 1)
+    assert len(model.heard) == 2
 
 
 def test_a_model_with_crops_is_asked_about_one_thing_at_a_time(folders):
@@ -92,7 +89,6 @@ def test_a_model_with_crops_is_asked_about_one_thing_at_a_time(folders):
         "object_id": "Mug|2", "region": None})  # fmt: skip
     assert model.read_states(FRAME, "look", [MUG, hidden]) == {"Mug|1": ("off",)}
     assert model.pictures[0].shape == (120, 120, 3)
-    assert model.tally.unread == 1
 
 
 @pytest.mark.parametrize(

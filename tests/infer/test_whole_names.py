@@ -1,6 +1,7 @@
 """Names are chosen as a whole: the likeliest of all, as scoring each by itself finds it."""
 
 import pytest
+from support.every_score import every_score
 
 from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.infer.llama.gguf_model import GgufModel
@@ -34,7 +35,7 @@ def test_the_likeliest_name_is_that_of_scoring_all(model, asked, names):
     begun = NameBegun(0, state, model.decoded, model.logits().copy())
     word, tokens, chances = best_name(model, begun)
     words = [f"{name}'" for name in names]
-    scores = SkillScorer(model).scores([prompt], words).values
+    scores = every_score(SkillScorer(model), [prompt], words).values
     assert word == words[int(scores.argmax())]
     assert sum(chances) == pytest.approx(scores.max(), abs=0.05)
     assert b"".join(model.table.pieces[token] for token in tokens) == word.encode()

@@ -15,11 +15,10 @@ from karma.agent.planning.prompt import render, skills_of
 from karma.contracts import END, Area, MemoryUnit, PlanRequest, Prompt
 from karma.errors import ModelError
 from karma.infer.checks.gguf import read_header
-from karma.infer.llama import chat_template
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
-from karma.infer.llama.picture_chat import PictureChat
-from karma.infer.manifest.picture_pair import PicturePair
+from karma.infer.llama.vision import LlamaVision
+from karma.infer.manifest.manifest import PicturePair
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.vision.pictures import picture_url
 from karma.train.testing import FAMILIES, Size, make_picture_model, make_planner
@@ -46,8 +45,8 @@ CANDIDATES = (
     "PutObject(robot, 'Apple', 'Fridge')\n", "OpenObject(robot, 'Fridge')\n", END,
 )  # fmt: skip
 MESSAGES = {
-    chat_template._system: "system and user", chat_template._user: "user only",
-    chat_template._FORMS[2]: "system and user, in parts",
+    (True, False): "system and user", (False, False): "user only",
+    (True, True): "system and user, in parts",
 }  # fmt: skip
 
 
@@ -111,9 +110,9 @@ def pictures_cell(family, tmp_path_factory):
     if family.projector is None:
         return "–"
     made = make_picture_model(tmp_path_factory.mktemp("pictures"), family.name)
-    chat = PictureChat(
+    chat = LlamaVision(
         PicturePair(name="x", model=made.model, projector=made.projector, sha256=sha(made.model)),
-        LlamaOptions(threads=1),
+        llama_options=LlamaOptions(threads=1),
     )
     noise = np.random.default_rng(1).integers(0, 256, (2, 64, 64, 3), dtype=np.uint8)
     first, other, again = (chat.answer(about(noise[n]), max_tokens=12) for n in (0, 1, 0))

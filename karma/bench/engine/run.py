@@ -18,7 +18,7 @@ from karma.bench.figures.precision import takes_another
 from karma.contracts import Task
 from karma.errors import KarmaError
 from karma.infer.hosted.cassette import Cassette
-from karma.infer.hosted.server import slots_of
+from karma.infer.hosted.dialects import slots_of
 from karma.infer.hosted.session import Session
 
 

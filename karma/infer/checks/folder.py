@@ -40,8 +40,7 @@ class CheckedFolder:
     def number(self, *keys: str, default: int) -> int:
         """Return the number at `keys` of config.json, one inside the other; else the default.
 
-        Raises:
-            ModelError: no positive number stands there.
+        ModelError where no positive number stands there.
         """
         found: Any = self.config
         for key in keys:
@@ -60,59 +59,45 @@ def check_folder(
     folder: Path,
     families: Mapping[str, Collection[str]],
     *,
-    needs: Sequence[Sequence[str]] = (),
+    needs: Sequence[Sequence[str]],
+    fix: str,
     name: str | None = None,
-    fix: str = "bring the model's whole folder and run `karma models add FOLDER`",
 ) -> CheckedFolder:
     """Check a model folder: architecture first, then processor files, then headers of the weights.
 
-    Args:
-        folder: holds config.json and model.safetensors, or shards with their index.
-        families: `model_type` -> architectures that will do, as config.json has it; () = any.
-        needs: groups of files; of every group at least one must be there.
-        name: of the model, by default the folder's.
-        fix: what the message tells to do about a missing file.
+    `families`: `model_type` -> architectures that will do, as config.json has it; () = any. Of
+    every group in `needs` at least one file must be there; `fix` says what to do about a missing
+    one.
 
     Raises:
         ModelError: not a folder, the wrong architecture, a file missing, or a header damaged.
     """
     if not folder.is_dir():
         raise ModelError(f"{folder}: no such folder\n  To fix: {fix}")
-    config = read_config(folder / "config.json", fix=fix)
-    model_type = str(config.get("model_type"))
-    if model_type not in families:
+    place = folder / "config.json"
+    config = read_config(place, fix=fix)
+    kind = str(config.get("model_type"))
+    if kind not in families:
         wanted = ", ".join(sorted(families))
-        raise ModelError(
-            f"{folder / 'config.json'}: model_type is {model_type!r}, this adapter opens {wanted}"
-        )
-    check_sizes(folder / "config.json", config)
-    named = config.get("architectures") or ()
+        raise ModelError(f"{place}: model_type is {kind!r}, this adapter opens {wanted}")
+    check_sizes(place, config)
+    named, known = config.get("architectures") or (), families[kind]
     if not isinstance(named, list | tuple) or not all(isinstance(one, str) for one in named):
-        raise ModelError(f"{folder / 'config.json'}: architectures is {named!r}, not a list")
-    if named and families[model_type] and not set(named) & set(families[model_type]):
-        wanted = ", ".join(sorted(families[model_type]))
-        raise ModelError(
-            f"{folder / 'config.json'}: architecture {', '.join(map(str, named))}, "
-            f"this adapter opens {wanted}"
-        )
+        raise ModelError(f"{place}: architectures is {named!r}, not a list")
+    if named and known and not set(named) & set(known):
+        wanted = ", ".join(sorted(known))
+        raise ModelError(f"{place}: architecture {', '.join(named)}, this adapter opens {wanted}")
     for group in needs:
         if not any((folder / name).is_file() for name in group):
             raise ModelError(f"{folder}: no {' nor '.join(group)}\n  To fix: {fix}")
     return CheckedFolder(
-        name=name or folder.name,
-        path=folder,
-        model_type=model_type,
-        config=config,
+        name=name or folder.name, path=folder, model_type=kind, config=config,
         sizes=check_weights(folder, fix=fix),
-    )
+    )  # fmt: skip
 
 
 def read_config(path: Path, *, fix: str) -> Mapping[str, Any]:
-    """Read a JSON object of a model folder.
-
-    Raises:
-        ModelError: missing, huge, torn, or not an object.
-    """
+    """Read a JSON object of a model folder; ModelError if missing, huge, torn, or not an object."""
     try:
         found = json.loads(read_bytes(path, most=_MOST_CONFIG))
     except FileError as error:
@@ -127,8 +112,7 @@ def read_config(path: Path, *, fix: str) -> Mapping[str, Any]:
 def check_sizes(path: Path, said: Any, name: str = "") -> None:
     """Refuse numbers in what a file says for which a library would make things without end.
 
-    Raises:
-        ModelError: a size beyond all models; names it.
+    ModelError for a size beyond all models; names it.
     """
     match said:
         case dict():
@@ -144,10 +128,7 @@ def check_sizes(path: Path, said: Any, name: str = "") -> None:
 
 
 def check_weights(folder: Path, *, fix: str) -> Mapping[str, int]:
-    """Check the safetensors of a folder: model.safetensors, or all shards its index names.
-
-    Returns:
-        How many parameters each tensor has, by its name.
+    """Return parameters by tensor of model.safetensors, or of all shards that its index names.
 
     Raises:
         ModelError: there are none (pickles are refused by name), one is missing or damaged.
@@ -159,10 +140,7 @@ def check_weights(folder: Path, *, fix: str) -> Mapping[str, int]:
 
 
 def check_safetensors(path: Path) -> Mapping[str, int]:
-    """Have the header of one safetensors file read, and the place of every tensor checked.
-
-    Returns:
-        How many parameters each tensor has, by its name.
+    """Return parameters by tensor of one safetensors file, by its header.
 
     Raises:
         ModelError: not a safetensors file, cut off, or with sizes that make no sense.

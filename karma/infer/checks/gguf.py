@@ -61,8 +61,7 @@ class GgufHeader(NamedTuple):
 def check_gguf(path: Path) -> Mapping[str, Any]:
     """Check the header of a language model and return its metadata; see `read_header`.
 
-    Raises:
-        ModelError: it is damaged, or no model that can be asked for text; says what it is.
+    ModelError where it is damaged, or no model that can be asked for text; says what it is.
     """
     return read_header(path, sizes=LANGUAGE).metadata
 
@@ -81,9 +80,7 @@ def is_gguf(path: Path) -> bool:
 def read_header(path: Path, *, sizes: Sequence[str]) -> GgufHeader:
     """Read the header of a GGUF and check that every tensor lies inside the file.
 
-    Args:
-        path: the file.
-        sizes: keys of its architecture that hold a positive number.
+    `sizes`: keys of its architecture that must hold a positive number.
 
     Raises:
         ModelError: it is not a GGUF, is cut off, has sizes that make no sense, is something else

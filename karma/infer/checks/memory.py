@@ -26,17 +26,13 @@ def available_mb() -> float | None:
 def check_memory(
     name: str, needed_mb: float, *, parts: str, fix: str, free_mb: float | None = None
 ) -> None:
-    """Refuse a model that does not fit.
+    """Refuse a model that does not fit; never where nothing is known of the memory.
 
-    Args:
-        name: the model, or the file or folder it is in.
-        needed_mb: what it takes once loaded.
-        parts: what that is made of, for the message.
-        fix: what to do about it, for the message.
-        free_mb: of a GPU; None: what this machine has.
+    `parts` and `fix` are for the message: what it needs is made of, and what to do about it;
+    `free_mb` is of a GPU, None: what this machine has.
 
     Raises:
-        ModelError: less memory is available; names both figures. Never where nothing is known.
+        ModelError: less memory is available; names both figures.
     """
     whose = "memory" if free_mb is None else "GPU memory"
     free = available_mb() if free_mb is None else free_mb
@@ -66,18 +62,18 @@ class Footprint:
 
     @classmethod
     def of(
-        cls, path: Path, metadata: Mapping[str, Any], *, batch: int, bytes_each: float = 2
+        cls,
+        path: Path,
+        metadata: Mapping[str, Any],
+        *,
+        batch: int,
+        bytes_each: float = 2,
+        beside_mb: float = 0.0,
     ) -> Self:
-        """Estimate it from the header.
-
-        Args:
-            path: the file.
-            metadata: see `check_gguf`.
-            batch: tokens per call.
-            bytes_each: of one number of the keys and values.
-        """
-        words = _listed(metadata, "tokenizer.ggml.tokens")
-        pairs = _listed(metadata, "tokenizer.ggml.merges")
+        """Estimate it from the header, for calls of `batch` tokens."""
+        words, pairs = (
+            int(metadata.get(f"tokenizer.ggml.{key}") or 0) for key in ("tokens", "merges")
+        )
         width = _number(metadata, "embedding_length", 1)
         inner = _number(metadata, "feed_forward_length", 4 * width)
         heads = _number(metadata, "attention.head_count", 1)
@@ -85,11 +81,12 @@ class Footprint:
         return cls(
             file_mb=path.stat().st_size / 1e6,
             blocks=_number(metadata, "block_count", 1),
-            token_mb=kept_mb(metadata, 1, bytes_each=bytes_each),
+            token_mb=_token_mb(metadata, bytes_each),
             words_mb=(_WORD_BYTES * words + _PAIR_BYTES * pairs) / 1e6,
             layer_mb=numbers * (3 * inner + 2 * width),
             scores_mb=numbers * (heads + 1),
             logits_mb=numbers * words,
+            beside_mb=beside_mb,
         )
 
     def layers_mb(self, context: int) -> float:
@@ -120,23 +117,19 @@ def gguf_parts_mb(
     return size.layers_mb(context) + size.work_mb(context)
 
 
-def kept_mb(metadata: Mapping[str, Any], tokens: int, *, bytes_each: float = 2) -> float:
-    """Estimate what the keys and values of so many tokens take under llama.cpp, in MB."""
+def _token_mb(metadata: Mapping[str, Any], bytes_each: float) -> float:
+    """Estimate what the keys and values of a token take under llama.cpp, in MB."""
     heads = _number(metadata, "attention.head_count", 1)
     per_head = _number(metadata, "embedding_length", 1) // heads
     row = sum(_number(metadata, f"attention.{one}_length", per_head) for one in ("key", "value"))
     # an array (heads that differ by layer) is read as its length, so never more than all heads
     groups = min(_number(metadata, "attention.head_count_kv", heads), heads)
-    return bytes_each * _number(metadata, "block_count", 1) * groups * row * tokens / 1e6
+    return bytes_each * _number(metadata, "block_count", 1) * groups * row / 1e6
 
 
 def _number(metadata: Mapping[str, Any], key: str, default: int) -> int:
     value = metadata.get(f"{metadata['general.architecture']}.{key}")
     return value if isinstance(value, int) and value > 0 else default
-
-
-def _listed(metadata: Mapping[str, Any], key: str) -> int:
-    return int(metadata.get(key) or 0)
 
 
 def weights_mb(parameters: int, *, bytes_each: int = 4) -> float:

@@ -25,8 +25,7 @@ _SECONDS, _MEGABYTES = 20, 1024
 def check_template(path: Path | str, text: str) -> None:
     """Refuse a template that could take any time or memory; works nothing out.
 
-    Raises:
-        ModelError: it is none, or too long, raises numbers to powers, or repeats what repeats.
+    ModelError: it is none, or too long, raises numbers to powers, or repeats what repeats.
     """
     import jinja2
     from llama_cpp.llama_chat_format import Jinja2ChatFormatter
@@ -83,11 +82,7 @@ def _inside(loop: Any) -> Iterator[Any]:
 
 @lru_cache  # of what has passed: an error is not kept
 def try_template(name: str, text: str) -> None:
-    """Render a template in a process of its own, where it can take little time and memory.
-
-    Raises:
-        ModelError: it takes more.
-    """
+    """Render a template in a process of its own; ModelError where it takes much time or memory."""
     end = run_child(f"{__name__}:trial", given=text, limit_s=10 * _SECONDS)
     if end.code is None or end.code < 0:
         raise ModelError(f"{name}: its chat template comes to no end ({_SECONDS} s of computing)")

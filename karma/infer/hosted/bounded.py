@@ -17,9 +17,7 @@ _PIECE = 1 << 14  # bytes that are written at once
 def bounded(*, total_s: float, verify: bool) -> dict[str, Any]:
     """Return what bounds an HTTP client of the `openai` package; no proxy from the environment.
 
-    Args:
-        total_s: for one request and its whole answer.
-        verify: whether certificates are needed, and read.
+    `total_s` is for one request and its whole answer; certificates are read only to `verify`.
     """
     import httpcore2
     import httpx2

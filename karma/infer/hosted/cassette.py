@@ -18,14 +18,14 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Self
 
 import msgspec
 
 from karma.errors import FileError
-from karma.files import LARGEST_LOG, decode_json, read_bytes, to_json
+from karma.files import LARGEST_LOG, append_line, decode_json, read_bytes, to_json
 from karma.infer.hosted.nearest_request import describe_miss
 from karma.infer.hosted.recording import Recording
 
@@ -35,6 +35,7 @@ FILE = "exchanges.jsonl"
 VOLATILE = frozenset({
     "metadata", "prompt_cache_key", "safety_identifier", "service_tier", "store", "user",
 })  # fields of a request that change nothing in its answer  # fmt: skip
+_AGAIN = "replay what was recorded, or record again with --cassette-mode record"
 _SHARED = b'"shared":true'
 
 
@@ -61,11 +62,15 @@ class Reply(msgspec.Struct, frozen=True, kw_only=True):
     failure: str = ""
 
 
-class Exchange(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag=True):
+class _Line(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag=True):
+    scope: str  # the episode that it belongs to
+    line_key: str = ""  # SHA-256 of all the rest; "" in older recordings
+
+
+class Exchange(_Line, frozen=True, kw_only=True, tag=True):
     """One question and what came back."""
 
-    scope: str  # the episode it was asked in
-    count: int  # how often the same was asked in it before
+    count: int  # how often the same was asked in its episode before
     key: str  # SHA-256 of the canonical request
     request: dict[str, Any]  # canonical
     url: str  # where it was sent
@@ -73,34 +78,28 @@ class Exchange(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     reply_key: str  # SHA-256 of the reply
     seconds: float  # as measured, retries included
     shared: bool = False  # the answer holds in every episode
-    line_key: str = ""  # SHA-256 of all the rest; "" in older recordings
 
 
-class Begin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag=True):
+class Begin(_Line, frozen=True, kw_only=True, tag=True):
     """An episode begins; what an earlier attempt at it left no longer counts."""
 
-    scope: str
-    line_key: str = ""
 
-
-class Tick(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag=True):
+class Tick(_Line, frozen=True, kw_only=True, tag=True):
     """One time that was measured."""
 
-    scope: str
     count: int
     seconds: float
-    line_key: str = ""
 
 
 Entry = Exchange | Begin | Tick
 
 
-@dataclass(frozen=True, slots=True)
 class _Recorded:
     """What a recording holds of one episode."""
 
-    exchanges: dict[tuple[str, int], Exchange] = field(default_factory=dict)  # by key and count
-    seconds: dict[int, float] = field(default_factory=dict)  # by count
+    def __init__(self) -> None:
+        self.exchanges: dict[tuple[str, int], Exchange] = {}  # by key and count
+        self.seconds: dict[int, float] = {}  # by count
 
 
 def canonical(request: Mapping[str, Any]) -> dict[str, Any]:
@@ -128,16 +127,11 @@ def line_key_of(line: Entry) -> str:
 
 
 class Cassette:
-    """One recording.
-
-    Args:
-        folder: holds the file; not needed when `mode` is "off".
-        mode: "record" asks and keeps, "replay" answers from the file only, "off" asks.
-        token: of a recording of another process, to join it.
+    """One recording: "record" asks and keeps, "replay" answers from the file only, "off" asks.
 
     Raises:
         CassetteError: nothing to replay, a line is damaged, (replay only) the last is torn, or
-            another process records here.
+            another process records here and no token of it is given.
     """
 
     def __init__(
@@ -152,7 +146,8 @@ class Cassette:
         self._lines = 0  # read so far
         self._keyed = False  # a line with its hash was read: those behind it have theirs, too
         self._asked: Counter[str] = Counter()
-        self._scope, self._measured, self._start = "", 0, time.perf_counter()
+        self.scope = ""  # the episode that is going on; "" before the first
+        self._measured, self._start = 0, time.perf_counter()
         self._recording: Recording | None = None
         if mode == "record":
             with self._named():
@@ -173,18 +168,12 @@ class Cassette:
         token = self._recording.token if self._recording else ""
         return Tape(folder=self.path.parent, mode=self.mode, token=token)
 
-    @property
-    def scope(self) -> str:
-        """The episode that is going on; "" before the first."""
-        return self._scope
-
     def begin(self, scope: str) -> None:
         """Start an episode; recording, what an earlier attempt at it left is forgotten.
 
-        Raises:
-            CassetteError: the file cannot be written.
+        CassetteError where the file cannot be written.
         """
-        self._scope, self._measured, self._start = scope, 0, time.perf_counter()
+        self.scope, self._measured, self._start = scope, 0, time.perf_counter()
         self._asked.clear()
         if self.mode == "record":
             self._write(Begin(scope=scope))
@@ -196,19 +185,18 @@ class Cassette:
     def measured(self, seconds: float) -> float:
         """Return a time that was measured, or in a replay what was measured in its place then.
 
-        Raises:
-            CassetteError: a replay measures more often than the recording did.
+        CassetteError where a replay measures more often than the recording did.
         """
         if self.mode == "off":
             return seconds
         count, self._measured = self._measured, self._measured + 1
         if self.mode == "record":
-            self._write(Tick(scope=self._scope, count=count, seconds=seconds))
+            self._write(Tick(scope=self.scope, count=count, seconds=seconds))
             return seconds
-        found = self._episodes[self._scope].seconds.get(count)
+        found = self._episodes[self.scope].seconds.get(count)
         if found is None:
-            reason = f"episode {self._scope!r} went another way than its recording: there is"
-            raise CassetteError(self.path, f"{reason} no time {count + 1}", fix=self._again())
+            reason = f"episode {self.scope!r} went another way than its recording: there is"
+            raise CassetteError(self.path, f"{reason} no time {count + 1}", fix=_AGAIN)
         return found
 
     def exchange(
@@ -219,15 +207,11 @@ class Cassette:
         url: str = "",
         shared: bool = False,
     ) -> Exchange:
-        """Ask, or look up what was answered.
+        """Ask by `send`, or look up what was answered; `url` is kept beside the request.
 
-        Args:
-            request: what is asked; its key is that of its canonical form.
-            send: asks; called in modes "record" and "off" only.
-            url: where `send` goes; kept beside the request, no part of its key.
-            shared: equal requests have equal answers (embeddings), so one is enough: the first
-                in the file. Two processes may still ask at once; then the second answer holds for
-                its own place only.
+        `shared`: equal requests have equal answers (embeddings), so one is enough: the first in
+        the file. Two processes may still ask at once; then the second answer holds for its own
+        place only.
 
         Raises:
             CassetteError: a replay asks for what was not recorded, or the file cannot be written.
@@ -237,17 +221,17 @@ class Cassette:
         count = self._asked[key]
         self._asked[key] += 1
         if self.mode == "replay":
-            mine = self._episodes[self._scope].exchanges
+            mine = self._episodes[self.scope].exchanges
             found = mine.get((key, count)) or self._shared.get(key)
             if found is None:
-                raise CassetteError(self.path, self._miss(key, count, wanted), fix=self._again())
+                raise CassetteError(self.path, self._miss(key, count, wanted), fix=_AGAIN)
             return found
         if shared and (known := self._known(key)):
             return known
         begun = time.perf_counter()
         reply = send()
         made = Exchange(
-            scope=self._scope, count=count, key=key, request=wanted, url=url, reply=reply,
+            scope=self.scope, count=count, key=key, request=wanted, url=url, reply=reply,
             reply_key=key_of(reply), seconds=time.perf_counter() - begun,
             shared=shared and not reply.failure,
         )  # fmt: skip
@@ -267,8 +251,8 @@ class Cassette:
                     self._look_up()
                     line = msgspec.structs.replace(line, shared=line.key not in self._shared)
                 line = msgspec.structs.replace(line, line_key=line_key_of(line))
-                self._recording.append(to_json(line))
-            self._recording.sync()
+                append_line(self.path, to_json(line), sync=False)
+            append_line(self.path, b"")  # to the disk; by now nobody waits for their turn
         self._take(line)
 
     def _known(self, key: str) -> Exchange | None:
@@ -319,7 +303,7 @@ class Cassette:
         *lines, torn = read_bytes(self.path, most=LARGEST_LOG).split(b"\n")
         if torn:
             reason = f"line {len(lines) + 1} is torn: the end is missing"
-            raise CassetteError(self.path, reason, fix=f"{self._again()}; what is whole is kept")
+            raise CassetteError(self.path, reason, fix=f"{_AGAIN}; what is whole is kept")
         return lines
 
     def _decoded(self, line: bytes, number: int) -> Entry:
@@ -329,27 +313,22 @@ class Cassette:
         except FileError as error:
             reason = f"line {number}: {error.reason}"
             raise CassetteError(self.path, reason, fix=fix) from error
-        if isinstance(found, Exchange):
-            for what, value, key in (
-                ("request", found.request, found.key),
-                ("reply", found.reply, found.reply_key),
-            ):
-                if key_of(value) != key:
-                    reason = f"line {number}: the {what} is not what its SHA-256 says"
-                    raise CassetteError(self.path, reason, fix=fix)
-        if (found.line_key or self._keyed) and found.line_key != line_key_of(found):
-            reason = f"line {number}: episode, time or place is not what the line's SHA-256 says"
-            raise CassetteError(self.path, reason, fix=fix)
         self._keyed = self._keyed or bool(found.line_key)
+        wrong = ""
+        if isinstance(found, Exchange) and key_of(found.request) != found.key:
+            wrong = "the request is not what its SHA-256 says"
+        elif isinstance(found, Exchange) and key_of(found.reply) != found.reply_key:
+            wrong = "the reply is not what its SHA-256 says"
+        elif self._keyed and found.line_key != line_key_of(found):
+            wrong = "episode, time or place is not what the line's SHA-256 says"
+        if wrong:
+            raise CassetteError(self.path, f"line {number}: {wrong}", fix=fix)
         return found
 
     # ------------------------------------------------------------- a miss
 
-    def _again(self) -> str:
-        return "replay what was recorded, or record again with --cassette-mode record"
-
     def _miss(self, key: str, count: int, wanted: Mapping[str, Any]) -> str:
-        scope = self._scope
+        scope = self.scope
         mine = self._episodes[scope].exchanges
         if times := sum(1 for found, _ in mine if found == key):
             return (

@@ -86,18 +86,13 @@ class Ledger:
 
     def enter(self, new: Spent) -> None:
         """Enter one exchange, or what was added up elsewhere."""
-        old = self._open.get((new.role, new.model))
-        self._open[new.role, new.model] = _sum(old, new) if old else new
+        if old := self._open.get((new.role, new.model)):
+            sums: Any = {name: total([getattr(old, name), getattr(new, name)]) for name in _ADDED}
+            new = replace(old, **sums)
+        self._open[new.role, new.model] = new
 
     def take(self) -> tuple[Spent, ...]:
         """Return what was spent since the last time, by role and model."""
         found = tuple(self._open[key] for key in sorted(self._open))
         self._open.clear()
         return found
-
-
-def _sum(one: Spent, other: Spent) -> Spent:
-    sums: dict[str, Any] = {
-        name: total([getattr(one, name), getattr(other, name)]) for name in _ADDED
-    }
-    return replace(one, **sums)

@@ -22,9 +22,7 @@ _SIGNS = re.compile(r"[^a-z0-9]+")
 class Key:
     """A key that shows itself to nobody who prints it, not even as a local variable.
 
-    Args:
-        text: the key; "" for none, as servers on this machine mostly want; a short one is no
-            secret.
+    "" is none, as servers on this machine mostly want; a short one is no secret.
     """
 
     def __init__(self, text: str = "") -> None:

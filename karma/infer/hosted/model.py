@@ -1,7 +1,7 @@
 """Fill the roles of planner and embedder over any OpenAI-compatible endpoint.
 
-`dialects` says how an answer is held to programs, `server` who it is that answers, `planner` proves
-it, and `session` holds the line.
+`dialects` says who answers and how it is held to programs, `planner` proves it, and `session` holds
+the line.
 """
 
 import hashlib
@@ -24,16 +24,19 @@ from karma.contracts import (
     Vectors,
 )
 from karma.errors import ModelError, RequestRefused
-from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
+from karma.infer.embed import REMEMBERED, stacked, unit_row
 from karma.infer.hosted.cassette import Exchange
 from karma.infer.hosted.cost import cost_of, usage_of
-from karma.infer.hosted.dialects import Language, Manner, language_of
-from karma.infer.hosted.server import manner_of
+from karma.infer.hosted.dialects import Language, Manner, language_of, manner_of
 from karma.infer.hosted.session import Endpoint, Session
-from karma.infer.hosted.thinking import told_apart
 from karma.infer.programs.automaton import without_closing
 from karma.infer.vision.pictures import picture_url
 from karma.language.whole import CUTS, cut_off, filtered
+
+_FIELDS = ("reasoning_content", "reasoning", "thinking")  # that servers return a thought in
+_SPOKEN = ("text", "output_text", "refusal", None)  # types of parts of a message
+_THOUGHT = ("thinking", "reasoning")
+_TAGS = (("<think>", "</think>"), ("<thinking>", "</thinking>"), ("[THINK]", "[/THINK]"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,23 +53,14 @@ class HostedLanguageModel:
     """A `LanguageModel` at an endpoint.
 
     `stable` is the system message, `changing` the user's; with `api = "completions"` they are one
-    text, for models that have no chat template.
-
-    Args:
-        endpoint: where, and which model.
-        session: the run's; by default one without a cassette.
-        manner: how it is asked; by default as the endpoint says, without asking the server.
+    text, for models that have no chat template. Without a manner it is asked as the endpoint says.
 
     Raises:
         KarmaError: the endpoint may not or cannot be reached, see `Session.admit`.
     """
 
     def __init__(
-        self,
-        endpoint: Endpoint,
-        *,
-        session: Session | None = None,
-        manner: Manner | None = None,
+        self, endpoint: Endpoint, *, session: Session | None = None, manner: Manner | None = None
     ) -> None:
         self.name, self.host = endpoint.model, endpoint.host
         self._endpoint, self._session = endpoint, session or Session()
@@ -140,15 +134,13 @@ class HostedLanguageModel:
     ) -> Said:
         """Return what the model says, held to a language if there is one; errors as above."""
         stable, changing = sendable(prompt.stable), sendable(prompt.changing)
-        body: Any
+        path = "/chat/completions" if self._endpoint.api == "chat" else "/completions"
+        body: dict[str, Any] = {"prompt": stable + changing}
+        kept = body
         if self._endpoint.api == "chat":
-            path = "/chat/completions"
             body, kept = messages_of(stable, changing, prompt.pictures, alone=self._no_system)
         elif prompt.pictures:
             raise ModelError(f'{self.name}: pictures need api = "chat"')
-        else:
-            path, body = "/completions", {"prompt": stable + changing}
-            kept = body
         fields, room = self.manner.fields(language, max_tokens)
         options = options_of(self._endpoint, room, temperature, seed, fields)
         try:
@@ -183,12 +175,7 @@ def _fault(said: Said, language: Language | None, tokens: int | None) -> str:
 class HostedEmbedder:
     """An `Embedder` at an endpoint: one text a request, each asked once a run.
 
-    Args:
-        endpoint: where, and which model.
-        session: the run's; by default one without a cassette.
-
-    Raises:
-        KarmaError: see `Session.admit`.
+    KarmaError as by `Session.admit`.
     """
 
     def __init__(self, endpoint: Endpoint, *, session: Session | None = None) -> None:
@@ -208,8 +195,7 @@ class HostedEmbedder:
     def embed(self, texts: Sequence[str]) -> Vectors:
         """Return one row of length 1 per text, shape (n, dimension); n may be 0.
 
-        Raises:
-            ModelError: the endpoint failed, or its answer is no such row.
+        ModelError where the endpoint failed, or its answer is no such row.
         """
         rows = [self._row(text) for text in texts]
         return stacked(rows, rows[0].size if rows else self.dimension)
@@ -235,10 +221,10 @@ class HostedEmbedder:
             row = np.asarray(answer["data"][0]["embedding"], dtype=np.float32)
         except (KeyError, IndexError, TypeError, ValueError) as error:
             raise _odd(self._endpoint, "no row of numbers") from error
-        if row.ndim != 1:
-            reason = "a row per token: it is served without pooling"
-            raise _odd(self._endpoint, f"{reason} (shape {row.shape})")
         try:
+            if row.ndim != 1:
+                reason = "a row per token: it is served without pooling"
+                raise ValueError(f"{reason} (shape {row.shape})")
             return unit_row(row)
         except ValueError as error:
             raise _odd(self._endpoint, str(error)) from error
@@ -275,12 +261,11 @@ def messages_of(
     """Return the messages of a prompt, and as a cassette keeps them; `alone`: the user's only."""
     before = [{"role": "system", "content": stable}] if stable and not alone else []
     text = stable + changing if alone else changing
-    whole, kept = (_user(one) for one in _with_pictures(text, pictures))
-    return {"messages": [*before, whole]}, {"messages": [*before, kept]}
-
-
-def _user(content: Any) -> dict[str, Any]:
-    return {"role": "user", "content": content}
+    whole, kept = (
+        {"messages": [*before, {"role": "user", "content": one}]}
+        for one in _with_pictures(text, pictures)
+    )
+    return whole, kept
 
 
 def options_of(
@@ -309,8 +294,7 @@ def said_in(
 ) -> tuple[str, Literal["stop", "length", "filter"], str]:
     """Return text, finish and thought of an answer; a refusal's words are its text.
 
-    Raises:
-        ModelError: the answer has another form.
+    ModelError where the answer has another form.
     """
     try:
         choice = answer["choices"][0]
@@ -323,6 +307,43 @@ def said_in(
         told = str(error) if "where a text" in str(error) else "no choice with a text"
         raise _odd(endpoint, told) from error
     return text, CUTS.get(str(finish), "stop"), reasoning
+
+
+def told_apart(message: Mapping[str, Any]) -> tuple[str, str]:
+    r"""Return answer and thought of a message, wherever its server has put the thought.
+
+    A thought that was begun and not ended leaves no answer.
+
+    >>> told_apart({"content": "<think>An apple.</think>\n\nGo"})
+    ('Go', 'An apple.')
+    >>> told_apart({"content": None, "reasoning_content": "An app"})
+    ('', 'An app')
+    """
+    thoughts = [message.get(name) for name in _FIELDS]
+    thought: str = next((one for one in thoughts if isinstance(one, str) and one), "")
+    content = message.get("content") or message.get("refusal") or ""
+    if isinstance(content, list) and all(isinstance(one, dict) for one in content):
+        parts = [(one.get("type"), _text_of(one)) for one in content]
+        thought = "".join([thought, *(text for kind, text in parts if kind in _THOUGHT)])
+        content = "".join(text for kind, text in parts if kind in _SPOKEN)
+    if not isinstance(content, str):
+        raise TypeError(f"a {type(content).__name__} where a text should be")
+    for opening, closing in _TAGS:
+        before, found, after = content.rpartition(closing)
+        if found:  # the opening tag may have been in the prompt
+            inside = before.strip().removeprefix(opening).strip()
+            return after.lstrip(), "\n".join(filter(None, [thought, inside]))
+        if content.lstrip().startswith(opening):
+            inside = content.lstrip().removeprefix(opening).strip()
+            return "", "\n".join(filter(None, [thought, inside]))
+    return content, thought
+
+
+def _text_of(part: Mapping[str, Any]) -> str:
+    """Return the text of a part of a message, which may have parts itself."""
+    said = part.get("text", part.get("thinking", ""))
+    inner = said if isinstance(said, list) else [said]
+    return "".join(one if isinstance(one, str) else str(one.get("text", "")) for one in inner)
 
 
 def _odd(endpoint: Endpoint, what: str) -> ModelError:

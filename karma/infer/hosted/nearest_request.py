@@ -18,14 +18,7 @@ def describe_miss(
     scope: str,
     key: str,
 ) -> str:
-    """Return a message with the nearest recorded request and the difference.
-
-    Args:
-        wanted: the request in canonical form.
-        recorded: (episode, request) of what is there, in the order of recording.
-        scope: the episode that asks.
-        key: SHA-256 of the request.
-    """
+    """Return a message with the nearest of (episode, request), and how it differs."""
     asked = f"request {key[:12]} of episode {scope!r} was not recorded"
     if not recorded:
         return f"{asked}: the cassette holds no exchange"
@@ -35,7 +28,10 @@ def describe_miss(
     if found == lines:
         return f"{asked}: the same was asked in episode {where!r} only"
     names = (f"recorded in {where!r}", "asked now")
-    diff = [_short(line) for line in unified_diff(found, lines, *names, lineterm="", n=1)]
+    diff = [
+        line if len(line) <= MAX_WIDTH else f"{line[: MAX_WIDTH - 3]}..."
+        for line in unified_diff(found, lines, *names, lineterm="", n=1)
+    ]
     if len(diff) > MAX_LINES:
         diff = [*diff[:MAX_LINES], f"... and {len(diff) - MAX_LINES} lines more"]
     return "\n    ".join([f"{asked}; the nearest differs:", *diff])
@@ -77,7 +73,3 @@ def _nearest(
         return -SequenceMatcher(None, left[:_LONGEST], right[:_LONGEST], autojunk=False).ratio()
 
     return recorded[min(alike, key=lambda number: (unlikeness(number), number))]
-
-
-def _short(line: str) -> str:
-    return line if len(line) <= MAX_WIDTH else f"{line[: MAX_WIDTH - 3]}..."

@@ -10,11 +10,11 @@ from dataclasses import replace
 
 from karma.contracts import LanguageModel, Prompt, Thinking
 from karma.errors import ModelError, ServerLost
-from karma.infer.hosted.dialects import Language
+from karma.infer.hosted.dialects import Language, manner_of
 from karma.infer.hosted.model import HostedLanguageModel
-from karma.infer.hosted.server import manner_of
 from karma.infer.hosted.session import Endpoint, Session
 from karma.infer.programs.grammars import literal
+from karma.infer.programs.schema import object_schema
 from karma.seeds import stream
 
 _TIMES = 2
@@ -35,18 +35,10 @@ def open_planner(
     thinking_tokens: int = 1024,
     seed: int = 0,
 ) -> LanguageModel:
-    """Return the model at an endpoint.
-
-    Args:
-        endpoint: where, and which model.
-        session: the run's; by default one without a cassette.
-        constrained: the run relies on answers that are held to programs.
-        thinking: this and the next: see `manner_of`.
-        thinking_tokens: see there.
-        seed: of the run.
+    """Return the model at an endpoint, as `manner_of` says; if `constrained`, `prove` tries it.
 
     Raises:
-        ModelError: see `manner_of` and, if `constrained`, `prove`.
+        ModelError: see `manner_of` and `prove`.
         KarmaError: see `Session.admit`.
     """
     session = session or Session()
@@ -62,8 +54,7 @@ def prove(model: HostedLanguageModel, seed: int = 0) -> None:
     """Ask a model for what it would never say, by the way in which programs are asked for.
 
     Raises:
-        ModelError: the server takes no constraint, passes over it, or accepts a grammar that is
-            none.
+        ModelError: the server takes no constraint, passes over it, or accepts a malformed grammar.
     """
     manner = model.manner
     if manner.constraint is None:
@@ -86,7 +77,6 @@ def prove(model: HostedLanguageModel, seed: int = 0) -> None:
 
 def _language(words: tuple[str, ...]) -> Language:
     admitted = [f"{word}\n" for word in words]
-    one = {"type": "string", "enum": list(words)}
 
     def read(answer: str) -> str | None:
         found = re.fullmatch(r'\s*\{\s*"k"\s*:\s*"(k-[0-9a-f]{8})"\s*\}\s*', answer)
@@ -95,12 +85,7 @@ def _language(words: tuple[str, ...]) -> Language:
     return Language(
         grammar=f"root ::= {' | '.join(map(literal, admitted))}",
         regex=rf"({'|'.join(words)})\n",
-        schema={
-            "type": "object",
-            "properties": {"k": one},
-            "required": ["k"],
-            "additionalProperties": False,
-        },
+        schema=object_schema({"k": {"type": "string", "enum": list(words)}}),
         read=read,
         admits=admitted.__contains__,
         begins=lambda text: any(word.startswith(text) for word in admitted),

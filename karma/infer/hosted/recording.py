@@ -13,18 +13,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from karma.errors import FileError
-from karma.files import LARGEST_LOG, append_line, read_bytes
+from karma.files import LARGEST_LOG, read_bytes
 
 LOCK = "recording.lock"
 _CLAIM, _TURN = 0, 1  # bytes of the lock file
 
 
 class Recording:
-    """One process's hold on a file of lines.
-
-    Args:
-        path: of the file.
-        token: of a recording to join; "" claims the file.
+    """One process's hold on a file of lines; a token joins another's recording, "" claims the file.
 
     Raises:
         FileError: it cannot be written, or another process records there.
@@ -43,8 +39,7 @@ class Recording:
     def turn(self) -> Iterator[None]:
         """Keep all other processes from the file, whose lines are whole meanwhile.
 
-        Raises:
-            FileError: another recording has begun since.
+        FileError where another recording has begun since.
         """
         fcntl.lockf(self._lock, fcntl.LOCK_EX, 1, _TURN)
         try:
@@ -54,22 +49,6 @@ class Recording:
             yield
         finally:
             fcntl.lockf(self._lock, fcntl.LOCK_UN, 1, _TURN)
-
-    def append(self, line: bytes) -> None:
-        """Add a line; for use in a turn, and to be synced after it.
-
-        Raises:
-            UnwritableError: the disk is full.
-        """
-        append_line(self._path, line, sync=False)
-
-    def sync(self) -> None:
-        """See to the disk what was appended; outside a turn, so that nobody waits for the disk.
-
-        Raises:
-            UnwritableError: the disk fails.
-        """
-        append_line(self._path, b"")
 
     def news(self) -> list[bytes]:
         """Return the lines since the last look, whoever wrote them; for use in a turn."""

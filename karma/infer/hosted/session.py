@@ -73,11 +73,7 @@ class Endpoint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
             raise ValueError(f"extra: {taken[0]!r} is set by karma itself")
 
     def at(self, base_url: str) -> "Endpoint":
-        """Return the same model at another place.
-
-        Raises:
-            KarmaError: the address cannot be used.
-        """
+        """Return the same model at another place; KarmaError where the address cannot be used."""
         try:
             return msgspec.structs.replace(self, base_url=base_url)
         except ValueError as error:
@@ -103,11 +99,7 @@ class Hosted(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     @classmethod
     def of_planner(cls, base_url: str, model: str, **settings: str) -> Self:
-        """Return a hosted planner alone, everything else by default.
-
-        Raises:
-            KarmaError: the address or a setting (fields of `Endpoint`) cannot be used.
-        """
+        """Return a hosted planner alone, of fields of `Endpoint`; KarmaError for a wrong one."""
         try:
             return msgspec.convert(
                 {"planner": {"base_url": base_url, "model": model, **settings}}, cls
@@ -118,8 +110,7 @@ class Hosted(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     def at(self, base_url: str) -> "Hosted":
         """Return the same models at another place.
 
-        Raises:
-            KarmaError: the address cannot be used, or there is no hosted model.
+        KarmaError where the address cannot be used, or there is no hosted model.
         """
         moved = {
             role: endpoint.at(base_url)
@@ -132,11 +123,7 @@ class Hosted(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 class Session:
-    """What the hosted models of one run share.
-
-    Args:
-        cassette: by default none, i.e. every request goes out.
-    """
+    """What the hosted models of one run share; without a cassette every request goes out."""
 
     def __init__(self, cassette: Cassette | None = None) -> None:
         self.cassette = cassette or Cassette()
@@ -173,14 +160,10 @@ class Session:
     ) -> Exchange:
         """Ask once and return the exchange; its reply has an answer.
 
-        Args:
-            role: "planner", "vision" or "embedder", for the bill.
-            endpoint: whom.
-            path: e.g. "/chat/completions"; "../tokenize" lies beside /v1.
-            body: what is sent.
-            named: what is recorded in place of `body` where that is large (pictures).
-            shared: equal bodies have equal answers.
-            billed: not so where it costs nothing and is not asked in every episode.
+        `role` ("planner", "vision", "embedder") is for the bill, unless it is not `billed`: what
+        costs nothing and is not asked in every episode. A path such as "../tokenize" lies beside
+        /v1. `named` is recorded in place of a large body; `shared`: equal bodies have equal
+        answers.
 
         Raises:
             ModelError: the endpoint failed; never holds the key.
@@ -188,13 +171,8 @@ class Session:
             ServerLost: it cannot be reached, says nothing in time, or takes no more requests.
             CassetteError: see `Cassette.exchange`.
         """
-        key = Key() if self.cassette.mode == "replay" else _key(endpoint)
-        exchange = self.cassette.exchange(
-            key.out_of({"path": path, **(body if named is None else named)}),
-            lambda: self._sent(endpoint, key, path, body),
-            url=key.out_of(endpoint.base_url),
-            shared=shared,
-        )
+        kept = {"path": path, **(body if named is None else named)}
+        exchange = self._exchange(endpoint, path, body, kept, shared=shared)
         if billed:
             self._enter(role, endpoint, exchange)
         if exchange.reply.answer is None:
@@ -206,21 +184,32 @@ class Session:
     def look(self, endpoint: Endpoint, path: str) -> dict[str, Any] | None:
         """Return what a page of the server says; None where there is none, or none was recorded.
 
-        Raises:
-            ServerLost: the server cannot be reached.
+        ServerLost where the server cannot be reached.
         """
-        key = Key() if self.cassette.mode == "replay" else _key(endpoint)
         try:
-            exchange = self.cassette.exchange(
-                {"method": "GET", "path": path},
-                lambda: self._sent(endpoint, key, path, None),
-                url=key.out_of(endpoint.base_url),
-            )
+            kept = {"method": "GET", "path": path}
+            return self._exchange(endpoint, path, None, kept).reply.answer
         except CassetteError:
             if self.cassette.mode == "replay":
                 return None
             raise
-        return exchange.reply.answer
+
+    def _exchange(
+        self,
+        endpoint: Endpoint,
+        path: str,
+        body: Mapping[str, Any] | None,
+        kept: Mapping[str, Any],
+        *,
+        shared: bool = False,
+    ) -> Exchange:
+        key = Key() if self.cassette.mode == "replay" else _key(endpoint)
+        return self.cassette.exchange(
+            key.out_of(kept),
+            lambda: self._sent(endpoint, key, path, body),
+            url=key.out_of(endpoint.base_url),
+            shared=shared,
+        )
 
     def _enter(self, role: str, endpoint: Endpoint, exchange: Exchange) -> None:
         """Put an exchange on the bill of the episode that it was made in."""
@@ -228,18 +217,13 @@ class Session:
             return
         answer = exchange.reply.answer
         usage = _NOTHING if answer is None else usage_of(answer)
-        self.ledger.enter(
-            Spent(
-                role=role,
-                model=str((answer or {}).get("model") or endpoint.model),
-                requests=1,
-                failures=int(answer is None),
-                prompt_tokens=usage.prompt_tokens,
-                completion_tokens=usage.completion_tokens,
-                cost=cost_of(usage, endpoint.prices),
-                seconds=exchange.seconds,
-            )
-        )
+        new = Spent(
+            role=role, model=str((answer or {}).get("model") or endpoint.model),
+            requests=1, failures=int(answer is None),
+            prompt_tokens=usage.prompt_tokens, completion_tokens=usage.completion_tokens,
+            cost=cost_of(usage, endpoint.prices), seconds=exchange.seconds,
+        )  # fmt: skip
+        self.ledger.enter(new)
 
     def _sent(
         self, endpoint: Endpoint, key: Key, path: str, body: Mapping[str, Any] | None
@@ -259,27 +243,28 @@ class Session:
         self, endpoint: Endpoint, key: Key, path: str, body: Mapping[str, Any] | None
     ) -> Reply | ServerLost:
         openai = _openai()
-        client, url = self._client(endpoint, key), path
-        if path.startswith("../"):
-            url = f"{endpoint.root}{path[2:]}"
+        import httpx2
+
+        client = self._client(endpoint, key)
+        url = f"{endpoint.root}{path[2:]}" if path.startswith("../") else path
         try:
             if body is None:
-                said = client.get(url, cast_to=_response(), options={"max_retries": 1})
+                said = client.get(url, cast_to=httpx2.Response, options={"max_retries": 1})
             else:
-                said = client.post(url, cast_to=_response(), body=dict(body))
+                said = client.post(url, cast_to=httpx2.Response, body=dict(body))
         except openai.APIStatusError as error:
-            reason = f"HTTP {error.status_code}: {_words(error.response.content) or error.message}"
-            if body is None and error.status_code in _NO_LEAVE:  # such a key may yet ask
-                return _failed(reason, key)
-            if error.status_code in _BUSY or error.status_code > 501 or _is_dead(error):
-                return _lost(endpoint, reason, key)
-            return _failed(reason, key)
+            status = error.status_code
+            reason = f"HTTP {status}: {_words(error.response.content) or error.message}"
+            dead = status == 500 and "engine" in str(error.message).lower()  # vLLM's
+            may_yet_ask = body is None and status in _NO_LEAVE
+            lost = not may_yet_ask and (status in _BUSY or status > 501 or dead)
         except openai.APIConnectionError as error:  # timeouts too
-            reason = f"{error.message} {error.__cause__ or ''}".strip()
-            return _lost(endpoint, reason, key)
+            reason, lost = f"{error.message} {error.__cause__ or ''}".strip(), True
         except openai.OpenAIError as error:
-            return _failed(f"{type(error).__name__}: {error}", key)
-        return _read(said.content, endpoint, key, asked=body is not None)
+            reason, lost = f"{type(error).__name__}: {error}", False
+        else:
+            return _read(said.content, endpoint, key, asked=body is not None)
+        return _lost(endpoint, reason, key) if lost else Reply(failure=_brief(reason, key))
 
     def _client(self, endpoint: Endpoint, key: Key) -> Any:
         """Return the client of an endpoint: no proxy, no redirection, no name of a customer."""
@@ -288,18 +273,13 @@ class Session:
             openai = _openai()
             plain = urlsplit(endpoint.base_url).scheme == "http"  # needs no certificates read
             logging.getLogger("httpcore2").setLevel(logging.INFO)  # below, it shows headers
+            limits = bounded(total_s=endpoint.timeout_s, verify=not plain)
+            http = openai.DefaultHttpxClient(trust_env=False, follow_redirects=False, **limits)
             client = openai.OpenAI(
-                base_url=endpoint.base_url,
-                api_key=key.for_header(),
-                timeout=endpoint.timeout_s,
-                max_retries=endpoint.retries,
-                http_client=openai.DefaultHttpxClient(
-                    trust_env=False,
-                    follow_redirects=False,
-                    **bounded(total_s=endpoint.timeout_s, verify=not plain),
-                ),
+                base_url=endpoint.base_url, api_key=key.for_header(), timeout=endpoint.timeout_s,
+                max_retries=endpoint.retries, http_client=http,
                 default_headers={"Accept-Encoding": "identity"},
-            )
+            )  # fmt: skip
             client.organization = client.project = None  # it takes them from the environment
             self._clients[name] = client
         return self._clients[name]
@@ -316,9 +296,8 @@ def _read(content: bytes, endpoint: Endpoint, key: Key, *, asked: bool) -> Reply
     reason = f"the answer is no JSON {odd}" if odd else fault_in(answer) if asked else ""
     if reason:
         lost = _lost(endpoint, reason, key)
-        return _BrokenReply(str(lost)) if asked else _failed(reason, key)
-    kept = {name: value for name, value in answer.items() if name not in ("id", "created")}
-    kept = key.out_of(kept)
+        return _BrokenReply(str(lost)) if asked else Reply(failure=_brief(reason, key))
+    kept = key.out_of({name: one for name, one in answer.items() if name not in ("id", "created")})
     if key.is_disguised_in(kept):
         return _lost(endpoint, "its answer holds the key in another form; not kept", key)
     return Reply(answer=kept)
@@ -326,11 +305,6 @@ def _read(content: bytes, endpoint: Endpoint, key: Key, *, asked: bool) -> Reply
 
 class _BrokenReply(ServerLost):
     """A body that says that the server could not answer; it is asked again."""
-
-
-def _is_dead(error: Any) -> bool:
-    """Return whether a 500 is of a server that answers nobody, as vLLM's with a dead engine."""
-    return error.status_code == 500 and "engine" in str(error.message).lower()
 
 
 def _words(content: bytes) -> str:
@@ -370,10 +344,6 @@ def fault_in(answer: Mapping[str, Any]) -> str:
     return ""
 
 
-def _failed(reason: str, key: Key) -> Reply:
-    return Reply(failure=_brief(reason, key))
-
-
 def _lost(endpoint: Endpoint, reason: str, key: Key) -> ServerLost:
     """Return the error of a server that cannot answer now; the request is not recorded."""
     tried = f"asked {endpoint.retries + 1} times, {endpoint.timeout_s:g} s each at most"
@@ -399,11 +369,7 @@ def _brief(reason: str, key: Key) -> str:
 
 
 def _key(endpoint: Endpoint) -> Key:
-    """Return the key of an endpoint.
-
-    Raises:
-        ModelError: what the variable holds is none.
-    """
+    """Return the key of an endpoint; ModelError where its variable holds something else."""
     text = os.environ.get(endpoint.key_variable, "").strip()
     if text and not _KEY.fullmatch(text):
         raise ModelError(
@@ -423,10 +389,3 @@ def _openai() -> Any:
             "\n  To fix: pip install 'karma-offline[hosted]'"
         ) from error
     return openai
-
-
-def _response() -> Any:
-    """Return the class of a whole response, in place of what the client would make of it."""
-    import httpx2
-
-    return httpx2.Response

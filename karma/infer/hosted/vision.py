@@ -15,10 +15,6 @@ ATTEMPTS = 2  # the second quotes what could not be used
 class HostedVision:
     """A `VisionModel` at an endpoint that takes pictures.
 
-    Args:
-        endpoint: where, and which model; `api` must be "chat".
-        session: the run's; by default one without a cassette.
-
     Raises:
         ModelError: the endpoint is not for chat.
         KarmaError: see `Session.admit`.
@@ -38,12 +34,7 @@ class HostedVision:
     ) -> Mapping[str, tuple[str, ...]]:
         """Return object id -> state words; objects that the answer leaves out are left out.
 
-        A cassette keeps size and hash of the picture in place of the picture.
-
-        Args:
-            image: shape (H, W, 3), RGB.
-            instruction: the task.
-            objects: of interest; () asks nothing.
+        A cassette keeps size and hash of the picture, RGB of shape (H, W, 3), in its place.
 
         Raises:
             ModelError: there is no picture, the endpoint failed, or its answer has another form.
@@ -53,14 +44,12 @@ class HostedVision:
         image = some_picture(self.name, image)
         role, text = question("full", sendable(instruction), objects)
         first = messages_of(role, text, [image], alone=False)
-        options = options_of(self._endpoint, MAX_TOKENS, 0.0, 0)
+        place, options = self._endpoint, options_of(self._endpoint, MAX_TOKENS, 0.0, 0)
 
         def ask(said: Sequence[tuple[str, str]]) -> str:
             later = [{"role": role, "content": text} for role, text in said]
             body, named = ({"messages": [*one["messages"], *later], **options} for one in first)
-            exchange = self._session.ask(
-                "vision", self._endpoint, "/chat/completions", body, named=named
-            )
-            return said_in(exchange.reply.answer or {}, self._endpoint)[0]
+            exchange = self._session.ask("vision", place, "/chat/completions", body, named=named)
+            return said_in(exchange.reply.answer or {}, place)[0]
 
-        return states_told(ask, objects, ATTEMPTS)[0]
+        return states_told(ask, objects, ATTEMPTS)

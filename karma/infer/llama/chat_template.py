@@ -1,6 +1,5 @@
 """Render prompts by a GGUF's own chat template, cut where their changing part begins."""
 
-from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import datetime
 from typing import Any
@@ -14,11 +13,6 @@ from karma.infer.llama.thinking import CLOSE, prepared
 
 _MARK = "\ue000changing\ue000"  # private use: no template treats it specially
 _FIX = "\n  To fix: --no-chat, or chat = false, opens it without"
-
-
-def through_template(metadata: Mapping[str, Any], chat: bool | None) -> bool:
-    """Return whether prompts go through a GGUF's template: as said, else if it has one."""
-    return TEMPLATE in metadata if chat is None else chat
 
 
 def trial(path: str) -> None:
@@ -35,13 +29,11 @@ def trial(path: str) -> None:
 class ChatTemplate:
     """Renders prompts: `stable` is the system message, `changing` the user's.
 
-    Args:
-        model: whose template it is.
-        thinking: "off" closes a thought that the template opens, and asks it for none; "on" opens
-            one where it does not.
+    With `thinking` "off" a thought that the template opens is closed, and it is asked for none;
+    with "on" one is opened where the template does not.
 
     Raises:
-        ModelError: there is none, or it knows no thoughts and `thinking` is "on".
+        ModelError: there is no template, or it knows no thoughts and `thinking` is "on".
     """
 
     def __init__(self, model: GgufModel, *, thinking: Thinking = "off") -> None:
@@ -79,13 +71,12 @@ class ChatTemplate:
     def halves(self, prompt: Prompt) -> tuple[str, str]:
         """Return the rendered text before the changing part, and from there on.
 
-        Raises:
-            ModelError: the template refuses a plain conversation, or drops what it is given.
+        ModelError where the template refuses a plain conversation, or drops what it is given.
         """
         reason, switch = "", self._thinking == "on"
         for form in sorted(_FORMS, key=lambda one: one is not self._form):
             try:
-                messages = form(prompt.stable)
+                messages = _messages(prompt.stable, *form)
                 rendered = self._renderer(messages=messages, enable_thinking=switch)
                 halves = rendered.prompt.split(_MARK)
             except Exception as error:  # noqa: BLE001 - a template can raise anything
@@ -98,24 +89,17 @@ class ChatTemplate:
         raise ModelError(f"{self._name}: its chat template cannot be used: {reason}{_FIX}")
 
 
-def _system(stable: str) -> list[dict[str, Any]]:
-    return [{"role": "system", "content": stable}, {"role": "user", "content": _MARK}]
+_FORMS = ((True, False), (False, False), (True, True), (False, True))
 
 
-def _user(stable: str) -> list[dict[str, Any]]:
-    """Return it for templates that refuse a system message, or drop it."""
-    return [{"role": "user", "content": stable + _MARK}]
+def _messages(stable: str, system: bool, parts: bool) -> list[dict[str, Any]]:
+    """Return the messages of a prompt whose changing part is the mark.
 
-
-def _in_parts(messages: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return messages for templates of picture models that read lists only."""
-    parts = [[{"type": "text", "text": one["content"]}] for one in messages]
-    return [one | {"content": part} for one, part in zip(messages, parts, strict=True)]
-
-
-_FORMS: tuple[Callable[[str], list[dict[str, Any]]], ...] = (
-    _system,
-    _user,
-    lambda stable: _in_parts(_system(stable)),
-    lambda stable: _in_parts(_user(stable)),
-)
+    Some templates refuse a system message, or drop it; those of picture models may read lists of
+    parts only.
+    """
+    said = [("system", stable), ("user", _MARK)] if system else [("user", stable + _MARK)]
+    return [
+        {"role": role, "content": [{"type": "text", "text": text}] if parts else text}
+        for role, text in said
+    ]

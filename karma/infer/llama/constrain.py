@@ -19,12 +19,7 @@ _CHUNK = 64
 
 
 class TokenTable:
-    """A vocabulary as bytes.
-
-    Args:
-        pieces: what each token id appends to the text; b"" for control tokens.
-        end_tokens: ids that end an answer.
-    """
+    """A vocabulary as bytes: what each token id appends to the text, b"" for control tokens."""
 
     def __init__(self, pieces: Sequence[bytes], end_tokens: Sequence[int]) -> None:
         self.pieces = tuple(pieces)
@@ -51,8 +46,7 @@ class ChosenToken(NamedTuple):
 def best_token(scores: Logits) -> int:
     """Return the token of the highest score, the lowest id of equals.
 
-    Raises:
-        ModelError: that score is not a finite number.
+    ModelError where that score is not a finite number.
     """
     top = int(np.argmax(scores))
     if not np.isfinite(scores[top]):
@@ -65,11 +59,8 @@ def choose_token(
 ) -> ChosenToken:
     """Return the best token that keeps the program alive, lowest id first among equals.
 
-    Args:
-        scores: one per token, e.g. logits, or logits with `gumbel` noise to sample.
-        automaton: the language.
-        state: where the text stands; must not be dead.
-        table: the vocabulary; end tokens are admitted where the automaton accepts.
+    `scores` are one per token, e.g. logits, or logits with `gumbel` noise to sample. End tokens are
+    admitted where the automaton accepts; the state must not be dead.
 
     Raises:
         ModelError: no token can continue, or no score is a finite number.

@@ -64,18 +64,14 @@ def devices() -> tuple[Device, ...]:
     """Return what the installed llama.cpp can compute on, the CPU among them."""
     ggml = _ggml()
     handles = [ggml.ggml_backend_dev_get(n) for n in range(ggml.ggml_backend_dev_count())]
-    found = []
-    for handle in handles:
-        name = ggml.ggml_backend_dev_name(handle).decode()
-        number = ggml.ggml_backend_dev_type(handle)
-        found.append(
-            Device(
-                name=name,
-                kind=_KINDS[number] if number < len(_KINDS) else "accelerator",
-                description=ggml.ggml_backend_dev_description(handle).decode(errors="replace"),
-            )
+    return tuple(
+        Device(
+            name=ggml.ggml_backend_dev_name(handle).decode(),
+            kind=_KINDS[min(ggml.ggml_backend_dev_type(handle), len(_KINDS) - 1)],
+            description=ggml.ggml_backend_dev_description(handle).decode(errors="replace"),
         )
-    return tuple(found)
+        for handle in handles
+    )
 
 
 def memory_mb(device: Device) -> tuple[float, float] | None:
@@ -88,16 +84,10 @@ def memory_mb(device: Device) -> tuple[float, float] | None:
 
 
 def place(name: str, size: Footprint, options: LlamaOptions, *, context: int) -> Placement:
-    """Choose where a model's layers go.
+    """Choose where a model's layers go, and leave room for a context of so many tokens.
 
     All of them on the GPU where there is one with enough free memory, else as many as fit, else
     none.
-
-    Args:
-        name: of the model, for messages.
-        size: what it takes.
-        options: what is asked for.
-        context: tokens that the layers on a GPU leave room for.
 
     Raises:
         ModelError: layers were asked for by number and there is no GPU, or they do not fit.

@@ -34,21 +34,16 @@ SPLITS = {
 def new_tokenizer(corpus: Iterable[str], vocab_size: int, special_tokens: Sequence[str]) -> Any:
     """Train a byte-level BPE `tokenizers.Tokenizer` that llama.cpp reproduces token for token.
 
-    Args:
-        corpus: texts to learn merges from.
-        vocab_size: upper bound of the vocabulary, special tokens included; at least 256 of them
-            are single bytes, so every text can be encoded.
-        special_tokens: control tokens, given the first ids in this order.
+    At most `vocab_size` tokens, special ones included, which get the first ids in their order; 256
+    are single bytes, so every text can be encoded.
     """
     from tokenizers import pre_tokenizers, trainers
 
     tokenizer = bare_tokenizer()
     trainer = trainers.BpeTrainer(
-        vocab_size=vocab_size,
-        special_tokens=list(special_tokens),
+        vocab_size=vocab_size, special_tokens=list(special_tokens), show_progress=False,
         initial_alphabet=sorted(pre_tokenizers.ByteLevel.alphabet()),
-        show_progress=False,
-    )
+    )  # fmt: skip
     tokenizer.train_from_iterator(corpus, trainer)
     tokenizer.model.ignore_merges = True  # as llama.cpp does for "llama-bpe"
     return tokenizer
@@ -61,43 +56,29 @@ def bare_tokenizer(
 ) -> Any:
     """Return a `tokenizers.Tokenizer` of these pieces that splits and joins as llama.cpp does.
 
-    Raises:
-        ModelError: `pre`, llama.cpp's name for how a text is split, is none of `SPLITS`.
+    ModelError where `pre`, llama.cpp's name for how a text is split, is none of `SPLITS`.
     """
-    from tokenizers import Tokenizer, decoders, models, pre_tokenizers
+    from tokenizers import Regex, Tokenizer, decoders, models, pre_tokenizers
 
     if pre not in SPLITS:
         raise ModelError(f"texts are split in the way {pre!r}; known are: {', '.join(SPLITS)}")
-    pieces = None if vocabulary is None else dict(vocabulary)
-    tokenizer = Tokenizer(
-        models.BPE(
-            vocab=pieces,
-            merges=None if pieces is None else list(merges),
-            ignore_merges=pre == "llama-bpe",
-        )
-    )
-    tokenizer.pre_tokenizer = pre_tokenizers.Sequence(_splitters(pre))
+    known: dict[str, Any] = {}
+    if vocabulary is not None:
+        known = {"vocab": dict(vocabulary), "merges": list(merges)}
+    tokenizer = Tokenizer(models.BPE(**known, ignore_merges=pre == "llama-bpe"))
+    first: Any = pre_tokenizers.Digits(individual_digits=True)
+    if pre != "smollm":
+        first = pre_tokenizers.Split(Regex(SPLITS[pre]), behavior="isolated")
+    then = pre_tokenizers.ByteLevel(add_prefix_space=False, use_regex=pre == "smollm")
+    tokenizer.pre_tokenizer = pre_tokenizers.Sequence([first, then])
     tokenizer.decoder = decoders.ByteLevel()
     return tokenizer
-
-
-def _splitters(pre: str) -> list[Any]:
-    from tokenizers import Regex, pre_tokenizers
-
-    if pre == "smollm":
-        digits = pre_tokenizers.Digits(individual_digits=True)
-        return [digits, pre_tokenizers.ByteLevel(add_prefix_space=False)]
-    return [
-        pre_tokenizers.Split(Regex(SPLITS[pre]), behavior="isolated"),
-        pre_tokenizers.ByteLevel(add_prefix_space=False, use_regex=False),
-    ]
 
 
 def read_gguf_tokenizer(path: Path) -> Any:
     """Return the byte-level BPE `tokenizers.Tokenizer` of a GGUF; every token keeps its id.
 
-    Raises:
-        FileError: no such file, or no GGUF with such a tokenizer.
+    FileError where there is no such file, or no GGUF with such a tokenizer.
     """
     import gguf
     from tokenizers import AddedToken
@@ -111,7 +92,8 @@ def read_gguf_tokenizer(path: Path) -> Any:
     except KeyError as error:
         raise FileError(path, f"no {error.args[0]} in it") from error
     vocabulary = {text: place for place, text in enumerate(tokens)}
-    tokenizer = bare_tokenizer(vocabulary, [_pair(merge) for merge in merges], pre)
+    pairs = [merge.partition(" ")[::2] for merge in merges]
+    tokenizer = bare_tokenizer(vocabulary, pairs, pre)
     for text, kind in zip(tokens, kinds, strict=True):
         if kind in (gguf.TokenType.CONTROL, gguf.TokenType.USER_DEFINED):
             special = kind == gguf.TokenType.CONTROL
@@ -121,17 +103,8 @@ def read_gguf_tokenizer(path: Path) -> Any:
     return tokenizer
 
 
-def _pair(merge: str) -> tuple[str, str]:
-    left, _, right = merge.partition(" ")
-    return left, right
-
-
 def gguf_reader(path: Path) -> Any:
-    """Return a `gguf.GGUFReader`.
-
-    Raises:
-        FileError: no such file, or no GGUF.
-    """
+    """Return a `gguf.GGUFReader`; FileError where there is no such file, or no GGUF."""
     import gguf
 
     if not path.is_file():
@@ -145,11 +118,8 @@ def gguf_reader(path: Path) -> Any:
 def add_vocabulary(writer: Any, tokenizer: Any, vocab_size: int, *, pre: str = "llama-bpe") -> None:
     """Write tokens in id order, their types, and the merges in rank order.
 
-    Args:
-        writer: a `gguf.GGUFWriter`.
-        tokenizer: a `tokenizers.Tokenizer` of `new_tokenizer`.
-        vocab_size: of the model; ids that the tokenizer lacks are never said.
-        pre: how llama.cpp splits a text; only with the default are its tokens the tokenizer's.
+    Ids below `vocab_size` that the tokenizer (of `new_tokenizer`) lacks are never said. `pre` is
+    how llama.cpp splits a text; only with the default are its tokens the tokenizer's.
     """
     import gguf
 
@@ -173,8 +143,7 @@ def add_special_tokens(
 ) -> None:
     """Write the ids of the tokens "bos", "eos" and "pad", where there are such.
 
-    Raises:
-        ModelError: one is not in the vocabulary, or `add_bos` without a "bos".
+    ModelError where one is not in the vocabulary, or `add_bos` without a "bos".
     """
     add = {
         "bos": writer.add_bos_token_id,

@@ -14,18 +14,10 @@ from numpy.typing import NDArray
 
 from karma.errors import FileError, ModelError
 from karma.files import read_bytes
+from karma.infer.checks.template import TEMPLATE
 from karma.infer.llama.gguf_files import gguf_reader, interleave, write_gguf
-from karma.infer.manifest.manifest import (
-    ModelEntry,
-    check_file,
-    file_paths,
-    find_model,
-    verify,
-)
+from karma.infer.manifest.manifest import ModelEntry, check_file, file_paths, find_model, verify
 
-_TEMPLATE = (
-    "tokenizer.chat_template"  # of the base: who is tuned is asked in the way of its examples
-)
 _PREFIX = "base_model.model."  # of peft's names
 _A, _B = ".lora_A.weight", ".lora_B.weight"
 Floats = NDArray[np.float32]
@@ -36,9 +28,7 @@ def make_merged(
 ) -> Path:
     """Make the file of a model that is another one with an adapter, and check its hash.
 
-    Args:
-        entry: with a `base`; its files are what is made, the adapter and the adapter's config.
-        progress: is told the share that is done.
+    The entry's files are what is made, the adapter and its config; `progress` hears the share done.
 
     Raises:
         ModelError: the base or the adapter is not here or not right, or what was made is not what
@@ -46,8 +36,9 @@ def make_merged(
         FileError: it cannot be written.
     """
     (base,) = verify(find_model(entry.base))
-    made, adapter, config = file_paths(entry)[:3]
-    for file, place in zip(entry.files[1:], file_paths(entry)[1:], strict=True):
+    places = file_paths(entry)
+    made, adapter, config = places[:3]
+    for file, place in zip(entry.files[1:], places[1:], strict=True):
         check_file(place, file.sha256, size=file.bytes, restore="git checkout -- models")
     merge_adapter(base, adapter, config, made, name=entry.name, progress=progress)
     try:
@@ -157,10 +148,13 @@ def _added(rows: Floats, wide: Floats, low: Floats) -> Floats:
 
 
 def _copy_fields(writer: Any, reader: Any, name: str) -> None:
-    """Copy what the base says of itself, with another name and without its chat template."""
+    """Copy what the base says of itself, with another name and without its chat template.
+
+    For who is tuned is asked in the way of its examples.
+    """
     import gguf
 
-    left = ("GGUF.", "general.architecture", "general.name", "general.file_type", _TEMPLATE)
+    left = ("GGUF.", "general.architecture", "general.name", "general.file_type", TEMPLATE)
     for field in reader.fields.values():
         if not field.name.startswith(left):
             kind = field.types[0]

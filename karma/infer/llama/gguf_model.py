@@ -21,10 +21,9 @@ from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import Footprint, check_memory
 from karma.infer.llama.constrain import Logits, TokenTable
 from karma.infer.llama.devices import devices, free_mb, place
-from karma.infer.llama.kv_state import llama_build, put_back, taken_out
 from karma.infer.llama.opening import open_context, open_gguf, try_in_own_process
 from karma.infer.llama.options import KV_BYTES, LlamaOptions, check_width
-from karma.infer.llama.room_states import RoomStates, StateOptions
+from karma.infer.llama.room_states import RoomStates, StateOptions, llama_build, put_back, taken_out
 from karma.infer.manifest.manifest import check_file
 
 _TRIAL = "karma.infer.llama.chat_template:trial"
@@ -49,16 +48,10 @@ class OutOfTime(Exception):
 class GgufModel:
     """An opened file: text to tokens, tokens to logits, keys and values kept.
 
-    Args:
-        path: the file; any GGUF that llama.cpp can run.
-        options: on what, with how much context and how it is computed.
-        name: by default the file's name.
-        sha256: if given, the file is refused unless it has this hash; a file without is first
-            tried in a process of its own, which costs a second or two.
-        restore: the step that brings a file with such a hash back, for errors.
-        states: where what was computed of stable parts is kept.
-        beside_mb: memory that something else will take with it, on the same device.
-        tried: leave out the trial.
+    A file is refused unless it has the SHA-256 that is given (`restore` is the step that brings it
+    back); one without is first tried in a process of its own, which costs a second or two, unless
+    it was `tried`. `states` says where what was computed of stable parts is kept, `beside_mb` what
+    memory something else will take with it, on the same device.
 
     Attributes:
         metadata: what the file says of itself; llama-cpp-python drops it all for one bad letter.
@@ -87,28 +80,40 @@ class GgufModel:
         self.name, self.options = name or path.stem, options
         wanted = options.n_ctx or trained
         self.limit = wanted if options.beyond_training else min(wanted, trained)
-        self.n_threads = options.threads
         self.n_batch = min(_N_BATCH, self.limit)
         self.n_ctx = self.limit if options.n_ctx else self.n_batch
         check_width(self.name, metadata, options)
         self.size = Footprint.of(
-            path, metadata, batch=self.n_batch, bytes_each=KV_BYTES[options.kv]
-        )
-        self.size = replace(self.size, beside_mb=beside_mb)
+            path, metadata, batch=self.n_batch, bytes_each=KV_BYTES[options.kv],
+            beside_mb=beside_mb,
+        )  # fmt: skip
         planned = self.limit if options.n_ctx else min(self.limit, _PLANNED)
         self.placement = place(self.name, self.size, options, context=planned)
-        self._check_memory(path)
+        off = 1 - min(1.0, self.placement.layers / self.size.blocks)  # what is not on a GPU
+        check_memory(
+            str(path), off * self.size.layers_mb(self.n_ctx) + self.size.work_mb(self.n_ctx),
+            parts=f"{off * self.size.file_mb:.0f} MB of file, a context of {self.n_ctx} tokens",
+            fix=_SMALLER,
+        )  # fmt: skip
         if sha256 is None and not tried:
             try_in_own_process(_TRIAL, path, cannot="cannot run it")
+        keywords: Mapping[str, Any] = {
+            "n_ctx": self.n_ctx, "n_batch": self.n_batch, "n_threads": options.threads,
+            "n_threads_batch": options.threads, "flash_attn": self._flash,
+            **self.placement.keywords,
+        }  # fmt: skip
         self.llama: Any
-        self.llama, layers = open_gguf(path, self._keywords(), kv=options.kv)
+        self.llama, layers = open_gguf(path, keywords, kv=options.kv)
         if layers != self.placement.layers:
             raise ModelError(
                 f"{self.name}: llama.cpp put {layers} layers on {self.placement.name}, not "
                 f"{self.placement.layers}\n  To fix: gpu_layers = 0"
             )
+        self.vocabulary = int(self.llama.n_vocab())  # how many tokens there are
+        self.end_token = int(self.llama.token_eos())  # it ends an answer
         self.table = _token_table(self.llama)
-        self._spaces = self._puts_a_space()
+        letter = b"".join(self.table.pieces[one] for one in self._tokenized("a", False))
+        self._spaces = letter[:1] == b" "  # the tokens of a text say a space before it
         self._kept: list[int] = []  # tokens whose keys and values are valid from position 0
         self._ahead: list[int] = []  # tokens that were decoded behind the last, as a guess
         self._row = -1  # of the last call's logits, those after the last token
@@ -117,13 +122,11 @@ class GgufModel:
         self._states = self._room_states(path, sha256, states or StateOptions())
 
     def tokens(self, text: str, *, begins: bool = False, special: bool = False) -> list[int]:
-        """Return the tokens of a text, or of a part of one.
+        """Return the tokens of a text, or of a part of one; half characters are replaced.
 
-        Args:
-            text: any; half characters are replaced.
-            begins: nothing stands before it: put the model's own first token there, if it has one
-                and wants it. SentencePiece's space before a text stands there only.
-            special: let the text name control tokens, as chat templates do.
+        Where it `begins`, nothing stands before it: the model's own first token goes there, if it
+        has one and wants it, and SentencePiece's space. A `special` text may name control tokens,
+        as chat templates do.
         """
         found = self._tokenized(text, special) if begins or not self._spaces else []
         if text and not found:
@@ -140,10 +143,6 @@ class GgufModel:
                 return both[len(before) :]
         return self._tokenized(text, special)
 
-    def _puts_a_space(self) -> bool:
-        """Return whether the tokens of a text say a space before it."""
-        return b"".join(self.table.pieces[one] for one in self._tokenized("a", False))[:1] == b" "
-
     def _tokenized(self, text: str, special: bool) -> list[int]:
         found: list[int] = self.llama.tokenize(text.encode("utf-8", "replace"), False, special)
         return found
@@ -153,25 +152,14 @@ class GgufModel:
         """What computes it."""
         return Engine(
             device=self.placement.name, gpu_layers=self.placement.layers, n_ctx=self.n_ctx,
-            threads=self.n_threads, batch=self.n_batch, kv=self.options.kv,
+            threads=self.options.threads, batch=self.n_batch, kv=self.options.kv,
             flash_attention=self._flash,
         )  # fmt: skip
-
-    @property
-    def end_token(self) -> int:
-        """The token that ends an answer."""
-        return int(self.llama.token_eos())
-
-    @property
-    def vocabulary(self) -> int:
-        """How many tokens there are."""
-        return int(self.llama.n_vocab())
 
     def make_room(self, tokens: int) -> None:
         """Let the context hold so many tokens; one that is opened anew keeps nothing.
 
-        Raises:
-            ModelError: more than the limit, or there is no memory for it.
+        ModelError for more than the limit, or where there is no memory for it.
         """
         if tokens <= self.n_ctx:
             return
@@ -200,11 +188,8 @@ class GgufModel:
     ) -> KvState:
         """Decode a prompt in its cut; return where the state of its stable part came from.
 
-        Args:
-            stable: tokens of the first part.
-            changing: of the second.
-            is_late: asked before each batch of tokens; what was read until then stays, and the same
-                prompt goes on from there.
+        `is_late` is asked before each batch of tokens; what was read until then stays, and the same
+        prompt goes on from there.
 
         Raises:
             ModelError: it does not fit the context, or llama.cpp cannot decode it.
@@ -239,9 +224,10 @@ class GgufModel:
         if not known:
             self.llama.reset()
         if states is not None and not known and (found := states.find(stable)):
-            if put_back(self.llama.ctx, found.state):
+            state, source = found
+            if put_back(self.llama.ctx, state):
                 self.llama.n_tokens = len(stable)
-                return found.source
+                return source
             states.forget(stable)
         if stable:
             self.extend(stable[known:], is_late=is_late)
@@ -319,13 +305,9 @@ class GgufModel:
         return RoomStates(f"{weights} {llama_build()} {engine} {chips}", options)
 
     def sequences(self, count: int, *, cells: int) -> Any:
-        """Open a second context over the same weights: one cache for several sequences.
+        """Open a second context over the same weights: `cells` tokens of several sequences.
 
         It is freed with the model at the latest; see `karma.infer.llama.scoring`.
-
-        Args:
-            count: of sequences.
-            cells: tokens that the cache holds, of all of them together.
 
         Raises:
             ModelError: the model keeps no keys and values, or there is no memory for more.
@@ -350,29 +332,12 @@ class GgufModel:
     def _flash(self) -> bool:
         return self.options.flash(on_gpu=bool(self.placement.layers))
 
-    def _check_memory(self, path: Path) -> None:
-        """Refuse the file where the part of it that is not on a GPU does not fit."""
-        off = 1 - min(1.0, self.placement.layers / self.size.blocks)
-        check_memory(
-            str(path), off * self.size.layers_mb(self.n_ctx) + self.size.work_mb(self.n_ctx),
-            parts=f"{off * self.size.file_mb:.0f} MB of file, a context of {self.n_ctx} tokens",
-            fix=_SMALLER,
-        )  # fmt: skip
-
     def _check_more(self, tokens: int, parts: str) -> None:
         """Refuse so many more tokens where their keys and values do not fit."""
         free = free_mb(self.placement.devices) if self.placement.layers else None
         check_memory(
             self.name, tokens * self.size.token_mb, parts=parts, fix=_SMALLER, free_mb=free
         )
-
-    def _keywords(self) -> Mapping[str, Any]:
-        """What llama-cpp-python's `Llama` is opened with."""
-        return {
-            "n_ctx": self.n_ctx, "n_batch": self.n_batch, "n_threads": self.n_threads,
-            "n_threads_batch": self.n_threads, "flash_attn": self._flash,
-            **self.placement.keywords,
-        }  # fmt: skip
 
 
 def _check_there(path: Path, sha256: str | None, restore: str) -> None:

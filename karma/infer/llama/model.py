@@ -22,15 +22,14 @@ from karma.contracts import (
 )
 from karma.errors import ModelError, RequestRefused
 from karma.infer.checks.template import TEMPLATE
-from karma.infer.llama.certainty import CertaintyLog
-from karma.infer.llama.chat_template import ChatTemplate, through_template
+from karma.infer.llama.answer import CertaintyLog, UnderWay
+from karma.infer.llama.chat_template import ChatTemplate
 from karma.infer.llama.constrain import best_token, choose_token, gumbel
 from karma.infer.llama.gguf_model import GgufModel, OutOfTime
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.llama.scoring import SkillScorer
 from karma.infer.llama.thinking import Thought, closing_tokens, think, told_apart
-from karma.infer.llama.under_way import UnderWay
 from karma.infer.llama.whole_names import NameWatch
 from karma.infer.programs.automaton import ProgramAutomaton, State, without_closing
 from karma.language.whole import cut_off, cycle, going_round
@@ -47,19 +46,11 @@ class _Decoded:
 
 
 class LlamaModel:
-    """A `LanguageModel` and a `ScoringModel` over one GGUF file.
+    """A `LanguageModel` and a `ScoringModel` over one GGUF file; opened as `GgufModel` says.
 
-    Args:
-        path: the file.
-        chat: whether prompts go through the file's own chat template: `stable` is the system
-            message, `changing` the user's; None: if it has one. Texts are scored without it.
-        thinking: whether a thinking model may think before it answers; needs the template.
-        thinking_tokens: of a thought at most; it is then closed.
-        options: this and the rest: see `GgufModel`.
-        name: see there.
-        sha256: see there.
-        restore: see there.
-        states: see there.
+    Prompts go through the file's own chat template if `chat`, None: if it has one: `stable` is the
+    system message, `changing` the user's. Texts are scored without it. `thinking` needs it, and a
+    thought is closed after `thinking_tokens`.
 
     Attributes:
         manner: how prompts go in where there is a template, in words; else "".
@@ -85,13 +76,13 @@ class LlamaModel:
             path, options, name=name, sha256=sha256, restore=restore, states=states
         )
         self.name = self.gguf.name
-        metadata = self.gguf.metadata
-        used = through_template(metadata, chat)
+        there = TEMPLATE in self.gguf.metadata
+        used = there if chat is None else chat
         if thinking == "on" and not used:
             raise ModelError(f"{self.name}: thinking = 'on' needs its chat template")
         self._template = ChatTemplate(self.gguf, thinking=thinking) if used else None
         way = "through" if used else "without"
-        self.manner = f"{way} its own chat template" if TEMPLATE in metadata else ""
+        self.manner = f"{way} its own chat template" if there else ""
         self._thinking_tokens = thinking_tokens if thinking == "on" else 0
         self._closing_tokens = closing_tokens(self.gguf) if thinking == "on" else 0
         self._scorer: SkillScorer | None = None  # opened when first asked
@@ -210,8 +201,7 @@ class LlamaModel:
     def _rooms(self, prompt_tokens: int, max_tokens: int) -> tuple[int, int]:
         """Return how many tokens a thought and the answer may have; the answer comes first.
 
-        Raises:
-            RequestRefused: there is no room for an answer.
+        RequestRefused where there is no room for an answer.
         """
         left = self.gguf.limit - prompt_tokens - self._closing_tokens
         if left < 1:
@@ -261,7 +251,7 @@ class LlamaModel:
                 told = len(pieces)
             if automaton is not None and state is not None and not automaton.next_bytes(state):
                 return _Decoded(b"".join(pieces), "stop", len(pieces))
-            if automaton is not None and b"\n" in pieces[-1] and _circles(pieces):
+            if automaton is not None and b"\n" in pieces[-1] and _cycle(b"".join(pieces)):
                 return _Decoded(b"".join(pieces), "cycle", len(pieces))
             if answer.is_late:
                 return _Decoded(b"".join(pieces), "time", len(pieces))
@@ -300,12 +290,8 @@ class LlamaModel:
         return tokens[len(line) :] if cut[: len(line)] == line else []
 
 
-def _lines(text: bytes) -> list[bytes]:
-    return text.split(b"\n")[:-1]
-
-
-def _circles(pieces: Sequence[bytes]) -> int:
-    return cycle(_lines(b"".join(pieces)))
+def _cycle(text: bytes) -> int:
+    return cycle(text.split(b"\n")[:-1])
 
 
 def _fault(found: _Decoded, answer: UnderWay) -> str:
@@ -314,7 +300,7 @@ def _fault(found: _Decoded, answer: UnderWay) -> str:
         case "length":
             return cut_off(found.tokens)
         case "cycle":
-            return going_round(cycle(_lines(found.text)))
+            return going_round(_cycle(found.text))
         case "time":
             return answer.late
     return ""

@@ -17,12 +17,8 @@ def try_in_own_process(trial: str, *files: Path, cannot: str) -> None:
     """Try files that nobody vouches for where they may kill nothing but the trial.
 
     llama.cpp aborts on some damaged files whose header looks right. What has passed is not tried
-    again by this process, as long as nobody has written to it.
-
-    Args:
-        trial: "module:function", which gets the paths.
-        files: the last one is what errors speak of.
-        cannot: what they say of it.
+    again by this process, as long as nobody has written to it. `trial` is "module:function", which
+    gets the paths; errors say of the last file what llama.cpp `cannot`.
 
     Raises:
         ModelError: the trial failed.
@@ -44,13 +40,9 @@ def try_in_own_process(trial: str, *files: Path, cannot: str) -> None:
 
 
 def open_gguf(path: Path, keywords: Mapping[str, Any], *, kv: str) -> tuple[Any, int]:
-    """Load the file, turning llama.cpp's failures into one that names it.
+    """Return a loaded `Llama`, and how many layers llama.cpp says that it has put on GPUs.
 
-    Returns:
-        The `Llama`, and how many layers llama.cpp says that it has put on GPUs.
-
-    Raises:
-        ModelError: it cannot be loaded.
+    ModelError names the file where it cannot be loaded.
     """
     import llama_cpp
 
@@ -91,14 +83,8 @@ def _listening() -> Iterator[list[bytes]]:
 def open_context(llama: Any, tokens: int, *, sequences: int = 1, batch: int = 0) -> Any:
     """Open one more context over loaded weights, freed with the model at the latest.
 
-    Args:
-        llama: a `Llama`, whose other options it gets.
-        tokens: that its cache holds, of all sequences together.
-        sequences: how many there may be, in one cache.
-        batch: tokens per call; 0: as the model's.
-
-    Raises:
-        ValueError: there is no memory for it.
+    Its cache holds so many tokens of all sequences together; a batch of 0 is the model's own.
+    ValueError where there is no memory for it.
     """
     from llama_cpp import _internals, _utils
 

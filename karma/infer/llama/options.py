@@ -60,11 +60,7 @@ class LlamaOptions:
 
 
 def check_width(name: str, metadata: Mapping[str, Any], options: LlamaOptions) -> None:
-    """Refuse kept keys and values in blocks that a head's width is no multiple of.
-
-    Raises:
-        ModelError: they are; names the width.
-    """
+    """Refuse q8_0 keys and values where a head's width is no multiple of a block; name it."""
     kind = metadata["general.architecture"]
     heads = int(metadata[f"{kind}.attention.head_count"])
     each = int(metadata[f"{kind}.embedding_length"]) // heads

@@ -10,27 +10,30 @@ holds the hash of its content: one that is torn or changed is thrown away. The h
 damage, not against people: whoever may write into the folder decides what the model reads.
 """
 
+import ctypes
 import hashlib
 import logging
+import platform
 import time
 from collections import OrderedDict
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from karma.contracts import KvState
 from karma.errors import UnwritableError
 from karma.files import write_atomic
 from karma.infer.checks.memory import available_mb
-from karma.infer.llama.kv_state import State
 
 _SUFFIX = ".kvstate"
 _LEFT_S = 3600.0  # after which a half-written file has been left by a process that died
 _log = logging.getLogger(__name__)
+State = NDArray[np.uint8]  # as llama.cpp writes it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,19 +50,10 @@ class StateOptions:
         return self.memory_mb > 0 or self.folder is not None
 
 
-class Found(NamedTuple):
-    """A state, and whether it was kept in memory or loaded from the folder."""
-
-    state: State
-    source: KvState
-
-
 class RoomStates:
     """The states of one opened model.
 
-    Args:
-        identity: of everything but the tokens that a state's bits depend on.
-        options: where, and how much.
+    `identity`: everything but the tokens that a state's bits depend on.
     """
 
     def __init__(self, identity: str, options: StateOptions) -> None:
@@ -68,17 +62,17 @@ class RoomStates:
         self._memory: OrderedDict[str, State] = OrderedDict()  # used longest ago first
         self._folder = None if options.folder is None else _Folder(options.folder, options)
 
-    def find(self, tokens: Sequence[int]) -> Found | None:
-        """Return the state of a stable part; None if it has to be evaluated."""
+    def find(self, tokens: Sequence[int]) -> tuple[State, KvState] | None:
+        """Return a stable part's state, and where it was; None if it has to be evaluated."""
         name = self._name(tokens)
         if name in self._memory:
             self._memory.move_to_end(name)
-            return Found(self._memory[name], "kept")
+            return self._memory[name], "kept"
         state = None if self._folder is None else self._folder.load(name)
         if state is None:
             return None
         self._remember(name, state)
-        return Found(state, "loaded")
+        return state, "loaded"
 
     def keep(self, tokens: Sequence[int], state: State) -> None:
         """Keep a state, not to be changed afterwards; that there is no room is no error."""
@@ -178,3 +172,41 @@ def _file_name(name: str, state: State) -> str:
 def _remove(path: Path) -> None:
     with suppress(OSError):
         path.unlink()
+
+
+def llama_build() -> str:
+    """Return version and build of llama.cpp: what else could change bits than a model and options.
+
+    The features of the processor that it was compiled for are in it.
+    """
+    import llama_cpp
+
+    said = llama_cpp.llama_version() + b" " + llama_cpp.llama_print_system_info()
+    return f"{llama_cpp.__version__} {platform.machine()} {said.decode(errors='replace')}"
+
+
+def taken_out(context: Any) -> State:
+    """Return the state of what a context holds, of its first sequence."""
+    import llama_cpp
+
+    size = llama_cpp.llama_state_seq_get_size(context, 0)
+    state = np.empty(size, np.uint8)
+    written = llama_cpp.llama_state_seq_get_data(context, _bytes_of(state), size, 0)
+    return state[:written]
+
+
+def put_back(context: Any, state: State) -> bool:
+    """Put a state into a context, in place of what it holds; False: refused, nothing is in it."""
+    import llama_cpp
+
+    memory = llama_cpp.llama_get_memory(context)
+    llama_cpp.llama_memory_seq_rm(memory, 0, -1, -1)
+    size = state.nbytes
+    taken = bool(size) and llama_cpp.llama_state_seq_set_data(context, _bytes_of(state), size, 0)
+    if taken != size:
+        llama_cpp.llama_memory_seq_rm(memory, 0, -1, -1)
+    return taken == size
+
+
+def _bytes_of(state: State) -> Any:
+    return state.ctypes.data_as(ctypes.POINTER(ctypes.c_uint8))

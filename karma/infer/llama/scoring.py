@@ -23,25 +23,170 @@ from dataclasses import dataclass
 import numpy as np
 
 from karma.contracts import END, Choice, Scoring
-from karma.errors import RequestRefused
-from karma.infer.choosing.best_first import Race
-from karma.infer.choosing.token_trie import Floats, Node, score_children, trie_of
+from karma.errors import ModelError, RequestRefused
+from karma.infer.choosing import Floats, Node, Race, path_to, score_children, trie_of
 from karma.infer.llama.constrain import Logits
 from karma.infer.llama.gguf_model import GgufModel
-from karma.infer.llama.path_runs import PathRuns
-from karma.infer.llama.sequence_cache import SequenceCache
+
+_TEXT, _SPARE = 0, 1  # sequences; the spare one is for a token that keeps another company
+
+
+class SequenceCache:
+    """One text as tokens at positions, extended or cut back at its end, apart from the model's own.
+
+    llama.cpp's CPU kernels for F32, F16, BF16 and Q8_0 (measured on x86) give a token the same
+    bits in any batch of two or more, whatever else is decoded with it, as long as its sequence lies
+    in the same cells; a batch, or a request for logits, of one goes through other kernels. So
+    nothing here is decoded, or asked for, alone.
+
+    Raises:
+        ModelError: the model keeps no keys and values, or there is no memory for a second cache.
+    """
+
+    def __init__(self, model: GgufModel) -> None:
+        import llama_cpp
+
+        self.batch = model.n_batch
+        self._model = model
+        self._open(model.n_ctx)
+        self._tokens = llama_cpp.llama_batch_init(max(self.batch, 2), 0, 1)
+
+    def make_room(self, tokens: int) -> bool:
+        """Let it hold so many tokens; return whether it was opened anew, and keeps nothing.
+
+        ModelError where there is no memory for it.
+        """
+        if tokens <= self._size:
+            return False
+        self._context.close()
+        self._open(min(self._model.limit, 1 << (tokens - 1).bit_length()))
+        return True
+
+    def _open(self, size: int) -> None:
+        import llama_cpp
+
+        self._size = 0
+        self._context = self._model.sequences(2, cells=size + 1)  # one more for the spare
+        self._size = size
+        self._memory = llama_cpp.llama_get_memory(self._context.ctx)
+
+    def extend(self, tokens: Sequence[int], position: int) -> Logits:
+        """Decode a text from a position on; return the logits after its last token."""
+        for first in range(0, len(tokens), self.batch):
+            logits = self.decode(
+                tokens[first : first + self.batch], position + first, last_only=True
+            )
+        last: Logits = logits[-1].copy()
+        return last
+
+    def decode(self, tokens: Sequence[int], position: int, *, last_only: bool = False) -> Logits:
+        """Decode one batch from a position on; return logits, valid until the next.
+
+        A row per token, or with `last_only` that after the last. ModelError where llama.cpp cannot.
+        """
+        import llama_cpp
+
+        count = len(tokens)
+        alone = count == 1
+        for number, token in enumerate(tokens):
+            wanted = not last_only or number >= count - 2
+            self._set(number, token, position + number, _TEXT, wanted=wanted)
+        if alone:
+            self._set(1, tokens[0], position, _SPARE, wanted=True)
+        self._tokens.n_tokens = max(count, 2)
+        code = llama_cpp.llama_decode(self._context.ctx, self._tokens)
+        if code != 0:
+            raise ModelError(f"{self._model.name}: llama.cpp cannot score (code {code})")
+        if alone:
+            llama_cpp.llama_memory_seq_rm(self._memory, _SPARE, -1, -1)
+        rows = 2 if last_only or alone else count
+        pointer = llama_cpp.llama_get_logits(self._context.ctx)
+        shape = rows, self._model.vocabulary
+        logits = np.asarray(np.ctypeslib.as_array(pointer, shape=shape), np.float32)
+        if alone:
+            return logits[:1]
+        return logits[-1:] if last_only else logits
+
+    def forget(self, position: int) -> None:
+        """Keep the text up to a position, and nothing else."""
+        import llama_cpp
+
+        llama_cpp.llama_memory_seq_rm(self._memory, _TEXT, position, -1)
+
+    def close(self) -> None:
+        """Free it, once."""
+        import llama_cpp
+
+        if self._tokens is not None:
+            llama_cpp.llama_batch_free(self._tokens)
+            self._tokens = None
+            self._context.close()
+            self._memory = None  # what is used after all fails in Python, not in llama.cpp
+
+    def _set(self, number: int, token: int, position: int, sequence: int, *, wanted: bool) -> None:
+        batch = self._tokens
+        batch.token[number], batch.pos[number] = token, position
+        batch.n_seq_id[number], batch.seq_id[number][0] = 1, sequence
+        batch.logits[number] = wanted
+
+
+class PathRuns:
+    """Runs a trie behind a prompt path after path, keeping what a path shares with the one before.
+
+    So each continuation lies in the very cells that it would have alone, and its logits are those
+    of a run of its own, bit for bit. All paths in one batch take less time, but lie in other cells:
+    the sums of their attention are taken in another order, and with weights, or kept keys and
+    values, of 16 bits the log-probability of an unlikely text moves by a few thousandths.
+
+    The cache holds a prompt of `start` tokens, and the scores of the root's children are `found`;
+    `count` tokens were run.
+    """
+
+    def __init__(
+        self, cache: SequenceCache, trie: Sequence[Node], found: Floats, start: int
+    ) -> None:
+        self.count = 0
+        self._cache, self.trie, self.found, self.start = cache, trie, found, start
+        self._path: tuple[int, ...] = ()  # in the cache
+        self._known = {0}  # nodes whose children have scores
+
+    def score_below(self, number: int) -> None:
+        """Score the children of a node, whose parent's are scored.
+
+        Where only one way leads on, it is run along: two tokens take as long as one.
+        """
+        if number in self._known:
+            return
+        last = number
+        while len(inner := self._inner(last)) == 1:
+            last = inner[0]
+        self.run(path_to(self.trie, last))
+
+    def _inner(self, number: int) -> list[int]:
+        children = self.trie[number].children.values()
+        return [child for child in children if self.trie[child].children]
+
+    def run(self, path: tuple[int, ...]) -> None:
+        """Run a path of nodes, from below the root, and score their children."""
+        same = _same(self._path, path)
+        self._cache.forget(self.start + same)
+        self._path = path
+        for first in range(same, len(path), self._cache.batch):
+            nodes = path[first : first + self._cache.batch]
+            tokens = [self.trie[number].token for number in nodes]
+            logits = self._cache.decode(tokens, self.start + first)
+            score_children(self.trie, self.found, nodes, logits)
+            self._known.update(nodes)
+        self.count += len(path) - same
+
+
+def _same(old: Sequence[object], new: Sequence[object]) -> int:
+    """Return how many of the first are equal."""
+    pairs = enumerate(zip(old, new, strict=False))
+    return next((n for n, (a, b) in pairs if a != b), min(len(old), len(new)))
+
 
 _TRIES = 8  # lists of continuations whose tokens are kept
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scores:
-    """All continuations scored, in the order given, and what that took in tokens."""
-
-    values: Floats
-    prompt_tokens: int
-    reused_tokens: int  # of the prompt, kept from an earlier call
-    run_tokens: int  # of continuations
 
 
 @dataclass(slots=True)
@@ -52,23 +197,10 @@ class _Segment:
     logits: Logits  # after its last token
 
 
-@dataclass(frozen=True, slots=True)
-class _Begun:
-    """A trie behind its prompt; the scores of the root's children are known."""
-
-    trie: Sequence[Node]
-    found: Floats
-    prompt_tokens: int
-    reused_tokens: int
-
-
 class SkillScorer:
     """Scores continuations with an opened model, in a cache of its own.
 
     Chat templates are not applied: what is scored is a continuation of plain text.
-
-    Args:
-        model: the model; its own kept prompt and answers are left as they are.
 
     Raises:
         ModelError: the model keeps no keys and values, or there is no memory for a second cache.
@@ -80,69 +212,34 @@ class SkillScorer:
         self._kept: list[_Segment] = []  # segments of the prompt in the cache
         self._tries: dict[tuple[str, ...], Sequence[Node]] = {}
 
-    def scores(
-        self,
-        prompt: Sequence[str],
-        continuations: Sequence[str],
-        *,
-        scoring: Scoring = "sum",
-    ) -> Scores:
-        """Return the score of every continuation.
-
-        Args:
-            prompt: its segments; each is tokenised and decoded by itself.
-            continuations: what may follow; `END` stands for the end of the answer.
-            scoring: the sum of log-probabilities, or their average.
-
-        Raises:
-            RequestRefused: prompt and longest continuation do not fit the context.
-            ValueError: there is no continuation, one without tokens, or no prompt.
-        """
-        begun = self._begin(prompt, continuations)
-        trie, found = begun.trie, begun.found
-        paths = PathRuns(self._cache, trie, found, begun.prompt_tokens)
-        paths.score_all()
-        values = np.empty(len(continuations), np.float64)
-        for number, node in enumerate(trie):
-            divisor = max(node.depth, 1) if scoring == "average" else 1
-            values[node.ends] = found[number] / divisor
-        return Scores(
-            values=values,
-            prompt_tokens=begun.prompt_tokens,
-            reused_tokens=begun.reused_tokens,
-            run_tokens=paths.count,
-        )
-
     def choose(
         self, prompt: Sequence[str], continuations: Sequence[str], *, scoring: Scoring = "sum"
     ) -> Choice:
         """Return the continuation with the highest score, running as few tokens as can prove it.
 
-        The score is the one that `scores` gives. Arguments and errors as there.
+        The score is the sum of log-probabilities or their average. Each segment of the prompt is
+        tokenised and decoded by itself; `END` stands for the end of the answer.
+
+        Raises:
+            RequestRefused: prompt and longest continuation do not fit the context.
+            ValueError: there is no continuation, one without tokens, or no prompt.
         """
         start_s = time.perf_counter()
-        begun = self._begin(prompt, continuations)
-        trie, found = begun.trie, begun.found
-        paths = PathRuns(self._cache, trie, found, begun.prompt_tokens)
-        race = Race(trie, found, average=scoring == "average")
+        paths, reused = self.begin(prompt, continuations)
+        race = Race(paths.trie, paths.found, average=scoring == "average")
         score, one, number = race.run(paths.score_below)
         return Choice(
-            number=one,
-            score=score,
-            prompt_tokens=begun.prompt_tokens,
-            reused_tokens=begun.reused_tokens,
-            completion_tokens=trie[number].depth,
-            run_tokens=paths.count,
-            total_s=time.perf_counter() - start_s,
-            engine=self.model.engine,
-        )
+            number=one, score=score, prompt_tokens=paths.start, reused_tokens=reused,
+            completion_tokens=paths.trie[number].depth, run_tokens=paths.count,
+            total_s=time.perf_counter() - start_s, engine=self.model.engine,
+        )  # fmt: skip
 
     def close(self) -> None:
         """Free the cache; the model stays open."""
         self._cache.close()
 
-    def _begin(self, prompt: Sequence[str], continuations: Sequence[str]) -> _Begun:
-        """Have the prompt in the cache."""
+    def begin(self, prompt: Sequence[str], continuations: Sequence[str]) -> tuple[PathRuns, int]:
+        """Have the prompt in the cache; return what runs behind it, and how much was kept."""
         trie = self._trie(tuple(continuations))
         given = [
             tuple(self.model.tokens(text, begins=number == 0)) for number, text in enumerate(prompt)
@@ -162,15 +259,11 @@ class SkillScorer:
         reused = self._keep(segments)
         found = np.zeros(len(trie), np.float64)
         score_children(trie, found, [0], self._kept[-1].logits[None, :])
-        return _Begun(trie, found, tokens, reused)
+        return PathRuns(self._cache, trie, found, tokens), reused
 
     def _keep(self, segments: Sequence[tuple[int, ...]]) -> int:
         """Decode what is not kept of a prompt; return how many tokens were."""
-        same = 0
-        for kept, wanted in zip(self._kept, segments, strict=False):
-            if kept.tokens != wanted:
-                break
-            same += 1
+        same = _same([kept.tokens for kept in self._kept], segments)
         self._kept = self._kept[:same]
         reused = sum(len(segment.tokens) for segment in self._kept)
         self._cache.forget(reused)

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from karma.contracts import Thinking
+from karma.infer.llama.answer import UnderWay
 from karma.infer.llama.gguf_model import GgufModel
-from karma.infer.llama.under_way import UnderWay
 
 OPEN, CLOSE = "<think>", "</think>"
 _GAP = "\n\n"  # between thought and answer, as the families' own templates have it
@@ -37,19 +37,11 @@ def prepared(ending: str, thinking: Thinking) -> str:
 
 
 def think(model: GgufModel, budget: int, choose: Callable[[], int], answer: UnderWay) -> Thought:
-    """Continue the thought that the prompt has opened, and close it.
+    """Continue the thought that the evaluated prompt has opened, and close it.
 
     It ends where the model closes it, or would end its answer, or after `budget` tokens, or when
     time is up; what is then missing of the closing tag and the gap behind it is put there.
-
-    Args:
-        model: with the prompt evaluated.
-        budget: tokens at most; 0 closes the thought at once.
-        choose: returns the next token.
-        answer: that it is a part of.
-
-    Raises:
-        ModelError: see `GgufModel.extend`.
+    ModelError as by `GgufModel.extend`.
     """
     tag = model.tokens(CLOSE, special=True)
     said, count, closed = b"", 0, False

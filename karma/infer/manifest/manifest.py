@@ -1,7 +1,7 @@
 """Read models/manifest.toml, and verify every file before a byte of it is parsed.
 
 Two files make the list: `manifest.toml`, which ships and is only read, and `local.toml` beside it,
-which holds what `karma models add` brought (`added_models`) and which git ignores.
+which holds what `karma models add` brought (`added`) and which git ignores.
 """
 
 import os
@@ -17,6 +17,8 @@ import msgspec
 from karma.errors import FileError, ModelError, UnknownNameError, did_you_mean
 from karma.files import read_bytes, read_toml, repair, sha256_of, shipped
 from karma.infer.checks.gguf import is_gguf
+from karma.infer.checks.projector import split_pair
+from karma.places import repair, shipped
 
 Role = Literal["planner", "vlm", "text-embedder", "image-embedder", "parser"]
 State = Literal["ok", "absent", "open", "wrong"]
@@ -24,16 +26,13 @@ State = Literal["ok", "absent", "open", "wrong"]
 PLANNERS = ("karma-mini", "karma-nano")  # of these the first that is here plans, if none is named
 PLANNER = "KARMA_PLANNER"  # names another
 
-_VERIFY = "karma models verify"
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
 class ModelFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One file of a model, and what it must be."""
 
-    path: (
-        str  # relative to the models folder, or to `ModelEntry.package`; local.toml: also absolute
-    )
+    path: str  # below the models folder, or `ModelEntry.package`; in local.toml also absolute
     sha256: str | None = None  # None: nobody could establish it; `karma models add` fills it in
     bytes: int | None = None  # likewise
 
@@ -60,9 +59,7 @@ class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     pieces: tuple[str, ...] = ()  # packages, NAME==VERSION, that hold its file cut into pieces
     base: str = ""  # the model that its adapter changes: its first file is made of both
     prompt_profile: Literal["compact", "full", "goals"] | None = None  # planners only
-    chat: bool | None = (
-        None  # planners only: through the GGUF's own chat template; None: if it has one
-    )
+    chat: bool | None = None  # planners only: by the GGUF's chat template; None: if it has one
     refuses: bool = False  # planners only: it has learnt to refuse requests
     words: str = ""  # planners only: path of the words file, of `files`, whose hints it reads
     doubt: str = ""  # planners only: path of what was fitted to tell when to refuse, of `files`
@@ -110,7 +107,6 @@ class PlannerFile:
     path: Path
     sha256: str | None = None  # None for a file that no manifest vouches for
     prompt_profile: Literal["compact", "full", "goals"] = "full"
-    context_length: int | None = None
     chat: bool | None = None  # through its own chat template; None: if it has one
     fix: str = ""  # the step that brings the file back, where a manifest says
     refuses: bool = False  # it has learnt to refuse requests
@@ -126,12 +122,22 @@ class ModelFolder:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PicturePair:
+    """A picture model's two files, chosen by name (then both are verified) or by their folder."""
+
+    name: str
+    model: Path
+    projector: Path
+    sha256: str | None = None  # of the model; None where no manifest vouches for the files
+
+
+@dataclass(frozen=True, slots=True)
 class ModelCheck:
     """What `check` found of one model."""
 
     name: str
     state: State  # open: files are there that have no hash in the manifest
-    detail: str = ""
+    detail: str
 
 
 # ----------------------------------------------------------------- reading
@@ -143,18 +149,17 @@ def manifest_path() -> Path:
     return (Path(folder) if folder else shipped("models")) / "manifest.toml"
 
 
-def local_path(path: str | Path | None = None) -> Path:
+def local_path() -> Path:
     """Return the list of what was added: local.toml beside the manifest."""
-    return (manifest_path() if path is None else Path(path)).with_name("local.toml")
+    return manifest_path().with_name("local.toml")
 
 
-def read_shipped(path: str | Path | None = None) -> Manifest:
-    """Read a manifest strictly, by default the project's own, without what was added.
+def read_shipped() -> Manifest:
+    """Read the manifest strictly, without what was added.
 
-    Raises:
-        FileError: missing, or a key is unknown, absent or of the wrong type, or a name twice.
+    FileError: missing, or a key is unknown, absent or of the wrong type, or a name twice.
     """
-    path = manifest_path() if path is None else Path(path)
+    path = manifest_path()
     fix = None if path.exists() else "set KARMA_MODELS to the folder that holds manifest.toml"
     return _parsed(path, read_bytes(path, fix=fix))
 
@@ -169,41 +174,29 @@ def _parsed(path: Path, data: bytes) -> Manifest:
     return _unique(found, path)
 
 
-def read_local(path: str | Path | None = None) -> Manifest:
-    """Read what was added; nothing was if there is no such file.
-
-    Raises:
-        FileError: it cannot be read, or does not fit.
-    """
-    place = local_path(path)
-    if not place.exists():
-        return Manifest()
-    return _unique(read_toml(place, Manifest), place)
+def read_local() -> Manifest:
+    """Read what was added, nothing where there is no such file; FileError where it does not fit."""
+    place = local_path()
+    return _unique(read_toml(place, Manifest), place) if place.exists() else Manifest()
 
 
-def read_manifest(path: str | Path | None = None) -> Manifest:
+def read_manifest() -> Manifest:
     """Read the manifest together with what was added.
 
-    A model that both name is the manifest's, with the files where they were added.
-
-    Raises:
-        FileError: as `read_shipped`; or local.toml contradicts a hash of the manifest.
+    A model that both name is the manifest's, with the files where they were added. FileError as
+    `read_shipped`; or local.toml contradicts a hash of the manifest.
     """
-    added = {entry.name: entry for entry in read_local(path).models}
+    added = {entry.name: entry for entry in read_local().models}
     models = []
-    for entry in read_shipped(path).models:
+    for entry in read_shipped().models:
         local = added.pop(entry.name, None)
-        models.append(entry if local is None else _filled(entry, local, local_path(path)))
+        models.append(entry if local is None else _filled(entry, local))
     return Manifest(models=(*models, *added.values()))
 
 
-def find_model(name: str, path: str | Path | None = None) -> ModelEntry:
-    """Return the entry of that name.
-
-    Raises:
-        UnknownNameError: there is none; the message suggests the nearest, and how to add one.
-    """
-    found = {entry.name: entry for entry in read_manifest(path).models}
+def find_model(name: str) -> ModelEntry:
+    """Return the entry of that name; UnknownNameError suggests the nearest, and how to add one."""
+    found = {entry.name: entry for entry in read_manifest().models}
     if name not in found:
         hint = did_you_mean(name, found)
         raise UnknownNameError(
@@ -216,75 +209,68 @@ def find_model(name: str, path: str | Path | None = None) -> ModelEntry:
 # ----------------------------------------------------------------- checking
 
 
-def file_paths(entry: ModelEntry, path: str | Path | None = None) -> tuple[Path, ...]:
+def file_paths(entry: ModelEntry) -> tuple[Path, ...]:
     """Return where an entry's files lie, unchecked, in its order.
 
-    Raises:
-        ModelError: they lie in a package that is not installed.
+    ModelError where they lie in a package that is not installed.
     """
-    if entry.package is None:
-        folder = (manifest_path() if path is None else Path(path)).parent
-        return tuple(folder / file.path for file in entry.files)
-    spec = find_spec(entry.package)
-    if spec is None or not spec.submodule_search_locations:
-        file = entry.files[0]
-        where = f"{file.path} of package {entry.package}"
-        raise _wrong(where, "the package is not installed", file.sha256, entry.fix)
-    folder = Path(spec.submodule_search_locations[0])
+    folder = manifest_path().parent
+    if entry.package is not None:
+        spec = find_spec(entry.package)
+        if spec is None or not spec.submodule_search_locations:
+            file = entry.files[0]
+            where = f"{file.path} of package {entry.package}"
+            raise _wrong(where, "the package is not installed", file.sha256, entry.fix)
+        folder = Path(spec.submodule_search_locations[0])
     return tuple(folder / file.path for file in entry.files)
 
 
-def verify(entry: ModelEntry, path: str | Path | None = None) -> tuple[Path, ...]:
+def verify(entry: ModelEntry) -> tuple[Path, ...]:
     """Check size and SHA-256 of an entry's files and return their paths.
 
     Raises:
         ModelError: a file is missing, differs, or has no hash to be checked against; names it,
             the hash it must have, and the fix.
     """
-    paths = file_paths(entry, path)
+    paths = file_paths(entry)
     for file, place in zip(entry.files, paths, strict=True):
         if file.sha256 is None:
-            fix = (
-                f"karma models add {place.parent if place.exists() else 'PATH'} --name {entry.name}"
-            )
-            reason = "no file, and no hash in the manifest" if not place.exists() else _OPEN
+            there = place.exists()
+            reason = "its hash is not known, so it is not opened" if there else _NEITHER
+            fix = f"karma models add {place.parent if there else 'PATH'} --name {entry.name}"
             raise _wrong(place, reason, None, fix)
         check_file(place, file.sha256, size=file.bytes, restore=entry.fix)
     return paths
 
 
-_OPEN = "its hash is not known, so it is not opened"
+_NEITHER = "no file, and no hash in the manifest"
 
 
-def check(entry: ModelEntry, path: str | Path | None = None) -> ModelCheck:
+def check(entry: ModelEntry) -> ModelCheck:
     """Return an entry's condition instead of raising; every file that is there is hashed."""
+    state: State = "absent"
     try:
-        places = file_paths(entry, path)
+        places = file_paths(entry)
+        if not any(place.exists() for place in places):
+            return ModelCheck(entry.name, "absent", entry.fix)
+        state, nameless = "wrong", []
+        for file, place in zip(entry.files, places, strict=True):
+            if file.sha256 is None and place.is_file():
+                nameless.append(file.path)
+            else:
+                check_file(place, file.sha256, size=file.bytes, restore=entry.fix)
     except ModelError as error:
-        return ModelCheck(name=entry.name, state="absent", detail=str(error))
-    if not any(place.exists() for place in places):
-        return ModelCheck(name=entry.name, state="absent", detail=entry.fix)
-    nameless = []
-    for file, place in zip(entry.files, places, strict=True):
-        if file.sha256 is None and place.is_file():
-            nameless.append(file.path)
-            continue
-        try:
-            check_file(place, file.sha256, size=file.bytes, restore=entry.fix)
-        except ModelError as error:
-            return ModelCheck(name=entry.name, state="wrong", detail=str(error))
+        return ModelCheck(entry.name, state, str(error))
     if nameless:
         fix = f"fill with `karma models add {places[0].parent} --name {entry.name}`"
-        return ModelCheck(
-            name=entry.name, state="open", detail=f"hash not known: {nameless[0]}; {fix}"
-        )
-    return ModelCheck(name=entry.name, state="ok", detail=f"{len(places)} files as they must be")
+        return ModelCheck(entry.name, "open", f"hash not known: {nameless[0]}; {fix}")
+    return ModelCheck(entry.name, "ok", f"{len(places)} files as they must be")
 
 
-def is_present(entry: ModelEntry, path: str | Path | None = None) -> bool:
+def is_present(entry: ModelEntry) -> bool:
     """Return whether all files of an entry are there, whatever is in them."""
     try:
-        return all(place.is_file() for place in file_paths(entry, path))
+        return all(place.is_file() for place in file_paths(entry))
     except ModelError:
         return False
 
@@ -294,8 +280,7 @@ def check_file(
 ) -> None:
     """Check one file, by size first because that costs nothing.
 
-    Raises:
-        ModelError: missing, or of another size or hash.
+    ModelError where it is missing, or of another size or hash.
     """
     try:
         found = path.stat().st_size
@@ -316,11 +301,8 @@ def check_file(
 def is_gguf_path(text: str) -> bool:
     """Return whether a planner is named by the path of a GGUF, and not by a model's name."""
     path = Path(text)
-    return is_gguf(path) and (path.suffix != "" or "/" in text or not _is_listed(text))
-
-
-def _is_listed(name: str) -> bool:
-    return any(entry.name == name for entry in read_manifest().models)
+    named = path.suffix == "" and "/" not in text  # it may be either
+    return is_gguf(path) and not (named and text in {one.name for one in read_manifest().models})
 
 
 def default_planner() -> str:
@@ -329,7 +311,7 @@ def default_planner() -> str:
     return named or next((one for one in PLANNERS if is_present(find_model(one))), PLANNERS[-1])
 
 
-def resolve_planner(text: str, path: str | Path | None = None) -> PlannerFile:
+def resolve_planner(text: str) -> PlannerFile:
     """Find a planner by its name in the manifest, or take the path of any .gguf file.
 
     Nothing is opened here; `LlamaModel` checks the hash and the file.
@@ -340,24 +322,18 @@ def resolve_planner(text: str, path: str | Path | None = None) -> PlannerFile:
     """
     if is_gguf_path(text):
         return PlannerFile(name=Path(text).stem, path=Path(text))
-    entry = find_model(text, path)
+    entry = find_model(text)
     if entry.role != "planner" or entry.prompt_profile is None:
         raise ModelError(f"model {text!r} is not a planner but a model for role {entry.role!r}")
     if entry.files[0].sha256 is None:
-        verify(entry, path)  # says what is missing
+        verify(entry)  # says what is missing
     return PlannerFile(
-        name=entry.name,
-        path=file_paths(entry, path)[0],
-        sha256=entry.files[0].sha256,
-        prompt_profile=entry.prompt_profile,
-        context_length=entry.context_length,
-        chat=entry.chat,
-        fix=entry.fix,
-        refuses=entry.refuses,
-    )
+        name=entry.name, path=file_paths(entry)[0], sha256=entry.files[0].sha256,
+        prompt_profile=entry.prompt_profile, chat=entry.chat, fix=entry.fix, refuses=entry.refuses,
+    )  # fmt: skip
 
 
-def resolve_folder(text: str | Path, *roles: Role, path: str | Path | None = None) -> ModelFolder:
+def resolve_folder(text: str | Path, role: Role) -> ModelFolder:
     """Find a model of safetensors by its name in the manifest, or take the path of a folder.
 
     A named model's files are verified here, every one of them; a folder given by path has nobody
@@ -367,21 +343,49 @@ def resolve_folder(text: str | Path, *roles: Role, path: str | Path | None = Non
         UnknownNameError: neither a name nor a folder; never looked for anywhere else.
         ModelError: the model is of another role or format, or a file is missing or wrong.
     """
-    if isinstance(text, Path) or Path(text).is_dir():
-        folder = Path(text)
-        if not folder.is_dir():
-            raise ModelError(f"{folder}: no such folder\n  To fix: `karma models list`")
+    if (folder := _given_folder(text)) is not None:
         fix = "bring the model's whole folder and run `karma models add FOLDER`"
         return ModelFolder(name=folder.name, path=folder, fix=fix)
-    entry = find_model(text, path)
-    if roles and entry.role not in roles:
-        wanted = " or ".join(roles)
-        raise ModelError(f"model {text!r} is not for role {wanted} but for {entry.role!r}")
+    entry = find_model(str(text))
+    if entry.role != role:
+        raise ModelError(f"model {text!r} is not for role {role} but for {entry.role!r}")
     if entry.format != ("spacy" if entry.role == "parser" else "safetensors"):
         raise ModelError(f"model {text!r} is a {entry.format} file, not a folder of safetensors")
-    places = verify(entry, path)
+    places = verify(entry)
     common = Path(os.path.commonpath([place.parent for place in places]))
     return ModelFolder(name=entry.name, path=common, fix=entry.fix)
+
+
+def resolve_pair(text: str | Path) -> PicturePair:
+    """Find the two GGUF files of a picture model by its name, or take a folder of just these two.
+
+    Raises:
+        UnknownNameError, ModelError: as `resolve_folder`.
+    """
+    if (folder := _given_folder(text)) is not None:
+        model, projector = split_pair(folder, sorted(folder.iterdir()))
+        return PicturePair(name=folder.name, model=model, projector=projector)
+    entry = find_model(str(text))
+    if entry.role != "vlm" or entry.format != "gguf":
+        what = f"a {entry.format} model for role {entry.role!r}"
+        raise ModelError(
+            f"model {text!r} is no pair of GGUF files that reads pictures, but {what}\n"
+            f'  To fix: vision = "transformers:{text}" for a folder of safetensors'
+        )
+    places = verify(entry)
+    model, projector = split_pair(places[0].parent, places)
+    hashes = dict(zip(places, (file.sha256 for file in entry.files), strict=True))
+    return PicturePair(name=entry.name, model=model, projector=projector, sha256=hashes[model])
+
+
+def _given_folder(text: str | Path) -> Path | None:
+    """Return the folder that a model is given by; None where it is given by its name."""
+    folder = Path(text)
+    if folder.is_dir():
+        return folder
+    if isinstance(text, Path):
+        raise ModelError(f"{folder}: no such folder\n  To fix: `karma models list`")
+    return None
 
 
 def _unique(found: Manifest, path: Path) -> Manifest:
@@ -392,19 +396,20 @@ def _unique(found: Manifest, path: Path) -> Manifest:
     return found
 
 
-def _filled(entry: ModelEntry, local: ModelEntry, where: Path) -> ModelEntry:
+def _filled(entry: ModelEntry, local: ModelEntry) -> ModelEntry:
     """Return the manifest's entry with the files that were added for it."""
     known = {file.sha256 for file in entry.files if file.sha256}
     lost = sorted(known - {file.sha256 for file in local.files})
     if lost:
         fix = f"karma models remove {entry.name}, then add it again"
         reason = f"model {entry.name!r} has no file of SHA-256 {lost[0]}, as the manifest wants"
-        raise FileError(where, reason, fix=fix)
+        raise FileError(local_path(), reason, fix=fix)
     return msgspec.structs.replace(entry, files=local.files, package=None)
 
 
 def _wrong(where: str | Path, reason: str, sha256: str | None, restore: str) -> ModelError:
     expected, fix = sha256 or "not known", restore or repair()
     return ModelError(
-        f"{where}: {reason}\n  Expected SHA-256: {expected}\n  To fix: {fix}, then `{_VERIFY}`"
+        f"{where}: {reason}\n  Expected SHA-256: {expected}\n"
+        f"  To fix: {fix}, then `karma models verify`"
     )

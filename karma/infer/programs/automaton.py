@@ -6,20 +6,17 @@ its newline, and after one of `CLOSINGS` on the line below: instruction-tuned mo
 these ways. Names stand in quotes and hold none, so every choice is settled by the bytes read so
 far: the automaton is deterministic and nothing is ever taken back. `forms` says the same language
 in short; the automaton, and the grammars that servers take (`grammars`, `schema`), are made of it.
-A `PlanSpec` admits one JSON text, see `plans`.
+A `PlanSpec` admits one JSON text, see `frames`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import takewhile
 from typing import NamedTuple
 
-import numpy as np
-
 from karma.contracts import AnswerSpec, HandSpec, PlanSpec, ProgramSpec, RefusedRequest, Skill
-from karma.infer.programs.frames import END, Frame, followed, trie
-from karma.infer.programs.plans import plan_frame
+from karma.infer.programs.frames import END, Frame, choice, followed, plan_frame, trie
 
 CLOSINGS = ("\n", "```", "#")  # on the line below a call: the program has ended above it
 _FAR = 64  # bytes that are looked ahead
@@ -129,16 +126,8 @@ def without_closing(text: str) -> str:
     >>> without_closing("GoToObject(robot, 'Mug')\n```\nThis")
     "GoToObject(robot, 'Mug')\n"
     """
-    return "".join(takewhile(_is_call, text.splitlines(keepends=True)))
-
-
-def _is_call(line: str) -> bool:
-    return not line.startswith(CLOSINGS)
-
-
-def _choice(words: Mapping[str, Callable[[], Frame]]) -> Frame:
-    """Return the frame of words, and of what follows each."""
-    return trie(list(words))._replace(follow=tuple(words.values()))
+    lines = text.splitlines(keepends=True)
+    return "".join(takewhile(lambda line: not line.startswith(CLOSINGS), lines))
 
 
 _CLOSED = END._replace()  # a frame of its own: nothing of the program follows
@@ -156,8 +145,7 @@ class State(NamedTuple):
 class ProgramAutomaton:
     """Recognises prefixes of the programs, or of the plan in JSON, that a spec admits.
 
-    Raises:
-        ValueError: a name cannot be quoted, a skill is named twice, or no line is possible.
+    ValueError as by `forms`.
     """
 
     def __init__(self, spec: AnswerSpec) -> None:
@@ -171,7 +159,7 @@ class ProgramAutomaton:
         self._calls = frozenset(skill.name.encode()[0] for skill in spec.skills)
         begins = self._begins(spec.hand)
         refusals = {line: lambda: _REFUSED for line in refusal_lines(spec)}
-        self._start = _choice({**begins, **refusals})
+        self._start = choice({**begins, **refusals})
         self._line = self._line_of(spec.hand)
 
     def _begins(self, now: HandSpec | None) -> dict[str, Callable[[], Frame]]:
@@ -189,7 +177,7 @@ class ProgramAutomaton:
         """Return the frame of a line's beginning, but the first line's."""
         if now not in self._lines:
             closings = {one: lambda: _CLOSED for one in CLOSINGS}
-            frame = _choice({**self._begins(now), **closings})
+            frame = choice({**self._begins(now), **closings})
             self._lines[now] = frame._replace(line_start=True)
         return self._lines[now]
 
@@ -200,10 +188,7 @@ class ProgramAutomaton:
     def advance(self, state: State, text: str | bytes, *, closing: bool = False) -> State | None:
         """Return the state after `text`, or None when no program goes on like this.
 
-        Args:
-            state: before it.
-            text: what comes.
-            closing: whether anything may follow what closes a program: a token may hold both.
+        `closing`: anything may follow what closes a program, since a token may hold both.
         """
         lines, frame, node = state
         for byte in text.encode() if isinstance(text, str) else text:
@@ -244,24 +229,10 @@ class ProgramAutomaton:
             state = after
         return bytes(found)
 
-    def random_program(self, generator: np.random.Generator, lines: int) -> str:
-        """Return a program of so many lines, or a refusal, each choice made uniformly."""
-        text, frame, done = [], self._start, 0
-        while done < lines and not frame.ends:
-            choices = len(frame.words) - (len(CLOSINGS) if frame.line_start else 0)
-            word = int(generator.integers(choices))
-            text.append(frame.words[word])
-            frame = frame.follow[word]()
-            done += frame.line_end
-        return "".join([*text, "\n"])
-
     def _after(self, form: LineForm, now: HandSpec | None, done: int = 0) -> Callable[[], Frame]:
         """Return the frame after `done` arguments: end of line, or one argument more.
 
-        Args:
-            form: of the line.
-            now: hand and doors when the line is done.
-            done: arguments before.
+        `now`: hand and doors when the line is done.
         """
 
         @cache
@@ -281,7 +252,7 @@ class ProgramAutomaton:
                     words[", '"] = lambda: names._replace(follow=follow)
                 else:
                     words[", '"] = followed(names, then)
-            return _choice(words)
+            return choice(words)
 
         return build
 
@@ -293,7 +264,7 @@ class ProgramAutomaton:
             words = {"]": then}
             if left > 1:
                 words[", '"] = self._list(names, left - 1, then)
-            after = _choice(words)
+            after = choice(words)
             return followed(names, lambda: after)()
 
         return build

@@ -11,7 +11,7 @@ import msgspec
 
 from karma.contracts import PlanSpec, ProgramSpec
 from karma.infer.programs.automaton import CLOSINGS, Argument, LineForm, forms, refusal_lines
-from karma.infer.programs.plans import as_json, items_of
+from karma.infer.programs.frames import as_json, items_of
 from karma.infer.programs.schema import object_schema
 
 _SIGNS = frozenset(".^$*+?{}[]()|\\")

@@ -14,14 +14,11 @@ THIN = 60.0  # the square's side over the width of a line in it
 
 
 def cut(frame: Frame, region: Region, margin: float, silhouette: Sequence[Point] = ()) -> Frame:
-    """Return a square around a region, black where the frame ends, shape (s, s, 3).
+    """Return a square around a region of an uint8 frame, black where that ends, shape (s, s, 3).
 
-    Args:
-        frame: uint8 (H, W, 3).
-        region: left, top, right, bottom; pixels.
-        margin: the square's side over the region's longer side.
-        silhouette: corners, pixels of the frame; a line is drawn along them, which tells a drawer
-            from those above and below it.
+    Region and silhouette are in pixels: left, top, right, bottom, and corners; a line is drawn
+    along these, which tells a drawer from those above and below it. `margin` is the square's side
+    over the region's longer side.
     """
     left, top, right, bottom = region
     side = max(1, round(max(right - left, bottom - top, LEAST_PX / margin) * margin))

@@ -44,12 +44,8 @@ def question(
 ) -> tuple[str, str]:
     """Return the system's and the user's text; the picture goes before the user's.
 
-    Args:
-        profile: "full" is the paper's four steps; "compact" only names the object, for models
-            trained on nothing else.
-        instruction: the task.
-        objects: of interest.
-        boxes: say where each object is, in pixels.
+    "full" is the paper's four steps; "compact" only names the object, for models trained on nothing
+    else. `boxes`: say where each object is, in pixels.
     """
     names = names_of(objects)
     if profile == "compact":
@@ -127,17 +123,11 @@ def again(reading: Reading, objects: Sequence[SeenObject]) -> str:
 
 def states_told(
     ask: Callable[[Sequence[tuple[str, str]]], str], objects: Sequence[SeenObject], attempts: int
-) -> tuple[dict[str, tuple[str, ...]], int]:
+) -> dict[str, tuple[str, ...]]:
     """Ask until every object of interest has a usable line, or the attempts are used up.
 
-    Args:
-        ask: returns an answer; is given what was said after the question: (role, text) of each
-            earlier answer and of what was said about it.
-        objects: of interest.
-        attempts: at most.
-
-    Returns:
-        Object id -> words, and how often it was asked; a later answer about an object holds.
+    `ask` is given what was said after the question: (role, text) of each earlier answer and of what
+    was said about it. Returns object id -> words; a later answer about an object holds.
     """
     states: dict[str, tuple[str, ...]] = {}
     said: list[tuple[str, str]] = []
@@ -148,15 +138,11 @@ def states_told(
         if not reading.unread or attempt == attempts:
             break
         said += [("assistant", answer), ("user", again(reading, objects))]
-    return states, attempt
+    return states
 
 
 def some_picture(name: str, image: Frame | None) -> Frame:
-    """Return the picture that a model is asked about.
-
-    Raises:
-        ModelError: there is none.
-    """
+    """Return the picture that a model is asked about; ModelError where there is none."""
     if image is None:
         raise ModelError(f"{name} reads pictures, and there is none: nothing was rendered")
     return image

@@ -58,26 +58,15 @@ class VisionOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """How a model is asked (`karma.json`); the defaults are the paper's."""
 
     profile: Profile = "full"
-    crop: Annotated[float, Meta(gt=0, le=100)] | None = (
-        None  # side of a square around one object over its box; None: whole frame
-    )
+    # side of a square around one object over its box; None: whole frame
+    crop: Annotated[float, Meta(gt=0, le=100)] | None = None
     outline: bool = False  # draw the silhouette of the object's box in that square
     boxes: bool = False  # say in words where objects are in the frame
     max_tokens: Annotated[int, Meta(ge=1, le=100_000)] = 768
     attempts: Annotated[int, Meta(ge=1, le=100)] = 2  # a second one quotes what could not be used
     threads: Annotated[int, Meta(ge=1, le=1024)] | None = None  # None: as torch is set
-    batch: Annotated[int, Meta(ge=1, le=1024)] | None = (
-        None  # pictures looked at together; None: 8 on a GPU, 1 on the CPU
-    )
-
-
-class Tally(msgspec.Struct, kw_only=True):
-    """What became of all questions so far."""
-
-    asked: int = 0  # objects
-    read: int = 0
-    retried: int = 0  # second attempts
-    unread: int = 0  # answers without a usable line, or no picture: nothing is claimed of them
+    # pictures looked at together; None: 8 on a GPU, 1 on the CPU
+    batch: Annotated[int, Meta(ge=1, le=1024)] | None = None
 
 
 class TransformersVision:
@@ -85,12 +74,8 @@ class TransformersVision:
 
     With `crop`, each object of interest is asked about alone, on a square cut out around its box;
     else all at once, on the whole frame. Decoding is greedy. Weights are opened in float32; large
-    models that are stored in 16 bits are opened in bfloat16.
-
-    Args:
-        model: a name of the manifest (then every file is verified first), or a folder.
-        options: overrides `karma.json`.
-        torch_options: on which device, in which numbers.
+    models that are stored in 16 bits are opened in bfloat16. `model`: a name of the manifest (then
+    every file is verified first), or a folder; `options` go before its `karma.json`.
 
     Raises:
         UnknownNameError: neither.
@@ -99,6 +84,7 @@ class TransformersVision:
     """
 
     needs_pictures = True
+    computed_on = ""  # device and numbers, as torch calls them
 
     def __init__(
         self,
@@ -113,34 +99,24 @@ class TransformersVision:
         self.options = options or (
             read_json(own, VisionOptions) if own.exists() else VisionOptions()
         )
-        self.tally = Tally()
         self._processor = load_processor(folder)
         stored = folder.config.get("dtype", folder.config.get("torch_dtype"))
         half = folder.parameters >= LARGE and stored in ("bfloat16", "float16")
         kind = "AutoModelForImageTextToText"
         self._model = load_weights(kind, folder, torch_options, half=half)
+        self.computed_on = place_of(self._model)
         self._batch = self.options.batch or (1 if self._model.device.type == "cpu" else _BATCH)
         if folder.parameters < LARGE:  # others take minutes for a picture
             with foreign(f"{folder.path}: it opens and cannot be asked"):
                 self.answer_all([np.full((37, 53, 3), 100, np.uint8)], [_TRIAL], most=1)
-
-    @property
-    def computed_on(self) -> str:
-        """Device and numbers, as torch calls them."""
-        return place_of(self._model)
 
     def read_states(
         self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]
     ) -> Mapping[str, tuple[str, ...]]:
         """Return object id -> state words, () for "none"; ids without a usable answer are left out.
 
-        Args:
-            image: uint8 (H, W, 3), what the agent saw.
-            instruction: the task.
-            objects: of interest; with `crop` those without a region cannot be asked about.
-
-        Raises:
-            ModelError: there is no picture.
+        With `crop` objects without a region cannot be asked about. ModelError where there is no
+        picture (uint8, (H, W, 3)).
         """
         if not objects:
             return {}
@@ -149,9 +125,6 @@ class TransformersVision:
         questions = list(self._questions(image, objects))
         for first in range(0, len(questions), self._batch):
             found.update(self._ask_all(questions[first : first + self._batch], instruction))
-        self.tally.asked += len(objects)
-        self.tally.read += len(found)
-        self.tally.unread += len(objects) - len(found)
         return found
 
     def _questions(
@@ -169,7 +142,11 @@ class TransformersVision:
         self, asked: Sequence[tuple[Frame, Sequence[SeenObject]]], instruction: str
     ) -> Mapping[str, tuple[str, ...]]:
         """Ask about several pictures together; what is asked again, is asked alone."""
-        first = [self._opening(instruction, objects) for _, objects in asked]
+        options, first = self.options, []
+        for _, objects in asked:
+            role, text = question(options.profile, instruction, objects, boxes=options.boxes)
+            system = [_message("system", role)] if role else []
+            first.append([*system, _message("user", text, picture=True)])
         if len(asked) == 1:
             answers = [self.answer(asked[0][0], first[0])]
         else:
@@ -184,24 +161,11 @@ class TransformersVision:
                 more = [_message(role, text) for role, text in said]
                 return self.answer(image, [*opening, *more]) if more else told
 
-            states, times = states_told(ask, objects, self.options.attempts)
-            self.tally.retried += times - 1
-            found |= states
+            found |= states_told(ask, objects, self.options.attempts)
         return found
 
-    def _opening(self, instruction: str, objects: Sequence[SeenObject]) -> Conversation:
-        options = self.options
-        role, text = question(options.profile, instruction, objects, boxes=options.boxes)
-        first = [_message("system", role)] if role else []
-        return [*first, _message("user", text, picture=True)]
-
     def answer(self, image: Frame, messages: Conversation) -> str:
-        """Return what the model says to a conversation about one picture, as text.
-
-        Args:
-            image: uint8 (H, W, 3).
-            messages: with one picture in them.
-        """
+        """Return what the model says to a conversation with one picture, uint8 (H, W, 3)."""
         return self.answer_all([image], [messages])[0]
 
     def answer_all(
@@ -249,8 +213,7 @@ _TRIAL = (_message("user", "What is it?", picture=True),)
 def load_processor(folder: CheckedFolder) -> Any:
     """Open a vision model's processor: tokenizer, picture preparation and chat template.
 
-    Raises:
-        ModelError: a file of it is missing or damaged, or there is no chat template.
+    ModelError where a file of it is missing or damaged, or there is no chat template.
     """
     kind = pictures_only(folder.model_type)
     with quiet(), foreign(f"{folder.path}: its processor does not open"):

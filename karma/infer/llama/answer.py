@@ -1,18 +1,60 @@
-"""How sure a model is of what it says, from the scores that its answer is chosen by.
+"""Follow one answer: tell of it while it comes, know when its time is up and how sure it is.
 
 The chance of a token is that among all tokens, not only those that a grammar admits: a model that
 would rather have said what no program can say is not sure either. It costs one sum per token.
 """
 
+import codecs
 from collections.abc import Sequence
 from functools import lru_cache
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.contracts import AnswerSpec, Certainty, ProgramSpec
+from karma.contracts import AnswerSpec, Certainty, Heard, Listener, ProgramSpec
 from karma.infer.llama.constrain import Logits, TokenTable
 from karma.infer.programs.automaton import refusal_lines
+from karma.language.whole import cut_off
+
+
+class UnderWay:
+    """One answer from when it was asked for: heard while it comes, late after `max_seconds`."""
+
+    def __init__(self, max_seconds: float | None, listen: Listener | None) -> None:
+        self._begun = perf_counter()
+        self._most, self._listen = max_seconds, listen
+        self._letters = codecs.getincrementaldecoder("utf-8")("replace")
+        self._tokens = 0
+        self.first_token_s: float | None = None  # None: it has not begun
+
+    @property
+    def seconds(self) -> float:
+        """Since it was asked for."""
+        return perf_counter() - self._begun
+
+    @property
+    def is_late(self) -> bool:
+        """Whether its time is up."""
+        return self._most is not None and self.seconds >= self._most
+
+    @property
+    def late(self) -> str:
+        """Say that its time was up."""
+        return cut_off(seconds=self._most or 0)
+
+    def begins(self) -> None:
+        """Note that the first token of the answer is there, a thought before it not counted."""
+        if self.first_token_s is None:
+            self.first_token_s = self.seconds
+
+    def came(self, piece: bytes, tokens: int = 1) -> None:
+        """Note so many tokens, which append so much to the text; half letters wait for the rest."""
+        self._tokens += tokens
+        if self._listen is not None:
+            text = self._letters.decode(piece)
+            self._listen(Heard(text=text, tokens=self._tokens, seconds=self.seconds))
+
 
 _DIGITS = 6  # of a chance or logarithm: what lies behind differs between processors
 

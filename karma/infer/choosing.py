@@ -1,10 +1,11 @@
-"""Build the trie of tokens that closed continuations share, and score its nodes.
+"""Choose the likeliest of a closed list of texts, token by token, whoever tells the chances.
 
-A node is what some continuations begin with; the root is the prompt alone. A last token is never
-run: the logits after its parent hold its score.
+A node of the trie is what some continuations begin with; the root is the prompt alone. A last
+token is never run: the logits after its parent hold its score.
 """
 
-from collections.abc import Sequence
+import heapq
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -33,8 +34,7 @@ class Node:
 def trie_of(continuations: Sequence[Sequence[int]]) -> list[Node]:
     """Return the trie of token lists, parents before children, the root first.
 
-    Raises:
-        ValueError: there is none, or one has no token.
+    ValueError where there is none, or one has no token.
     """
     if not continuations:
         raise ValueError("there is no continuation to score")
@@ -63,26 +63,12 @@ def path_to(trie: Sequence[Node], number: int) -> tuple[int, ...]:
     return tuple(path[::-1])
 
 
-def lowest_run(trie: Sequence[Node]) -> list[int]:
-    """Return the nodes to run that none to run is below; neighbours share most of their paths."""
-    inner = [number for number, node in enumerate(trie) if number and node.children]
-    lowest = [n for n in inner if not any(trie[c].children for c in trie[n].children.values())]
-    return sorted(lowest, key=lambda number: path_to(trie, number))
-
-
 def score_children(
     trie: Sequence[Node], found: Floats, nodes: Sequence[int], logits: Logits
 ) -> None:
-    """Score the children of nodes, whose own scores are known.
+    """Score the children of `nodes`, whose own scores are `found`; `logits` has a row per node.
 
-    Args:
-        trie: the trie.
-        found: the score of each node so far, added to.
-        nodes: the parents.
-        logits: after each of them, a row per node.
-
-    Raises:
-        ModelError: the logits are not numbers.
+    ModelError where the logits are not numbers.
     """
     for start in range(0, len(nodes), _ROWS):
         rows = logits[start : start + _ROWS]
@@ -100,3 +86,46 @@ def _log_sum_exp(logits: Logits) -> Floats:
     total = np.exp(logits - top[:, None]).sum(axis=1)
     found: Floats = top.astype(np.float64) + np.log(total.astype(np.float64))
     return found
+
+
+class Race:
+    """The prefixes that are scored, by the most that each can come to.
+
+    No continuation can score more than what it begins with, because log p <= 0; so the first one
+    that leads every unfinished prefix has won. `found` has the scores of nodes as they become
+    known; with `average` a continuation's is divided by its tokens.
+    """
+
+    def __init__(self, trie: Sequence[Node], found: Floats, *, average: bool) -> None:
+        self._trie, self._found, self._average = trie, found, average
+        self._queue: list[tuple[float, int]] = []  # (minus the most it can come to, node); a heap
+        self._ended: list[tuple[float, int, int]] = []  # (-score, continuation, node); a heap
+
+    def run(self, score_below: Callable[[int], None]) -> tuple[float, int, int]:
+        """Return the best that ends: score, continuation (the first of equals), node.
+
+        `score_below` fills in the scores of a node's children, the root's first.
+        """
+        leader: int | None = 0
+        while leader is not None:
+            score_below(leader)
+            for child in self._trie[leader].children.values():
+                most = self._found[child] / (self._trie[child].longest if self._average else 1)
+                heapq.heappush(self._queue, (-float(most), child))
+            leader = self._leader()
+        score, one, number = self._ended[0]
+        return -score, one, number
+
+    def _leader(self) -> int | None:
+        """Take out the best prefix to go on from; None when the race is over."""
+        while self._queue:
+            if self._ended and self._ended[0][0] < self._queue[0][0]:  # equals can come up to it
+                break
+            _, number = heapq.heappop(self._queue)
+            node = self._trie[number]
+            score = self._found[number] / (node.depth if self._average else 1)
+            for one in node.ends:
+                heapq.heappush(self._ended, (-float(score), one, number))
+            if node.children:
+                return number
+        return None
