@@ -32,13 +32,6 @@ from karma.bench.engine.sweep_folder import SweepData, SweptCell, read_sweep, wr
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.infer.checks.gguf import is_gguf
 from karma.infer.checks.projector import is_projector
-from karma.journal.folder import locked
-from karma.journal.header import CELLS, TABLE
-from karma.journal.not_run import in_words
-from karma.journal.owned_folder import MARK, SWEEP, OwnedFolder, kind_in
-from karma.journal.records import EpisodeRecord
-from karma.journal.run_folder import RunFolder
-from karma.journal.steps import slug
 
 _NO_GRID = Setting(key="grid", value=[])
 _LONGEST = 100  # letters of a cell's folder
