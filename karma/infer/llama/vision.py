@@ -15,6 +15,7 @@ import numpy as np
 
 from karma.contracts import Engine, Frame, SeenObject
 from karma.errors import ModelError
+from karma.files import rebuild_llama, repair
 from karma.infer.checks.memory import projector_mb
 from karma.infer.checks.projector import check_projector
 from karma.infer.checks.template import TEMPLATE
