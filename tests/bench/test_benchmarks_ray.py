@@ -112,7 +112,7 @@ def plugin(tmp_path_factory):
     (place / "deadly_benchmark.py").write_text(textwrap.dedent(DEADLY))
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: deadly-benchmark\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(
-        "[karma.bench.suites]\ndeadly = deadly_benchmark:Deadly\n"
+        "[karma.benchmarks]\ndeadly = deadly_benchmark:Deadly\n"
     )
     return place
 
@@ -184,7 +184,7 @@ def test_chain_that_kills_its_workers_is_done_again_and_then_ends_the_run(
     cluster, plugin, tmp_path, monkeypatch
 ):
     monkeypatch.syspath_prepend(str(plugin))
-    assert "deadly" in metadata.entry_points(group="karma.bench.suites").names
+    assert "deadly" in metadata.entry_points(group="karma.benchmarks").names
     path = tmp_path / "x.toml"
     path.write_text(f'name = "x"\nbenchmark = "deadly"\nmark = "{tmp_path / "mark"}"\n')
     run = Run(path, tmp_path / "run")

@@ -4,7 +4,7 @@ import re
 from dataclasses import replace
 
 import pytest
-from report.test_report import Text
+from bench.test_report import Text
 from support.run_files import write_experiment
 from support.talking import STORE, agent_saying
 from typer.testing import CliRunner

@@ -124,7 +124,7 @@ class Suite(Protocol):
 
 
 class Benchmark(Protocol):
-    """A benchmark by its own protocol, over one experiment; an entry point of karma.bench.suites.
+    """A benchmark by its own protocol, over one experiment; an entry point of karma.benchmarks.
 
     It is made with the experiment, of `experiment_kind`, and the path that it was read from.
     """
