@@ -111,9 +111,7 @@ def plugin(tmp_path_factory):
     info.mkdir()
     (place / "deadly_benchmark.py").write_text(textwrap.dedent(DEADLY))
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: deadly-benchmark\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(
-        "[karma.benchmarks]\ndeadly = deadly_benchmark:Deadly\n"
-    )
+    (info / "entry_points.txt").write_text("[karma.benchmarks]\ndeadly = deadly_benchmark:Deadly\n")
     return place
 
 

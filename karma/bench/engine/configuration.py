@@ -77,11 +77,8 @@ def header_of(
 ) -> Header:
     """Return what a run of an experiment depends on.
 
-    Args:
-        experiment: as it was read; a comment in its file changes nothing.
-        tasks: those that it selects.
-        scenes: imported floor plans, by name.
-        steps: whether step logs are kept.
+    The tasks are those that it selects, the scenes imported floor plans by name. A comment in the
+    experiment's file changes nothing.
 
     Raises:
         ModelError: a model's file is missing.

@@ -319,9 +319,7 @@ class DataFolders(NamedTuple):
 def with_places_here(experiment: T, there: DataFolders) -> T:
     """Return another machine's experiment with the paths that it has in this one's folders.
 
-    Args:
-        experiment: with whole paths; what lies in none of the folders keeps its path.
-        there: the other machine's folders.
+    What lies in none of the other machine's folders keeps its path.
     """
     pairs = tuple(zip(there, DataFolders.here(), strict=True))
 
@@ -339,9 +337,7 @@ def _lies(path: str, folder: Path) -> bool:
 def meant_path(path: Path, error: FileError) -> FileError:
     """Return the error of a missing file with what helps if it lies below the working directory.
 
-    Args:
-        path: of the experiment that names it.
-        error: of whoever wanted to read it.
+    `path` is the experiment's that names it.
     """
     said = os.path.relpath(error.path, path.parent.absolute())
     if error.path.exists() or said.startswith("..") or not Path(said).exists():

@@ -40,10 +40,7 @@ class Loaded:
 def load(experiment: Experiment, path: Path, folder: Path) -> Loaded:
     """Load the tasks that an experiment selects; nothing is written.
 
-    Args:
-        experiment: what was read.
-        path: from where, for messages.
-        folder: of the run, below which imported floor plans will lie.
+    Imported floor plans will lie below the run's folder; `path` is named in messages.
 
     Raises:
         FileError: the task file is damaged, or a task of `only` is not in it.
@@ -72,10 +69,7 @@ def _loaded(experiment: Experiment, folder: Path) -> Loaded:
 def select(tasks: Sequence[T], only: Sequence[str], path: Path) -> tuple[T, ...]:
     """Return the tasks that an experiment is for, in their order.
 
-    Args:
-        tasks: all.
-        only: ids of those that are wanted, "*" is any text; () = all.
-        path: of the experiment, for messages.
+    In an id of `only` "*" is any text; () is all. `path` is named in messages.
 
     Raises:
         FileError: there is no task of an id.

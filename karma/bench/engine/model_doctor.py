@@ -64,9 +64,7 @@ class ModelSeen:
 def tried(entry: ModelEntry, folder: Path) -> ModelSeen | None:
     """Open a model as a run does in its role, and ask it a little; None: it fills no role.
 
-    Args:
-        entry: what is known of it; it need not be listed yet.
-        folder: where its files lie.
+    It need not be listed yet; its files lie in the folder.
 
     Raises:
         ModelError: it does not open, or does not answer; whatever a library raised.

@@ -28,9 +28,7 @@ from karma.infer.manifest.manifest import read_manifest, resolve_planner
 class NodeFolder:
     """A folder of this machine that episodes are done in.
 
-    Args:
-        there: the run's folder, on another machine.
-        scenes: rooms that its tasks bring along, by name.
+    `there` is the run's folder on another machine; its tasks bring the scenes along, by name.
     """
 
     def __init__(self, there: Path, scenes: Mapping[str, bytes]) -> None:
@@ -70,10 +68,6 @@ class NodeFolder:
 def models_here(models: Models, wanted: Mapping[str, str]) -> Models:
     """Return the models as this machine names them: the planner is what has the run's hash.
 
-    Args:
-        models: of the experiment.
-        wanted: role -> name and SHA-256.
-
     Raises:
         ModelError: the manifest of this machine has no such file.
     """
@@ -97,13 +91,7 @@ def models_here(models: Models, wanted: Mapping[str, str]) -> Models:
 def hashes_here(
     models: Models, wanted: Mapping[str, str], rows: Sequence[Row] = ()
 ) -> dict[str, str]:
-    """Return what this machine's models are, the planner by the name that the run has for it.
-
-    Args:
-        models: of this machine, see `models_here`.
-        wanted: role -> name and SHA-256, of the run.
-        rows: that may have models of their own.
-    """
+    """Return what this machine's models are, the planner by the name that the run has for it."""
     hashes = model_hashes(models, rows)
     _, sha256, rest = parts_of_planner(hashes["planner"])
     return {**hashes, "planner": f"{parts_of_planner(wanted['planner'])[0]} {sha256}{rest}"}

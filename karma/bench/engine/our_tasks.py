@@ -177,10 +177,6 @@ def _check_seeds_differ(tasks: Iterable[Task]) -> None:
 class Performer:
     """Does episodes, one after the other, with models that are loaded once.
 
-    Args:
-        suite: what to load.
-        session: of hosted models.
-
     Raises:
         KarmaError: a model cannot be loaded, or a row has an option that its method does not know.
     """

@@ -5,21 +5,31 @@ node that has another model, version, prompt or file than the run says so by nam
 What an episode leaves comes back with its record, so the run's folder lies on one machine only.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from karma.agent.journal.not_run import NotRun
-from karma.agent.loading.models import Models
+from karma.agent.loading.models import Models, Row
 from karma.bench.engine.experiment_file import DataFolders
-from karma.bench.engine.pool import JobQueue, Workshop, in_processes
+from karma.bench.engine.pool import JobQueue, in_processes
 from karma.bench.engine.ray_pool import WorkerNeed, in_cluster
 from karma.bench.engine.suite import Chain, Do, Done, Suite
-from karma.bench.engine.worker_count import worker_mb
-from karma.errors import KarmaError, UnwritableError
+from karma.errors import KarmaError, UnknownNameError, UnwritableError
+from karma.infer.checks.memory import available_mb
 from karma.infer.hosted.cassette import Cassette, CassetteError, Tape
 from karma.infer.hosted.session import Hosted, Session
+from karma.infer.llama.devices import devices
+from karma.infer.manifest.manifest import find_model
 from karma.offline.guard import NetworkRefused, go_offline, network_allowed
+
+_BASE_MB = 350  # Python with torch, faiss and a world, beside the models; measured
+_SHARE = 0.8  # of the free memory, for all workers together
+_WORTH = 6  # episodes that make up for starting one worker more
+IN_FLIGHT = 8  # requests that a server is asked at once where it does not say how many it takes
+_WORTH_WAITING = 2  # episodes, likewise, where each waits for a server
 
 
 def perform(
@@ -31,40 +41,36 @@ def perform(
     ray: str = "",
     header: Any = None,
 ) -> Iterator[Done]:
-    """Do chains; yields what each episode leaves, or why it was not run.
+    """Do chains of a suite, in any order; yields what each episode leaves, or why it was not run.
 
-    Args:
-        suite: that they are of.
-        chains: in any order.
-        session: of hosted models.
-        workers: processes; on a cluster 0 for as many as it has cores and memory for.
-        ray: address of the cluster's head, HOST:PORT; "" = this machine.
-        header: what the run depends on, held against every node.
+    `ray` is the address of a cluster's head, HOST:PORT; "" is this machine. On a cluster 0 workers
+    are as many as it has cores and memory for, and the run's header is held against every node.
 
     Raises:
         KarmaError: see `in_processes`, `in_cluster` and `played`.
     """
     models = suite.models
+    found: Iterator[Iterable[Done]]
     if ray:
-        far: Workshop[Chain, Sequence[Done]] = Workshop(
-            begin=partial(suite.begin_on_node, header, DataFolders.here())
-        )
-        cores, memory_mb = max(1, models.threads), worker_mb(models, suite.rows)
-        need = WorkerNeed(cores=cores, memory_mb=memory_mb)
-        for found in in_cluster(far, chains, ray, need=need, number=workers):
-            yield from found
+        begin = partial(suite.begin_on_node, header, DataFolders.here())
+        need = WorkerNeed(cores=max(1, models.threads), memory_mb=worker_mb(models, suite.rows))
+        found = in_cluster(begin, chains, ray, need=need, number=workers)
     elif workers > 1:
-        near: Workshop[Chain, Sequence[Done]] = Workshop(
-            begin=partial(_begun, suite, session.cassette.tape, network_allowed()),
-            imports=(__name__, type(suite).__module__, *imported(models)),
-        )
-        for found in in_processes(near, chains, workers):
-            yield from found
+        begin = partial(_begun, suite, session.cassette.tape, network_allowed())
+        imports = (__name__, type(suite).__module__, *imported(models))
+        found = in_processes(begin, chains, workers, imports)
     else:
-        play, queue, chain = suite.begin(session), JobQueue(chains), None
-        while queue.jobs:
-            chain = queue.next_after(chain)
-            yield from played(play, chain, session)
+        found = _here(suite, chains, session)
+    for done in found:
+        yield from done
+
+
+def _here(suite: Suite, chains: Sequence[Chain], session: Session) -> Iterator[Iterable[Done]]:
+    """Do chains in this process; each episode is yielded before the next is begun."""
+    play, queue, chain = suite.begin(session), JobQueue(chains), None
+    while queue.jobs:
+        chain = queue.next_after(chain)
+        yield played(play, chain, session)
 
 
 def _begun(suite: Suite, tape: Tape, network: bool) -> Do:
@@ -118,3 +124,58 @@ def check_far(models: Models, cassette: Cassette) -> None:
             "hosted models and cassettes are for workers on this machine\n"
             "  To fix: --workers in place of --ray"
         )
+
+
+# ----------------------------------------------------------------- how many
+
+
+class Suggestion(NamedTuple):
+    """How many workers to use, and why."""
+
+    number: int
+    reason: str
+
+
+def suggest_workers(
+    models: Models, episodes: int, rows: Sequence[Row] = (), *, in_flight: int | None = None
+) -> Suggestion:
+    """Return as many workers as there are cores and memory for; few episodes need but one.
+
+    Rows may name a vision model of their own. `in_flight` are the requests that a hosted planner
+    takes at once; workers that wait for it need no core each. None: nobody waits.
+    """
+    local = models.hosted.planner is None
+    if local and models.gpu_layers != 0 and any(one.is_gpu for one in devices()):
+        return Suggestion(number=1, reason="a GPU, which one process has for itself")
+    if in_flight is not None:
+        most, worth = in_flight, episodes // _WORTH_WAITING
+        bound = f"{most} requests in flight"
+    else:
+        most = max(1, len(os.sched_getaffinity(0)) // max(1, models.threads))
+        worth, bound = episodes // _WORTH, f"{most} cores"
+    each, free = worker_mb(models, rows), available_mb()
+    fitting = most if free is None else int(free * _SHARE // each)
+    memory = "memory not known" if free is None else f"{free:.0f} MB free"
+    reason = f"{bound}, {memory}, about {each:.0f} MB each, {episodes} episodes to do"
+    return Suggestion(number=max(1, min(most, fitting, worth)), reason=reason)
+
+
+def worker_mb(models: Models, rows: Sequence[Row] = ()) -> float:
+    """Return about how much memory one worker takes, in MB."""
+    seeing = sorted({models.vision, *(row.vision for row in rows)})
+    named = [models.planner, models.embedder.partition(":")[2]]
+    named += [name.partition(":")[2] for name in seeing]
+    named += models.detector.partition(":")[2].split("+")
+    named += ["minilm"] if models.embedder == "minilm" else []
+    named += ["karma-nano-vlm"] if "nano-vlm" in seeing else []
+    return _BASE_MB + sum(_model_mb(name) for name in named if name)
+
+
+def _model_mb(name: str) -> float:
+    path = Path(name)
+    if path.is_file():
+        return path.stat().st_size * 1.2 / 1e6 + 100
+    try:
+        return float(find_model(name).memory_mb or 0)
+    except UnknownNameError:
+        return 0.0

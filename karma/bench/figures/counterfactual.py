@@ -68,10 +68,7 @@ def with_tour(
 ) -> Amount:
     """Return an amount with the first tour of each room, spread evenly over instructions in it.
 
-    Args:
-        amount: without the tours.
-        cost: of a tour.
-        instructions: over so many; None: over those that the whole row was asked in the room.
+    `instructions`: over so many; None: over those that the whole row was asked in the room.
     """
 
     def of(episode: TimedEpisode) -> Observations:

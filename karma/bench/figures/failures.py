@@ -81,9 +81,7 @@ class _Case:
 def failures(episode: TimedEpisode, steps: Sequence[Step] | None = None) -> tuple[Failure, ...]:
     """Return the failed sub-tasks of an episode with their causes, in order.
 
-    Args:
-        episode: of `episodes_of`, so that what an error kept from being tried is in it.
-        steps: its step log.
+    The episode is one of `episodes_of`, so that what an error kept from being tried is in it.
     """
     record = episode.record
     memories = _memories(steps) if steps is not None else {}

@@ -53,9 +53,7 @@ class Reached:
 def reached(records: Sequence[EpisodeRecord], wanted: Precision) -> tuple[Reached, ...]:
     """Return how sure each row is of each kind of task, in the order of rows and kinds.
 
-    Args:
-        records: of complete seeds; their order changes no figure.
-        wanted: what they are held against.
+    The records are of complete seeds; their order changes no figure.
     """
     groups: dict[tuple[str, str], dict[str, list[float]]] = {}
     records = [record for record in records if not record.unjudged]

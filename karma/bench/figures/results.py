@@ -27,11 +27,8 @@ def result_of(
 ) -> Result:
     """Return what the tables of a run are made of.
 
-    Args:
-        run: finished or not; a figure says how many episodes stand behind it.
-        published: the paper's figures.
-        off_row: the row without memory that RE and RT are measured against, if there is one.
-        lota_row: the row that the paper seems to measure them against, likewise.
+    The run may be unfinished: a figure says how many episodes stand behind it. RE and RT are
+    measured against `off_row`, and against `lota_row`, as the paper seems to do, if they are there.
     """
     episodes = episodes_of(run.records, run.timings)
     saved = reductions(episodes, reference=off_row)

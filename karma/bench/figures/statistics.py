@@ -59,10 +59,7 @@ class Estimate:
 def wilson(successes: float, number: float, *, level: float = LEVEL) -> ConfidenceInterval | None:
     """Return Wilson's score interval of a rate; None when nothing was tried.
 
-    Args:
-        successes: at most `number`; a fraction where `number` is an effective one.
-        number: of trials.
-        level: of the interval.
+    Successes are a fraction where `number` is an effective one.
 
     Raises:
         ValueError: more successes than trials, or fewer than none.
@@ -127,9 +124,7 @@ def _correlation(groups: Groups) -> float | None:
 def _least_correlation(groups: Groups, correlation: float) -> float:
     """Return the lower end of the correlation's interval over resampled tasks.
 
-    Args:
-        groups: zeros and ones, the same number for each task.
-        correlation: of them.
+    Groups are zeros and ones, the same number for each task.
     """
     size = sum(len(group) for group in groups) / len(groups)
     tasks = len(groups)
@@ -160,11 +155,8 @@ def _design_effect(groups: Groups, correlation: float | None) -> float:
 def more_seeds(groups: Groups, half_width: float, *, at_least: bool = False) -> int | None:
     """Return how many more seeds bring a rate's interval to a half-width.
 
-    Args:
-        groups: zeros and ones, the same number for each task.
-        half_width: wanted, > 0.
-        at_least: how many if seeds agree as little as they may well do; few seeds say little
-            about how they agree.
+    Groups are zeros and ones, the same number for each task. `at_least`: how many if seeds agree as
+    little as they may well do; few seeds say little about how they agree.
 
     Returns:
         0 when it is reached; None when no number of seeds reaches it with these tasks, or when
@@ -227,13 +219,9 @@ def bootstrap(
     All seeds and both arms of a task stay together. The interval is drawn from a stream of its own,
     so it is the same in every process; it reaches at least to the value itself.
 
-    Args:
-        sums: shape (tasks, columns); the order of tasks does not matter without `times`.
-        statistic: of the sums over tasks.
-        number: of observations behind it.
-        level: of the interval.
-        fewest: tasks that an interval takes; of fewer there is none.
-        times: resamples of these tasks, as `times_in` draws them; None: ours.
+    The sums are of shape (tasks, columns); the order of tasks does not matter without `times`,
+    which are resamples of these tasks as `times_in` draws them; None: ours. `number` counts
+    observations. Of fewer tasks than `fewest` there is no interval.
     """
     if not len(sums):
         return Resampled(estimate=Estimate(value=None), deviation=None)
@@ -281,10 +269,6 @@ def times_in(rng: np.random.Generator, tasks: int, resamples: int) -> Floats:
 def mcnemar(only_first: int, only_second: int) -> float:
     """Return the exact two-sided p of a paired comparison of successes.
 
-    Args:
-        only_first: pairs that only the first arm solved.
-        only_second: pairs that only the second arm solved.
-
     >>> mcnemar(0, 0), mcnemar(6, 0), mcnemar(5, 5)
     (1.0, 0.03125, 1.0)
     """
@@ -300,8 +284,7 @@ def sign_flip(differences: Sequence[int]) -> float:
     Under no difference each group's arms could as well be exchanged. With one pair a group this is
     McNemar's exact test.
 
-    Args:
-        differences: for each group, successes of the first arm less those of the second.
+    Each difference is a group's successes of the first arm less those of the second.
 
     >>> sign_flip([]), sign_flip([1] * 6), sign_flip([5] * 6), sign_flip([1, -1])
     (1.0, 0.03125, 0.03125, 1.0)
@@ -323,10 +306,9 @@ def detectable_rate(pairs: float, discordant: float) -> float | None:
 
     Found means p <= 0.05 in 80 % of experiments of this size.
 
-    Args:
-        pairs: effective number of pairs; its whole part counts.
-        discordant: share of pairs in which the arms differ, as observed. A difference cannot be
-            larger than it; where even such a one would escape, the share grows with the difference.
+    Of the effective number of pairs the whole part counts. `discordant` is the share of pairs in
+    which the arms differ, as observed: a difference cannot be larger than it; where even such a one
+    would escape, the share grows with the difference.
 
     Returns:
         None when even a difference of 1 would escape: fewer than six pairs.
@@ -350,10 +332,7 @@ def detectable_mean(deviation: float | None) -> float | None:
 def _power(number: int, discordant: float, effect: float) -> float:
     """Return the chance that McNemar's exact test finds a difference of rates.
 
-    Args:
-        number: of pairs.
-        discordant: share of them in which the arms differ.
-        effect: the difference.
+    `discordant` is the share of pairs in which the arms differ.
     """
     from scipy.stats import binom
 

@@ -74,8 +74,7 @@ class ComparisonPage:
 def sides_of(names: Sequence[str]) -> tuple[list[Side], list[str]]:
     """Return what stands side by side, and in words what does not.
 
-    Args:
-        names: folders of runs or sweeps, or RUN:ROW.
+    Names are folders of runs or sweeps, or RUN:ROW.
 
     Raises:
         FileError: there is no run, or it is damaged.
@@ -153,12 +152,7 @@ def comparison_of(
 ) -> Iterator[float | ComparisonPage]:
     """Yield now and then the share that is done, in [0, 1], and at last what the page says.
 
-    Args:
-        title: of the page.
-        sides: what stands side by side.
-        reference: that of them which the others are held against.
-        notes: what is not on the page.
-        out: where the page will lie; links lead from there.
+    Notes say what is not on the page; links lead from `out`, where the page will lie.
     """
     lines: list[Figures] = []
     against: dict[tuple[str, str], Against] = {}

@@ -79,10 +79,7 @@ def _actions(record: EpisodeRecord, numbers: Sequence[int]) -> int:
 class Replayer:
     """Replays episodes of one run.
 
-    Args:
-        run: the run.
-        frames: takes the pictures.
-        choice: which pictures; "auto": the less the more there is to show on the page.
+    With the choice "auto" there are the fewer pictures the more there is to show on the page.
     """
 
     def __init__(self, run: RunData, frames: Frames, choice: FrameChoice) -> None:
@@ -106,9 +103,7 @@ class Replayer:
 
         An episode that was lost with its worker has none, nor one whose method did not get to work.
 
-        Args:
-            records: of the episodes.
-            instructions: which of them, see `choose_instructions`.
+        For `instructions` see `choose_instructions`.
 
         Raises:
             FileError: a log, a scene or a map is damaged.

@@ -28,11 +28,7 @@ class Frames:
         return self._seen[moment]
 
     def add(self, frame: Frame) -> int:
-        """Keep a picture; returns its number.
-
-        Args:
-            frame: uint8 (H, W, 3).
-        """
+        """Keep a picture; returns its number."""
         key = hashlib.blake2b(frame.tobytes(), digest_size=16).digest()
         if key not in self._numbers:
             self._numbers[key] = len(self._webp)
@@ -49,11 +45,7 @@ class Frames:
 
 
 def webp(frame: Frame) -> bytes:
-    """Return a picture as a WebP file; equal pictures give equal bytes.
-
-    Args:
-        frame: uint8 (H, W, 3).
-    """
+    """Return a picture as a WebP file; equal pictures give equal bytes."""
     from PIL import Image
 
     file = io.BytesIO()

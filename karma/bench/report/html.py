@@ -22,12 +22,8 @@ def fill(
 ) -> str:
     """Return a page.
 
-    Args:
-        template: its file's name.
-        script: that of its script.
-        columns: rows of the experiment, which are columns of the list of tasks.
-        letters: of the longest task's name.
-        words: what the template says.
+    `columns` are those of the list of tasks, one a row of the experiment; `letters` are of the
+    longest task's name. `words` are what the template says.
     """
     environment = _environment()
     css = environment.get_template("page.css.j2").render(columns=columns, letters=letters)

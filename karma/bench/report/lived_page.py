@@ -64,11 +64,7 @@ def home_of_record(record: LivedRecord) -> str:
 def chosen_day(run: LivedRun, home: str = "", day: int | None = None, row: str = "") -> LivedRecord:
     """Return the day that is wanted; what is left open is the first that was served wrongly.
 
-    Args:
-        run: the run.
-        home: such as "usual/home_003"; "" any.
-        day: from 0; None: any.
-        row: "" is ours, or the first.
+    A home is such as "usual/home_003"; of the rows ours is taken, or the first.
 
     Raises:
         KarmaError: the run has none such.
@@ -113,11 +109,6 @@ def lived_again(
     run: LivedRun, record: LivedRecord, *, after_day: Callable[[], object] = lambda: None
 ) -> LivedDay:
     """Live a home again up to a day.
-
-    Args:
-        run: it was played in.
-        record: of the day.
-        after_day: called when a day is over.
 
     Raises:
         KarmaError: what comes out is not what the run says.

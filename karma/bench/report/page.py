@@ -53,12 +53,7 @@ class Page:
 
 
 def render(page: Page, frames: Frames) -> str:
-    """Return the page as HTML.
-
-    Args:
-        page: what it says.
-        frames: the pictures that the replays name by number.
-    """
+    """Return the page as HTML."""
     return fill(
         "page.html.j2",
         columns=len(page.rows),
@@ -150,13 +145,7 @@ def _told_part(
 
 
 def page_of(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> Page:
-    """Return what the page of a run says.
-
-    Args:
-        run: the run.
-        result: what the tables of it are made of.
-        replays: the episodes that can be stepped through.
-    """
+    """Return what the page of a run says."""
     records = run.records
     lines = task_lines(records)
     actions = sum(one.replay.actions for one in replays)

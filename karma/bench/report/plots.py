@@ -140,11 +140,7 @@ def bar_plot(title: str, values: Sequence[tuple[str, float | None]], *, note: st
 
 
 def cause_plot(counts: Mapping[str, Mapping[Cause, int]]) -> Plot:
-    """Return how many episodes of each row failed, and of what.
-
-    Args:
-        counts: of each row.
-    """
+    """Return how many episodes of each row failed, and of what."""
     most = _round_up(float(max((sum(line.values()) for line in counts.values()), default=0)))
     bars: list[Bar] = []
     for number, (row, line) in enumerate(counts.items()):

@@ -39,8 +39,7 @@ def frame_choice(text: str) -> FrameChoice:
 class Rooms:
     """The rooms of one episode's home, each as it was left; made when they are first entered.
 
-    Args:
-        place: returns where the scene of that name lies.
+    `place` returns where the scene of a name lies.
     """
 
     def __init__(self, place: Callable[[str], str] = str) -> None:
@@ -104,14 +103,9 @@ def replaying(
 
     Yields now and then the share that is done, in [0, 1], and at last the replay.
 
-    Args:
-        story: what happened.
-        rooms: where; none entered yet.
-        frames: takes the pictures.
-        choice: a picture after "every" action; after those that do more than walk, at the end of
-            "calls", and now and then between; at the "ends" of calls only; or "none".
-        shown: numbers of the instructions of which pictures are taken, None for all.
-        goals: of each instruction, for those that the log does not judge as it breaks off in them.
+    Pictures are taken after "every" action; after those that do more than walk, at the end of
+    "calls", and now and then between; at the "ends" of calls only; or "none"; and only in the
+    instructions that are shown. Goals are needed where the log breaks off before it judges them.
 
     Raises:
         FileError: a scene is missing or damaged.

@@ -31,11 +31,7 @@ _DEEDS = {
 def task_of(trial: Trial, instruction: str, *, scene: SceneRef | None = None, id: str = "") -> Task:
     """Return a trial's task, asked for in some words.
 
-    Args:
-        trial: names the kind of task and its targets.
-        instruction: what is said.
-        scene: where; None = the trial's FloorPlan by name.
-        id: of the task; "" = the trial's.
+    Where no scene or id is given, they are the trial's FloorPlan by name and the trial's id.
     """
     subtask = SubTask(instruction=instruction, whole=instruction, goals=goals_of(trial))
     return Task(

@@ -41,9 +41,7 @@ class ListedTask:
 def read_lists(path: Path, names: Iterable[str] = ()) -> tuple[ListedTask, ...]:
     """Read lists of tasks, in the order in which they are wanted.
 
-    Args:
-        path: of the file.
-        names: of the lists; () = all, in the file's order.
+    No names are all lists, in the file's order.
 
     Raises:
         FileError: missing, torn, of another form, or it has no such list.

@@ -41,9 +41,6 @@ class AlfredTasks(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 def alfred_tasks(source: AlfredTasks) -> tuple[tuple[Task, ...], dict[str, bytes]]:
     """Return the tasks, and the rooms that they play in by name.
 
-    Args:
-        source: which; its paths are as they are to be opened.
-
     Raises:
         FileError: a file is missing, torn or of another form, or a list is not in it. A training
             file that is missing is none: then it is not known what is in it.
