@@ -115,7 +115,7 @@ def eval_command(
     from karma.bench.engine.run import Run
     from karma.bench.engine.sweep import SweepRun
     from karma.bench.figures.columns import plain
-    from karma.bench.figures.floors import SuccessFloor, check_floors
+    from karma.bench.figures.precision import SuccessFloor, check_floors
     from karma.files import find_experiment
 
     file = find_experiment(file)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from karma.bench.engine.sweep import SweepRun
     from karma.bench.engine.sweep_folder import SweepData
     from karma.bench.figures.columns import Figures
-    from karma.bench.figures.floors import SuccessFloor
+    from karma.bench.figures.precision import SuccessFloor
 
 BELOW = 4  # exit code: done, and a success rate is below --fail-under
 
@@ -104,7 +104,7 @@ def end_below(
     figures: "Sequence[tuple[str, Sequence[Figures]]]", floors: "list[SuccessFloor]"
 ) -> None:
     """End with code 4 where a run, or a cell of a sweep by its name, is below a floor."""
-    from karma.bench.figures.floors import below
+    from karma.bench.figures.precision import below
 
     said = [
         f"{cell}: {words}" if cell else words

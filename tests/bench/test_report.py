@@ -41,7 +41,7 @@ from karma.agent.journal.steps import (
 from karma.bench.figures.results import result_of
 from karma.bench.report.choice import choose, episode_key
 from karma.bench.report.episodes import Replayer
-from karma.bench.report.frames import Frames
+from karma.bench.report.html import Frames
 from karma.bench.report.page import page_of, render
 from karma.bench.report.plots import LEFT, WIDTH, Rate, success_plot
 from karma.bench.report.replay import SIZE_PX, Rooms, frame_choice

@@ -21,7 +21,7 @@ from karma.agent.journal.steps import Ended, Enter, Instruction, Start, Unit, re
 from karma.bench.figures.results import result_of
 from karma.bench.report.choice import LEAST, SHORT, TOGETHER, choose, choose_instructions
 from karma.bench.report.episodes import Replayer
-from karma.bench.report.frames import Frames
+from karma.bench.report.html import Frames
 from karma.bench.report.page import page_of, render
 from karma.bench.report.replay import Rooms
 from karma.bench.report.story import changes, told

@@ -13,7 +13,7 @@ from karma.agent.journal.run_folder import read_run
 from karma.agent.journal.turns import TURNS, read_turns
 from karma.bench.engine.run import Run
 from karma.bench.figures.results import result_of
-from karma.bench.report.frames import Frames
+from karma.bench.report.html import Frames
 from karma.bench.report.page import page_of, render
 from karma.cli import app
 

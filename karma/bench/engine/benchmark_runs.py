@@ -20,7 +20,6 @@ from karma.agent.journal.records import PlayedTiming
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.loading.models import Row
 from karma.bench.engine.experiment_file import Changes, DataFolders, read_as, with_places_here
-from karma.bench.engine.nodes import hashes_here, models_here, refuse_node
 from karma.bench.engine.suite import (
     NO_MODELS,
     Benchmark,
@@ -30,7 +29,7 @@ from karma.bench.engine.suite import (
     Done,
     ExperimentFile,
 )
-from karma.bench.engine.workers import loaded
+from karma.bench.engine.workers import hashes_here, loaded, models_here, refuse_node
 from karma.bench.figures.sheet import to_markdown
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json

@@ -9,7 +9,7 @@ from typing import Protocol, TypeVar
 from karma.agent.goals.files import in_rooms, load_tasks
 from karma.bench.engine.experiment import Experiment
 from karma.bench.engine.experiment_file import is_called, meant_path
-from karma.bench.tasks.alfred_tasks import AlfredTasks, alfred_tasks
+from karma.bench.tasks.alfred import AlfredTasks, alfred_tasks
 from karma.bench.tasks.authors import load_authors_tasks
 from karma.bench.tasks.days import check_seeds
 from karma.contracts import SceneRef, Task

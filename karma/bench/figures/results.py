@@ -13,8 +13,7 @@ from karma.bench.figures.compare import Arm, Comparison, arm_of, compare_kinds
 from karma.bench.figures.counterfactual import LOTA_ROW, OFF_ROW, reductions
 from karma.bench.figures.failures import Failure, failures
 from karma.bench.figures.metrics import TimedEpisode, episodes_of
-from karma.bench.figures.published import PublishedFigures
-from karma.bench.figures.tables import Result
+from karma.bench.figures.tables import PublishedFigures, Result
 from karma.errors import KarmaError
 
 

@@ -7,6 +7,7 @@ import csv
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from karma.agent.journal.formats import UNKNOWN, figure_text, plural
 from karma.agent.journal.records import ALL, KINDS, NOT_TRAINED, TRAINED
@@ -15,10 +16,53 @@ from karma.bench.figures.compare import Comparison
 from karma.bench.figures.counterfactual import SAVINGS, Reduction
 from karma.bench.figures.failures import CAUSES, Failure, count
 from karma.bench.figures.metrics import METRICS, SUCCESS
-from karma.bench.figures.published import COLUMNS as PUBLISHED_COLUMNS
-from karma.bench.figures.published import PublishedFigures
 from karma.bench.figures.sheet import Sheet
 from karma.bench.figures.statistics import interval_text
+from karma.errors import FileError
+from karma.files import read_bytes, shipped
+
+PUBLISHED_COLUMNS = ("success", "retrieved", "re", "rt")  # of Tables 1 and 2, by our keys
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Published:
+    """One figure of the paper."""
+
+    value: float
+    source: str  # its table
+    paper_row: str  # the row's name there
+
+
+PublishedFigures = Mapping[tuple[str, str, str], Published]  # (our row, kind, column)
+
+
+def load_published(path: Path | None) -> PublishedFigures:
+    """Read the paper's figures, by default those that ship.
+
+    Raises:
+        FileError: a line lacks a column, or its value is no number; names the line.
+    """
+    found: dict[tuple[str, str, str], Published] = {}
+    ours = shipped("eval") / "paper" / "published.csv"
+    path = path or ours
+    try:
+        text = read_bytes(path, fix=f"--published FILE; ours is {ours}").decode()
+    except UnicodeDecodeError as error:
+        raise FileError(path, str(error)) from error
+    for number, row in enumerate(csv.DictReader(io.StringIO(text)), start=2):
+        try:
+            key = row["row"], row["kind"], row["metric"]
+            if row["metric"] not in PUBLISHED_COLUMNS:
+                raise ValueError(
+                    f"metric {row['metric']!r}; there are {', '.join(PUBLISHED_COLUMNS)}"
+                )
+            found[key] = Published(
+                value=float(row["value"]), source=row["source"], paper_row=row["paper_row"]
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise FileError(path, f"line {number}: {error}") from error
+    return found
+
 
 _OURS_ALONE = ("rt_clock", "re_toured")  # beside the paper's columns, where measured
 _TOURED = tuple(one for one in SAVINGS if "_toured" in one.key)

@@ -20,8 +20,15 @@ from karma.bench.figures.tables import Result
 from karma.bench.report.choice import episode_key
 from karma.bench.report.html import fill
 from karma.bench.report.plots import Plot, success_plot
-from karma.bench.report.results import Heading, ResultLine, columns, rates, result_lines
-from karma.bench.report.tasks import TaskLine, task_lines
+from karma.bench.report.results import (
+    Heading,
+    ResultLine,
+    TaskLine,
+    columns,
+    rates,
+    result_lines,
+    task_lines,
+)
 from karma.errors import KarmaError
 
 PAGE = "report.html"  # of each run, in its folder

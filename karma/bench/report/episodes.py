@@ -9,11 +9,10 @@ from karma.agent.journal.records import EpisodeRecord
 from karma.agent.journal.run_folder import RunData
 from karma.agent.journal.steps import read_steps, steps_path
 from karma.bench.report.choice import choose_instructions
-from karma.bench.report.failing import FailedAt, broke_off_at, failed_at
-from karma.bench.report.frames import Frames
+from karma.bench.report.html import Frames
 from karma.bench.report.replay import FrameChoice, Replay, Rooms, automatic, replaying
 from karma.bench.report.room import RoomPlan, plan_of
-from karma.bench.report.story import EpisodeStory, told
+from karma.bench.report.story import EpisodeStory, FailedAt, broke_off_at, failed_at, told
 from karma.memory.scene_graph import SceneGraph
 from karma.world.core import scene as scenes
 

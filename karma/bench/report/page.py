@@ -15,13 +15,20 @@ from karma.bench.figures.sheet import Sheet
 from karma.bench.figures.tables import Result, sheets, size_words
 from karma.bench.report.choice import episode_key
 from karma.bench.report.episodes import EpisodeReplay
-from karma.bench.report.failing import endings
-from karma.bench.report.frames import Frames
-from karma.bench.report.html import fill, script_data
+from karma.bench.report.html import Frames, fill, script_data
 from karma.bench.report.plots import Plot, bar_plot, cause_plot, success_plot
-from karma.bench.report.results import Heading, ResultLine, columns, rates, result_lines
+from karma.bench.report.results import (
+    Heading,
+    ResultLine,
+    TaskLine,
+    columns,
+    rates,
+    result_lines,
+    rows_of,
+    task_lines,
+)
 from karma.bench.report.room import RoomPlan
-from karma.bench.report.tasks import TaskLine, rows_of, task_lines
+from karma.bench.report.story import endings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,17 +1,103 @@
-"""Logged actions done again in the embedded world: where the agent stood and what it saw."""
+"""Logged actions done again in the embedded world: where the agent stood and what it saw.
+
+Where the things were that unmet goals ask for is told by the world's truth, not by memory.
+"""
 
 from collections.abc import Callable, Collection, Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, cast, get_args
 
-from karma.bench.report.frames import Frames
+from karma.agent.goals.goals import alternatives, object_names, parse_goal
+from karma.agent.goals.objects import ObjectIndex
+from karma.agent.seeing.perceive import truth_of
+from karma.bench.report.html import Frames
 from karma.bench.report.story import EpisodeStory, Moment
-from karma.bench.report.wanted import WantedName, names_in, wanted_in
-from karma.contracts import Vec3
+from karma.contracts import Event, TrueObject, Vec3
 from karma.errors import KarmaError
+from karma.household.ids import type_of
+from karma.household.places import FLOOR
 from karma.world.core.state import WorldState
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
+
+MOST = 8  # things that are told of one name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WantedThing:
+    """One thing that a name covers, at one moment."""
+
+    object_id: str
+    where: str  # what it is in or on, from the inside out; "in the hand"
+    states: tuple[str, ...]
+    x_m: float
+    z_m: float
+    loose: bool  # can be carried
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WantedName:
+    """One name in unmet goals, and what it covers in the room."""
+
+    name: str
+    things: tuple[WantedThing, ...]  # at most `MOST`, those that can be carried first
+    count: int  # of all
+
+
+def names_in(goals: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of objects in goals, each once; none of a goal that cannot be read."""
+    found: dict[str, None] = {}
+    for text in goals:
+        try:
+            found.update(dict.fromkeys(object_names(parse_goal(text))))
+        except KarmaError:
+            continue  # of somebody else's benchmark
+    return tuple(found)
+
+
+def wanted_in(event: Event, names: Sequence[str]) -> tuple[WantedName, ...]:
+    """Return for each name what it covers after an event."""
+    index = ObjectIndex(truth_of(event))
+    return tuple(_wanted(name, index) for name in names)
+
+
+def _wanted(name: str, index: ObjectIndex) -> WantedName:
+    found = sorted(
+        index.named(alternatives(name)), key=lambda one: (not one.pickupable, one.object_id)
+    )
+    things = tuple(_thing(one, index) for one in found[:MOST])
+    return WantedName(name=name, things=things, count=len(found))
+
+
+def _thing(one: TrueObject, index: ObjectIndex) -> WantedThing:
+    x, _, z = one.box_center_m
+    return WantedThing(
+        object_id=one.object_id,
+        where=_where(one, index),
+        states=one.states,
+        x_m=round(x, 2),
+        z_m=round(z, 2),
+        loose=one.pickupable,
+    )
+
+
+def _where(one: TrueObject, index: ObjectIndex) -> str:
+    """Return what a thing is in or on, and what that is in or on: "Bowl, Fridge (closed)"."""
+    if one.object_id in index.held:
+        return "in the hand"
+    words, seen, here = [], {one.object_id}, one
+    while parents := [p for p in here.parent_ids if p in index.by_id and p not in seen]:
+        here = index.by_id[parents[0]]
+        seen.add(here.object_id)
+        if here.object_id in index.held:
+            words.append(f"{type_of(here.object_id)} in the hand")
+            break
+        if words and here.object_type == FLOOR:
+            break
+        state = [word for word in ("closed", "opened") if word in here.states]
+        words.append(type_of(here.object_id) + (f" ({state[0]})" if state else ""))
+    return "at " + ", ".join(words) if words else ""
+
 
 FrameChoice = Literal["auto", "every", "calls", "ends", "none"]
 LONG, VERY_LONG = 300, 1000  # actions of a page from which on "auto" is "calls", "ends"
@@ -125,7 +211,7 @@ def replaying(
         if not _happens(rooms, moment):
             differing.append(number)
         here = moment.part in parts
-        if here and rooms.state is not seen and _wanted(moment, choice, number - last):
+        if here and rooms.state is not seen and _is_pictured(moment, choice, number - last):
             frame = frames.of(_looks(rooms.state), lambda: rooms.home.last_event.frame)
             seen, last = rooms.state, number
         wanted = sought.at(rooms, moment) if here else ()
@@ -185,7 +271,7 @@ def _happens(rooms: Rooms, moment: Moment) -> bool:
     return bool(event) == moment.ok
 
 
-def _wanted(moment: Moment, choice: FrameChoice, since: int) -> bool:
+def _is_pictured(moment: Moment, choice: FrameChoice, since: int) -> bool:
     if choice == "none":
         return False
     if choice == "every" or moment.action is None:
