@@ -17,8 +17,7 @@ from karma.bench.figures.columns import COLUMNS
 from karma.bench.figures.margins import margins
 from karma.bench.figures.results import result_of
 from karma.bench.figures.sheet import Sheet, to_latex, to_markdown
-from karma.bench.figures.tables import PUBLISHED_COLUMNS
-from karma.bench.figures.tables import load_published, sheets, to_csv
+from karma.bench.figures.tables import PUBLISHED_COLUMNS, load_published, sheets, to_csv
 from karma.cli import app
 from karma.errors import FileError
 

@@ -14,14 +14,13 @@ from karma.agent.journal.run_folder import RunData, read_run
 from karma.bench.engine.sweep_folder import read_sweep
 from karma.bench.figures.columns import COLUMNS, Figures, figures
 from karma.bench.figures.compare import Arm, arm_of, compare_kinds
-from karma.bench.figures.metrics import episodes_of
+from karma.bench.figures.counterfactual import Saving
+from karma.bench.figures.metrics import Metric, episodes_of
 from karma.bench.figures.results import check_same_rooms, split_name
-from karma.bench.figures.tables import Result
 from karma.bench.report.choice import episode_key
 from karma.bench.report.html import fill
 from karma.bench.report.plots import Plot, success_plot
 from karma.bench.report.results import (
-    Heading,
     ResultLine,
     TaskLine,
     columns,
@@ -67,7 +66,7 @@ class ComparisonPage:
     title: str
     reference: str
     sides: tuple[str, ...]
-    columns: tuple[Heading, ...]
+    columns: tuple[Metric | Saving, ...]
     lines: tuple[ResultLine, ...]
     against: Mapping[tuple[str, str], Against]  # by side and kind
     plot: Plot
@@ -174,10 +173,6 @@ def comparison_of(
             against |= _against(side, reference, {line.kind for line in mine})
         except KarmaError as error:
             said.append(f"{side.name}: no difference: {' '.join(str(error).split())}")
-    result = Result(
-        name=title, figures=lines, reductions=(), paper_reductions=(), comparisons=(),
-        failures=(), published={},
-    )  # fmt: skip
     records = [
         replace(record, row=side.name)
         for side in sides
@@ -188,10 +183,10 @@ def comparison_of(
         title=title,
         reference=reference.name,
         sides=tuple(side.name for side in sides),
-        columns=columns(result),
-        lines=result_lines(result),
+        columns=columns(lines),
+        lines=result_lines(lines),
         against=against,
-        plot=success_plot(rates(result)),
+        plot=success_plot(rates(lines)),
         tasks=task_lines(records),
         links={side.name: _link(side.run.folder / PAGE, out) for side in sides},
         steps=frozenset(one.name for one in sides if (one.run.folder / STEPS).is_dir()),

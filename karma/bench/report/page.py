@@ -10,7 +10,9 @@ from karma.agent.journal.formats import UNKNOWN, figure_text
 from karma.agent.journal.run_folder import RunData
 from karma.agent.journal.turns import SAID, Turn, read_turns
 from karma.bench.figures.columns import COLUMNS
+from karma.bench.figures.counterfactual import Saving
 from karma.bench.figures.failures import Cause, Failure, count
+from karma.bench.figures.metrics import Metric
 from karma.bench.figures.sheet import Sheet
 from karma.bench.figures.tables import Result, sheets, size_words
 from karma.bench.report.choice import episode_key
@@ -18,7 +20,6 @@ from karma.bench.report.episodes import EpisodeReplay
 from karma.bench.report.html import Frames, fill, script_data
 from karma.bench.report.plots import Plot, bar_plot, cause_plot, success_plot
 from karma.bench.report.results import (
-    Heading,
     ResultLine,
     TaskLine,
     columns,
@@ -40,7 +41,7 @@ class Page:
     seeds: int
     rows: tuple[str, ...]
     caption: str
-    columns: tuple[Heading, ...]
+    columns: tuple[Metric | Saving, ...]
     lines: tuple[ResultLine, ...]
     plots: tuple[Plot, ...]
     sheets: tuple[Sheet, ...]  # the tables that stand in papers
@@ -170,10 +171,10 @@ def page_of(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> P
         seeds=len({record.seed for record in records}),
         rows=rows_of(records),
         caption=_caption(result),
-        columns=columns(result),
-        lines=result_lines(result),
+        columns=columns(result.figures),
+        lines=result_lines(result.figures),
         plots=(
-            success_plot(rates(result)),
+            success_plot(rates(result.figures)),
             cause_plot(_causes(result, rows_of(records))),
             bar_plot("Places searched per episode", _over_all(result, "explorations")),
             bar_plot("World steps per episode", _over_all(result, "actions")),

@@ -113,61 +113,67 @@ def success_plot(rates: Sequence[Rate]) -> Plot:
     )
 
 
-def bar_plot(title: str, values: Sequence[tuple[str, float | None]], *, note: str = "") -> Plot:
+def bar_plot(title: str, values: Sequence[tuple[str, float | None]]) -> Plot:
     """Return one bar per row; rows where nothing was measured have none."""
-    most = _round_up(max((value for _, value in values if value is not None), default=0.0))
-    bars = [
-        Bar(
-            x=LEFT,
-            y=TOP + number * 24.0 + 2.0,
-            width=round(WIDTH * value / most, 1) if most else 0.0,
-            height=13.0,
-            style="s1",
-            title=f"{row}: {figure_text(value)}",
-            after=figure_text(value, 1 if value < 100 else 0),
-        )
-        for number, (row, value) in enumerate(values)
-        if value is not None
+    lines = [
+        (row, [] if value is None else [(value, "s1", f"{row}: {figure_text(value)}")])
+        for row, value in values
     ]
-    return Plot(
-        title=title,
-        height=TOP + 24.0 * len(values) + 16.0,
-        ticks=_scale(most),
-        names=_names([row for row, _ in values], 24.0, 8.5),
-        bars=tuple(bars),
-        note=note,
-    )
+    return _bars(title, lines)
 
 
 def cause_plot(counts: Mapping[str, Mapping[Cause, int]]) -> Plot:
     """Return how many episodes of each row failed, and of what."""
-    most = _round_up(float(max((sum(line.values()) for line in counts.values()), default=0)))
+    lines = [
+        (
+            row,
+            [
+                (count, f"s{CAUSES.index(cause) + 1}", f"{row}: {cause}: {count}")
+                for cause, count in line.items()
+                if count
+            ],
+        )
+        for row, line in counts.items()
+    ]
+    note = "Number of episodes, by the cause of the first instruction that failed."
+    return _bars("Why episodes failed", lines, key=CAUSES, note=note)
+
+
+def _bars(
+    title: str,
+    lines: Sequence[tuple[str, Sequence[tuple[float, str, str]]]],
+    *,
+    key: tuple[str, ...] = (),
+    note: str = "",
+) -> Plot:
+    """Return a bar per row, of pieces in a row's order: amount, style, title.
+
+    With a key amounts stand inside of pieces that are wide enough, without one after them.
+    """
+    sums = [sum(amount for amount, _, _ in pieces) for _, pieces in lines]
+    most = _round_up(float(max(sums, default=0.0)))
     bars: list[Bar] = []
-    for number, (row, line) in enumerate(counts.items()):
+    for number, (_, pieces) in enumerate(lines):
         begin = LEFT
-        for cause, count in line.items():
-            width = round(WIDTH * count / most, 1) if most else 0.0
-            if count:
-                bars.append(
-                    Bar(
-                        x=begin,
-                        y=TOP + number * 24.0 + 2.0,
-                        width=width,
-                        height=13.0,
-                        style=f"s{CAUSES.index(cause) + 1}",
-                        title=f"{row}: {cause}: {count}",
-                        inside=str(count) if width > 14 else "",
-                    )
+        for amount, style, words in pieces:
+            width = round(WIDTH * amount / most, 1) if most else 0.0
+            bars.append(
+                Bar(
+                    x=begin, y=TOP + number * 24.0 + 2.0, width=width, height=13.0, style=style,
+                    title=words,
+                    inside=str(amount) if key and width > 14 else "",
+                    after="" if key else figure_text(amount, 1 if amount < 100 else 0),
                 )
+            )  # fmt: skip
             begin += width
     return Plot(
-        title="Why episodes failed",
-        height=TOP + 24.0 * len(counts) + 16.0,
+        title=title,
+        height=TOP + 24.0 * len(lines) + 16.0,
         ticks=_scale(most),
-        names=_names(list(counts), 24.0, 8.5),
+        names=_names([row for row, _ in lines], 24.0, 8.5),
         bars=tuple(bars),
-        key=CAUSES,
-        note="Number of episodes, by the cause of the first instruction that failed.",
+        key=key,
+        note=note,
     )
 
 

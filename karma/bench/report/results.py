@@ -1,13 +1,14 @@
 """The tables of a page in words: results by row and kind, and of each task who solved it."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from karma.agent.journal.formats import figure_text
 from karma.agent.journal.records import KINDS, EpisodeRecord
 from karma.bench.figures.columns import COLUMNS, Figures, without_repeats
+from karma.bench.figures.counterfactual import Saving
+from karma.bench.figures.metrics import Metric
 from karma.bench.figures.statistics import Estimate
-from karma.bench.figures.tables import Result
 from karma.bench.report.choice import SHORT
 from karma.bench.report.plots import Rate
 
@@ -28,14 +29,6 @@ class FigureText:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Heading:
-    """One column: its title, and what it says in few words."""
-
-    title: str
-    says: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ResultLine:
     """One line."""
 
@@ -46,50 +39,42 @@ class ResultLine:
     values: tuple[FigureText, ...]  # one for each of `columns`
 
 
-def columns(result: Result) -> tuple[Heading, ...]:
-    """Return the columns in which something was measured."""
-    return tuple(Heading(title=COLUMNS[key].title, says=COLUMNS[key].says) for key in _keys(result))
-
-
-def rates(result: Result) -> tuple[Rate, ...]:
-    """Return the success rates of a run; those of sequences are of their instructions."""
+def columns(lines: Sequence[Figures]) -> tuple[Metric | Saving, ...]:
+    """Return the columns of the table in which something was measured."""
+    has_sequences = any(line.kind == "sequence" for line in lines)
     return tuple(
-        _rate(line, "subtasks_done" if line.kind == "sequence" else "success")
-        for line in result.figures
+        COLUMNS[key]
+        for key in (*_SHARES, *_AMOUNTS)
+        if (has_sequences or key not in _OF_SEQUENCES)
+        and any(line.values[key].value is not None for line in lines)
     )
 
 
-def result_lines(result: Result) -> tuple[ResultLine, ...]:
+def rates(lines: Sequence[Figures]) -> tuple[Rate, ...]:
+    """Return the success rates of a run; those of sequences are of their instructions."""
+    return tuple(
+        _rate(line, "subtasks_done" if line.kind == "sequence" else "success") for line in lines
+    )
+
+
+def result_lines(lines: Sequence[Figures]) -> tuple[ResultLine, ...]:
     """Return the table of a run."""
-    return tuple(_lines(result))
-
-
-def _lines(result: Result) -> Iterator[ResultLine]:
-    keys, last = _keys(result), ""
-    for line in without_repeats(result.figures):
-        yield ResultLine(
-            row=line.row,
-            kind=line.kind,
-            is_first=line.row != last,
-            rate=_rate(line),
-            values=tuple(_cell(key, line.values[key]) for key in keys),
+    shown, last, found = columns(lines), "", []
+    for line in without_repeats(lines):
+        values = tuple(_cell(one, line.values[one.key]) for one in shown)
+        first = line.row != last
+        found.append(
+            ResultLine(
+                row=line.row, kind=line.kind, is_first=first, rate=_rate(line), values=values
+            )
         )
         last = line.row
+    return tuple(found)
 
 
-def _keys(result: Result) -> list[str]:
-    has_sequences = any(line.kind == "sequence" for line in result.figures)
-    return [
-        key
-        for key in (*_SHARES, *_AMOUNTS)
-        if (has_sequences or key not in _OF_SEQUENCES)
-        and any(line.values[key].value is not None for line in result.figures)
-    ]
-
-
-def _cell(key: str, found: Estimate) -> FigureText:
-    text = _signed(figure_text(found.value, COLUMNS[key].digits))
-    if key not in _SHARES or found.interval is None:
+def _cell(column: Metric | Saving, found: Estimate) -> FigureText:
+    text = _signed(figure_text(found.value, column.digits))
+    if column.key not in _SHARES or found.interval is None:
         return FigureText(text=text)
     low, high = (_signed(figure_text(end)) for end in (found.interval.low, found.interval.high))
     return FigureText(text=text, span=f"{low} to {high}" if "−" in low else f"{low}–{high}")
