@@ -22,7 +22,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.chromium import chromium
 from support.paths import ROOT
-from support.replays import replay
+from support.replays import replay, replayed
 from support.report_run import AGENT, EVIL, EXPERT, KEYS, POURED, make_run
 from typer.testing import CliRunner
 
@@ -66,7 +66,7 @@ def run(folder):
 def made(run):
     """(frames, replays, page as HTML)."""
     frames = Frames()
-    replays = list(Replayer(run, frames, "calls").episodes(run.records))
+    replays = replayed(Replayer(run, frames, "calls"), run.records)
     return frames, replays, render(page_of(run, result_of(run, {}), replays), frames)
 
 
@@ -223,7 +223,7 @@ def test_replay_takes_the_scene_that_a_run_brought_along(run, tmp_path):
         place.parent.mkdir(parents=True)
         place.write_bytes(data)
     moved = replace(run, folder=tmp_path, records=(elsewhere,))
-    (one,) = Replayer(moved, Frames(), "none").episodes(moved.records)
+    (one,) = replayed(Replayer(moved, Frames(), "none"), moved.records)
     assert one.replay.actions > 20
     assert one.replay.differing == ()
     (room,) = one.rooms.values()
@@ -261,7 +261,7 @@ def test_frames_of_equal_moments_are_drawn_once_and_are_what_would_have_been_dra
     rooms.enter("kitchen_1")
     actions = [moment.action for moment in story.moments if moment.action is not None]
     for action in actions:
-        event = rooms.home.step(action.action, **action.arguments)
+        event = rooms.step(action.action, **action.arguments)
         alone.add(event.frame)
     assert set(alone.uris()) <= set(frames.uris())
 

@@ -10,6 +10,7 @@ from urllib.parse import quote
 
 import pytest
 from support.chromium import chromium
+from support.replays import replayed
 from support.report_run import AGENT, EXPERT, make_run
 
 from karma.agent.journal.run_folder import read_run
@@ -103,7 +104,7 @@ def run(tmp_path_factory):
 def made(run):
     """(replays, page as HTML)."""
     frames = Frames()
-    replays = list(Replayer(run, frames, "ends").episodes(run.records))
+    replays = replayed(Replayer(run, frames, "ends"), run.records)
     return replays, render(page_of(run, result_of(run, {}), replays), frames)
 
 

@@ -324,14 +324,11 @@ def with_places_here(experiment: T, there: DataFolders) -> T:
     pairs = tuple(zip(there, DataFolders.here(), strict=True))
 
     def here(path: str) -> str:
-        inside = (new / Path(path).relative_to(old) for old, new in pairs if _lies(path, old))
+        lies = (pair for pair in pairs if Path(path).is_relative_to(pair[0]))
+        inside = (new / Path(path).relative_to(old) for old, new in lies)
         return str(next(inside, path))
 
     return msgspec.convert(each_path(msgspec.to_builtins(experiment), "", here), type(experiment))
-
-
-def _lies(path: str, folder: Path) -> bool:
-    return Path(path).is_relative_to(folder)
 
 
 def meant_path(path: Path, error: FileError) -> FileError:

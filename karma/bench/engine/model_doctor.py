@@ -18,8 +18,9 @@ import numpy as np
 from karma import registry
 from karma.agent.loading.models import OPENAI, Models, check_asked, filled, language_model
 from karma.agent.loading.names import opened_as
+from karma.bench.engine.workers import listed_mb
 from karma.contracts import SeenObject
-from karma.errors import KarmaError, ModelError, UnknownNameError
+from karma.errors import KarmaError, ModelError
 from karma.files import rebuild_llama
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import gguf_parts_mb
@@ -27,7 +28,7 @@ from karma.infer.hosted.session import Session
 from karma.infer.llama.devices import devices, free_mb
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.options import KV_BYTES
-from karma.infer.manifest.manifest import ModelEntry, find_model, resolve_planner
+from karma.infer.manifest.manifest import ModelEntry, resolve_planner
 from karma.infer.torch_load import import_transformers
 
 CARDS = {  # what a driver puts on this machine -> (whose, what llama.cpp is built with for it)
@@ -232,7 +233,7 @@ def _torch(
         advice.append("an NVIDIA card is here, but torch was built without CUDA: install one with")
     return ModelSeen(
         role=role, name=model.name, device=device, how=numbers, speeds=speeds,
-        predicted_mb=_listed_mb(name, model.name), advice=tuple(advice),
+        predicted_mb=listed_mb(name.partition(":")[2] or model.name), advice=tuple(advice),
         measured_mb=resident_mb() - before if device.lower() == "cpu" else None,
     )  # fmt: skip
 
@@ -268,14 +269,6 @@ _ROLES: Sequence[tuple[str, str, Callable[[Any], dict[str, float]]]] = (
     ("embedder", "embedders", _embedder),
     ("vision", "vision_models", _vision),
 )
-
-
-def _listed_mb(name: str, own: str) -> float | None:
-    """Return what the manifest says that a model takes."""
-    try:
-        return find_model(name.partition(":")[2] or own).memory_mb
-    except UnknownNameError:
-        return None
 
 
 # ----------------------------------------------------------------- measuring

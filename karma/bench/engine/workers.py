@@ -190,10 +190,15 @@ def _model_mb(name: str) -> float:
     path = Path(name)
     if path.is_file():
         return path.stat().st_size * 1.2 / 1e6 + 100
+    return listed_mb(name) or 0.0
+
+
+def listed_mb(name: str) -> float | None:
+    """Return the memory that a model of the manifest takes; None where that is not known."""
     try:
-        return float(find_model(name).memory_mb or 0)
+        return find_model(name).memory_mb
     except UnknownNameError:
-        return 0.0
+        return None
 
 
 class NodeFolder:

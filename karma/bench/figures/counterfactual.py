@@ -12,6 +12,7 @@ import numpy as np
 
 from karma.agent.journal.records import ALL, is_of, kinds_of
 from karma.bench.figures.metrics import (
+    Amount,
     Observations,
     TimedEpisode,
     actions,
@@ -27,7 +28,6 @@ OFF_ROW = "memory off"  # name of the twin in the experiments of eval/paper
 LOTA_ROW = "LoTa-Bench (modified)"  # what the paper's figures seem to be measured against
 SPREADS = (10, 40)  # instructions in a room that its first tour is spread over
 Pair = tuple[TimedEpisode, TimedEpisode]
-Amount = Callable[[TimedEpisode], Observations]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,7 @@ from karma.agent.journal.folder import changed
 from karma.agent.journal.not_run import in_words
 from karma.agent.journal.run_folder import RunData, read_run
 from karma.agent.journal.steps import read_steps, steps_path
-from karma.agent.journal.told import Config, all_apart, read_config, rows_apart, told_apart
+from karma.agent.journal.told import all_apart, read_config, rows_apart, told_apart
 from karma.bench.figures.columns import figures_of
 from karma.bench.figures.compare import Arm, Comparison, arm_of, compare_kinds
 from karma.bench.figures.counterfactual import LOTA_ROW, OFF_ROW, reductions
@@ -148,13 +148,11 @@ def _told_apart(first: RunData, first_row: str, run: RunData, row: str) -> list[
         return [f"options: {unknown.folder} was begun by an earlier version, which kept none"]
     if not first_row and not row:
         return all_apart(old, new)
-    mine, other = (_only_row(one, name) for one, name in ((old, first_row), (new, row)))
+    mine, other = (  # where none is named the only one is meant
+        name or next((str(one.get("name")) for one in config["rows"]), "")
+        for config, name in ((old, first_row), (new, row))
+    )
     return told_apart(old, new) + rows_apart(old, mine, new, other)
-
-
-def _only_row(config: Config, row: str) -> str:
-    """Return the row that is meant where none is named."""
-    return row or next((str(one.get("name")) for one in config["rows"]), "")
 
 
 def unfinished(names: list[str]) -> list[str]:

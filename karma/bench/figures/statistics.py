@@ -99,7 +99,11 @@ def effective_number(groups: Groups) -> float:
     number = sum(len(group) for group in groups)
     if not number:
         return 0.0
-    return number / _design_effect(groups, _correlation(groups))
+    correlation = _correlation(groups)
+    if correlation is None:  # one group, or one observation each
+        return float(number)
+    size = sum(len(group) ** 2 for group in groups) / number
+    return number / (1 + (size - 1) * correlation)
 
 
 def _correlation(groups: Groups) -> float | None:
@@ -142,14 +146,6 @@ def _least_correlation(groups: Groups, correlation: float) -> float:
         rows, of, number=round(tasks * size), level=DOUBT, fewest=2
     ).estimate.interval
     return correlation if interval is None else min(correlation, interval.low)
-
-
-def _design_effect(groups: Groups, correlation: float | None) -> float:
-    if correlation is None:  # one group, or one observation each
-        return 1.0
-    number = sum(len(group) for group in groups)
-    size = sum(len(group) ** 2 for group in groups) / number
-    return 1 + (size - 1) * correlation
 
 
 def more_seeds(groups: Groups, half_width: float, *, at_least: bool = False) -> int | None:

@@ -152,11 +152,13 @@ def _main(result: Result, kind: str) -> Sheet:
             cells.append(UNKNOWN if there is None else f"{there.value:g}")
         cells += (interval_text(line.values[key]) for key in more)
         rows.append(tuple(cells))
+    alone = "SR asks for every sub-task of a sequence, so read their share in the next table. "
+    words = f"{alone if kind == 'sequence' else ''}{_saved_words(result)}"
     return Sheet(
         title=f"{result.name}: {kind} tasks",
         caption=(
             f"{size_words(lines)}; brackets hold 95 % intervals that keep a task's seeds together. "
-            f"{_alone(kind)}{_saved_words(result)}Published: the paper, with GPT-4o on other tasks "
+            f"{words}Published: the paper, with GPT-4o on other tasks "
             "in other rooms."
         ),
         head=(*head, *(COLUMNS[key].title for key in more)),
@@ -203,12 +205,6 @@ def _trained_words(apart: Sequence[str]) -> str:
         "In training: sentences that stand in the data that the shipped planner was trained on, "
         "case and punctuation aside; rows that ask no planner show how hard those tasks are."
     )
-
-
-def _alone(kind: str) -> str:
-    if kind != "sequence":
-        return ""
-    return "SR asks for every sub-task of a sequence, so read their share in the next table. "
 
 
 def _saved_words(result: Result) -> str:

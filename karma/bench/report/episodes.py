@@ -85,14 +85,6 @@ class Replayer:
         self._run, self._frames, self._choice = run, frames, choice
         self._room: Callable[[str], RoomPlan] = cache(self._load_room)
 
-    def episodes(
-        self, records: Sequence[EpisodeRecord], instructions: str = "all"
-    ) -> Iterator[EpisodeReplay]:
-        """Yield those of the episodes that can be replayed, see `replaying`."""
-        for one in self.replaying(records, instructions):
-            if isinstance(one, EpisodeReplay):
-                yield one
-
     def replaying(
         self, records: Sequence[EpisodeRecord], instructions: str = "all"
     ) -> "Iterator[EpisodeReplay | float]":
@@ -117,28 +109,18 @@ class Replayer:
             story = told(read_steps(steps_path(self._run.folder, *record.key)))
             if not story.moments:
                 continue
-            for one in self._one(record, story, frozenset(numbers), choice):
-                yield one if isinstance(one, EpisodeReplay) else (count + one) / len(there)
-
-    def _one(
-        self,
-        record: EpisodeRecord,
-        story: EpisodeStory,
-        numbers: frozenset[int],
-        choice: FrameChoice,
-    ) -> "Iterator[float | EpisodeReplay]":
-        shown = numbers & frozenset(range(len(story.parts)))
-        goals = goals_of(self._run.records, record.task)
-        rooms = {name: self._room(name) for name in story.scenes}
-        # the log's first actions set the day up
-        home = Rooms(self._place)
-        for one in replaying(story, home, self._frames, choice, shown, goals):
-            if isinstance(one, Replay):
-                yield EpisodeReplay(
-                    record=record, story=story, replay=one, rooms=rooms, shown=shown, goals=goals
-                )
-            else:
-                yield one
+            shown = frozenset(numbers) & frozenset(range(len(story.parts)))
+            goals = goals_of(self._run.records, record.task)
+            rooms = {name: self._room(name) for name in story.scenes}
+            home = Rooms(self._place)  # the log's first actions set the day up
+            for one in replaying(story, home, self._frames, choice, shown, goals):
+                if isinstance(one, Replay):
+                    yield EpisodeReplay(
+                        record=record, story=story, replay=one, rooms=rooms, shown=shown,
+                        goals=goals,
+                    )  # fmt: skip
+                else:
+                    yield (count + one) / len(there)
 
     def _place(self, name: str) -> str:
         """Return the scene's file in the run folder, or its name if it is one of ours."""

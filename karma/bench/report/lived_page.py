@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from karma.agent.journal.header import BenchmarkHeader
 from karma.bench.engine.benchmark_runs import read_played
@@ -43,8 +43,7 @@ class LivedRun:
     records: tuple[LivedRecord, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LivedDay:
+class LivedDay(NamedTuple):
     """The day that the page replays."""
 
     record: LivedRecord
@@ -133,16 +132,13 @@ def lived_again(
         said = kept.get(one.day, one)
         if said != one:
             names = [f.name for f in fields(one) if getattr(one, f.name) != getattr(said, f.name)]
+            versions = ", ".join(f"{name} {found}" for name, found in run.header.versions.items())
             raise KarmaError(
                 f"{run.folder}: {one.task} of {one.row!r}, lived again, is not as the run says: "
-                f"{', '.join(names)} differ; it was made by {_versions(run)}, or its files have "
+                f"{', '.join(names)} differ; it was made by {versions}, or its files have "
                 f"changed since\n  To fix: karma eval FILE --out {run.folder} --fresh"
             )
-    return LivedDay(record=record, trace=trace)
-
-
-def _versions(run: LivedRun) -> str:
-    return ", ".join(f"{name} {version}" for name, version in run.header.versions.items())
+    return LivedDay(record, trace)
 
 
 def render_lived(run: LivedRun, shown: LivedDay) -> str:

@@ -116,41 +116,28 @@ def frame_choice(text: str) -> FrameChoice:
     Raises:
         KarmaError: it is none.
     """
-    for known in get_args(FrameChoice):
-        if text == known:
-            return cast(FrameChoice, known)
+    if text in get_args(FrameChoice):
+        return cast(FrameChoice, text)
     raise KarmaError(f"--frames {text!r}\n  To fix: {', '.join(get_args(FrameChoice))}")
 
 
-class Rooms:
-    """The rooms of one episode's home, each as it was left; made when they are first entered.
-
-    `place` returns where the scene of a name lies.
-    """
+class Rooms(Home):
+    """The rooms of one episode's home; `place` returns where the scene of a name lies."""
 
     def __init__(self, place: Callable[[str], str] = str) -> None:
+        super().__init__(lambda: EmbeddedWorld(width=SIZE_PX, height=SIZE_PX))
         self._place = place
-        self._worlds: dict[str, EmbeddedWorld] = {}
-        self._made: list[EmbeddedWorld] = []
-        self.home = Home(self._make)
 
-    def enter(self, scene: str) -> None:
-        """Go into a room.
-
-        Raises:
-            FileError: there is no such scene, or it is damaged.
-        """
-        self.home.enter(self._place(scene))
-        self._worlds.setdefault(self.home.scene, self._made[-1])
+    def enter(self, scene: str) -> Event:
+        """Go into a room; FileError where there is no such scene, or it is damaged."""
+        return super().enter(self._place(scene))
 
     @property
     def state(self) -> WorldState:
         """The room that the agent is in."""
-        return self._worlds[self.home.scene].state
-
-    def _make(self) -> EmbeddedWorld:
-        self._made.append(EmbeddedWorld(width=SIZE_PX, height=SIZE_PX))
-        return self._made[-1]
+        room = self._room()
+        assert isinstance(room, EmbeddedWorld)
+        return room.state
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,10 +199,17 @@ def replaying(
             differing.append(number)
         here = moment.part in parts
         if here and rooms.state is not seen and _is_pictured(moment, choice, number - last):
-            frame = frames.of(_looks(rooms.state), lambda: rooms.home.last_event.frame)
+            frame = frames.of(_looks(rooms.state), lambda: rooms.last_event.frame)
             seen, last = rooms.state, number
         wanted = sought.at(rooms, moment) if here else ()
-        sights.append(_sight(rooms.state, moment, story, frame, wanted))
+        pose, held = rooms.state.pose, rooms.state.held
+        sights.append(
+            Sight(
+                x_m=round(pose.position_m[0], 3), z_m=round(pose.position_m[2], 3),
+                yaw_deg=round(pose.yaw_deg, 1), held=held,
+                targets=_targets(rooms.state, moment, story), frame=frame, wanted=wanted,
+            )
+        )  # fmt: skip
     actions = sum(moment.action is not None for moment in moments)
     yield Replay(sights=tuple(sights), actions=actions, differing=tuple(differing))
 
@@ -239,7 +233,7 @@ class _Sought:
         objects = rooms.state.objects if names else None
         is_new = moment.part != self._part
         if is_new or (moment.action is None and objects is not self._objects):
-            self._found = wanted_in(rooms.home.last_event, names) if names else ()
+            self._found = wanted_in(rooms.last_event, names) if names else ()
             self._part, self._objects = moment.part, objects
         return self._found
 
@@ -265,7 +259,7 @@ def _happens(rooms: Rooms, moment: Moment) -> bool:
     if moment.action is None:
         return True
     try:
-        event = rooms.home.step(moment.action.action, **moment.action.arguments)
+        event = rooms.step(moment.action.action, **moment.action.arguments)
     except ValueError:  # misuse; the event says so, and the log too
         return not moment.ok
     return bool(event) == moment.ok
@@ -279,25 +273,6 @@ def _is_pictured(moment: Moment, choice: FrameChoice, since: int) -> bool:
     if choice == "ends":
         return False
     return since >= APART or moment.action.action not in _WALKING
-
-
-def _sight(
-    state: WorldState,
-    moment: Moment,
-    story: EpisodeStory,
-    frame: int,
-    wanted: tuple[WantedName, ...],
-) -> Sight:
-    x, _, z = state.pose.position_m
-    return Sight(
-        x_m=round(x, 3),
-        z_m=round(z, 3),
-        yaw_deg=round(state.pose.yaw_deg, 1),
-        held=state.held,
-        targets=_targets(state, moment, story),
-        frame=frame,
-        wanted=wanted,
-    )
 
 
 def _targets(

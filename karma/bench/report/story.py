@@ -145,12 +145,12 @@ class _Teller:
             case steps.Planned():
                 self._plan(line)
             case steps.Action():
-                self._moment("action", label(line), line.ok, line.error, action=line)
+                self._moment("action", label(line), ok=line.ok, error=line.error, action=line)
             case steps.SkillStep():
                 self._skill(line)
             case steps.Ended():
                 self._change(after=line.memory, finished=line.finished, unmet=line.unmet)
-                self._moment("outcome", "", not line.unmet, "; ".join(line.unmet))
+                self._moment("outcome", ok=not line.unmet, error="; ".join(line.unmet))
 
     def attributed(self) -> list[Moment]:
         """Return the moments; each action knows its skill call, each door its instruction."""
@@ -176,7 +176,7 @@ class _Teller:
             refused=line.refused,
         )
         self._change(plans=(*self._part.plans, said))
-        self._moment("plan", "program", not line.error, line.error)
+        self._moment("plan", "program", ok=not line.error, error=line.error)
 
     def _skill(self, line: steps.SkillStep) -> None:
         done = Done(
@@ -184,7 +184,8 @@ class _Teller:
             plan=len(self._part.plans) - 1,
         )  # fmt: skip
         self._change(calls=(*self._part.calls, done))
-        self._moment("skill", line.call, line.ok, line.reason, call=len(self._part.calls) - 1)
+        number = len(self._part.calls) - 1
+        self._moment("skill", line.call, ok=line.ok, error=line.reason, call=number)
 
     @property
     def _part(self) -> Part:
@@ -196,28 +197,9 @@ class _Teller:
         if self.parts or "map_text" not in fields:
             self.parts[-1:] = [replace(self._part, **fields)]
 
-    def _moment(
-        self,
-        kind: MomentKind,
-        text: str,
-        ok: bool = True,
-        error: str = "",
-        *,
-        call: int = -1,
-        action: steps.Action | None = None,
-    ) -> None:
-        self.moments.append(
-            Moment(
-                kind=kind,
-                text=text,
-                ok=ok,
-                error=error,
-                part=len(self.parts) - 1,
-                plan=len(self.parts[-1].plans) - 1 if self.parts else -1,
-                call=call,
-                action=action,
-            )
-        )
+    def _moment(self, kind: MomentKind, text: str = "", **fields: Any) -> None:
+        part, plan = len(self.parts) - 1, len(self.parts[-1].plans) - 1 if self.parts else -1
+        self.moments.append(Moment(kind=kind, text=text, part=part, plan=plan, **fields))
 
 
 def label(line: steps.Action) -> str:
