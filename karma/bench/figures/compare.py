@@ -3,10 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from karma.agent.journal.records import ALL, EpisodeRecord, is_of, kinds_of
-from karma.bench.figures.counterfactual import Pair, paired
+from karma.bench.figures.counterfactual import Pair, paired, paired_sums
 from karma.bench.figures.metrics import METRICS, SUCCESS, Metric, TimedEpisode, by_task, measure
 from karma.bench.figures.statistics import (
     Estimate,
@@ -230,14 +228,12 @@ def _resampled(metric: Metric, pairs: Sequence[Pair], *, ratio: bool = False) ->
 
     Where it is the same in every task, resamples cannot tell how sure it is: no interval.
     """
-    sums: dict[str, list[float]] = {}
-    for pair in pairs:
-        mine = sums.setdefault(pair[0].record.task, [0.0] * 4)
-        for place, one in enumerate(pair):
-            seen = metric.of(one)
-            mine[2 * place] += sum(seen)
-            mine[2 * place + 1] += len(seen)
-    table = np.array([sums[task] for task in sorted(sums)])
+
+    def total(episode: TimedEpisode) -> tuple[float, int]:
+        seen = metric.of(episode)
+        return sum(seen), len(seen)
+
+    table = paired_sums(pairs, total)
     found = bootstrap(table, _ratio if ratio else _difference, number=len(pairs))
     if found.deviation is not None:
         return found

@@ -21,7 +21,7 @@ from karma.bench.figures.metrics import (
     explorations_related,
     seconds,
 )
-from karma.bench.figures.statistics import Estimate, bootstrap
+from karma.bench.figures.statistics import Estimate, Floats, bootstrap
 from karma.contracts import Tour
 
 OFF_ROW = "memory off"  # name of the twin in the experiments of eval/paper
@@ -148,16 +148,22 @@ def reduced(amount: Amount, pairs: Sequence[Pair]) -> Estimate:
     Sums are compared, so that a pair counts as much as there was to save; below 0 the first took
     more. None when there was nothing to save, or the amount is not known of a pair.
     """
-    sums: dict[str, list[float]] = {}
-    for pair in pairs:
-        amounts = [amount(one) for one in pair]
-        if any(not one for one in amounts):
-            return Estimate(value=None)
-        mine = sums.setdefault(pair[0].record.task, [0.0, 0.0])
-        for place, one in enumerate(amounts):
-            mine[place] += sum(one)
-    table = np.array([sums[task] for task in sorted(sums)]).reshape(-1, 2)
+    if any(not amount(one) for pair in pairs for one in pair):
+        return Estimate(value=None)
+    table = paired_sums(pairs, lambda one: [sum(amount(one))])
     return bootstrap(table, lambda s: 1 - s[:, 0] / s[:, 1], number=len(pairs)).estimate
+
+
+def paired_sums(pairs: Sequence[Pair], of: Amount) -> Floats:
+    """Return the sums of what is seen in each episode over every task's pairs, in order of tasks.
+
+    Shape (tasks, columns), where the columns of the first stand before those of the second.
+    """
+    sums: dict[str, Floats] = {}
+    for first, second in pairs:
+        seen = np.array([*of(first), *of(second)], dtype=float)
+        sums[first.record.task] = sums.get(first.record.task, 0.0) + seen
+    return np.array([sums[task] for task in sorted(sums)])
 
 
 def reductions(

@@ -63,25 +63,20 @@ def reached(records: Sequence[EpisodeRecord], wanted: Precision) -> tuple[Reache
         tasks = groups.setdefault((one.row, one.kind), {})
         tasks.setdefault(one.task, []).append(float(one.success))
     rows = list(dict.fromkeys(record.row for record in records))
-    return tuple(
-        _reached(row, kind, list(groups[row, kind].values()), wanted.half_width)
-        for row in rows
-        for kind in kinds_of(records)
-        if (row, kind) in groups
-    )
-
-
-def _reached(row: str, kind: str, groups: Sequence[Sequence[float]], half_width: float) -> Reached:
-    seeds = max(map(len, groups))
-    return Reached(
-        row=row,
-        kind=kind,
-        tasks=len(groups),
-        seeds=seeds,
-        success=rate(groups),
-        more_seeds=more_seeds(groups, half_width),
-        takes_tasks=seeds > 1 and more_seeds(groups, half_width, at_least=True) is None,
-    )
+    found = []
+    for row in rows:
+        for kind in kinds_of(records):
+            if (row, kind) in groups:
+                mine = list(groups[row, kind].values())
+                seeds, width = max(map(len, mine)), wanted.half_width
+                hopeless = seeds > 1 and more_seeds(mine, width, at_least=True) is None
+                found.append(
+                    Reached(
+                        row=row, kind=kind, tasks=len(mine), seeds=seeds, success=rate(mine),
+                        more_seeds=more_seeds(mine, width), takes_tasks=hopeless,
+                    )
+                )  # fmt: skip
+    return tuple(found)
 
 
 def takes_another(records: Sequence[EpisodeRecord], wanted: Precision, seeds: int) -> bool:
