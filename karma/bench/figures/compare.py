@@ -1,6 +1,6 @@
 """Two arms over the same tasks and seeds: what differs, how sure that is, what went unseen."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from karma.agent.journal.records import ALL, EpisodeRecord, is_of, kinds_of
@@ -288,13 +288,20 @@ def _same_programs(pairs: Sequence[Pair]) -> float | None:
     return sum(same) / len(same) if same else None
 
 
-def arm_of(records: Sequence[EpisodeRecord], episodes: Sequence[TimedEpisode], row: str) -> Arm:
-    """Return one row of some records as an arm.
+def rows_of(records: Iterable[EpisodeRecord]) -> tuple[str, ...]:
+    """Return the rows in the order in which they appear."""
+    return tuple(dict.fromkeys(record.row for record in records))
+
+
+def arm_of(
+    records: Sequence[EpisodeRecord], episodes: Sequence[TimedEpisode], row: str, name: str = ""
+) -> Arm:
+    """Return one row of some records as an arm, which is called so unless it has a name.
 
     Raises:
         KarmaError: there is no such row; names those there are.
     """
-    rows = list(dict.fromkeys(record.row for record in records))
+    rows = rows_of(records)
     if row not in rows:
         raise KarmaError(f"no row {row!r}; there are {', '.join(map(repr, rows))}")
-    return Arm(name=row, episodes=[one for one in episodes if one.record.row == row])
+    return Arm(name=name or row, episodes=[one for one in episodes if one.record.row == row])

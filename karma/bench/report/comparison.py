@@ -13,10 +13,10 @@ from karma.agent.journal.records import ALL
 from karma.agent.journal.run_folder import RunData, read_run
 from karma.bench.engine.sweep_folder import read_sweep
 from karma.bench.figures.columns import COLUMNS, Figures, figures
-from karma.bench.figures.compare import Arm, arm_of, compare_kinds
+from karma.bench.figures.compare import compare_kinds, rows_of
 from karma.bench.figures.counterfactual import Saving
-from karma.bench.figures.metrics import Metric, episodes_of
-from karma.bench.figures.results import check_same_rooms, split_name
+from karma.bench.figures.metrics import Metric
+from karma.bench.figures.results import Side, check_same_rooms, split_name
 from karma.bench.report.choice import episode_key
 from karma.bench.report.html import fill
 from karma.bench.report.plots import Plot, success_plot
@@ -31,22 +31,6 @@ from karma.bench.report.results import (
 from karma.errors import KarmaError
 
 PAGE = "report.html"  # of each run, in its folder
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Side:
-    """One row of one run."""
-
-    name: str
-    run: RunData
-    row: str
-
-    @property
-    def arm(self) -> Arm:
-        """Its episodes."""
-        episodes = episodes_of(self.run.records, self.run.timings)
-        arm = arm_of(self.run.records, episodes, self.row)
-        return Arm(name=self.name, episodes=arm.episodes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,7 +80,7 @@ def sides_of(names: Sequence[str]) -> tuple[list[Side], list[str]]:
         else:
             found = [(str(folder) if len(names) > 1 else folder.name, read_run(folder))]
         for label, run in found:
-            rows = list(dict.fromkeys(record.row for record in run.records))
+            rows = rows_of(run.records)
             if row and row not in rows:
                 raise KarmaError(
                     f"{folder}: no row {row!r}; there are {', '.join(map(repr, rows))}"
@@ -219,7 +203,7 @@ def _figures(side: Side) -> list[Figures]:
 
 
 def _against(side: Side, reference: Side, kinds: set[str]) -> dict[tuple[str, str], Against]:
-    found = compare_kinds(side.arm, reference.arm)
+    found = compare_kinds(side.arm(side.row), reference.arm(reference.row))
     by_kind = {one.kind: one for one in found}
     if len(found) == 1:
         by_kind[ALL] = found[0]

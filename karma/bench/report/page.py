@@ -10,6 +10,7 @@ from karma.agent.journal.formats import UNKNOWN, figure_text
 from karma.agent.journal.run_folder import RunData
 from karma.agent.journal.turns import SAID, Turn, read_turns
 from karma.bench.figures.columns import COLUMNS
+from karma.bench.figures.compare import rows_of
 from karma.bench.figures.counterfactual import Saving
 from karma.bench.figures.failures import Cause, Failure, count
 from karma.bench.figures.metrics import Metric
@@ -25,7 +26,6 @@ from karma.bench.report.results import (
     columns,
     rates,
     result_lines,
-    rows_of,
     task_lines,
 )
 from karma.bench.report.room import RoomPlan

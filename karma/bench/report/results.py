@@ -1,11 +1,12 @@
 """The tables of a page in words: results by row and kind, and of each task who solved it."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from karma.agent.journal.formats import figure_text
 from karma.agent.journal.records import KINDS, EpisodeRecord
 from karma.bench.figures.columns import COLUMNS, Figures, without_repeats
+from karma.bench.figures.compare import rows_of
 from karma.bench.figures.counterfactual import Saving
 from karma.bench.figures.metrics import Metric
 from karma.bench.figures.statistics import Estimate
@@ -146,11 +147,6 @@ class TaskLine:
         if not self.is_long:
             return " ".join(self.instructions)
         return f"{len(self.instructions)} instructions: {' '.join(self.instructions[:SHORT])} …"
-
-
-def rows_of(records: Iterable[EpisodeRecord]) -> tuple[str, ...]:
-    """Return the rows in the order in which they appear."""
-    return tuple(dict.fromkeys(record.row for record in records))
 
 
 def task_lines(records: Sequence[EpisodeRecord]) -> tuple[TaskLine, ...]:
