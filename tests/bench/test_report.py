@@ -38,12 +38,14 @@ from karma.agent.journal.steps import (
     read_steps,
     steps_path,
 )
+from karma.bench.figures.columns import Figures
 from karma.bench.figures.results import result_of
+from karma.bench.figures.statistics import ConfidenceInterval, Estimate
 from karma.bench.report.choice import choose, episode_key
 from karma.bench.report.episodes import Replayer
 from karma.bench.report.html import Frames
 from karma.bench.report.page import page_of, render
-from karma.bench.report.plots import LEFT, WIDTH, Rate, success_plot
+from karma.bench.report.plots import LEFT, WIDTH, success_plot
 from karma.bench.report.replay import SIZE_PX, Rooms, frame_choice
 from karma.bench.report.room import plan_of
 from karma.bench.report.story import changes, told
@@ -423,8 +425,12 @@ def test_episode_that_ended_before_it_began_is_in_the_tables_only(tmp_path):
 
 
 def test_success_plot_puts_rates_and_intervals_on_the_scale():
-    rate = Rate(row="a", kind="simple", episodes=4, successes=1, rate=0.25, low=0.0, high=1.0)
-    unknown = Rate(row="b", kind="simple", episodes=0, successes=0, rate=None)
+    ends = ConfidenceInterval(low=0.0, high=1.0)
+    found = [Estimate(value=0.25, interval=ends, number=4), Estimate(value=None)]
+    rate, unknown = (
+        Figures(row=row, kind="simple", episodes=4, tasks=4, seeds=1, values={"success": one})
+        for row, one in zip("ab", found, strict=True)
+    )
     plot = success_plot([rate, unknown])
     (dot,) = plot.dots
     assert (dot.low, dot.x, dot.high) == (LEFT, LEFT + WIDTH / 4, LEFT + WIDTH)

@@ -24,7 +24,6 @@ from karma.bench.report.results import (
     ResultLine,
     TaskLine,
     columns,
-    rates,
     result_lines,
     task_lines,
 )
@@ -170,7 +169,7 @@ def comparison_of(
         columns=columns(lines),
         lines=result_lines(lines),
         against=against,
-        plot=success_plot(rates(lines)),
+        plot=success_plot(lines),
         tasks=task_lines(records),
         links={side.name: _link(side.run.folder / PAGE, out) for side in sides},
         steps=frozenset(one.name for one in sides if (one.run.folder / STEPS).is_dir()),

@@ -24,7 +24,6 @@ from karma.bench.report.results import (
     ResultLine,
     TaskLine,
     columns,
-    rates,
     result_lines,
     task_lines,
 )
@@ -174,7 +173,7 @@ def page_of(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> P
         columns=columns(result.figures),
         lines=result_lines(result.figures),
         plots=(
-            success_plot(rates(result.figures)),
+            success_plot(result.figures),
             cause_plot(_causes(result, rows_of(records))),
             bar_plot("Places searched per episode", _over_all(result, "explorations")),
             bar_plot("World steps per episode", _over_all(result, "actions")),

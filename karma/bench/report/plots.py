@@ -6,25 +6,14 @@ from dataclasses import dataclass
 
 from karma.agent.journal.formats import figure_text
 from karma.agent.journal.records import ALL, KINDS
+from karma.bench.figures.columns import Figures
 from karma.bench.figures.failures import CAUSES, Cause
+from karma.bench.figures.statistics import Estimate
 
 LEFT, WIDTH = 128.0, 192.0  # where the scale begins, how long it is
 TOP = 12.0
 LINE = 11.0  # apart
 LETTERS = 18  # of a row's name that fit into one of its two lines
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rate:
-    """How many episodes of one row and kind succeeded, with the interval of their share."""
-
-    row: str
-    kind: str
-    episodes: int
-    successes: int
-    rate: float | None
-    low: float | None = None
-    high: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,22 +66,29 @@ class Plot:
     note: str = ""
 
 
-def success_plot(rates: Sequence[Rate]) -> Plot:
-    """Return success rates with their intervals, a line of dots per kind under each row's name."""
-    rows = list(dict.fromkeys(rate.row for rate in rates))
-    kinds = [kind for kind in KINDS if any(rate.kind == kind for rate in rates)] or [ALL]
+def success_plot(lines: Sequence[Figures]) -> Plot:
+    """Return success rates with their intervals, a line of dots per kind under each row's name.
+
+    Those of sequences are of their instructions.
+    """
+    rows = list(dict.fromkeys(line.row for line in lines))
+    kinds = [kind for kind in KINDS if any(line.kind == kind for line in lines)] or [ALL]
     band = 11.0 * len(kinds) + 12.0
+    rates = [
+        (line, line.values["subtasks_done" if line.kind == "sequence" else "success"])
+        for line in lines
+    ]
     dots = [
         Dot(
-            x=_at(rate.rate),
-            y=TOP + rows.index(rate.row) * band + 11.0 * (kinds.index(rate.kind) + 0.5),
-            low=None if rate.low is None else _at(rate.low),
-            high=None if rate.high is None else _at(rate.high),
-            style=f"s{kinds.index(rate.kind) + 1}",
-            title=_said(rate),
+            x=_at(rate.value),
+            y=TOP + rows.index(line.row) * band + 11.0 * (kinds.index(line.kind) + 0.5),
+            low=_at(rate.interval.low) if rate.interval else None,
+            high=_at(rate.interval.high) if rate.interval else None,
+            style=f"s{kinds.index(line.kind) + 1}",
+            title=_said(line, rate),
         )
-        for rate in rates
-        if rate.rate is not None and rate.kind in kinds
+        for line, rate in rates
+        if rate.value is not None and line.kind in kinds
     ]
     middle = 11.0 * len(kinds) / 2
     notes = ["Share of the tasks; of sequences, of their instructions."]
@@ -100,7 +96,7 @@ def success_plot(rates: Sequence[Rate]) -> Plot:
         notes = ["Share of the sequences' instructions."]
     elif "sequence" not in kinds:
         notes = ["Share of the tasks."]
-    if any(rate.low is not None for rate in rates):
+    if any(rate.interval for _, rate in rates):
         notes.append("Whiskers: 95 % intervals.")
     return Plot(
         title="Tasks solved",
@@ -208,11 +204,10 @@ def _at(rate: float) -> float:
     return round(LEFT + WIDTH * rate, 1)
 
 
-def _said(rate: Rate) -> str:
-    text = f"{rate.row}, {rate.kind}: {rate.successes} of {rate.episodes}"
-    return (
-        text if rate.low is None else f"{text}, {figure_text(rate.low)} to {figure_text(rate.high)}"
-    )
+def _said(line: Figures, rate: Estimate) -> str:
+    successes, ends = round((rate.value or 0.0) * rate.number), rate.interval
+    text = f"{line.row}, {line.kind}: {successes} of {rate.number}"
+    return f"{text}, {figure_text(ends.low)} to {figure_text(ends.high)}" if ends else text
 
 
 def _round_up(value: float) -> float:

@@ -11,7 +11,6 @@ from karma.bench.figures.counterfactual import Saving
 from karma.bench.figures.metrics import Metric
 from karma.bench.figures.statistics import Estimate
 from karma.bench.report.choice import SHORT
-from karma.bench.report.plots import Rate
 
 _SHARES = (
     "subtasks_done", "goals_met", "retrieved", "hits", "hits_later", "re", "rt", "rt_clock",
@@ -36,7 +35,7 @@ class ResultLine:
     row: str
     kind: str
     is_first: bool  # of its row
-    rate: Rate
+    figures: Figures
     values: tuple[FigureText, ...]  # one for each of `columns`
 
 
@@ -51,13 +50,6 @@ def columns(lines: Sequence[Figures]) -> tuple[Metric | Saving, ...]:
     )
 
 
-def rates(lines: Sequence[Figures]) -> tuple[Rate, ...]:
-    """Return the success rates of a run; those of sequences are of their instructions."""
-    return tuple(
-        _rate(line, "subtasks_done" if line.kind == "sequence" else "success") for line in lines
-    )
-
-
 def result_lines(lines: Sequence[Figures]) -> tuple[ResultLine, ...]:
     """Return the table of a run."""
     shown, last, found = columns(lines), "", []
@@ -65,9 +57,7 @@ def result_lines(lines: Sequence[Figures]) -> tuple[ResultLine, ...]:
         values = tuple(_cell(one, line.values[one.key]) for one in shown)
         first = line.row != last
         found.append(
-            ResultLine(
-                row=line.row, kind=line.kind, is_first=first, rate=_rate(line), values=values
-            )
+            ResultLine(row=line.row, kind=line.kind, is_first=first, figures=line, values=values)
         )
         last = line.row
     return tuple(found)
@@ -88,19 +78,6 @@ def _signed(text: str) -> str:
     '−0.31'
     """
     return text.replace("-", "−")
-
-
-def _rate(line: Figures, key: str = "success") -> Rate:
-    found = line.values[key]
-    return Rate(
-        row=line.row,
-        kind=line.kind,
-        episodes=line.episodes if key == "success" else found.number,
-        successes=round((found.value or 0.0) * found.number),
-        rate=found.value,
-        low=found.interval.low if found.interval else None,
-        high=found.interval.high if found.interval else None,
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
