@@ -8,7 +8,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -136,22 +136,22 @@ def _planner(models: Models) -> ModelSeen:
         measured = _fallen(free_before, free_mb(cards)) if on_gpu else resident_mb() - before
         layers = f"{engine.gpu_layers} of {gguf.size.blocks + 1} layers, " if on_gpu else ""
         flash = "on" if engine.flash_attention else "off"
-        found = ModelSeen(
+        advice = [*_about_gpu(gguf), *_about_threads(engine.threads)]
+        if profile == "full" and gguf.limit < _FULL:
+            advice.append(
+                f"its context of {gguf.limit} does not hold the longest prompts of the full "
+                f'profile with an answer ({_FULL} tokens): profile = "compact", or another n_ctx or model'
+            )
+        if not on_gpu and predicted > _HEAVY_MB and metadata.get("general.file_type") == _HALF:
+            advice.append("16 bits a weight: a Q4_K_M file of it decodes about twice as fast here")
+        return ModelSeen(
             role="planner", name=file.name, device=engine.device,
             how=f"{layers}{engine.kv} KV, flash attention {flash}, "
             f"{engine.threads} thread{'s' * (engine.threads > 1)}"
             + (f", {model.manner}" if model.manner else ""),
             predicted_mb=predicted, measured_mb=measured, speeds=speeds,
-            context=gguf.n_ctx, limit=gguf.limit,
+            context=gguf.n_ctx, limit=gguf.limit, advice=tuple(advice),
         )  # fmt: skip
-        advice = [
-            *_about_gpu(gguf),
-            *_about_threads(engine.threads),
-            *_about_context(found, profile),
-        ]
-        if not on_gpu and predicted > _HEAVY_MB and metadata.get("general.file_type") == _HALF:
-            advice.append("16 bits a weight: a Q4_K_M file of it decodes about twice as fast here")
-        return replace(found, advice=tuple(advice))
     finally:
         model.close()
 
@@ -203,14 +203,6 @@ def _about_threads(threads: int) -> Iterator[str]:
         yield (
             f"about {free} cores are free: threads = {free} answers sooner where one process "
             "runs, and gives the same answers"
-        )
-
-
-def _about_context(found: ModelSeen, profile: str) -> Iterator[str]:
-    if profile == "full" and found.limit is not None and found.limit < _FULL:
-        yield (
-            f"its context of {found.limit} does not hold the longest prompts of the full profile "
-            f'with an answer ({_FULL} tokens): profile = "compact", or another n_ctx or model'
         )
 
 

@@ -135,8 +135,12 @@ def our_tasks(
         models = msgspec.structs.replace(models, hosted=models.hosted.at(base_url))
     found = load(experiment, path, folder)
     experiment = _as_sure(experiment, half_width, max_seeds)
-    if experiment.precision is not None:
-        _check_seeds_differ(found.tasks)
+    alike = [task.id for task in found.tasks if task.kind == "sequence"]
+    if experiment.precision is not None and alike:  # another seed would be the same episode again
+        raise KarmaError(
+            f"task {alike[0]} is a sequence, which has one seed: no half-width is reached by more\n"
+            "  To fix: leave out the half-width, or put more sequences into the task file"
+        )
     kept = experiment.run.room_states
     return OurTasks(
         experiment=experiment,
@@ -165,15 +169,6 @@ def _as_sure(experiment: Experiment, half_width: float | None, max_seeds: int | 
         return msgspec.structs.replace(experiment, half_width=width, max_seeds=most)
     except ValueError as error:
         raise KarmaError(f"{error}\n  To fix: --half-width 0.05") from error
-
-
-def _check_seeds_differ(tasks: Iterable[Task]) -> None:
-    """Raise KarmaError where another seed would be the same episode again."""
-    if alike := [task.id for task in tasks if task.kind == "sequence"]:
-        raise KarmaError(
-            f"task {alike[0]} is a sequence, which has one seed: no half-width is reached by more\n"
-            "  To fix: leave out the half-width, or put more sequences into the task file"
-        )
 
 
 class Performer:

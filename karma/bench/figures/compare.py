@@ -237,7 +237,7 @@ def _resampled(metric: Metric, pairs: Sequence[Pair], *, ratio: bool = False) ->
     found = bootstrap(table, _ratio if ratio else _difference, number=len(pairs))
     if found.deviation is not None:
         return found
-    return replace(found, estimate=replace(found.estimate, interval=None))
+    return Resampled(replace(found.estimate, interval=None))
 
 
 def _difference(sums: Floats) -> Floats:

@@ -179,20 +179,16 @@ def reductions(
         mine = [one for one in episodes if one.record.row == row]
         for kind in (*kinds_of(one.record for one in episodes), ALL):
             some = [one for one in mine if is_of(one.record, kind)]
-            if row != reference and (pairs := paired(some, twins)):
-                lines.append(_reduction(row, reference, kind, pairs))
+            if row == reference or not (pairs := paired(some, twins)):
+                continue
+            solved = [(a, b) for a, b in pairs if a.record.success and b.record.success]
+            values = {
+                one.key: reduced(one.amount, solved if one.is_solved else pairs) for one in SAVINGS
+            }
+            lines.append(
+                Reduction(
+                    row=row, reference=reference, kind=kind, pairs=len(pairs),
+                    solved_pairs=len(solved), values=values,
+                )
+            )  # fmt: skip
     return tuple(lines)
-
-
-def _reduction(row: str, reference: str, kind: str, pairs: Sequence[Pair]) -> Reduction:
-    solved = [(a, b) for a, b in pairs if a.record.success and b.record.success]
-    return Reduction(
-        row=row,
-        reference=reference,
-        kind=kind,
-        pairs=len(pairs),
-        solved_pairs=len(solved),
-        values={
-            one.key: reduced(one.amount, solved if one.is_solved else pairs) for one in SAVINGS
-        },
-    )

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from statistics import NormalDist
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -193,12 +194,11 @@ def mean(groups: Groups) -> Estimate:
     return bootstrap(sums, lambda s: s[:, 0] / s[:, 1], number=number).estimate
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Resampled:
+class Resampled(NamedTuple):
     """A statistic over resampled tasks."""
 
     estimate: Estimate
-    deviation: float | None  # standard error; None where nothing varies or one task is all
+    deviation: float | None = None  # standard error; None where nothing varies or one task is all
 
 
 def bootstrap(
@@ -220,30 +220,26 @@ def bootstrap(
     observations. Of fewer tasks than `fewest` there is no interval.
     """
     if not len(sums):
-        return Resampled(estimate=Estimate(value=None), deviation=None)
+        return Resampled(Estimate(value=None))
     with np.errstate(all="ignore"):
         value = float(statistic(sums.sum(axis=0, keepdims=True))[0])
         if not math.isfinite(value):
-            return Resampled(estimate=Estimate(value=None), deviation=None)
+            return Resampled(Estimate(value=None))
+        unsure = Resampled(Estimate(value=value, number=number))
         if len(sums) < max(2, fewest):
-            return Resampled(estimate=Estimate(value=value, number=number), deviation=None)
+            return unsure
         if times is None:
             times, sums = _times(len(sums)), sums[np.lexsort(sums.T)]
         drawn = statistic(times @ sums)
     drawn = drawn[np.isfinite(drawn)]
     if len(drawn) < len(times) / 2:
-        return Resampled(estimate=Estimate(value=value, number=number), deviation=None)
+        return unsure
     tail = (1 - level) / 2
     low, high = (float(edge) for edge in np.quantile(drawn, [tail, 1 - tail]))
+    interval = ConfidenceInterval(low=min(low, value), high=max(high, value))
     deviation = float(drawn.std())
-    return Resampled(
-        estimate=Estimate(
-            value=value,
-            interval=ConfidenceInterval(low=min(low, value), high=max(high, value)),
-            number=number,
-        ),
-        deviation=deviation if deviation > 1e-12 else None,
-    )
+    estimate = Estimate(value=value, interval=interval, number=number)
+    return Resampled(estimate, deviation if deviation > 1e-12 else None)
 
 
 @lru_cache(maxsize=8)
