@@ -275,11 +275,7 @@ def _put(tree: dict[str, Any], parts: Sequence[str], value: Any) -> None:
 
 
 def _chosen(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the rows of some names, in their order.
-
-    Raises:
-        KarmaError: no row has such a name.
-    """
+    """Return the rows of some names, in their order; KarmaError where no row has such a name."""
     known = [row["name"] for row in rows]
     for name in names:
         if not any(is_called(one, name) for one in known):

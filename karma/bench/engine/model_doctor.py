@@ -92,14 +92,12 @@ def tried(entry: ModelEntry, folder: Path) -> ModelSeen | None:
 
 def examine(models: Models) -> Iterator[tuple[str, Callable[[], ModelSeen | None]]]:
     """Yield for each role its model's name, and what looks at it: None where nothing computes."""
-    name = models.planner
-    yield f"planner {name}", partial(_safely, "planner", name, models, _planner)
-    for role, plural, ask in _ROLES:
+    looks: dict[str, Callable[[Models], ModelSeen | None]] = {"planner": _planner}
+    looks |= {role: partial(_torch, role, plural, ask) for role, plural, ask in _ROLES}
+    for role, look in looks.items():
         name = getattr(models, role)
-        if not name:
-            continue
-        look = partial(_torch, role, plural, ask)
-        yield f"{role} {name}", partial(_safely, role, name, models, look)
+        if name or role == "planner":
+            yield f"{role} {name}", partial(_safely, role, name, models, look)
 
 
 def _safely(
@@ -140,7 +138,8 @@ def _planner(models: Models) -> ModelSeen:
         if profile == "full" and gguf.limit < _FULL:
             advice.append(
                 f"its context of {gguf.limit} does not hold the longest prompts of the full "
-                f'profile with an answer ({_FULL} tokens): profile = "compact", or another n_ctx or model'
+                f"profile with an answer ({_FULL} tokens): "
+                'profile = "compact", or another n_ctx or model'
             )
         if not on_gpu and predicted > _HEAVY_MB and metadata.get("general.file_type") == _HALF:
             advice.append("16 bits a weight: a Q4_K_M file of it decodes about twice as fast here")

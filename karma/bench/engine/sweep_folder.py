@@ -38,11 +38,7 @@ class SweepData:
     folder: Path = field(default=Path(), compare=False)
 
     def run(self, cell: SweptCell) -> RunData | None:
-        """Return a cell's run; None where it has not begun.
-
-        Raises:
-            FileError: it is damaged.
-        """
+        """Return a cell's run; None where it has not begun. FileError where it is damaged."""
         place = self.folder / CELLS / cell.folder
         return read_run(place) if (place / HEADER).exists() else None
 

@@ -51,11 +51,7 @@ class LivedDay(NamedTuple):
 
 
 def read_lived(folder: Path) -> LivedRun:
-    """Read a run, finished or not.
-
-    Raises:
-        KarmaError: it is torn, or no day is done.
-    """
+    """Read a run, finished or not; KarmaError where it is torn, or no day is done."""
     header = BenchmarkHeader.read(folder)
     benchmark, records = read_played(folder, header)
     if not records:
@@ -116,11 +112,7 @@ def _check(option: str, value: str, known: Sequence[str], folder: Path) -> None:
 def lived_again(
     run: LivedRun, record: LivedRecord, *, after_day: Callable[[], object] = lambda: None
 ) -> LivedDay:
-    """Live a home again up to a day.
-
-    Raises:
-        KarmaError: what comes out is not what the run says.
-    """
+    """Live a home again up to a day; KarmaError where what comes out is not what the run says."""
     chain = next(
         one
         for one in run.benchmark.chains()

@@ -111,11 +111,7 @@ _WALKING = (
 
 
 def frame_choice(text: str) -> FrameChoice:
-    """Return the choice that a word stands for.
-
-    Raises:
-        KarmaError: it is none.
-    """
+    """Return the choice that a word stands for; KarmaError where it is none."""
     if text in get_args(FrameChoice):
         return cast(FrameChoice, text)
     raise KarmaError(f"--frames {text!r}\n  To fix: {', '.join(get_args(FrameChoice))}")
