@@ -72,8 +72,7 @@ def table_command(
     from karma.bench.figures import tables
     from karma.bench.figures.columns import plain
     from karma.bench.figures.counterfactual import LOTA_ROW, OFF_ROW
-    from karma.bench.figures.margins import margin_sheet, margins
-    from karma.bench.figures.results import result_of, unfinished
+    from karma.bench.figures.results import margin_sheet, margins, result_of, unfinished
     from karma.bench.figures.sheet import to_latex, to_markdown
     from karma.bench.figures.tables import load_published
     from karma.cli.sweeps import print_sweep

@@ -17,7 +17,7 @@ from karma.agent.journal.records import (
     is_of,
     kinds_of,
 )
-from karma.bench.figures.counterfactual import OFF_ROW, SAVINGS, Reduction, Saving, reductions
+from karma.bench.figures.counterfactual import SAVINGS, Reduction, Saving, reductions
 from karma.bench.figures.metrics import (
     METRICS,
     Metric,
@@ -53,10 +53,7 @@ class Figures:
 
 
 def figures(
-    records: Sequence[EpisodeRecord],
-    timings: Mapping[Key, EpisodeTiming] | None = None,
-    *,
-    reference: str = OFF_ROW,
+    records: Sequence[EpisodeRecord], timings: Mapping[Key, EpisodeTiming] | None = None
 ) -> tuple[Figures, ...]:
     """Return every figure of every row and kind, of all, and of what is in training data and not.
 
@@ -64,7 +61,7 @@ def figures(
     reference row is undefined in a run without it, what is measured in seconds without timings.
     """
     episodes = episodes_of(records, timings)
-    return figures_of(records, episodes, reductions(episodes, reference=reference))
+    return figures_of(records, episodes, reductions(episodes))
 
 
 def figures_of(

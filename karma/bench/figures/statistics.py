@@ -27,6 +27,7 @@ POWER = 0.8  # of the minimum detectable effect
 RESAMPLES = 10_000
 FEWEST_TASKS = 6  # below it no sign-flip test of tasks reaches 0.05, and resamples pretend
 _MOST_SEEDS = 1_000
+_Z = NormalDist().inv_cdf((1 + LEVEL) / 2)  # half the width of an interval, in deviations
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +58,7 @@ class Estimate:
 # ----------------------------------------------------------------- rates
 
 
-def wilson(successes: float, number: float, *, level: float = LEVEL) -> ConfidenceInterval | None:
+def wilson(successes: float, number: float) -> ConfidenceInterval | None:
     """Return Wilson's score interval of a rate; None when nothing was tried.
 
     Successes are a fraction where `number` is an effective one.
@@ -69,7 +70,7 @@ def wilson(successes: float, number: float, *, level: float = LEVEL) -> Confiden
         raise ValueError(f"{successes} successes of {number}")
     if number == 0:
         return None
-    rate, z = successes / number, _z(level)
+    rate, z = successes / number, _Z
     middle = rate + z * z / (2 * number)
     spread = z * math.sqrt(rate * (1 - rate) / number + z * z / (4 * number * number))
     scale = 1 + z * z / number
@@ -318,7 +319,7 @@ def detectable_mean(deviation: float | None) -> float | None:
     """Return the smallest difference found in 80 % of experiments, from its standard error."""
     if deviation is None:
         return None
-    return (_z(LEVEL) + NormalDist().inv_cdf(POWER)) * deviation
+    return (_Z + NormalDist().inv_cdf(POWER)) * deviation
 
 
 def _power(number: int, discordant: float, effect: float) -> float:
@@ -354,10 +355,6 @@ def _smallest(power: Callable[[float], float], most: float) -> float:
         middle = (low + high) / 2
         low, high = (low, middle) if power(middle) >= POWER else (middle, high)
     return high
-
-
-def _z(level: float) -> float:
-    return NormalDist().inv_cdf((1 + level) / 2)
 
 
 def interval_text(measured: Estimate, digits: int = 2, *, sign: bool = False) -> str:
