@@ -46,14 +46,6 @@ class Changes:
     settings: tuple[Setting, ...] = ()
     rows: tuple[str, ...] = ()  # names of those that are done, "*" is any text; () = all
 
-    def __bool__(self) -> bool:
-        """Whether there are any."""
-        return bool(self.settings or self.rows)
-
-    def and_then(self, settings: Sequence[Setting]) -> "Changes":
-        """Return these with more settings after them."""
-        return Changes(settings=(*self.settings, *settings), rows=self.rows)
-
 
 # ----------------------------------------------------------------- what a command sets
 
@@ -136,7 +128,7 @@ def read_as(path: Path, kind: type[T], changes: Changes | None = None) -> T:
     fix = None if path.is_file() else "karma eval demo"
     tree = _whole(read_toml(path, dict[str, Any], fix=fix), path.parent)
     plain = _converted(path, tree, kind)
-    if not changes:
+    if changes is None:
         return plain
     for setting in changes.settings:
         parts = _parts(setting.key, [row["name"] for row in tree.get("rows", ())])

@@ -203,7 +203,8 @@ def _named(different: Sequence[tuple[Setting, ...]], changes: Changes) -> tuple[
             values = {short[one.key]: _text(one.value, whole=True) for one in cell}
         name = ", ".join(f"{key}={value}" for key, value in values.items())
         kept = SweptCell(name=name, folder=slug(name)[-_LONGEST:].lstrip("-"), values=values)
-        found.append(Cell(kept=kept, changes=changes.and_then((_NO_GRID, *cell))))
+        settings = (*changes.settings, _NO_GRID, *cell)
+        found.append(Cell(kept=kept, changes=replace(changes, settings=settings)))
     return tuple(found)
 
 

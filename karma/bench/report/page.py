@@ -12,7 +12,7 @@ from karma.agent.journal.turns import SAID, Turn, read_turns
 from karma.bench.figures.columns import COLUMNS
 from karma.bench.figures.compare import rows_of
 from karma.bench.figures.counterfactual import Saving
-from karma.bench.figures.failures import Cause, Failure, count
+from karma.bench.figures.failures import Failure
 from karma.bench.figures.metrics import Metric
 from karma.bench.figures.sheet import Sheet
 from karma.bench.figures.tables import Result, sheets, size_words
@@ -174,7 +174,7 @@ def page_of(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> P
         lines=result_lines(result.figures),
         plots=(
             success_plot(result.figures),
-            cause_plot(_causes(result, rows_of(records))),
+            cause_plot(rows_of(records), result.failures),
             bar_plot("Places searched per episode", _over_all(result, "explorations")),
             bar_plot("World steps per episode", _over_all(result, "actions")),
             _last_plot(result),
@@ -203,13 +203,6 @@ def _last_plot(result: Result) -> Plot:
         percent = [(row, None if share is None else 100 * share) for row, share in hits]
         return bar_plot("Memory hits, % (MHR steady)", percent)
     return bar_plot("Planner calls per episode", _over_all(result, "planner_calls"))
-
-
-def _causes(result: Result, rows: Sequence[str]) -> dict[str, Mapping[Cause, int]]:
-    return {
-        row: count((one for one in result.failures if one.row == row), first_only=True)
-        for row in rows
-    }
 
 
 def _over_all(result: Result, key: str) -> list[tuple[str, float | None]]:

@@ -1,13 +1,13 @@
 """Plots as numbers that the page's template draws: user units of an SVG 360 wide."""
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from karma.agent.journal.formats import figure_text
 from karma.agent.journal.records import ALL, KINDS
 from karma.bench.figures.columns import Figures
-from karma.bench.figures.failures import CAUSES, Cause
+from karma.bench.figures.failures import CAUSES, Failure, count
 from karma.bench.figures.statistics import Estimate
 
 LEFT, WIDTH = 128.0, 192.0  # where the scale begins, how long it is
@@ -118,19 +118,14 @@ def bar_plot(title: str, values: Sequence[tuple[str, float | None]]) -> Plot:
     return _bars(title, lines)
 
 
-def cause_plot(counts: Mapping[str, Mapping[Cause, int]]) -> Plot:
+def cause_plot(rows: Sequence[str], failures: Sequence[Failure]) -> Plot:
     """Return how many episodes of each row failed, and of what."""
-    lines = [
-        (
-            row,
-            [
-                (count, f"s{CAUSES.index(cause) + 1}", f"{row}: {cause}: {count}")
-                for cause, count in line.items()
-                if count
-            ],
-        )
-        for row, line in counts.items()
-    ]
+    lines = []
+    for row in rows:
+        counts = count((one for one in failures if one.row == row), first_only=True)
+        styles = {cause: f"s{number}" for number, cause in enumerate(CAUSES, start=1)}
+        pieces = [(n, styles[one], f"{row}: {one}: {n}") for one, n in counts.items() if n]
+        lines.append((row, pieces))
     note = "Number of episodes, by the cause of the first instruction that failed."
     return _bars("Why episodes failed", lines, key=CAUSES, note=note)
 
