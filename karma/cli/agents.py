@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from karma.bench.engine.sweep import SweepRun
     from karma.bench.engine.sweep_folder import SweepData
     from karma.bench.figures.columns import Figures
-    from karma.bench.figures.floors import SuccessFloor
+    from karma.bench.figures.precision import SuccessFloor
 
 MARKS = {True: "[green]✓[/]", False: "[red]✗[/]"}  # of success
 
@@ -104,7 +104,7 @@ class EvalOptions:
     @property
     def floors(self) -> "list[SuccessFloor]":
         """The rates of success that it ends with code 4 below."""
-        from karma.bench.figures.floors import SuccessFloor
+        from karma.bench.figures.precision import SuccessFloor
 
         return [SuccessFloor.of(text) for text in self.fail_under or ()]
 
@@ -133,7 +133,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
         from karma.bench.engine.experiment_file import kind_of
         from karma.bench.engine.run import Run
         from karma.bench.engine.sweep import SweepRun
-        from karma.bench.figures.floors import check_floors
+        from karma.bench.figures.precision import check_floors
         from karma.files import find_experiment
 
         file = find_experiment(self.file)
@@ -297,7 +297,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
 
     def _end_below(self, figures: "Sequence[tuple[str, Sequence[Figures]]]") -> None:
         """End with code 4 where a run, or a cell of a sweep by its name, is below a floor."""
-        from karma.bench.figures.floors import below
+        from karma.bench.figures.precision import below
 
         said = [
             f"{cell}: {words}" if cell else words

@@ -27,22 +27,23 @@ def compare(
 ) -> None:
     """Say how runs or rows differ on the same tasks and seeds, and how sure that is."""
     from karma.bench.figures.compare import compare_kinds
-    from karma.bench.figures.results import arms_named, set_apart, unfinished
+    from karma.bench.figures.results import arms_named, set_apart, sides_named, unfinished
 
     if not 0 < half_width < 0.5:
         raise KarmaError(f"--half-width {half_width}: it is between 0 and 0.5")
-    for words in unfinished(runs):
+    sides = sides_named(runs)
+    for words in unfinished(side.run for side in sides):
         tell(words)
     found = [
         compare_kinds(group[0], other, half_width=half_width)
-        for group in arms_named(runs)
+        for group in arms_named(sides)
         for other in group[1:]
     ]
     for comparisons in found:
         for sheet in _sheets(comparisons):
             console.print(sheet_table(sheet))
         tell(_remarks(comparisons[0]))
-    for words in set_apart(runs):
+    for words in set_apart(sides):
         tell(words)
     write_json(json, [one for group in found for one in group])
 
@@ -71,10 +72,9 @@ def table(
     from karma.bench.figures import tables
     from karma.bench.figures.columns import plain
     from karma.bench.figures.counterfactual import LOTA_ROW, OFF_ROW
-    from karma.bench.figures.margins import margin_sheet, margins
-    from karma.bench.figures.published import load_published
-    from karma.bench.figures.results import result_of, unfinished
+    from karma.bench.figures.results import margin_sheet, margins, result_of, unfinished
     from karma.bench.figures.sheet import to_latex, to_markdown
+    from karma.bench.figures.tables import load_published
     from karma.cli.agents import print_sweep
 
     match kind_in(run):
@@ -103,7 +103,7 @@ def table(
     sheets = [*tables.sheets(result), *margin]
     for sheet in (*tables.main_sheets(result), *margin):
         console.print(sheet_table(sheet))
-    for words in unfinished([str(run)]):
+    for words in unfinished([data]):
         tell(words)
     folder = out or run
     write_beside(folder, "table.md", to_markdown(sheets).encode())

@@ -135,11 +135,11 @@ class ReportCommand:
     def _write_run(self, run: Path, out: Path | None, words: str = "") -> None:
         """Write the page of one run; `words` stand before what the bar says."""
         from karma.agent.journal.run_folder import read_run
-        from karma.bench.figures.published import load_published
         from karma.bench.figures.results import result_of
+        from karma.bench.figures.tables import load_published
         from karma.bench.report.choice import choose
         from karma.bench.report.episodes import Replayer
-        from karma.bench.report.frames import Frames
+        from karma.bench.report.html import Frames
         from karma.bench.report.page import page_of, render
         from karma.bench.report.replay import frame_choice
 

@@ -15,7 +15,7 @@ from karma.bench.engine.experiment_tasks import load
 from karma.bench.engine.run import Run
 from karma.bench.figures.columns import figures
 from karma.bench.rows.expert import ExpertEpisode
-from karma.bench.tasks.alfred_tasks import AlfredTasks, alfred_tasks
+from karma.bench.tasks.alfred import AlfredTasks, alfred_tasks
 from karma.cli import app
 from karma.errors import FileError
 from karma.files import decode_json

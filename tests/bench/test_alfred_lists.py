@@ -7,7 +7,7 @@ import pytest
 from support import alfred_kitchen as ours
 
 from karma.agent.loading.demonstrations import plain, sentences_in
-from karma.bench.tasks.alfred_lists import read_lists
+from karma.bench.tasks.alfred import read_lists
 from karma.errors import FileError
 
 LISTS = {

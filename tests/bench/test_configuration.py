@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 from karma import registry
 from karma.agent.journal.told import CONFIG, all_apart, read_config, rows_apart
 from karma.agent.loading.models import Models, Row
-from karma.bench.engine.configuration import configuration
 from karma.bench.engine.experiment import Experiment
 from karma.bench.engine.experiment_file import Changes, setting_of
+from karma.bench.engine.our_tasks import configuration
 from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import FileError, KarmaError

@@ -14,7 +14,7 @@ from karma.bench.suites.alfred.eb_answers import LONGEST, read_answer
 from karma.bench.suites.alfred.eb_planner import PromptOptions, examples, render_prompt
 from karma.bench.suites.alfred.experiment import EbRow
 from karma.bench.suites.alfred.play import AlfredStage, play
-from karma.bench.tasks.alfred_lists import ListedTask
+from karma.bench.tasks.alfred import ListedTask
 from karma.infer.scripted import ScriptedModel
 from karma.world.alfred.facts import gather, side_files
 from karma.world.alfred.trial import read_trials

@@ -12,7 +12,6 @@ from typer.testing import CliRunner
 
 from karma.agent.journal.provenance import prompt_hashes
 from karma.agent.journal.told import without_places
-from karma.bench.engine.configuration import header_of
 from karma.bench.engine.experiment import Experiment
 from karma.bench.engine.experiment_file import (
     Changes,
@@ -24,6 +23,7 @@ from karma.bench.engine.experiment_file import (
     setting_of,
 )
 from karma.bench.engine.experiment_tasks import load
+from karma.bench.engine.our_tasks import header_of
 from karma.cli import app
 from karma.errors import FileError, KarmaError
 

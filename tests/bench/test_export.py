@@ -11,7 +11,7 @@ from support.made_records import episode, plain, runs, sub, write_run
 
 from karma.bench.engine.export import to_csv, to_junit
 from karma.bench.figures.columns import figures
-from karma.bench.figures.floors import SuccessFloor, below, check_floors
+from karma.bench.figures.precision import SuccessFloor, below, check_floors
 from karma.errors import KarmaError
 
 HOSTILE = st.text(max_size=30) | st.sampled_from(

@@ -11,7 +11,7 @@ from karma.bench.figures.columns import figures
 from karma.bench.figures.results import result_of
 from karma.bench.figures.tables import main_sheets, sheets
 from karma.bench.report.plots import success_plot
-from karma.bench.report.results import rates, result_lines
+from karma.bench.report.results import result_lines
 from karma.cli import show
 
 
@@ -77,9 +77,9 @@ def test_table_of_others_says_where_training_data_is_unknown(tmp_path):
 def test_figures_of_lists_stand_in_the_report_and_on_the_terminal(tmp_path, apart):
     found = result(tmp_path, made(apart=apart))
     wanted = ["base", "spatial", ALL, *([TRAINED, NOT_TRAINED] if apart else [])]
-    assert [line.kind for line in result_lines(found)] == [*wanted, *wanted]
+    assert [line.kind for line in result_lines(found.figures)] == [*wanted, *wanted]
     assert show.summary_table(found.figures, "lists").row_count == 2 * len(wanted)
-    plot = success_plot(rates(found))
+    plot = success_plot(found.figures)
     assert (plot.key, len(plot.dots)) == ((ALL,), 2)
 
 

@@ -22,7 +22,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.chromium import chromium
 from support.paths import ROOT
-from support.replays import replay
+from support.replays import replay, replayed
 from support.report_run import AGENT, EVIL, EXPERT, KEYS, POURED, make_run
 from typer.testing import CliRunner
 
@@ -38,12 +38,14 @@ from karma.agent.journal.steps import (
     read_steps,
     steps_path,
 )
+from karma.bench.figures.columns import Figures
 from karma.bench.figures.results import result_of
+from karma.bench.figures.statistics import ConfidenceInterval, Estimate
 from karma.bench.report.choice import choose, episode_key
 from karma.bench.report.episodes import Replayer
-from karma.bench.report.frames import Frames
+from karma.bench.report.html import Frames
 from karma.bench.report.page import page_of, render
-from karma.bench.report.plots import LEFT, WIDTH, Rate, success_plot
+from karma.bench.report.plots import LEFT, WIDTH, success_plot
 from karma.bench.report.replay import SIZE_PX, Rooms, frame_choice
 from karma.bench.report.room import plan_of
 from karma.bench.report.story import changes, told
@@ -66,7 +68,7 @@ def run(folder):
 def made(run):
     """(frames, replays, page as HTML)."""
     frames = Frames()
-    replays = list(Replayer(run, frames, "calls").episodes(run.records))
+    replays = replayed(Replayer(run, frames, "calls"), run.records)
     return frames, replays, render(page_of(run, result_of(run, {}), replays), frames)
 
 
@@ -223,7 +225,7 @@ def test_replay_takes_the_scene_that_a_run_brought_along(run, tmp_path):
         place.parent.mkdir(parents=True)
         place.write_bytes(data)
     moved = replace(run, folder=tmp_path, records=(elsewhere,))
-    (one,) = Replayer(moved, Frames(), "none").episodes(moved.records)
+    (one,) = replayed(Replayer(moved, Frames(), "none"), moved.records)
     assert one.replay.actions > 20
     assert one.replay.differing == ()
     (room,) = one.rooms.values()
@@ -261,7 +263,7 @@ def test_frames_of_equal_moments_are_drawn_once_and_are_what_would_have_been_dra
     rooms.enter("kitchen_1")
     actions = [moment.action for moment in story.moments if moment.action is not None]
     for action in actions:
-        event = rooms.home.step(action.action, **action.arguments)
+        event = rooms.step(action.action, **action.arguments)
         alone.add(event.frame)
     assert set(alone.uris()) <= set(frames.uris())
 
@@ -423,8 +425,12 @@ def test_episode_that_ended_before_it_began_is_in_the_tables_only(tmp_path):
 
 
 def test_success_plot_puts_rates_and_intervals_on_the_scale():
-    rate = Rate(row="a", kind="simple", episodes=4, successes=1, rate=0.25, low=0.0, high=1.0)
-    unknown = Rate(row="b", kind="simple", episodes=0, successes=0, rate=None)
+    ends = ConfidenceInterval(low=0.0, high=1.0)
+    found = [Estimate(value=0.25, interval=ends, number=4), Estimate(value=None)]
+    rate, unknown = (
+        Figures(row=row, kind="simple", episodes=4, tasks=4, seeds=1, values={"success": one})
+        for row, one in zip("ab", found, strict=True)
+    )
     plot = success_plot([rate, unknown])
     (dot,) = plot.dots
     assert (dot.low, dot.x, dot.high) == (LEFT, LEFT + WIDTH / 4, LEFT + WIDTH)

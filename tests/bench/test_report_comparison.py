@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from karma.agent.journal.formats import figure_text
 from karma.bench.figures.compare import compare_kinds
-from karma.bench.figures.results import arms_named
+from karma.bench.figures.results import arms_named, sides_named
 from karma.bench.report.comparison import (
     ComparisonPage,
     chosen_reference,
@@ -53,7 +53,7 @@ def page_of(names, out, reference=""):
 
 def test_comparison_has_the_differences_that_karma_compare_has(runs, tmp_path):
     page = page_of(runs, tmp_path / "c.html")
-    ((first, second),) = arms_named(runs)
+    ((first, second),) = arms_named(sides_named(runs))
     for one in compare_kinds(second, first):
         found = page.against[page.sides[1], one.kind]
         assert found.p == figure_text(one.p_tasks, 3)

@@ -10,17 +10,17 @@ from urllib.parse import quote
 
 import pytest
 from support.chromium import chromium
+from support.replays import replayed
 from support.report_run import AGENT, EXPERT, make_run
 
 from karma.agent.journal.run_folder import read_run
 from karma.agent.journal.steps import Action, Ended, Instruction, Planned, SkillStep, Start
 from karma.bench.figures.results import result_of
 from karma.bench.report.episodes import Replayer
-from karma.bench.report.failing import endings, failed_at
-from karma.bench.report.frames import Frames
+from karma.bench.report.html import Frames
 from karma.bench.report.page import page_of, render
-from karma.bench.report.story import told
-from karma.bench.report.wanted import names_in
+from karma.bench.report.replay import names_in
+from karma.bench.report.story import endings, failed_at, told
 from karma.world.core import scene as scenes
 
 KEYS = ((EXPERT, "t1", 0), (AGENT, "t2", 0))
@@ -104,7 +104,7 @@ def run(tmp_path_factory):
 def made(run):
     """(replays, page as HTML)."""
     frames = Frames()
-    replays = list(Replayer(run, frames, "ends").episodes(run.records))
+    replays = replayed(Replayer(run, frames, "ends"), run.records)
     return replays, render(page_of(run, result_of(run, {}), replays), frames)
 
 

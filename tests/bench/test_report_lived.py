@@ -12,8 +12,15 @@ from typer.testing import CliRunner
 
 from karma.bench.engine.run import Run
 from karma.bench.report.lived_day import requests_of, told_day
-from karma.bench.report.lived_page import chosen_day, lived_again, read_lived, render_lived
-from karma.bench.report.lived_pictures import HARD, curves_picture, lived_pictures
+from karma.bench.report.lived_page import (
+    HARD,
+    chosen_day,
+    curves_picture,
+    lived_again,
+    lived_pictures,
+    read_lived,
+    render_lived,
+)
 from karma.bench.suites.lived.play import HomeLife
 from karma.bench.suites.lived.reading import Reader
 from karma.bench.suites.lived.schedule import DAY_S

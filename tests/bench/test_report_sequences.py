@@ -11,7 +11,7 @@ from urllib.parse import quote
 import msgspec
 import pytest
 from support.chromium import chromium
-from support.replays import replay, scene_of
+from support.replays import replay, replayed, scene_of
 from support.report_run import AGENT, EXPERT, SEQUENCE_KEYS, make_run
 from typer.testing import CliRunner
 
@@ -21,7 +21,7 @@ from karma.agent.journal.steps import Ended, Enter, Instruction, Start, Unit, re
 from karma.bench.figures.results import result_of
 from karma.bench.report.choice import LEAST, SHORT, TOGETHER, choose, choose_instructions
 from karma.bench.report.episodes import Replayer
-from karma.bench.report.frames import Frames
+from karma.bench.report.html import Frames
 from karma.bench.report.page import page_of, render
 from karma.bench.report.replay import Rooms
 from karma.bench.report.story import changes, told
@@ -45,7 +45,7 @@ def run(folder):
 def made(run):
     """(replays, page as HTML)."""
     frames = Frames()
-    replays = list(Replayer(run, frames, "ends").episodes(run.records))
+    replays = replayed(Replayer(run, frames, "ends"), run.records)
     return replays, render(page_of(run, result_of(run, {}), replays), frames)
 
 
@@ -184,7 +184,7 @@ def test_page_shows_the_chosen_instructions_and_names_the_command_for_others(run
     frames = Frames()
     key = (EXPERT, "s16", 0)
     records = [one for one in run.records if one.key == key]
-    (one,) = Replayer(run, frames, "none").episodes(records, "2,7-8")
+    (one,) = replayed(Replayer(run, frames, "none"), records, "2,7-8")
     assert one.replay.differing == ()
     page = render(page_of(run, result_of(run, {}), [one]), frames)
     (told_,) = data_of(page)

@@ -4,7 +4,7 @@ import re
 from dataclasses import replace
 
 import pytest
-from report.test_report import Text
+from bench.test_report import Text
 from support.run_files import write_experiment
 from support.talking import STORE, agent_saying
 from typer.testing import CliRunner
@@ -13,7 +13,7 @@ from karma.agent.journal.run_folder import read_run
 from karma.agent.journal.turns import TURNS, read_turns
 from karma.bench.engine.run import Run
 from karma.bench.figures.results import result_of
-from karma.bench.report.frames import Frames
+from karma.bench.report.html import Frames
 from karma.bench.report.page import page_of, render
 from karma.cli import app
 

@@ -9,7 +9,7 @@ from support.tiny import export_tiny
 
 from karma.agent.loading.models import Models
 from karma.bench.engine.run import Run
-from karma.bench.engine.worker_count import suggest_workers
+from karma.bench.engine.workers import suggest_workers
 from karma.errors import KarmaError, WorkerLost
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.session import Endpoint, Hosted
@@ -103,7 +103,7 @@ def test_what_is_not_for_a_cluster_is_refused_by_name(planner, tmp_path):
 
 def test_workers_that_wait_for_a_server_need_no_core_each(monkeypatch, tmp_path):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
-    monkeypatch.setattr("karma.bench.engine.worker_count.available_mb", lambda: None)
+    monkeypatch.setattr("karma.bench.engine.workers.available_mb", lambda: None)
     place = Endpoint(base_url="http://127.0.0.1:9/v1", model="m")
     models = Models(planner="openai", hosted=Hosted(planner=place))
     assert suggest_workers(models, 1000, in_flight=8).number == 8
@@ -131,5 +131,5 @@ def test_workers_are_as_many_as_cores_memory_and_episodes_allow(
 
 def test_workers_that_use_more_threads_are_fewer(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(4)))
-    monkeypatch.setattr("karma.bench.engine.worker_count.available_mb", lambda: None)
+    monkeypatch.setattr("karma.bench.engine.workers.available_mb", lambda: None)
     assert suggest_workers(Models(threads=2), 1000).number == 2

@@ -1,5 +1,6 @@
 """Replays and stories as tests ask about them."""
 
+from karma.bench.report.episodes import EpisodeReplay
 from karma.bench.report.replay import replaying
 
 
@@ -7,6 +8,11 @@ def replay(*given, **named):
     """The replay that comes last, after the shares that are done."""
     *_, found = replaying(*given, **named)
     return found
+
+
+def replayed(replayer, *records):
+    """The episodes that can be stepped through, after the shares that are done."""
+    return [one for one in replayer.replaying(*records) if isinstance(one, EpisodeReplay)]
 
 
 def scene_of(story, moment):

@@ -20,7 +20,6 @@ from karma.agent.journal.records import PlayedTiming
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.loading.models import Row
 from karma.bench.engine.experiment_file import Changes, DataFolders, read_as, with_places_here
-from karma.bench.engine.nodes import hashes_here, models_here, refuse_node
 from karma.bench.engine.suite import (
     NO_MODELS,
     Benchmark,
@@ -30,7 +29,7 @@ from karma.bench.engine.suite import (
     Done,
     ExperimentFile,
 )
-from karma.bench.engine.workers import loaded
+from karma.bench.engine.workers import hashes_here, loaded, models_here, refuse_node
 from karma.bench.figures.sheet import to_markdown
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json
@@ -45,11 +44,8 @@ class _Benchmarked(msgspec.Struct, frozen=True):
 class BenchmarkSuite:
     """An experiment of a benchmark, see `Suite`; it is made anew in each process.
 
-    Args:
-        experiment: as its file and the command say it.
-        asked: the same, with hosted models where the command has them asked.
-        path: that it was read from.
-        folder: of the run.
+    The experiment is as its file and the command say it; `asked` is the same, with hosted models
+    where the command has them asked. `path` is that of the file, `folder` the run's.
     """
 
     rows: tuple[Row, ...] = ()  # with models of their own: there are none
@@ -182,9 +178,7 @@ def benchmark_of(name: str, path: Path) -> Any:
 def read_results(folder: Path, *more: Path) -> BenchmarkResults:
     """Return what the records of one or more runs come to, finished or not.
 
-    Args:
-        folder: of a run.
-        more: of other runs of the same tasks, with rows of their own.
+    `more` are folders of other runs of the same tasks, with rows of their own.
 
     Raises:
         FileError: a folder holds no run of a benchmark, or a damaged line; or runs that are to

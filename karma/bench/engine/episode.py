@@ -40,18 +40,10 @@ def run_episode(
 ) -> EpisodeRecord:
     """Run a task to its end; an error of the agent's own ends it early and is recorded.
 
-    Args:
-        method: who acts.
-        world: where; reset to the task's scene here. A task of several rooms takes a `Home`.
-        task: what; goals are checked when each sub-task ends.
-        row: name of the table's row.
-        seed: of the episode.
-        folder: takes what the method leaves behind.
-        ledger: what hosted models cost.
-        cassette: keeps what is measured in a run that can be replayed.
-        steps: takes what happens.
-        times: takes what it took.
-        days: finds what the seed stands for; shared by a run's episodes it searches once.
+    The world is reset to the task's scene; a task of several rooms takes a `Home`. Goals are
+    checked when each sub-task ends. The folder takes what the method leaves behind, `steps` what
+    happens, `times` what it took. `days` finds what a seed stands for; shared by episodes it
+    searches once.
 
     Raises:
         KarmaError: what is no agent's doing (see `karma.errors.KarmaError.agents_own`), e.g. the

@@ -9,7 +9,7 @@ import msgspec
 
 from karma.agent.loading.models import Models, Row
 from karma.bench.figures.precision import MAX_SEEDS, Precision
-from karma.bench.tasks.alfred_tasks import AlfredTasks
+from karma.bench.tasks.alfred import AlfredTasks
 from karma.infer.llama.room_states import StateOptions
 
 MOST_SEEDS = 10_000

@@ -46,14 +46,6 @@ class Changes:
     settings: tuple[Setting, ...] = ()
     rows: tuple[str, ...] = ()  # names of those that are done, "*" is any text; () = all
 
-    def __bool__(self) -> bool:
-        """Whether there are any."""
-        return bool(self.settings or self.rows)
-
-    def and_then(self, settings: Sequence[Setting]) -> "Changes":
-        """Return these with more settings after them."""
-        return Changes(settings=(*self.settings, *settings), rows=self.rows)
-
 
 # ----------------------------------------------------------------- what a command sets
 
@@ -136,7 +128,7 @@ def read_as(path: Path, kind: type[T], changes: Changes | None = None) -> T:
     fix = None if path.is_file() else "karma eval demo"
     tree = _whole(read_toml(path, dict[str, Any], fix=fix), path.parent)
     plain = _converted(path, tree, kind)
-    if not changes:
+    if changes is None:
         return plain
     for setting in changes.settings:
         parts = _parts(setting.key, [row["name"] for row in tree.get("rows", ())])
@@ -275,11 +267,7 @@ def _put(tree: dict[str, Any], parts: Sequence[str], value: Any) -> None:
 
 
 def _chosen(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the rows of some names, in their order.
-
-    Raises:
-        KarmaError: no row has such a name.
-    """
+    """Return the rows of some names, in their order; KarmaError where no row has such a name."""
     known = [row["name"] for row in rows]
     for name in names:
         if not any(is_called(one, name) for one in known):
@@ -319,29 +307,22 @@ class DataFolders(NamedTuple):
 def with_places_here(experiment: T, there: DataFolders) -> T:
     """Return another machine's experiment with the paths that it has in this one's folders.
 
-    Args:
-        experiment: with whole paths; what lies in none of the folders keeps its path.
-        there: the other machine's folders.
+    What lies in none of the other machine's folders keeps its path.
     """
     pairs = tuple(zip(there, DataFolders.here(), strict=True))
 
     def here(path: str) -> str:
-        inside = (new / Path(path).relative_to(old) for old, new in pairs if _lies(path, old))
+        lies = (pair for pair in pairs if Path(path).is_relative_to(pair[0]))
+        inside = (new / Path(path).relative_to(old) for old, new in lies)
         return str(next(inside, path))
 
     return msgspec.convert(each_path(msgspec.to_builtins(experiment), "", here), type(experiment))
 
 
-def _lies(path: str, folder: Path) -> bool:
-    return Path(path).is_relative_to(folder)
-
-
 def meant_path(path: Path, error: FileError) -> FileError:
     """Return the error of a missing file with what helps if it lies below the working directory.
 
-    Args:
-        path: of the experiment that names it.
-        error: of whoever wanted to read it.
+    `path` is the experiment's that names it.
     """
     said = os.path.relpath(error.path, path.parent.absolute())
     if error.path.exists() or said.startswith("..") or not Path(said).exists():

@@ -1,15 +1,15 @@
 """The tasks of an experiment, ours, the authors' or ALFRED's, and the rooms that they bring."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 from karma.agent.goals.files import in_rooms, load_tasks
 from karma.bench.engine.experiment import Experiment
 from karma.bench.engine.experiment_file import is_called, meant_path
-from karma.bench.tasks.alfred_tasks import AlfredTasks, alfred_tasks
+from karma.bench.tasks.alfred import alfred_tasks
 from karma.bench.tasks.authors import load_authors_tasks
 from karma.bench.tasks.days import check_seeds
 from karma.contracts import SceneRef, Task
@@ -29,8 +29,7 @@ class _Listed(Protocol):
 T = TypeVar("T", bound=_Listed)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Loaded:
+class Loaded(NamedTuple):
     """The tasks of an experiment, and the rooms that they bring along."""
 
     tasks: tuple[Task, ...]
@@ -40,10 +39,7 @@ class Loaded:
 def load(experiment: Experiment, path: Path, folder: Path) -> Loaded:
     """Load the tasks that an experiment selects; nothing is written.
 
-    Args:
-        experiment: what was read.
-        path: from where, for messages.
-        folder: of the run, below which imported floor plans will lie.
+    Imported floor plans will lie below the run's folder; `path` is named in messages.
 
     Raises:
         FileError: the task file is damaged, or a task of `only` is not in it.
@@ -53,29 +49,27 @@ def load(experiment: Experiment, path: Path, folder: Path) -> Loaded:
     if sum(map(bool, given)) != 1:
         raise FileError(path, "give one of `tasks`, `authors` and `alfred`")
     try:
-        loaded = _loaded(experiment, folder)
+        tasks, scenes = _loaded(experiment)
     except FileError as error:
         raise meant_path(path, error) from error
-    chosen = select(loaded.tasks, experiment.only, path)[: experiment.limit]
+    known = tuple(placed(task, scenes, folder) for task in tasks)
+    chosen = select(known, experiment.only, path)[: experiment.limit]
     check_seeds(chosen, experiment.seeds)
-    return Loaded(tasks=chosen, scenes=_brought(chosen, loaded.scenes))
+    return Loaded(tasks=chosen, scenes=_brought(chosen, scenes))
 
 
-def _loaded(experiment: Experiment, folder: Path) -> Loaded:
+def _loaded(experiment: Experiment) -> Loaded:
     if experiment.tasks:
         return Loaded(tasks=load_tasks(experiment.tasks), scenes={})
     if experiment.alfred:
-        return _alfred_tasks(experiment.alfred, folder)
-    return _authors_tasks(experiment, folder)
+        return Loaded(*alfred_tasks(experiment.alfred))
+    return _authors_tasks(experiment)
 
 
 def select(tasks: Sequence[T], only: Sequence[str], path: Path) -> tuple[T, ...]:
     """Return the tasks that an experiment is for, in their order.
 
-    Args:
-        tasks: all.
-        only: ids of those that are wanted, "*" is any text; () = all.
-        path: of the experiment, for messages.
+    In an id of `only` "*" is any text; () is all. `path` is named in messages.
 
     Raises:
         FileError: there is no task of an id.
@@ -134,13 +128,7 @@ def placed(task: Task, names: Collection[str], folder: Path) -> Task:
     return in_rooms(task, place)
 
 
-def _alfred_tasks(source: AlfredTasks, folder: Path) -> Loaded:
-    """Load ALFRED's tasks and the rooms of their trials."""
-    tasks, scenes = alfred_tasks(source)
-    return Loaded(tasks=tuple(placed(task, scenes, folder) for task in tasks), scenes=scenes)
-
-
-def _authors_tasks(experiment: Experiment, folder: Path) -> Loaded:
+def _authors_tasks(experiment: Experiment) -> Loaded:
     """Load the authors' tasks and the floor plans they play in."""
     raw = load_authors_tasks([Path(path) for path in experiment.authors])
     plans = {task.scene.name for task in raw}
@@ -149,7 +137,7 @@ def _authors_tasks(experiment: Experiment, folder: Path) -> Loaded:
     scenes = {scene.name: scene for scene in dump if scene.name in plans}
     return Loaded(
         tasks=tuple(
-            placed(task, scenes, folder)
+            task
             if (name := task.scene.name) in scenes
             else replace(task, notes=(*task.notes, f"no dump of {name}"))
             for task in raw

@@ -6,8 +6,8 @@ All three are the same bytes however often the run was stopped, but for the colu
 import csv
 import io
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET  # written only
@@ -17,7 +17,7 @@ from karma.agent.journal.owned_folder import kind_in
 from karma.agent.journal.records import EpisodeRecord
 from karma.agent.journal.run_folder import RunData, read_run
 from karma.bench.engine.sweep_folder import SweptCell, read_sweep
-from karma.bench.figures.metrics import METRICS, Metric, TimedEpisode, episodes_of
+from karma.bench.figures.metrics import METRICS, episodes_of
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
@@ -28,12 +28,8 @@ _TEXTS = ("run", "cell", "row", "method", "task", "kind", "scene", "error", "unj
 _NUMBERS = ("seed", "instructions")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _ExportedRun:
-    """A run, and the cell of a sweep that it is."""
-
-    run: RunData | None  # None where a cell has not begun
-    cell: SweptCell | None = None
+_Part = tuple[RunData | None, SweptCell | None]  # of a sweep a cell; None: it has not begun
+_Case = tuple[str, str, str, str]  # name, kind of its end ("" succeeded), message, text
 
 
 def exported(folder: Path, form: str) -> bytes:
@@ -100,18 +96,15 @@ def to_csv(folder: Path) -> bytes:
 def to_junit(folder: Path) -> bytes:
     """Return a test suite per row and a test case per episode, as JUnit's XML."""
     root = ET.Element("testsuites", name=_safe(folder.resolve().name))
-    for part in _parts(folder):
-        cell = part.cell.name if part.cell else ""
-        if part.cell is not None and part.cell.failed:
-            suite = _suite(root, cell, tests=1, errors=1)
-            case = ET.SubElement(suite, "testcase", classname=_safe(cell), name="cell")
-            _said(case, "error", part.cell.failed.partition("\n")[0], part.cell.failed)
-        records = part.run.records if part.run else ()
-        others = part.run.not_run if part.run else ()
+    for run, cell in _parts(folder):
+        name = cell.name if cell else ""
+        if cell is not None and cell.failed:
+            failed: _Case = ("cell", "error", cell.failed.partition("\n")[0], cell.failed)
+            _add_suite(root, name, [failed], ("tests", "errors"))
+        records, others = (run.records, run.not_run) if run else ((), ())
         for row in dict.fromkeys([*(one.row for one in records), *(one.row for one in others)]):
-            mine = [record for record in records if record.row == row]
-            rest = [one for one in others if one.row == row]
-            _add_row(root, " · ".join(filter(None, (cell, row))), mine, rest)
+            cases = list(_cases(records, others, row))
+            _add_suite(root, " · ".join(filter(None, (name, row))), cases)
     data: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
     return data + b"\n"
 
@@ -126,11 +119,11 @@ FORMS: dict[str, Callable[[Path], bytes]] = {
 # ----------------------------------------------------------------- lines
 
 
-def _parts(folder: Path) -> list[_ExportedRun]:
+def _parts(folder: Path) -> list[_Part]:
     if kind_in(folder) != "sweep":
-        return [_ExportedRun(run=read_run(folder))]
+        return [(read_run(folder), None)]
     data = read_sweep(folder)
-    return [_ExportedRun(run=data.run(cell), cell=cell) for cell in data.cells]
+    return [(data.run(cell), cell) for cell in data.cells]
 
 
 def episode_lines(folder: Path) -> tuple[list[str], list[dict[str, Any]]]:
@@ -140,32 +133,25 @@ def episode_lines(folder: Path) -> tuple[list[str], list[dict[str, Any]]]:
         FileError: there is no run, or a line of it is damaged.
     """
     parts = _parts(folder)
-    keys = dict.fromkeys(key for part in parts if part.cell for key in part.cell.values)
+    keys = dict.fromkeys(key for _, cell in parts if cell for key in cell.values)
     first, metrics = ("run", *(("cell",) if keys else ())), [metric.key for metric in METRICS]
     own = {key: f"set.{key}" for key in keys}  # no key of a grid is another column's name
     rest = [name for name in _TEXTS if name not in ("run", "cell")]
     names = [*first, *own.values(), *rest, *_NUMBERS, "succeeded", *metrics]
     lines = []
-    for part in parts:
-        if part.run is None:
+    for run, cell in parts:
+        if run is None:
             continue
-        said: dict[str, Any] = {"run": part.run.header.name}
-        if part.cell is not None:
-            said |= {"cell": part.cell.name}
-            said |= {own[key]: value for key, value in part.cell.values.items()}
-        lines += [said | one for one in _of_run(part.run)]
+        said: dict[str, Any] = {"run": run.header.name}
+        if cell is not None:
+            said |= {"cell": cell.name, **{own[key]: value for key, value in cell.values.items()}}
+        lines += [said | one for one in _of_run(run)]
     return names, lines
 
 
-def _episodes(run: RunData) -> Iterator[TimedEpisode]:
-    """Yield the episodes of a run, also those that nobody is judged by."""
-    judged = {one.record.key: one for one in episodes_of(run.records, run.timings)}
-    for record in run.records:
-        yield judged.get(record.key, TimedEpisode(record=record))
-
-
 def _of_run(run: RunData) -> Iterator[dict[str, Any]]:
-    """Yield a line per episode, with the metrics that its row has."""
+    """Yield a line per episode, with the means of the metrics that its row has."""
+    judged = {one.record.key: one for one in episodes_of(run.records, run.timings)}
     has = {
         row: [
             metric
@@ -174,34 +160,24 @@ def _of_run(run: RunData) -> Iterator[dict[str, Any]]:
         ]
         for row in dict.fromkeys(record.row for record in run.records)
     }
-    for episode in _episodes(run):
-        yield _line(episode, has[episode.record.row])
-
-
-def _line(episode: TimedEpisode, metrics: Sequence[Metric]) -> dict[str, Any]:
-    record = episode.record
-    return {
-        "row": record.row,
-        "method": record.method,
-        "task": record.task,
-        "kind": record.kind,
-        "scene": record.scene,
-        "error": record.error,
-        "unjudged": record.unjudged,
-        "seed": record.seed,
-        "instructions": len(record.subtasks),
-        "succeeded": None if record.unjudged else record.success,
-        **dict.fromkeys((metric.key for metric in METRICS), None),
-        **{metric.key: _value(metric, episode) for metric in metrics},
-    }
-
-
-def _value(metric: Metric, episode: TimedEpisode) -> float | None:
-    """Return the mean of an episode's observations; None where it is not measured."""
-    if episode.record.unjudged:
-        return None
-    seen = metric.of(episode)
-    return float(sum(seen) / len(seen)) if len(seen) else None
+    for record in run.records:
+        episode = judged.get(record.key)
+        metrics = has[record.row] if episode else ()
+        seen = {metric.key: metric.of(episode) for metric in metrics if episode}
+        yield {
+            "row": record.row,
+            "method": record.method,
+            "task": record.task,
+            "kind": record.kind,
+            "scene": record.scene,
+            "error": record.error,
+            "unjudged": record.unjudged,
+            "seed": record.seed,
+            "instructions": len(record.subtasks),
+            "succeeded": None if record.unjudged else record.success,
+            **dict.fromkeys(metric.key for metric in METRICS),
+            **{key: float(sum(one) / len(one)) for key, one in seen.items() if len(one)},
+        }
 
 
 def _pyarrow() -> Any:
@@ -218,47 +194,44 @@ def _pyarrow() -> Any:
 # ----------------------------------------------------------------- JUnit
 
 
-def _suite(root: ET.Element, name: str, **counts: int) -> ET.Element:
-    said = {key: str(value) for key, value in counts.items()}
-    return ET.SubElement(root, "testsuite", {"name": _safe(name), **said})
-
-
-def _add_row(
-    root: ET.Element, name: str, records: Sequence[EpisodeRecord], others: Sequence[NotRun]
-) -> None:
-    """Add a test suite with a case for each episode."""
-    judged = [record for record in records if not record.unjudged]
-    errors = sum(bool(record.error) for record in judged)
-    suite = _suite(
-        root,
-        name,
-        tests=len(records) + len(others),
-        failures=sum(not record.success for record in judged) - errors,
-        errors=errors + len(others),
-        skipped=len(records) - len(judged),
-    )
-
-    def case_of(task: str, seed: int) -> ET.Element:
-        text = _safe(f"{task} (seed {seed})")
-        return ET.SubElement(suite, "testcase", classname=_safe(name), name=text)
-
+def _cases(records: Sequence[EpisodeRecord], others: Sequence[NotRun], row: str) -> Iterator[_Case]:
+    """Yield a test case for each episode of a row."""
     for one in others:
-        reason = f"not run: {one.reason}"
-        _said(case_of(one.task, one.seed), "error", reason.partition("\n")[0], reason)
+        if one.row == row:
+            reason = f"not run: {one.reason}"
+            yield f"{one.task} (seed {one.seed})", "error", reason.partition("\n")[0], reason
     for record in records:
-        case = case_of(record.task, record.seed)
-        if record.unjudged:
-            _said(case, "skipped", record.unjudged)
-        elif record.error:
-            _said(case, "error", record.error.partition("\n")[0], record.error)
-        elif not record.success:
-            unmet = [sub for sub in record.subtasks if sub.unmet]
-            lines = [f"{sub.instruction}: unmet {', '.join(sub.unmet)}" for sub in unmet]
-            _said(case, "failure", lines[0] if lines else "no goal was asked", "\n".join(lines))
+        if record.row == row:
+            yield f"{record.task} (seed {record.seed})", *_end_of(record)
 
 
-def _said(case: ET.Element, kind: str, message: str, text: str = "") -> None:
-    ET.SubElement(case, kind, message=_safe(message)).text = _safe(text)
+def _end_of(record: EpisodeRecord) -> tuple[str, str, str]:
+    if record.unjudged:
+        return "skipped", record.unjudged, ""
+    if record.error:
+        return "error", record.error.partition("\n")[0], record.error
+    if record.success:
+        return "", "", ""
+    unmet = [sub for sub in record.subtasks if sub.unmet]
+    lines = [f"{sub.instruction}: unmet {', '.join(sub.unmet)}" for sub in unmet]
+    return "failure", lines[0] if lines else "no goal was asked", "\n".join(lines)
+
+
+def _add_suite(
+    root: ET.Element,
+    name: str,
+    cases: Sequence[_Case],
+    counted: Sequence[str] = ("tests", "failures", "errors", "skipped"),
+) -> None:
+    ends = Counter(end for _, end, _, _ in cases)
+    counts = {"tests": len(cases), "failures": ends["failure"], "errors": ends["error"]}
+    counts["skipped"] = ends["skipped"]
+    said = {key: str(counts[key]) for key in counted}
+    suite = ET.SubElement(root, "testsuite", {"name": _safe(name), **said})
+    for title, end, message, text in cases:
+        case = ET.SubElement(suite, "testcase", classname=_safe(name), name=_safe(title))
+        if end:
+            ET.SubElement(case, end, message=_safe(message)).text = _safe(text)
 
 
 def _safe(text: str) -> str:

@@ -8,7 +8,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,9 @@ import numpy as np
 from karma import registry
 from karma.agent.loading.models import OPENAI, Models, check_asked, filled, language_model
 from karma.agent.loading.names import opened_as
+from karma.bench.engine.workers import listed_mb
 from karma.contracts import SeenObject
-from karma.errors import KarmaError, ModelError, UnknownNameError
+from karma.errors import KarmaError, ModelError
 from karma.files import rebuild_llama
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import gguf_parts_mb
@@ -27,7 +28,7 @@ from karma.infer.hosted.session import Session
 from karma.infer.llama.devices import devices, free_mb
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.options import KV_BYTES
-from karma.infer.manifest.manifest import ModelEntry, find_model, resolve_planner
+from karma.infer.manifest.manifest import ModelEntry, resolve_planner
 from karma.infer.torch_load import import_transformers
 
 CARDS = {  # what a driver puts on this machine -> (whose, what llama.cpp is built with for it)
@@ -64,9 +65,7 @@ class ModelSeen:
 def tried(entry: ModelEntry, folder: Path) -> ModelSeen | None:
     """Open a model as a run does in its role, and ask it a little; None: it fills no role.
 
-    Args:
-        entry: what is known of it; it need not be listed yet.
-        folder: where its files lie.
+    It need not be listed yet; its files lie in the folder.
 
     Raises:
         ModelError: it does not open, or does not answer; whatever a library raised.
@@ -93,14 +92,12 @@ def tried(entry: ModelEntry, folder: Path) -> ModelSeen | None:
 
 def examine(models: Models) -> Iterator[tuple[str, Callable[[], ModelSeen | None]]]:
     """Yield for each role its model's name, and what looks at it: None where nothing computes."""
-    name = models.planner
-    yield f"planner {name}", partial(_safely, "planner", name, models, _planner)
-    for role, plural, ask in _ROLES:
+    looks: dict[str, Callable[[Models], ModelSeen | None]] = {"planner": _planner}
+    looks |= {role: partial(_torch, role, plural, ask) for role, plural, ask in _ROLES}
+    for role, look in looks.items():
         name = getattr(models, role)
-        if not name:
-            continue
-        look = partial(_torch, role, plural, ask)
-        yield f"{role} {name}", partial(_safely, role, name, models, look)
+        if name or role == "planner":
+            yield f"{role} {name}", partial(_safely, role, name, models, look)
 
 
 def _safely(
@@ -137,22 +134,23 @@ def _planner(models: Models) -> ModelSeen:
         measured = _fallen(free_before, free_mb(cards)) if on_gpu else resident_mb() - before
         layers = f"{engine.gpu_layers} of {gguf.size.blocks + 1} layers, " if on_gpu else ""
         flash = "on" if engine.flash_attention else "off"
-        found = ModelSeen(
+        advice = [*_about_gpu(gguf), *_about_threads(engine.threads)]
+        if profile == "full" and gguf.limit < _FULL:
+            advice.append(
+                f"its context of {gguf.limit} does not hold the longest prompts of the full "
+                f"profile with an answer ({_FULL} tokens): "
+                'profile = "compact", or another n_ctx or model'
+            )
+        if not on_gpu and predicted > _HEAVY_MB and metadata.get("general.file_type") == _HALF:
+            advice.append("16 bits a weight: a Q4_K_M file of it decodes about twice as fast here")
+        return ModelSeen(
             role="planner", name=file.name, device=engine.device,
             how=f"{layers}{engine.kv} KV, flash attention {flash}, "
             f"{engine.threads} thread{'s' * (engine.threads > 1)}"
             + (f", {model.manner}" if model.manner else ""),
             predicted_mb=predicted, measured_mb=measured, speeds=speeds,
-            context=gguf.n_ctx, limit=gguf.limit,
+            context=gguf.n_ctx, limit=gguf.limit, advice=tuple(advice),
         )  # fmt: skip
-        advice = [
-            *_about_gpu(gguf),
-            *_about_threads(engine.threads),
-            *_about_context(found, profile),
-        ]
-        if not on_gpu and predicted > _HEAVY_MB and metadata.get("general.file_type") == _HALF:
-            advice.append("16 bits a weight: a Q4_K_M file of it decodes about twice as fast here")
-        return replace(found, advice=tuple(advice))
     finally:
         model.close()
 
@@ -207,14 +205,6 @@ def _about_threads(threads: int) -> Iterator[str]:
         )
 
 
-def _about_context(found: ModelSeen, profile: str) -> Iterator[str]:
-    if profile == "full" and found.limit is not None and found.limit < _FULL:
-        yield (
-            f"its context of {found.limit} does not hold the longest prompts of the full profile "
-            f'with an answer ({_FULL} tokens): profile = "compact", or another n_ctx or model'
-        )
-
-
 # ----------------------------------------------------------------- torch models
 
 
@@ -234,7 +224,7 @@ def _torch(
         advice.append("an NVIDIA card is here, but torch was built without CUDA: install one with")
     return ModelSeen(
         role=role, name=model.name, device=device, how=numbers, speeds=speeds,
-        predicted_mb=_listed_mb(name, model.name), advice=tuple(advice),
+        predicted_mb=listed_mb(name.partition(":")[2] or model.name), advice=tuple(advice),
         measured_mb=resident_mb() - before if device.lower() == "cpu" else None,
     )  # fmt: skip
 
@@ -270,14 +260,6 @@ _ROLES: Sequence[tuple[str, str, Callable[[Any], dict[str, float]]]] = (
     ("embedder", "embedders", _embedder),
     ("vision", "vision_models", _vision),
 )
-
-
-def _listed_mb(name: str, own: str) -> float | None:
-    """Return what the manifest says that a model takes."""
-    try:
-        return find_model(name.partition(":")[2] or own).memory_mb
-    except UnknownNameError:
-        return None
 
 
 # ----------------------------------------------------------------- measuring

@@ -11,27 +11,29 @@ import msgspec
 from karma import registry
 from karma.agent.journal.header import RESULTS, Header
 from karma.agent.journal.part import TimeLog
+from karma.agent.journal.provenance import header_of as journal_header
 from karma.agent.journal.records import EpisodeRecord
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.journal.steps import StepLog
 from karma.agent.journal.told import Config
 from karma.agent.loading.models import Models, Row, for_row, load_resources
+from karma.agent.loading.planner_files import NO_WORDS, chosen_words, may_refuse
+from karma.agent.loading.presets import PRESETS, preset
 from karma.agent.loading.worlds import world_maker
 from karma.agent.tour import explore_room
-from karma.bench.engine.configuration import configuration, header_of
 from karma.bench.engine.episode import run_episode
-from karma.bench.engine.experiment import Experiment
+from karma.bench.engine.experiment import Experiment, RunOptions
 from karma.bench.engine.experiment_file import Changes, DataFolders, read_experiment
 from karma.bench.engine.experiment_tasks import load, placed, scene_path
-from karma.bench.engine.nodes import NodeFolder
 from karma.bench.engine.suite import Chain, Do, Done
-from karma.bench.engine.workers import loaded
+from karma.bench.engine.workers import NodeFolder, loaded
 from karma.bench.figures.columns import added_up
 from karma.bench.tasks.days import Days
 from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
 from karma.errors import FileError, KarmaError
 from karma.infer.hosted.session import Session
 from karma.infer.llama.room_states import StateOptions
+from karma.infer.manifest.manifest import resolve_planner
 from karma.offline.guard import settle
 from karma.world.home import Home
 
@@ -133,8 +135,12 @@ def our_tasks(
         models = msgspec.structs.replace(models, hosted=models.hosted.at(base_url))
     found = load(experiment, path, folder)
     experiment = _as_sure(experiment, half_width, max_seeds)
-    if experiment.precision is not None:
-        _check_seeds_differ(found.tasks)
+    alike = [task.id for task in found.tasks if task.kind == "sequence"]
+    if experiment.precision is not None and alike:  # another seed would be the same episode again
+        raise KarmaError(
+            f"task {alike[0]} is a sequence, which has one seed: no half-width is reached by more\n"
+            "  To fix: leave out the half-width, or put more sequences into the task file"
+        )
     kept = experiment.run.room_states
     return OurTasks(
         experiment=experiment,
@@ -165,21 +171,8 @@ def _as_sure(experiment: Experiment, half_width: float | None, max_seeds: int | 
         raise KarmaError(f"{error}\n  To fix: --half-width 0.05") from error
 
 
-def _check_seeds_differ(tasks: Iterable[Task]) -> None:
-    """Raise KarmaError where another seed would be the same episode again."""
-    if alike := [task.id for task in tasks if task.kind == "sequence"]:
-        raise KarmaError(
-            f"task {alike[0]} is a sequence, which has one seed: no half-width is reached by more\n"
-            "  To fix: leave out the half-width, or put more sequences into the task file"
-        )
-
-
 class Performer:
     """Does episodes, one after the other, with models that are loaded once.
-
-    Args:
-        suite: what to load.
-        session: of hosted models.
 
     Raises:
         KarmaError: a model cannot be loaded, or a row has an option that its method does not know.
@@ -271,3 +264,84 @@ def _built(
         return kind.build(for_row(resources, row, loaded, models), row.all_options)
     except KarmaError as error:
         raise KarmaError(f"row {row.name!r}: {error}") from error
+
+
+def configuration(experiment: msgspec.Struct) -> Config:
+    """Return all that an experiment says, with what it leaves to presets, models and methods.
+
+    Raises:
+        ModelError: a model's file is missing.
+        UnknownNameError: there is no such model, or method.
+    """
+    plain: dict[str, Any] = msgspec.to_builtins(experiment)
+    models: Models = experiment.models  # type: ignore[attr-defined]
+    plain["models"] |= _settled(models)
+    rows: tuple[msgspec.Struct, ...] = experiment.rows  # type: ignore[attr-defined]
+    for row, said in zip(rows, plain["rows"], strict=True):
+        if isinstance(row, Row):
+            said |= _row(row, models)
+    return plain
+
+
+def _settled(models: Models) -> dict[str, Any]:
+    """Return what is left to the planner's own entry."""
+    if models.hosted.planner is not None:
+        words = models.words or NO_WORDS
+        return {
+            "profile": models.profile or "full",
+            "refusing": bool(models.refusing),
+            "words": words,
+        }
+    file = resolve_planner(models.planner)
+    return {
+        "profile": models.profile or file.prompt_profile,
+        "chat": file.chat if models.chat is None else models.chat,
+        "refusing": may_refuse(models.planner, models.refusing),
+        "words": str(chosen_words(models.planner, models.words) or NO_WORDS),
+    }
+
+
+def _row(row: Row, models: Models) -> dict[str, Any]:
+    """Return what a row leaves to its preset, its method and [models]."""
+    chosen, recall, text = preset(row.preset), models.recall, models.recall_text
+    if row.preset:
+        recall, text = chosen.recall, chosen.recall_text
+    if row.recall:
+        recall, text = row.recall, PRESETS[""].recall_text
+    kind = getattr(registry.load("methods", row.method), "settings_kind", None)
+    defaults = {} if kind is None else msgspec.to_builtins(kind())
+    return {
+        "recall": recall,
+        "recall_text": text,
+        "vision": row.vision or models.vision,
+        "options": {**defaults, **row.all_options},
+    }
+
+
+# ----------------------------------------------------------------- two runs
+
+
+def header_of(
+    experiment: Experiment, tasks: Iterable[Task], scenes: Mapping[str, bytes], *, steps: bool
+) -> Header:
+    """Return what a run of an experiment depends on.
+
+    The tasks are those that it selects, the scenes imported floor plans by name. A comment in the
+    experiment's file changes nothing.
+
+    Raises:
+        ModelError: a model's file is missing.
+        UnknownNameError: there is no such model.
+    """
+    told = msgspec.to_builtins(msgspec.structs.replace(experiment, run=RunOptions()))
+    for name in ("half_width", "max_seeds"):  # how many episodes there are, not what is in one
+        del told[name]
+    for name in ("only", "limit", "grid"):  # what they select stands in `tasks`
+        del told[name]
+    for endpoint in filter(None, told["models"]["hosted"].values()):
+        for name in ("timeout_s", "retries"):  # a request that is given up leaves no record
+            del endpoint[name]
+    return journal_header(
+        experiment.name, told, experiment.models,
+        rows=experiment.rows, tasks=tasks, scenes=scenes, steps=steps,
+    )  # fmt: skip

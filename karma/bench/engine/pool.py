@@ -1,7 +1,7 @@
-"""Jobs done by several processes at once, each of which loads its own things first.
+"""Jobs done by several workers at once, each of which loads its own things first.
 
 A job depends on nothing that another job leaves, so jobs can be dealt out in any way, and one whose
-worker died can be done again.
+worker died can be done again. Here the workers are processes; `ray_pool` has those of a cluster.
 """
 
 import logging
@@ -11,12 +11,12 @@ import signal
 import threading
 import traceback
 from collections import Counter, deque
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from karma.errors import KarmaError, WorkerLost
 from karma.offline.children import forking, starting
@@ -41,14 +41,8 @@ class _Keyed(Protocol):
 
 J = TypeVar("J", bound=_Keyed)
 D = TypeVar("D")  # what a job leaves
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Workshop(Generic[J, D]):
-    """What processes need to know to do jobs; `begin` travels, the rest stays."""
-
-    begin: Callable[[], Callable[[J], D]]  # loads, in each process; a function of a module
-    imports: tuple[str, ...] = ()  # modules that are imported once for all
+W = TypeVar("W", bound=Hashable)  # a worker
+Begin = Callable[[], Callable[[J], D]]  # loads, where a worker is
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +64,35 @@ class WorkerError:
         return KarmaError(self.text) if self.known else RuntimeError(self.text)
 
 
+@dataclass(frozen=True, slots=True)
+class Died:
+    """What became of a worker that does not answer any more."""
+
+    cause: str
+    why: str = ""  # in the words of what noticed it
+
+
+class Workers(Protocol[W]):
+    """How workers are reached."""
+
+    unloaded: str  # the error where the last worker dies of loading; {0} is a `Died`
+
+    def start(self) -> W:
+        """Start a worker, which loads its things and then answers None."""
+
+    def send(self, worker: W, job: Any) -> None:
+        """Have a worker that has answered do a job."""
+
+    def answer(self, workers: Collection[W]) -> tuple[W, Any]:
+        """Wait for one of the workers; returns what it answers, a `WorkerError` or `Died`."""
+
+    def dismiss(self, worker: W) -> None:
+        """Have a worker end for which no job is left."""
+
+    def end(self, workers: Collection[W]) -> None:
+        """End these workers, also in the middle of a job, and all that were dismissed."""
+
+
 class JobQueue(Generic[J]):
     """The jobs that are left to do, and how many workers each has cost."""
 
@@ -86,15 +109,7 @@ class JobQueue(Generic[J]):
         return self.jobs.popleft()
 
     def died(self, job: J, cause: str) -> None:
-        """Put a dead worker's job in front again.
-
-        Args:
-            job: what the worker was doing.
-            cause: what became of the worker.
-
-        Raises:
-            WorkerLost: the job has cost `LIVES` workers.
-        """
+        """Put a dead worker's job in front again; WorkerLost if it has cost `LIVES` workers."""
         self._deaths[job.key] += 1
         name = "/".join(map(str, job.key))
         _log.warning("a worker was %s in episode %s", cause, name)
@@ -103,8 +118,8 @@ class JobQueue(Generic[J]):
         self.jobs.appendleft(job)
 
 
-def in_processes(shop: Workshop[J, D], jobs: Sequence[J], number: int) -> Iterator[D]:
-    """Do the jobs in `number` processes; yields what each leaves as it is done.
+def done_by(workers: Workers[W], jobs: Sequence[J], number: int) -> Iterator[Any]:
+    """Do the jobs with so many workers; yields what each leaves as it is done.
 
     A worker that dies is replaced, and its job done once more.
 
@@ -112,100 +127,112 @@ def in_processes(shop: Workshop[J, D], jobs: Sequence[J], number: int) -> Iterat
         KarmaError: a worker cannot load its things, or says that the run must end; or a job takes
             the next worker with it, too.
     """
-    pool = _Pool(shop, jobs)
+    queue = JobQueue(jobs)
+    doing: dict[W, J | None] = {}  # None: it loads
     try:
         for _ in range(min(number, len(jobs))):
-            pool.start_one()
-        while pool.workers:
-            yield from pool.round()
+            doing[workers.start()] = None
+        while doing:
+            worker, answer = workers.answer(tuple(doing))
+            job = doing.pop(worker)
+            if isinstance(answer, Died):
+                _replace(workers, doing, queue, job, answer)
+                continue
+            if isinstance(answer, WorkerError):
+                raise answer.error()
+            if queue.jobs:
+                doing[worker] = queue.next_after(job)
+                workers.send(worker, doing[worker])
+            else:
+                for idle in (worker, *(one for one, its in tuple(doing.items()) if its is None)):
+                    doing.pop(idle, None)
+                    workers.dismiss(idle)
+            if job is not None:
+                yield answer
     finally:
-        pool.end_all()
+        workers.end(tuple(doing))
 
 
-@dataclass(slots=True)
-class _Worker(Generic[J]):
-    """One process and the job that it is doing."""
+def _replace(
+    workers: Workers[W], doing: dict[W, J | None], queue: JobQueue[J], job: J | None, died: Died
+) -> None:
+    """Have a dead worker's job done again; one that died of loading is missed only if alone."""
+    if job is not None:
+        queue.died(job, died.cause)
+        if queue.jobs:
+            doing[workers.start()] = None
+    elif doing:
+        _log.warning("a worker was %s while it loaded its models; going on with fewer", died.cause)
+    else:
+        raise KarmaError(workers.unloaded.format(died))
 
+
+# ----------------------------------------------------------------- processes
+
+
+def in_processes(
+    begin: Begin[J, D], jobs: Sequence[J], number: int, imports: Sequence[str] = ()
+) -> Iterator[D]:
+    """Do the jobs in `number` processes, see `done_by`.
+
+    `begin` is a function of a module; `imports` are modules that are imported once for all.
+    """
+    return done_by(_Processes(begin, imports), jobs, number)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Worker:
     process: BaseProcess
     line: Connection
-    job: J | None = None
 
 
-class _Pool(Generic[J, D]):
-    """The processes of a run, and the jobs that are left to do."""
+class _Processes(Generic[J, D]):
+    """Worker processes of this machine, see `Workers`."""
 
-    def __init__(self, shop: Workshop[J, D], jobs: Sequence[J]) -> None:
-        self.workers: list[_Worker[J]] = []
-        self._ending: list[_Worker[J]] = []
-        self._shop, self._queue = shop, JobQueue(jobs)
+    unloaded = (
+        "a worker was {0.cause} while it loaded its models\n"
+        "  To fix: the same command with fewer workers goes on, e.g. --workers 1"
+    )
 
-    def start_one(self) -> None:
-        """Start one more process."""
-        context = forking(__name__, *self._shop.imports)
+    def __init__(self, begin: Begin[J, D], imports: Sequence[str]) -> None:
+        self._begin, self._imports = begin, imports
+        self._ending: list[_Worker] = []
+
+    def start(self) -> _Worker:
+        context = forking(__name__, *self._imports)
         ours, theirs = context.Pipe()
-        arguments = (theirs, self._shop.begin, _settings())
+        arguments = (theirs, self._begin, _settings())
         process = context.Process(target=_work, args=arguments, daemon=True)
         with starting(**_ONE_THREAD):
             process.start()
         theirs.close()
-        self.workers.append(_Worker(process, ours))
+        return _Worker(process, ours)
 
-    def round(self) -> Iterator[D]:
-        """Wait until workers answer or die; give each its next job."""
-        for line in wait([worker.line for worker in self.workers]):
-            worker = next(one for one in self.workers if one.line is line)
-            try:
-                said: D | WorkerError | None = worker.line.recv()
-            except (EOFError, ConnectionResetError):
-                self._replace(worker)
-                continue
-            if isinstance(said, WorkerError):
-                raise said.error()
-            self._assign(worker)
-            if said is not None:
-                yield said
+    def send(self, worker: _Worker, job: J) -> None:
+        with suppress(BrokenPipeError):  # it has just died; its next answer will tell
+            worker.line.send(job)
 
-    def end_all(self) -> None:
-        """End all processes; those in the middle of a job are killed."""
+    def answer(self, workers: Collection[_Worker]) -> tuple[_Worker, Any]:
+        ready = wait([worker.line for worker in workers])
+        worker = next(one for one in workers if one.line is ready[0])
+        try:
+            return worker, worker.line.recv()
+        except (EOFError, ConnectionResetError):
+            worker.process.join()
+            worker.line.close()
+            return worker, Died(cause_of(worker.process.exitcode))
+
+    def dismiss(self, worker: _Worker) -> None:
+        self._ending.append(worker)
+        worker.line.close()
+
+    def end(self, workers: Collection[_Worker]) -> None:
         for worker in self._ending:
             worker.process.join(_LEAVE_S)
-        for worker in (*self._ending, *self.workers):
+        for worker in (*self._ending, *workers):
             worker.process.kill()
             worker.process.join()
             worker.line.close()
-        self.workers.clear()
-
-    def _assign(self, worker: _Worker[J]) -> None:
-        """Give a worker its next job; tell it to end when none is left."""
-        if self._queue.jobs:
-            worker.job = self._queue.next_after(worker.job)
-            with suppress(BrokenPipeError):  # it has just died; the next round will tell
-                worker.line.send(worker.job)
-        else:
-            self.workers.remove(worker)
-            self._ending.append(worker)
-            worker.line.close()
-
-    def _replace(self, worker: _Worker[J]) -> None:
-        """Do a dead worker's job again; start another process."""
-        self.workers.remove(worker)
-        worker.process.join()
-        worker.line.close()
-        cause = cause_of(worker.process.exitcode)
-        if worker.job is None:
-            self._died_loading(cause)
-            return
-        self._queue.died(worker.job, cause)
-        if self._queue.jobs:
-            self.start_one()
-
-    def _died_loading(self, cause: str) -> None:
-        if not self.workers:
-            raise KarmaError(
-                f"a worker was {cause} while it loaded its models\n"
-                "  To fix: the same command with fewer workers goes on, e.g. --workers 1"
-            )
-        _log.warning("a worker was %s while it loaded its models; going on with fewer", cause)
 
 
 def cause_of(code: int | None) -> str:
@@ -226,9 +253,7 @@ def _settings() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name.startswith("KARMA_")}
 
 
-def _work(
-    line: Connection, begin: Callable[[], Callable[[J], D]], settings: Mapping[str, str]
-) -> None:
+def _work(line: Connection, begin: Begin[J, D], settings: Mapping[str, str]) -> None:
     """What a worker process does: load, say that it is ready, then one job after the other."""
     for name in _settings():
         del os.environ[name]

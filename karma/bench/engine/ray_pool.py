@@ -5,17 +5,16 @@ worker begins with travels, and looks for them there. What jobs leave comes back
 """
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from functools import partial
+from typing import Any, Generic
 
-from karma.bench.engine.pool import J, JobQueue, WorkerError, Workshop
+from karma.bench.engine.pool import Begin, D, Died, J, WorkerError, done_by
 from karma.errors import KarmaError
 from karma.offline.guard import allow_host, go_offline, is_local, network_allowed
 
 _CAUSE = "lost with its node or killed, as happens when memory runs out"
-_log = logging.getLogger(__name__)
-D = TypeVar("D")  # what a job leaves
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,29 +30,24 @@ class WorkerNeed:
 
 
 def in_cluster(
-    shop: Workshop[J, D], jobs: Sequence[J], address: str, *, need: WorkerNeed, number: int = 0
+    begin: Begin[J, D], jobs: Sequence[J], address: str, *, need: WorkerNeed, number: int = 0
 ) -> Iterator[D]:
-    """Do the jobs on a cluster; yields what each leaves as it is done.
+    """Do the jobs on a cluster with so many workers, 0 for as many as it has room for.
 
-    A worker that dies is replaced, and its job done once more.
-
-    Args:
-        shop: its `begin` travels to the nodes, and looks there for what it needs.
-        jobs: in any order.
-        address: of the cluster's head, HOST:PORT.
-        need: of each worker.
-        number: workers; 0 for as many as the cluster has room for.
+    `begin` travels to the nodes, and looks there for what it needs; the address is of the cluster's
+    head, HOST:PORT.
 
     Raises:
-        KarmaError: Ray is not installed, the address may not or cannot be reached, a node does not
-            have what is needed, or a job takes two workers with it.
+        KarmaError: as `done_by`; or Ray is not installed, the address may not or cannot be reached,
+            or a node does not have what is needed.
     """
     ray = _ray()
     _check_leave(host_of(address))
     try:
         ray.init(
             address=address, log_to_driver=False, logging_level=logging.ERROR,
-            job_config=_nothing_of_this_folder(ray),
+            # workers that import nothing of the current folder, which Ray adds for all other jobs
+            job_config=ray.job_config.JobConfig(_client_job=True),
         )  # fmt: skip
     except (ConnectionError, ValueError, RuntimeError, OSError) as error:
         raise KarmaError(
@@ -61,15 +55,8 @@ def in_cluster(
             "  To fix: start one (`ray start --head`, on other machines `ray start --address`), "
             "and run this on one of its machines"
         ) from error
-    pool = _RayPool(ray, shop, jobs, need)
-    try:
-        for _ in range(min(number or _room(ray, need), len(jobs))):
-            pool.start_one()
-        while pool.waiting:
-            yield from pool.round()
-    finally:
-        pool.end_all()
-        ray.shutdown()
+    workers = _Actors(ray, begin, need)
+    yield from done_by(workers, jobs, number or _room(ray, need))
 
 
 def host_of(address: str) -> str:
@@ -101,21 +88,14 @@ def _check_leave(host: str) -> None:
     allow_host(host)
 
 
-@dataclass(slots=True)
-class _RayWorker(Generic[J]):
-    """One worker and the job that it is doing."""
+class _Actors(Generic[J, D]):
+    """Workers on a cluster, see `Workers`; each is named by its actor."""
 
-    actor: Any
-    job: J | None = None
+    unloaded = "no worker could be started on the cluster: {0.why}"
 
-
-class _RayPool(Generic[J, D]):
-    """The workers on a cluster, and the jobs that are left to do."""
-
-    def __init__(self, ray: Any, shop: Workshop[J, D], jobs: Sequence[J], need: WorkerNeed) -> None:
-        self.waiting: dict[Any, _RayWorker[J]] = {}  # pending answer -> its worker
-        self._ray, self._begin = ray, shop.begin
-        self._queue = JobQueue(jobs)
+    def __init__(self, ray: Any, begin: Begin[J, D], need: WorkerNeed) -> None:
+        self._ray, self._begin = ray, begin
+        self._pending: dict[Any, Any] = {}  # actor -> its pending answer
         options = {
             "num_cpus": need.cores,
             "memory": int(need.memory_mb * 1e6),
@@ -124,59 +104,30 @@ class _RayPool(Generic[J, D]):
         }
         self._kind = ray.remote(**options)(NodeWorker)
 
-    def start_one(self) -> None:
-        """Start one more worker, on a node that has room."""
-        worker: _RayWorker[J] = _RayWorker(self._kind.remote())
-        self.waiting[worker.actor.load.remote(self._begin)] = worker
+    def start(self) -> Any:
+        """Start a worker on a node that has room."""
+        actor = self._kind.remote()
+        self._pending[actor] = actor.load.remote(self._begin)
+        return actor
 
-    def round(self) -> Iterator[D]:
-        """Wait for one answer; give that worker its next job, or end it when none is left."""
-        (ready, *_), _ = self._ray.wait(list(self.waiting), num_returns=1)
-        worker = self.waiting.pop(ready)
+    def send(self, worker: Any, job: J) -> None:
+        self._pending[worker] = worker.do.remote(job)
+
+    def answer(self, workers: Collection[Any]) -> tuple[Any, Any]:
+        pending = {self._pending[worker]: worker for worker in workers}
+        (ready, *_), _ = self._ray.wait(list(pending), num_returns=1)
         try:
-            said: D | WorkerError | None = self._ray.get(ready)
+            return pending[ready], self._ray.get(ready)
         except self._ray.exceptions.RayActorError as error:
-            self._replace(worker, error)
-            return
-        if isinstance(said, WorkerError):
-            raise said.error()
-        if self._queue.jobs:
-            worker.job = self._queue.next_after(worker.job)
-            self.waiting[worker.actor.do.remote(worker.job)] = worker
-        else:
-            self._ray.kill(worker.actor)
-            self._end_idle()
-        if said is not None:
-            yield said
+            return pending[ready], Died(_CAUSE, str(error))
 
-    def end_all(self) -> None:
-        """End all workers, also in the middle of a job."""
-        for worker in self.waiting.values():
-            self._ray.kill(worker.actor)
-        self.waiting.clear()
+    def dismiss(self, worker: Any) -> None:
+        self._ray.kill(worker)
 
-    def _end_idle(self) -> None:
-        """End the workers that have no job yet: none is left for them."""
-        for answer, worker in list(self.waiting.items()):
-            if worker.job is None:
-                del self.waiting[answer]
-                self._ray.kill(worker.actor)
-
-    def _replace(self, worker: _RayWorker[J], error: Exception) -> None:
-        """Do a dead worker's job again; start another worker."""
-        if worker.job is None:
-            if not self.waiting:
-                raise KarmaError(f"no worker could be started on the cluster: {error}") from error
-            _log.warning("a worker was %s while it loaded its models", _CAUSE)
-            return
-        self._queue.died(worker.job, _CAUSE)
-        if self._queue.jobs:
-            self.start_one()
-
-
-def _nothing_of_this_folder(ray: Any) -> Any:
-    """Return the setting of a job whose workers do not import what lies in the current folder."""
-    return ray.job_config.JobConfig(_client_job=True)  # Ray adds it for all other jobs
+    def end(self, workers: Collection[Any]) -> None:
+        for worker in workers:
+            self._ray.kill(worker)
+        self._ray.shutdown()
 
 
 class NodeWorker:
@@ -185,23 +136,26 @@ class NodeWorker:
     def __init__(self) -> None:
         self._do: Callable[[Any], Any] | None = None
 
-    def load(self, begin: Callable[[], Callable[[Any], Any]]) -> WorkerError | None:
+    def load(self, begin: Begin[Any, Any]) -> Any:
         """Load what jobs need, or say what this node has not."""
-        try:
+
+        def load() -> None:
             go_offline()
             self._do = begin()
-        except Exception as error:  # noqa: BLE001  it is raised where the run is
-            return WorkerError.of(_at_node(error))
-        return None
+
+        return _or_error(load)
 
     def do(self, job: Any) -> Any:
         """Do one job; returns what it leaves, or why the run must end."""
-        if self._do is None:
-            raise RuntimeError("load first")
-        try:
-            return self._do(job)
-        except Exception as error:  # noqa: BLE001  it is raised where the run is
-            return WorkerError.of(_at_node(error))
+        assert self._do is not None, "load first"
+        return _or_error(partial(self._do, job))
+
+
+def _or_error(call: Callable[[], Any]) -> Any:
+    try:
+        return call()
+    except Exception as error:  # noqa: BLE001  it is raised where the run is
+        return WorkerError.of(_at_node(error))
 
 
 def _at_node(error: Exception) -> Exception:

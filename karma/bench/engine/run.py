@@ -12,8 +12,7 @@ from karma.bench.engine.benchmark_runs import BenchmarkSuite, benchmark_suite
 from karma.bench.engine.experiment_file import Changes, kind_of
 from karma.bench.engine.our_tasks import OurTasks, our_tasks
 from karma.bench.engine.suite import BenchmarkResults, Chain, Suite
-from karma.bench.engine.worker_count import IN_FLIGHT, Suggestion, suggest_workers
-from karma.bench.engine.workers import check_far, perform
+from karma.bench.engine.workers import IN_FLIGHT, Suggestion, check_far, perform, suggest_workers
 from karma.bench.figures.precision import takes_another
 from karma.contracts import Task
 from karma.errors import KarmaError
@@ -25,20 +24,14 @@ from karma.infer.hosted.session import Session
 class Run:
     """An experiment in its folder: of our own tasks, or of a benchmark by its own protocol.
 
-    Args:
-        path: the TOML file.
-        folder: takes records, header and whatever else episodes leave.
-        changes: what the experiment says otherwise than its file.
-        fresh: throw away what an earlier run left there.
-        cassette: records hosted models or stands for them, and is the run's clock.
-        base_url: of all hosted models, in place of the experiment's.
-        computed: keys of its [models] that say how they are computed, in place of its own.
-        steps: whether to keep step logs; None leaves this and the following to the experiment, and
-            a benchmark has none of them.
-        states: folder for KV states of rooms, in place of the experiment's.
-        half_width: wanted of every success rate's interval, by more seeds than are listed.
-        max_seeds: that may come to, the listed ones counted.
-        suite: what is done, where it is of neither form; `path` is named in messages.
+    The folder takes records, header and whatever else episodes leave; `fresh` throws away what an
+    earlier run left there. `changes`, `computed` (keys of its [models] that say how they are
+    computed), `base_url` (of all hosted models), `states` (folder for KV states of rooms) and
+    `steps` (whether to keep step logs) stand in place of what the experiment says; the last two and
+    the following are of no use to a benchmark. `half_width` is wanted of every success rate's
+    interval, by more seeds than are listed, up to `max_seeds`. The cassette records hosted models
+    or stands for them, and is the run's clock. A `suite` is what is done where it is of neither
+    form; then `path` is only named in messages.
 
     Raises:
         FileError: the experiment is damaged, or the folder holds a run of something else.
@@ -128,10 +121,8 @@ class Run:
         done. Where success rates are not yet as sure as they are wanted, one seed after the other
         is begun. What was not run is in `not_run` afterwards; then the run is not finished.
 
-        Args:
-            workers: processes to use, each with models of its own.
-            ray: address of a Ray cluster, whose machines do the episodes; then 0 workers are as
-                many as it has room for.
+        Each of the workers is a process with models of its own. `ray` is the address of a cluster
+        whose machines do the episodes; then 0 workers are as many as it has room for.
 
         Raises:
             KarmaError: a model cannot be loaded or a hosted one not reached, a row has a wrong

@@ -114,9 +114,7 @@ class Suite(Protocol):
     def begin_on_node(self, header: Any, there: DataFolders) -> Do:
         """Find this machine's files and models, and load them.
 
-        Args:
-            header: of the run, held against what is here.
-            there: folders of data on the machine of the run.
+        The run's header is held against what is here; `there` are folders on the run's machine.
 
         Raises:
             KarmaError: something here is not what the run depends on.

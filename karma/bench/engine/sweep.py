@@ -58,13 +58,9 @@ class SweptEpisode:
 class SweepRun:
     """An experiment with a grid in its folder.
 
-    Args:
-        path: the TOML file.
-        folder: takes a run folder per cell, `sweep.json` and `table.md`.
-        changes: what the experiment says otherwise than its file, in all cells.
-        planner_dir: each GGUF in it is one value of models.planner.
-        fresh: throw away what an earlier sweep left there.
-        opened: the other arguments of every cell's `Run`.
+    The folder takes a run folder per cell, `sweep.json` and `table.md`; `fresh` throws away what an
+    earlier sweep left there. `changes` are for all cells, each GGUF in `planner_dir` is one value
+    of models.planner, and `opened` holds the other arguments of every cell's `Run`.
 
     Raises:
         FileError: the experiment is damaged, or the folder holds a run.
@@ -114,10 +110,8 @@ class SweepRun:
 
         A cell that cannot be done, or not whole, is in `failed` afterwards; the next one is begun.
 
-        Args:
-            workers: processes to use; 0 = as many as cores and memory allow, asked of each cell.
-            ray: address of a Ray cluster.
-            opened: is told each cell's run before its first episode.
+        0 workers are as many as cores and memory allow, asked of each cell. `opened` is told each
+        cell's run before its first episode.
 
         Raises:
             UnwritableError: the disk is full.
@@ -209,7 +203,8 @@ def _named(different: Sequence[tuple[Setting, ...]], changes: Changes) -> tuple[
             values = {short[one.key]: _text(one.value, whole=True) for one in cell}
         name = ", ".join(f"{key}={value}" for key, value in values.items())
         kept = SweptCell(name=name, folder=slug(name)[-_LONGEST:].lstrip("-"), values=values)
-        found.append(Cell(kept=kept, changes=changes.and_then((_NO_GRID, *cell))))
+        settings = (*changes.settings, _NO_GRID, *cell)
+        found.append(Cell(kept=kept, changes=replace(changes, settings=settings)))
     return tuple(found)
 
 

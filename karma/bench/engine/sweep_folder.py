@@ -1,6 +1,6 @@
 """The folder of a sweep: a run folder per cell below `cells/`, what tells them apart, one table."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -38,11 +38,7 @@ class SweepData:
     folder: Path = field(default=Path(), compare=False)
 
     def run(self, cell: SweptCell) -> RunData | None:
-        """Return a cell's run; None where it has not begun.
-
-        Raises:
-            FileError: it is damaged.
-        """
+        """Return a cell's run; None where it has not begun. FileError where it is damaged."""
         place = self.folder / CELLS / cell.folder
         return read_run(place) if (place / HEADER).exists() else None
 
@@ -89,7 +85,10 @@ def sweep_sheet(data: SweepData) -> Sheet:
     for cell, lines in found:
         said = tuple(cell.values.get(key, UNKNOWN) for key in keys)
         whole = [line for line in lines if line.kind == ALL]
-        rows += [(*said, *_cells(line, shown)) for line in whole]
+        for line in whole:
+            rate, solved = line.values["success"], f"{line.successes} of {line.episodes}"
+            more = (figure_text(line.values[key].value, COLUMNS[key].digits) for key in shown)
+            rows.append((*said, line.row, interval_text(rate), solved, *more))
         if not whole:
             rows.append((*said, *[UNKNOWN] * (3 + len(shown))))
     titles = (COLUMNS[key].title for key in shown)
@@ -98,15 +97,6 @@ def sweep_sheet(data: SweepData) -> Sheet:
         caption=_caption(data),
         head=(*keys, "method", "SR", "solved", *titles),
         lines=tuple(rows),
-    )
-
-
-def _cells(line: Figures, shown: Sequence[str]) -> tuple[str, ...]:
-    return (
-        line.row,
-        interval_text(line.values["success"]),
-        f"{line.successes} of {line.episodes}",
-        *(figure_text(line.values[key].value, COLUMNS[key].digits) for key in shown),
     )
 
 

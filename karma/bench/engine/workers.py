@@ -5,21 +5,46 @@ node that has another model, version, prompt or file than the run says so by nam
 What an episode leaves comes back with its record, so the run's folder lies on one machine only.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+import os
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
+import msgspec
+
+from karma.agent.journal.header import Header
 from karma.agent.journal.not_run import NotRun
-from karma.agent.loading.models import Models
+from karma.agent.journal.provenance import (
+    model_hashes,
+    parts_of_planner,
+    prompt_hashes,
+    scene_hashes,
+    versions,
+)
+from karma.agent.loading.models import Models, Row
 from karma.bench.engine.experiment_file import DataFolders
-from karma.bench.engine.pool import JobQueue, Workshop, in_processes
+from karma.bench.engine.experiment_tasks import scene_path
+from karma.bench.engine.pool import JobQueue, in_processes
 from karma.bench.engine.ray_pool import WorkerNeed, in_cluster
 from karma.bench.engine.suite import Chain, Do, Done, Suite
-from karma.bench.engine.worker_count import worker_mb
-from karma.errors import KarmaError, UnwritableError
+from karma.contracts import SceneRef
+from karma.errors import FileError, KarmaError, ModelError, UnknownNameError, UnwritableError
+from karma.files import write_atomic
+from karma.infer.checks.memory import available_mb
 from karma.infer.hosted.cassette import Cassette, CassetteError, Tape
 from karma.infer.hosted.session import Hosted, Session
+from karma.infer.llama.devices import devices
+from karma.infer.manifest.manifest import find_model, read_manifest, resolve_planner
 from karma.offline.guard import NetworkRefused, go_offline, network_allowed
+
+_BASE_MB = 350  # Python with torch, faiss and a world, beside the models; measured
+_SHARE = 0.8  # of the free memory, for all workers together
+_WORTH = 6  # episodes that make up for starting one worker more
+IN_FLIGHT = 8  # requests that a server is asked at once where it does not say how many it takes
+_WORTH_WAITING = 2  # episodes, likewise, where each waits for a server
 
 
 def perform(
@@ -31,40 +56,36 @@ def perform(
     ray: str = "",
     header: Any = None,
 ) -> Iterator[Done]:
-    """Do chains; yields what each episode leaves, or why it was not run.
+    """Do chains of a suite, in any order; yields what each episode leaves, or why it was not run.
 
-    Args:
-        suite: that they are of.
-        chains: in any order.
-        session: of hosted models.
-        workers: processes; on a cluster 0 for as many as it has cores and memory for.
-        ray: address of the cluster's head, HOST:PORT; "" = this machine.
-        header: what the run depends on, held against every node.
+    `ray` is the address of a cluster's head, HOST:PORT; "" is this machine. On a cluster 0 workers
+    are as many as it has cores and memory for, and the run's header is held against every node.
 
     Raises:
         KarmaError: see `in_processes`, `in_cluster` and `played`.
     """
     models = suite.models
+    found: Iterator[Iterable[Done]]
     if ray:
-        far: Workshop[Chain, Sequence[Done]] = Workshop(
-            begin=partial(suite.begin_on_node, header, DataFolders.here())
-        )
-        cores, memory_mb = max(1, models.threads), worker_mb(models, suite.rows)
-        need = WorkerNeed(cores=cores, memory_mb=memory_mb)
-        for found in in_cluster(far, chains, ray, need=need, number=workers):
-            yield from found
+        begin = partial(suite.begin_on_node, header, DataFolders.here())
+        need = WorkerNeed(cores=max(1, models.threads), memory_mb=worker_mb(models, suite.rows))
+        found = in_cluster(begin, chains, ray, need=need, number=workers)
     elif workers > 1:
-        near: Workshop[Chain, Sequence[Done]] = Workshop(
-            begin=partial(_begun, suite, session.cassette.tape, network_allowed()),
-            imports=(__name__, type(suite).__module__, *imported(models)),
-        )
-        for found in in_processes(near, chains, workers):
-            yield from found
+        begin = partial(_begun, suite, session.cassette.tape, network_allowed())
+        imports = (__name__, type(suite).__module__, *imported(models))
+        found = in_processes(begin, chains, workers, imports)
     else:
-        play, queue, chain = suite.begin(session), JobQueue(chains), None
-        while queue.jobs:
-            chain = queue.next_after(chain)
-            yield from played(play, chain, session)
+        found = _here(suite, chains, session)
+    for done in found:
+        yield from done
+
+
+def _here(suite: Suite, chains: Sequence[Chain], session: Session) -> Iterator[Iterable[Done]]:
+    """Do chains in this process; each episode is yielded before the next is begun."""
+    play, queue, chain = suite.begin(session), JobQueue(chains), None
+    while queue.jobs:
+        chain = queue.next_after(chain)
+        yield played(play, chain, session)
 
 
 def _begun(suite: Suite, tape: Tape, network: bool) -> Do:
@@ -118,3 +139,159 @@ def check_far(models: Models, cassette: Cassette) -> None:
             "hosted models and cassettes are for workers on this machine\n"
             "  To fix: --workers in place of --ray"
         )
+
+
+# ----------------------------------------------------------------- how many
+
+
+class Suggestion(NamedTuple):
+    """How many workers to use, and why."""
+
+    number: int
+    reason: str
+
+
+def suggest_workers(
+    models: Models, episodes: int, rows: Sequence[Row] = (), *, in_flight: int | None = None
+) -> Suggestion:
+    """Return as many workers as there are cores and memory for; few episodes need but one.
+
+    Rows may name a vision model of their own. `in_flight` are the requests that a hosted planner
+    takes at once; workers that wait for it need no core each. None: nobody waits.
+    """
+    local = models.hosted.planner is None
+    if local and models.gpu_layers != 0 and any(one.is_gpu for one in devices()):
+        return Suggestion(number=1, reason="a GPU, which one process has for itself")
+    if in_flight is not None:
+        most, worth = in_flight, episodes // _WORTH_WAITING
+        bound = f"{most} requests in flight"
+    else:
+        most = max(1, len(os.sched_getaffinity(0)) // max(1, models.threads))
+        worth, bound = episodes // _WORTH, f"{most} cores"
+    each, free = worker_mb(models, rows), available_mb()
+    fitting = most if free is None else int(free * _SHARE // each)
+    memory = "memory not known" if free is None else f"{free:.0f} MB free"
+    reason = f"{bound}, {memory}, about {each:.0f} MB each, {episodes} episodes to do"
+    return Suggestion(number=max(1, min(most, fitting, worth)), reason=reason)
+
+
+def worker_mb(models: Models, rows: Sequence[Row] = ()) -> float:
+    """Return about how much memory one worker takes, in MB."""
+    seeing = sorted({models.vision, *(row.vision for row in rows)})
+    named = [models.planner, models.embedder.partition(":")[2]]
+    named += [name.partition(":")[2] for name in seeing]
+    named += models.detector.partition(":")[2].split("+")
+    named += ["minilm"] if models.embedder == "minilm" else []
+    named += ["karma-nano-vlm"] if "nano-vlm" in seeing else []
+    return _BASE_MB + sum(_model_mb(name) for name in named if name)
+
+
+def _model_mb(name: str) -> float:
+    path = Path(name)
+    if path.is_file():
+        return path.stat().st_size * 1.2 / 1e6 + 100
+    return listed_mb(name) or 0.0
+
+
+def listed_mb(name: str) -> float | None:
+    """Return the memory that a model of the manifest takes; None where that is not known."""
+    try:
+        return find_model(name).memory_mb
+    except UnknownNameError:
+        return None
+
+
+class NodeFolder:
+    """A folder of this machine that episodes are done in.
+
+    `there` is the run's folder on another machine; its tasks bring the scenes along, by name.
+    """
+
+    def __init__(self, there: Path, scenes: Mapping[str, bytes]) -> None:
+        self._there, self._scenes = there, scenes
+        self.path = Path(tempfile.mkdtemp(prefix="karma-run-"))
+        for name, data in scenes.items():
+            write_atomic(scene_path(self.path, name), data)
+        self._sent: set[str] = set()
+
+    def models(self, header: Header, models: Models, rows: Sequence[Row]) -> Models:
+        """Return the models as this machine names them; KarmaError where something is another."""
+        found = models_here(models, header.models)
+        check_node(header, found, self._scenes, rows)
+        return found
+
+    def bringing(self, do: Do) -> Do:
+        """Return what does a chain, and brings along what its episodes leave here."""
+        return lambda chain: [self._brought(one) for one in do(chain)]
+
+    def _brought(self, one: Done) -> Done:
+        here, there = str(self.path), str(self._there)
+        if isinstance(one, NotRun):
+            return replace(one, reason=one.reason.replace(here, there))
+        said = one.record.error.replace(here, there)
+        return replace(one, record=replace(one.record, error=said), files=self._new_files())
+
+    def _new_files(self) -> dict[str, bytes]:
+        found = {}
+        for path in sorted(self.path.rglob("*")):
+            name = str(path.relative_to(self.path))
+            if path.is_file() and name not in self._sent and not name.startswith("scenes/"):
+                found[name] = path.read_bytes()
+        self._sent.update(found)
+        return found
+
+
+def models_here(models: Models, wanted: Mapping[str, str]) -> Models:
+    """Return the models as this machine names them: the planner is what has the run's hash.
+
+    Raises:
+        ModelError: the manifest of this machine has no such file.
+    """
+    name, sha256, _ = parts_of_planner(wanted["planner"])
+    try:
+        if parts_of_planner(model_hashes(models)["planner"])[1] == sha256:
+            return models
+    except (FileError, ModelError, UnknownNameError):
+        pass  # not under that name; perhaps under another
+    for entry in read_manifest().models:
+        if entry.role == "planner" and entry.files[0].sha256 == sha256:
+            found = resolve_planner(entry.name)
+            profile = models.profile or found.prompt_profile
+            return msgspec.structs.replace(models, planner=entry.name, profile=profile)
+    raise ModelError(
+        f"planner {name}: no model of SHA-256 {sha256} is in the manifest here\n"
+        "  To fix: bring the file there and run `karma models add PATH`"
+    )
+
+
+def hashes_here(
+    models: Models, wanted: Mapping[str, str], rows: Sequence[Row] = ()
+) -> dict[str, str]:
+    """Return what this machine's models are, the planner by the name that the run has for it."""
+    hashes = model_hashes(models, rows)
+    _, sha256, rest = parts_of_planner(hashes["planner"])
+    return {**hashes, "planner": f"{parts_of_planner(wanted['planner'])[0]} {sha256}{rest}"}
+
+
+def check_node(
+    header: Header, models: Models, scenes: Mapping[str, bytes], rows: Sequence[Row] = ()
+) -> None:
+    """Check that this machine has what a run depends on.
+
+    Raises:
+        KarmaError: something is another; names it.
+    """
+    mine = replace(
+        header,
+        versions=versions(),
+        models=hashes_here(models, header.models, rows),
+        prompts=prompt_hashes(models.profile),
+        scenes=scene_hashes((SceneRef(name=name) for name in header.scenes), scenes),
+    )
+    refuse_node(header.apart(mine))
+
+
+def refuse_node(found: Sequence[str]) -> None:
+    """Raise KarmaError where a node differs from what a run depends on."""
+    if found:
+        raise KarmaError("not what the run depends on:\n  " + "\n  ".join(found))

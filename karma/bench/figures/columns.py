@@ -4,7 +4,7 @@ The terminal, `results.json`, the tables, the report and comparisons all take th
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from karma.agent.journal.records import (
@@ -17,7 +17,7 @@ from karma.agent.journal.records import (
     is_of,
     kinds_of,
 )
-from karma.bench.figures.counterfactual import OFF_ROW, SAVINGS, Reduction, Saving, reductions
+from karma.bench.figures.counterfactual import SAVINGS, Reduction, Saving, reductions
 from karma.bench.figures.metrics import (
     METRICS,
     Metric,
@@ -53,10 +53,7 @@ class Figures:
 
 
 def figures(
-    records: Sequence[EpisodeRecord],
-    timings: Mapping[Key, EpisodeTiming] | None = None,
-    *,
-    reference: str = OFF_ROW,
+    records: Sequence[EpisodeRecord], timings: Mapping[Key, EpisodeTiming] | None = None
 ) -> tuple[Figures, ...]:
     """Return every figure of every row and kind, of all, and of what is in training data and not.
 
@@ -64,7 +61,7 @@ def figures(
     reference row is undefined in a run without it, what is measured in seconds without timings.
     """
     episodes = episodes_of(records, timings)
-    return figures_of(records, episodes, reductions(episodes, reference=reference))
+    return figures_of(records, episodes, reductions(episodes))
 
 
 def figures_of(
@@ -80,24 +77,21 @@ def figures_of(
         mine = [one for one in episodes if one.record.row == row]
         for kind in kinds:
             if some := [one for one in mine if is_of(one.record, kind)]:
-                line = _figures(row, kind, some, saved.get((row, kind), {}))
+                savings = saved.get((row, kind), {})
                 told = (one for one in records if one.row == row and is_of(one, kind))
-                lines.append(replace(line, unjudged=unjudged(told)))
+                lines.append(
+                    Figures(
+                        row=row,
+                        kind=kind,
+                        episodes=len(some),
+                        tasks=len({one.record.task for one in some}),
+                        seeds=len({one.record.seed for one in some}),
+                        values={metric.key: measure(metric, some) for metric in METRICS}
+                        | {one.key: savings.get(one.key, Estimate(value=None)) for one in SAVINGS},
+                        unjudged=unjudged(told),
+                    )
+                )
     return tuple(lines)
-
-
-def _figures(
-    row: str, kind: str, episodes: Sequence[TimedEpisode], saved: Mapping[str, Estimate]
-) -> Figures:
-    return Figures(
-        row=row,
-        kind=kind,
-        episodes=len(episodes),
-        tasks=len({one.record.task for one in episodes}),
-        seeds=len({one.record.seed for one in episodes}),
-        values={metric.key: measure(metric, episodes) for metric in METRICS}
-        | {one.key: saved.get(one.key, Estimate(value=None)) for one in SAVINGS},
-    )
 
 
 def without_repeats(lines: Sequence[Counted]) -> list[Counted]:

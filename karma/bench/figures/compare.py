@@ -1,12 +1,10 @@
 """Two arms over the same tasks and seeds: what differs, how sure that is, what went unseen."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from karma.agent.journal.records import ALL, EpisodeRecord, is_of, kinds_of
-from karma.bench.figures.counterfactual import Pair, paired
+from karma.bench.figures.counterfactual import Pair, paired, paired_sums
 from karma.bench.figures.metrics import METRICS, SUCCESS, Metric, TimedEpisode, by_task, measure
 from karma.bench.figures.statistics import (
     Estimate,
@@ -230,18 +228,16 @@ def _resampled(metric: Metric, pairs: Sequence[Pair], *, ratio: bool = False) ->
 
     Where it is the same in every task, resamples cannot tell how sure it is: no interval.
     """
-    sums: dict[str, list[float]] = {}
-    for pair in pairs:
-        mine = sums.setdefault(pair[0].record.task, [0.0] * 4)
-        for place, one in enumerate(pair):
-            seen = metric.of(one)
-            mine[2 * place] += sum(seen)
-            mine[2 * place + 1] += len(seen)
-    table = np.array([sums[task] for task in sorted(sums)])
+
+    def total(episode: TimedEpisode) -> tuple[float, int]:
+        seen = metric.of(episode)
+        return sum(seen), len(seen)
+
+    table = paired_sums(pairs, total)
     found = bootstrap(table, _ratio if ratio else _difference, number=len(pairs))
     if found.deviation is not None:
         return found
-    return replace(found, estimate=replace(found.estimate, interval=None))
+    return Resampled(replace(found.estimate, interval=None))
 
 
 def _difference(sums: Floats) -> Floats:
@@ -292,13 +288,20 @@ def _same_programs(pairs: Sequence[Pair]) -> float | None:
     return sum(same) / len(same) if same else None
 
 
-def arm_of(records: Sequence[EpisodeRecord], episodes: Sequence[TimedEpisode], row: str) -> Arm:
-    """Return one row of some records as an arm.
+def rows_of(records: Iterable[EpisodeRecord]) -> tuple[str, ...]:
+    """Return the rows in the order in which they appear."""
+    return tuple(dict.fromkeys(record.row for record in records))
+
+
+def arm_of(
+    records: Sequence[EpisodeRecord], episodes: Sequence[TimedEpisode], row: str, name: str = ""
+) -> Arm:
+    """Return one row of some records as an arm, which is called so unless it has a name.
 
     Raises:
         KarmaError: there is no such row; names those there are.
     """
-    rows = list(dict.fromkeys(record.row for record in records))
+    rows = rows_of(records)
     if row not in rows:
         raise KarmaError(f"no row {row!r}; there are {', '.join(map(repr, rows))}")
-    return Arm(name=row, episodes=[one for one in episodes if one.record.row == row])
+    return Arm(name=name or row, episodes=[one for one in episodes if one.record.row == row])

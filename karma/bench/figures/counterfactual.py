@@ -12,6 +12,7 @@ import numpy as np
 
 from karma.agent.journal.records import ALL, is_of, kinds_of
 from karma.bench.figures.metrics import (
+    Amount,
     Observations,
     TimedEpisode,
     actions,
@@ -20,14 +21,13 @@ from karma.bench.figures.metrics import (
     explorations_related,
     seconds,
 )
-from karma.bench.figures.statistics import Estimate, bootstrap
+from karma.bench.figures.statistics import Estimate, Floats, bootstrap
 from karma.contracts import Tour
 
 OFF_ROW = "memory off"  # name of the twin in the experiments of eval/paper
 LOTA_ROW = "LoTa-Bench (modified)"  # what the paper's figures seem to be measured against
 SPREADS = (10, 40)  # instructions in a room that its first tour is spread over
 Pair = tuple[TimedEpisode, TimedEpisode]
-Amount = Callable[[TimedEpisode], Observations]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,10 +68,7 @@ def with_tour(
 ) -> Amount:
     """Return an amount with the first tour of each room, spread evenly over instructions in it.
 
-    Args:
-        amount: without the tours.
-        cost: of a tour.
-        instructions: over so many; None: over those that the whole row was asked in the room.
+    `instructions`: over so many; None: over those that the whole row was asked in the room.
     """
 
     def of(episode: TimedEpisode) -> Observations:
@@ -151,16 +148,22 @@ def reduced(amount: Amount, pairs: Sequence[Pair]) -> Estimate:
     Sums are compared, so that a pair counts as much as there was to save; below 0 the first took
     more. None when there was nothing to save, or the amount is not known of a pair.
     """
-    sums: dict[str, list[float]] = {}
-    for pair in pairs:
-        amounts = [amount(one) for one in pair]
-        if any(not one for one in amounts):
-            return Estimate(value=None)
-        mine = sums.setdefault(pair[0].record.task, [0.0, 0.0])
-        for place, one in enumerate(amounts):
-            mine[place] += sum(one)
-    table = np.array([sums[task] for task in sorted(sums)]).reshape(-1, 2)
+    if any(not amount(one) for pair in pairs for one in pair):
+        return Estimate(value=None)
+    table = paired_sums(pairs, lambda one: [sum(amount(one))])
     return bootstrap(table, lambda s: 1 - s[:, 0] / s[:, 1], number=len(pairs)).estimate
+
+
+def paired_sums(pairs: Sequence[Pair], of: Amount) -> Floats:
+    """Return the sums of what is seen in each episode over every task's pairs, in order of tasks.
+
+    Shape (tasks, columns), where the columns of the first stand before those of the second.
+    """
+    sums: dict[str, Floats] = {}
+    for first, second in pairs:
+        seen = np.array([*of(first), *of(second)], dtype=float)
+        sums[first.record.task] = sums.get(first.record.task, 0.0) + seen
+    return np.array([sums[task] for task in sorted(sums)])
 
 
 def reductions(
@@ -176,20 +179,16 @@ def reductions(
         mine = [one for one in episodes if one.record.row == row]
         for kind in (*kinds_of(one.record for one in episodes), ALL):
             some = [one for one in mine if is_of(one.record, kind)]
-            if row != reference and (pairs := paired(some, twins)):
-                lines.append(_reduction(row, reference, kind, pairs))
+            if row == reference or not (pairs := paired(some, twins)):
+                continue
+            solved = [(a, b) for a, b in pairs if a.record.success and b.record.success]
+            values = {
+                one.key: reduced(one.amount, solved if one.is_solved else pairs) for one in SAVINGS
+            }
+            lines.append(
+                Reduction(
+                    row=row, reference=reference, kind=kind, pairs=len(pairs),
+                    solved_pairs=len(solved), values=values,
+                )
+            )  # fmt: skip
     return tuple(lines)
-
-
-def _reduction(row: str, reference: str, kind: str, pairs: Sequence[Pair]) -> Reduction:
-    solved = [(a, b) for a, b in pairs if a.record.success and b.record.success]
-    return Reduction(
-        row=row,
-        reference=reference,
-        kind=kind,
-        pairs=len(pairs),
-        solved_pairs=len(solved),
-        values={
-            one.key: reduced(one.amount, solved if one.is_solved else pairs) for one in SAVINGS
-        },
-    )

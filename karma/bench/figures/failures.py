@@ -81,9 +81,7 @@ class _Case:
 def failures(episode: TimedEpisode, steps: Sequence[Step] | None = None) -> tuple[Failure, ...]:
     """Return the failed sub-tasks of an episode with their causes, in order.
 
-    Args:
-        episode: of `episodes_of`, so that what an error kept from being tried is in it.
-        steps: its step log.
+    The episode is one of `episodes_of`, so that what an error kept from being tried is in it.
     """
     record = episode.record
     memories = _memories(steps) if steps is not None else {}
@@ -95,7 +93,8 @@ def failures(episode: TimedEpisode, steps: Sequence[Step] | None = None) -> tupl
         if sub.success:
             continue
         if record.error and number >= begun:
-            cause, why = _error(record.error)
+            cause: Cause = "world" if record.error.startswith("WorldLost") else "error"
+            why = record.error
         else:
             memory = None if steps is None else memories.get(number, _Memory())
             cause, why = _cause(_Case(sub=sub, related=related, memory=memory))
@@ -130,7 +129,8 @@ def _cause(case: _Case) -> tuple[Cause, str]:
         return "refused", f"{sentence(sub.refused)} ({sub.refused.kind}, by {sub.refused.by})"
     if sub.answers and sub.answers[-1].error and not sub.finished:
         return "planner", f"no program: {sub.answers[-1].error}"
-    for need in _missed(case):
+    missed = (need for need in needs(sub.unmet) if need in case.related)  # as an earlier one did
+    for need in missed:
         if not need & case.named and not need & case.recalled:
             return case.of_memory(need), f"the program names no {_words(need)}"
     broken = next((call for call in sub.calls[-1:] if not call.ok), None)
@@ -143,11 +143,6 @@ def _cause(case: _Case) -> tuple[Cause, str]:
     return "planner", f"the program {which} and left {', '.join(sub.unmet)}"
 
 
-def _missed(case: _Case) -> list[Need]:
-    """Return the needs of goals that do not hold and that an earlier sub-task had too."""
-    return [need for need in needs(case.sub.unmet) if need in case.related]
-
-
 def _of_call(case: _Case, call: Call) -> tuple[Cause, str]:
     """Return the cause that the last, refused skill call shows."""
     why = f"{call.text}: {call.reason}"
@@ -158,11 +153,6 @@ def _of_call(case: _Case, call: Call) -> tuple[Cause, str]:
                 return case.of_memory(need), why
         return "skill", why
     return ("planner" if _MISPLANNED.search(call.reason) else "world"), why
-
-
-def _error(text: str) -> tuple[Cause, str]:
-    """Return the cause of what was never tried."""
-    return ("world" if text.startswith("WorldLost") else "error"), text
 
 
 def _memories(steps: Sequence[Step]) -> dict[int, _Memory]:

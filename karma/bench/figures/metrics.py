@@ -35,10 +35,8 @@ class TimedEpisode:
     tours: Mapping[str, tuple[Tour, int]] = field(default_factory=dict)  # by room: the first tour
     # that its row's map of it is from, and how many instructions the row was asked in it
 
-    @property
-    def calls(self) -> list[Call]:
-        """All skill calls, in order."""
-        return [call for sub in self.record.subtasks for call in sub.calls]
+
+Amount = Callable[[TimedEpisode], Observations]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +57,7 @@ class Metric:
     key: str
     title: str
     says: str
-    of: Callable[[TimedEpisode], Observations]
+    of: Amount
     only: Callable[[EpisodeRecord], bool] | None = None
     is_rate: bool = False
     digits: int = 2
@@ -68,34 +66,28 @@ class Metric:
 # ----------------------------------------------------------------- what an episode shows
 
 
-def explorations(episode: TimedEpisode) -> Observations:
-    """Return how many places were searched."""
-    return [float(sum(call.explorations for call in episode.calls))]
+def _of_calls(amount: Callable[[Call], int], *, related: bool = False) -> Amount:
+    """Return a sum over skill calls; `related`: of sub-tasks that come back to something."""
+
+    def of(episode: TimedEpisode) -> Observations:
+        subtasks: Iterable[SubTaskRecord] = episode.record.subtasks
+        if related:
+            pairs = zip(subtasks, related_needs(episode.record), strict=True)
+            subtasks = (sub for sub, needs in pairs if needs)
+        return [float(sum(amount(call) for sub in subtasks for call in sub.calls))]
+
+    return of
 
 
-def actions(episode: TimedEpisode) -> Observations:
-    """Return how many actions the world was asked for."""
-    return [float(sum(call.actions for call in episode.calls))]
-
-
-def explorations_related(episode: TimedEpisode) -> Observations:
-    """Return how many places were searched in sub-tasks that come back to something."""
-    return [float(sum(call.explorations for call in _related_calls(episode.record)))]
-
-
-def actions_related(episode: TimedEpisode) -> Observations:
-    """Return how many actions those took."""
-    return [float(sum(call.actions for call in _related_calls(episode.record)))]
+explorations = _of_calls(lambda call: call.explorations)  # places searched
+actions = _of_calls(lambda call: call.actions)  # that the world was asked for
+explorations_related = _of_calls(lambda call: call.explorations, related=True)
+actions_related = _of_calls(lambda call: call.actions, related=True)
 
 
 def seconds(episode: TimedEpisode) -> Observations:
     """Return how long the instructions took by the clock."""
     return [episode.timing.seconds] if episode.timing else []
-
-
-def _related_calls(record: EpisodeRecord) -> list[Call]:
-    pairs = zip(record.subtasks, related_needs(record), strict=True)
-    return [call for sub, related in pairs if related for call in sub.calls]
 
 
 def _goals_met(episode: TimedEpisode) -> Observations:

@@ -7,8 +7,10 @@ workers, begins the same seeds as one that was not.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from karma.agent.journal.records import EpisodeRecord, kinds_of
+from karma.agent.journal.records import ALL, EpisodeRecord, kinds_of
+from karma.bench.figures.columns import Figures
 from karma.bench.figures.statistics import Estimate, more_seeds, rate
+from karma.errors import KarmaError, did_you_mean
 
 MAX_SEEDS = 20
 
@@ -53,9 +55,7 @@ class Reached:
 def reached(records: Sequence[EpisodeRecord], wanted: Precision) -> tuple[Reached, ...]:
     """Return how sure each row is of each kind of task, in the order of rows and kinds.
 
-    Args:
-        records: of complete seeds; their order changes no figure.
-        wanted: what they are held against.
+    The records are of complete seeds; their order changes no figure.
     """
     groups: dict[tuple[str, str], dict[str, list[float]]] = {}
     records = [record for record in records if not record.unjudged]
@@ -63,25 +63,20 @@ def reached(records: Sequence[EpisodeRecord], wanted: Precision) -> tuple[Reache
         tasks = groups.setdefault((one.row, one.kind), {})
         tasks.setdefault(one.task, []).append(float(one.success))
     rows = list(dict.fromkeys(record.row for record in records))
-    return tuple(
-        _reached(row, kind, list(groups[row, kind].values()), wanted.half_width)
-        for row in rows
-        for kind in kinds_of(records)
-        if (row, kind) in groups
-    )
-
-
-def _reached(row: str, kind: str, groups: Sequence[Sequence[float]], half_width: float) -> Reached:
-    seeds = max(map(len, groups))
-    return Reached(
-        row=row,
-        kind=kind,
-        tasks=len(groups),
-        seeds=seeds,
-        success=rate(groups),
-        more_seeds=more_seeds(groups, half_width),
-        takes_tasks=seeds > 1 and more_seeds(groups, half_width, at_least=True) is None,
-    )
+    found = []
+    for row in rows:
+        for kind in kinds_of(records):
+            if (row, kind) in groups:
+                mine = list(groups[row, kind].values())
+                seeds, width = max(map(len, mine)), wanted.half_width
+                hopeless = seeds > 1 and more_seeds(mine, width, at_least=True) is None
+                found.append(
+                    Reached(
+                        row=row, kind=kind, tasks=len(mine), seeds=seeds, success=rate(mine),
+                        more_seeds=more_seeds(mine, width), takes_tasks=hopeless,
+                    )
+                )  # fmt: skip
+    return tuple(found)
 
 
 def takes_another(records: Sequence[EpisodeRecord], wanted: Precision, seeds: int) -> bool:
@@ -89,3 +84,53 @@ def takes_another(records: Sequence[EpisodeRecord], wanted: Precision, seeds: in
     if seeds >= wanted.max_seeds:
         return False
     return any(not one.reached and not one.takes_tasks for one in reached(records, wanted))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SuccessFloor:
+    """A success rate that is not to be fallen below."""
+
+    rate: float  # from 0 to 1
+    row: str = ""  # whose; "" = of all rows together
+
+    @classmethod
+    def of(cls, text: str) -> "SuccessFloor":
+        """Return what "0.8", or "ROW=0.8", says.
+
+        Raises:
+            KarmaError: it says neither.
+        """
+        row, _, number = text.rpartition("=")
+        try:
+            rate = float(number)
+        except ValueError:
+            rate = -1.0
+        if not 0.0 <= rate <= 1.0:
+            fix = '--fail-under 0.8, or --fail-under "ROW=0.8"'
+            raise KarmaError(f"--fail-under {text}: a rate is from 0 to 1\n  To fix: {fix}")
+        return cls(rate=rate, row=row.strip())
+
+
+def check_floors(floors: Sequence[SuccessFloor], rows: Sequence[str]) -> None:
+    """Raise KarmaError where a floor is of a row that there is not."""
+    for floor in floors:
+        if floor.row and floor.row not in rows:
+            there = ", ".join(map(repr, rows))
+            hint = did_you_mean(floor.row, rows)
+            raise KarmaError(f"--fail-under: no row {floor.row!r}.{hint} There are {there}")
+
+
+def below(lines: Sequence[Figures], floors: Sequence[SuccessFloor]) -> list[str]:
+    """Return in words which floors the success rates of a run are below.
+
+    A rate is of the episodes that are judged; where there is none, nothing has succeeded.
+    """
+    found = []
+    for floor in floors:
+        mine = [line for line in lines if line.kind == ALL and floor.row in ("", line.row)]
+        solved, done = sum(one.successes for one in mine), sum(one.episodes for one in mine)
+        if not done or solved < floor.rate * done - 1e-9:
+            who = floor.row or "all rows"
+            rate = f"{solved / done:.3f}" if done else "none"
+            found.append(f"success of {who}: {rate} ({solved} of {done}), below {floor.rate:g}")
+    return found

@@ -1,20 +1,23 @@
-"""Everything that is said of a run, from its folder."""
+"""Everything that is said of a run, from its folder, also beside others and the paper."""
 
-from dataclasses import asdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from karma.agent.journal.folder import changed
+from karma.agent.journal.formats import figure_text
 from karma.agent.journal.not_run import in_words
 from karma.agent.journal.run_folder import RunData, read_run
 from karma.agent.journal.steps import read_steps, steps_path
-from karma.agent.journal.told import Config, all_apart, read_config, rows_apart, told_apart
-from karma.bench.figures.columns import figures_of
-from karma.bench.figures.compare import Arm, Comparison, arm_of, compare_kinds
+from karma.agent.journal.told import all_apart, read_config, rows_apart, told_apart
+from karma.bench.figures.columns import COLUMNS, figures_of
+from karma.bench.figures.compare import Arm, Comparison, arm_of, compare_kinds, rows_of
 from karma.bench.figures.counterfactual import LOTA_ROW, OFF_ROW, reductions
 from karma.bench.figures.failures import Failure, failures
 from karma.bench.figures.metrics import TimedEpisode, episodes_of
-from karma.bench.figures.published import PublishedFigures
-from karma.bench.figures.tables import Result
+from karma.bench.figures.sheet import Sheet
+from karma.bench.figures.statistics import Estimate, interval_text
+from karma.bench.figures.tables import PublishedFigures, Result
 from karma.errors import KarmaError
 
 
@@ -27,11 +30,8 @@ def result_of(
 ) -> Result:
     """Return what the tables of a run are made of.
 
-    Args:
-        run: finished or not; a figure says how many episodes stand behind it.
-        published: the paper's figures.
-        off_row: the row without memory that RE and RT are measured against, if there is one.
-        lota_row: the row that the paper seems to measure them against, likewise.
+    The run may be unfinished: a figure says how many episodes stand behind it. RE and RT are
+    measured against `off_row`, and against `lota_row`, as the paper seems to do, if they are there.
     """
     episodes = episodes_of(run.records, run.timings)
     saved = reductions(episodes, reference=off_row)
@@ -48,7 +48,7 @@ def result_of(
 
 def _comparisons(run: RunData, episodes: list[TimedEpisode]) -> list[Comparison]:
     """Return the first row compared with every other one that has pairs with it."""
-    rows = list(dict.fromkeys(record.row for record in run.records))
+    rows = rows_of(run.records)
     arms = [arm_of(run.records, episodes, row) for row in rows]
     asked = [{(one.record.task, one.record.seed) for one in arm.episodes} for arm in arms]
     return [
@@ -69,44 +69,65 @@ def _failures(run: RunData, episode: TimedEpisode) -> tuple[Failure, ...]:
 # ----------------------------------------------------------------- arms by name
 
 
-def arms_named(names: list[str]) -> list[list[Arm]]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Side:
+    """A run, or one row of it, and what it is called."""
+
+    name: str
+    run: RunData
+    row: str  # "" where none is named
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """That row, or all that there are."""
+        return (self.row,) if self.row else rows_of(self.run.records)
+
+    def arm(self, row: str) -> Arm:
+        """Return one of the rows as an arm; KarmaError where there is no such row."""
+        episodes = episodes_of(self.run.records, self.run.timings)
+        name = self.name if self.row else f"{self.name}:{row}"
+        try:
+            return arm_of(self.run.records, episodes, row, name)
+        except KarmaError as error:
+            fix = "name one of them: karma compare ... 'RUN:ROW'"
+            raise KarmaError(f"{self.run.folder}: {error}\n  To fix: {fix}") from error
+
+
+def sides_named(names: Sequence[str]) -> list[Side]:
+    """Return what RUN or RUN:ROW name; FileError where a folder holds no run, or a damaged one."""
+    chosen = ((name, *split_name(name)) for name in names)
+    return [Side(name=name, run=read_run(folder), row=row) for name, folder, row in chosen]
+
+
+def arms_named(sides: Sequence[Side]) -> list[list[Arm]]:
     """Return the arms that `karma compare` is asked for, in groups that belong together.
 
-    A name is RUN, or RUN:ROW for one row of it. Where no row is named and every run has several,
-    each row that all of them have makes a group.
+    Where no row is named and every run has several, each row that all of them have makes a group.
 
     Raises:
-        FileError: there is no run in a folder, or it is damaged.
         KarmaError: fewer than two arms, no such row, it is not clear which row is meant, or rooms
             of one name differ.
     """
-    if len(names) < 2:
+    if len(sides) < 2:
         raise KarmaError("it takes two to compare\n  To fix: karma compare RUN_A RUN_B")
-    chosen = [split_name(name) for name in names]
-    runs = [read_run(folder) for folder, _ in chosen]
-    check_same_rooms(runs)
-    rows = [
-        [row] if row else list(dict.fromkeys(record.row for record in run.records))
-        for run, (_, row) in zip(runs, chosen, strict=True)
-    ]
-    if any(not group for group in rows):
-        empty = names[[bool(group) for group in rows].index(False)]
-        raise KarmaError(f"{empty}: the run has no episodes yet\n  To fix: karma eval FILE")
+    check_same_rooms([side.run for side in sides])
+    rows = [side.rows for side in sides]
+    if empty := [side.name for side, group in zip(sides, rows, strict=True) if not group]:
+        raise KarmaError(f"{empty[0]}: the run has no episodes yet\n  To fix: karma eval FILE")
     if all(len(group) == 1 for group in rows):
-        triples = zip(runs, rows, names, strict=True)
-        return [[_arm(run, group[0], name) for run, group, name in triples]]
+        return [[side.arm(group[0]) for side, group in zip(sides, rows, strict=True)]]
     common = [row for row in rows[0] if all(row in group for group in rows)]
-    if any(row for _, row in chosen) or not common:
-        unclear = next(name for name, group in zip(names, rows, strict=True) if len(group) > 1)
-        there = rows[names.index(unclear)]
+    if any(side.row for side in sides) or not common:
+        unclear = next(side.name for side, group in zip(sides, rows, strict=True) if group[1:])
+        there = next(group for group in rows if group[1:])
         raise KarmaError(
             f"{unclear}: which row? There are {', '.join(map(repr, there))}\n"
             f"  To fix: karma compare ... '{unclear}:{there[0]}'"
         )
-    return [[_arm(run, row, name) for run, name in zip(runs, names, strict=True)] for row in common]
+    return [[side.arm(row) for side in sides] for row in common]
 
 
-def check_same_rooms(runs: list[RunData]) -> None:
+def check_same_rooms(runs: Sequence[RunData]) -> None:
     """See that rooms of one name are the same in all runs.
 
     Raises:
@@ -123,18 +144,16 @@ def check_same_rooms(runs: list[RunData]) -> None:
                 )
 
 
-def set_apart(names: list[str]) -> list[str]:
+def set_apart(sides: Sequence[Side]) -> list[str]:
     """Return in words all that sets each later run or row apart from the first.
 
     Options, tasks, models, prompts, versions, rooms and machines; nothing that is equal.
     """
-    chosen = [split_name(name) for name in names]
-    runs = [read_run(folder) for folder, _ in chosen]
-    first, first_row = runs[0], chosen[0][1]
+    first = sides[0]
     return [
-        f"{name}: {words}"
-        for name, run, (_, row) in zip(names[1:], runs[1:], chosen[1:], strict=True)
-        for words in (*_headers_apart(first, run), *_told_apart(first, first_row, run, row))
+        f"{side.name}: {words}"
+        for side in sides[1:]
+        for words in (*_headers_apart(first.run, side.run), *_told_apart(first, side))
     ]
 
 
@@ -145,29 +164,26 @@ def _headers_apart(first: RunData, run: RunData) -> list[str]:
     return [one for one in found if not one.startswith(left_out)] + changed("machine", *machines)
 
 
-def _told_apart(first: RunData, first_row: str, run: RunData, row: str) -> list[str]:
-    old, new = read_config(first.folder), read_config(run.folder)
+def _told_apart(first: Side, side: Side) -> list[str]:
+    old, new = read_config(first.run.folder), read_config(side.run.folder)
     if old is None or new is None:
-        unknown = first if old is None else run
-        return [f"options: {unknown.folder} was begun by an earlier version, which kept none"]
-    if not first_row and not row:
+        unknown = (first if old is None else side).run.folder
+        return [f"options: {unknown} was begun by an earlier version, which kept none"]
+    if not first.row and not side.row:
         return all_apart(old, new)
-    mine, other = (_only_row(one, name) for one, name in ((old, first_row), (new, row)))
+    mine, other = (  # where none is named the only one is meant
+        row or next((str(one.get("name")) for one in config["rows"]), "")
+        for config, row in ((old, first.row), (new, side.row))
+    )
     return told_apart(old, new) + rows_apart(old, mine, new, other)
 
 
-def _only_row(config: Config, row: str) -> str:
-    """Return the row that is meant where none is named."""
-    return row or next((str(one.get("name")) for one in config["rows"]), "")
-
-
-def unfinished(names: list[str]) -> list[str]:
+def unfinished(runs: Iterable[RunData]) -> list[str]:
     """Return in words which of some runs are not done to their end."""
-    runs = {run.folder: run for run in (read_run(split_name(name)[0]) for name in names)}
     return [
         f"{folder}: not finished, the figures are of the {len(run.records)} episodes that are "
         f"done; karma eval goes on with it\n{in_words(run.not_run)}".rstrip()
-        for folder, run in runs.items()
+        for folder, run in {run.folder: run for run in runs}.items()
         if not run.finished
     ]
 
@@ -180,10 +196,86 @@ def split_name(name: str) -> tuple[Path, str]:
     return Path(folder), row
 
 
-def _arm(run: RunData, row: str, name: str) -> Arm:
-    try:
-        arm = arm_of(run.records, episodes_of(run.records, run.timings), row)
-    except KarmaError as error:
-        fix = "name one of them: karma compare ... 'RUN:ROW'"
-        raise KarmaError(f"{run.folder}: {error}\n  To fix: {fix}") from error
-    return Arm(name=name if ":" in name else f"{name}:{row}", episodes=arm.episodes)
+# ----------------------------------------------------------------- the paper's margins
+
+
+EXPERT = "expert"  # the row that is no baseline
+_OVER_BASELINES = {"composite": 1.3, "complex": 2.3}  # SR over the best baseline's (§4.3)
+_SAVED = {"composite": {"re": 0.902, "rt": 0.687}, "complex": {"re": 0.867, "rt": 0.690}}  # Table 1
+_WITHOUT_MEMORY = 1.0  # the paper gives no margin over the same agent without memory
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Margin:
+    """One margin and what a run says of it."""
+
+    text: str
+    wanted: float  # at least
+    ours: Estimate
+    rival: str = ""  # the row it is measured against
+
+    @property
+    def verdict(self) -> str:
+        """Whether it holds, and whether its whole interval does."""
+        value, interval = self.ours.value, self.ours.interval
+        if value is None:
+            return "undefined"
+        if value < self.wanted:
+            return "no" if interval is None or interval.high < self.wanted else "no, not surely"
+        return "yes" if interval is not None and interval.low >= self.wanted else "yes, not surely"
+
+
+def margins(result: Result) -> list[Margin]:
+    """Return the margins of the first row of a run; those that its rows allow."""
+    return [*_of_success(result), *_of_savings(result)]
+
+
+def margin_sheet(result: Result) -> Sheet | None:
+    """Return the margins as a table; None where a run has nothing to say of them."""
+    found = margins(result)
+    if not found:
+        return None
+    return Sheet(
+        title=f"{result.name}: the paper's margins",
+        caption=(
+            '"not surely": the 95 % interval reaches over the wanted value. Undefined: no baseline '
+            "solved anything, or there was nothing to save. The paper gives no margin over the "
+            "same agent without memory; 1 says that memory helps."
+        ),
+        head=("margin", "against", "wanted", "ours", "holds"),
+        lines=tuple(
+            (one.text, one.rival, figure_text(one.wanted), interval_text(one.ours), one.verdict)
+            for one in found
+        ),
+    )
+
+
+def _of_success(result: Result) -> Iterator[Margin]:
+    twins = {line.reference for line in result.reductions}
+    for kind, wanted in _OVER_BASELINES.items():
+        mine = [one for one in result.comparisons if one.kind == kind]
+        if rivals := [one for one in mine if _is_baseline(one, twins)]:
+            best = max(rivals, key=lambda one: one.success.second.value or 0.0)
+            text = f"SR of {best.first}, {kind} tasks, times that of the best baseline"
+            yield Margin(text=text, wanted=wanted, ours=best.ratio, rival=best.second)
+        for one in mine:
+            if one.second in twins:
+                text = f"SR of {one.first}, {kind} tasks, times that without memory"
+                yield Margin(text=text, wanted=_WITHOUT_MEMORY, ours=one.ratio, rival=one.second)
+
+
+def _is_baseline(one: Comparison, twins: set[str]) -> bool:
+    """Return whether the second arm is a baseline: no ablation, no twin, not the expert."""
+    return one.second not in {EXPERT, *twins} and not one.second.startswith(one.first)
+
+
+def _of_savings(result: Result) -> Iterator[Margin]:
+    first = result.figures[0].row if result.figures else ""
+    for kind in _OVER_BASELINES:
+        for one in (*result.reductions, *result.paper_reductions):
+            if (one.row, one.kind) == (first, kind):
+                for key in ("re", "rt", "re_related", "rt_related"):
+                    wanted = _SAVED[kind][key.removesuffix("_related")]
+                    text = f"{COLUMNS[key].title} of {first}, {kind} tasks"
+                    ours = one.values[key]
+                    yield Margin(text=text, wanted=wanted, ours=ours, rival=one.reference)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from statistics import NormalDist
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ POWER = 0.8  # of the minimum detectable effect
 RESAMPLES = 10_000
 FEWEST_TASKS = 6  # below it no sign-flip test of tasks reaches 0.05, and resamples pretend
 _MOST_SEEDS = 1_000
+_Z = NormalDist().inv_cdf((1 + LEVEL) / 2)  # half the width of an interval, in deviations
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,13 +58,10 @@ class Estimate:
 # ----------------------------------------------------------------- rates
 
 
-def wilson(successes: float, number: float, *, level: float = LEVEL) -> ConfidenceInterval | None:
+def wilson(successes: float, number: float) -> ConfidenceInterval | None:
     """Return Wilson's score interval of a rate; None when nothing was tried.
 
-    Args:
-        successes: at most `number`; a fraction where `number` is an effective one.
-        number: of trials.
-        level: of the interval.
+    Successes are a fraction where `number` is an effective one.
 
     Raises:
         ValueError: more successes than trials, or fewer than none.
@@ -71,7 +70,7 @@ def wilson(successes: float, number: float, *, level: float = LEVEL) -> Confiden
         raise ValueError(f"{successes} successes of {number}")
     if number == 0:
         return None
-    rate, z = successes / number, _z(level)
+    rate, z = successes / number, _Z
     middle = rate + z * z / (2 * number)
     spread = z * math.sqrt(rate * (1 - rate) / number + z * z / (4 * number * number))
     scale = 1 + z * z / number
@@ -102,7 +101,11 @@ def effective_number(groups: Groups) -> float:
     number = sum(len(group) for group in groups)
     if not number:
         return 0.0
-    return number / _design_effect(groups, _correlation(groups))
+    correlation = _correlation(groups)
+    if correlation is None:  # one group, or one observation each
+        return float(number)
+    size = sum(len(group) ** 2 for group in groups) / number
+    return number / (1 + (size - 1) * correlation)
 
 
 def _correlation(groups: Groups) -> float | None:
@@ -127,9 +130,7 @@ def _correlation(groups: Groups) -> float | None:
 def _least_correlation(groups: Groups, correlation: float) -> float:
     """Return the lower end of the correlation's interval over resampled tasks.
 
-    Args:
-        groups: zeros and ones, the same number for each task.
-        correlation: of them.
+    Groups are zeros and ones, the same number for each task.
     """
     size = sum(len(group) for group in groups) / len(groups)
     tasks = len(groups)
@@ -149,22 +150,11 @@ def _least_correlation(groups: Groups, correlation: float) -> float:
     return correlation if interval is None else min(correlation, interval.low)
 
 
-def _design_effect(groups: Groups, correlation: float | None) -> float:
-    if correlation is None:  # one group, or one observation each
-        return 1.0
-    number = sum(len(group) for group in groups)
-    size = sum(len(group) ** 2 for group in groups) / number
-    return 1 + (size - 1) * correlation
-
-
 def more_seeds(groups: Groups, half_width: float, *, at_least: bool = False) -> int | None:
     """Return how many more seeds bring a rate's interval to a half-width.
 
-    Args:
-        groups: zeros and ones, the same number for each task.
-        half_width: wanted, > 0.
-        at_least: how many if seeds agree as little as they may well do; few seeds say little
-            about how they agree.
+    Groups are zeros and ones, the same number for each task. `at_least`: how many if seeds agree as
+    little as they may well do; few seeds say little about how they agree.
 
     Returns:
         0 when it is reached; None when no number of seeds reaches it with these tasks, or when
@@ -205,12 +195,11 @@ def mean(groups: Groups) -> Estimate:
     return bootstrap(sums, lambda s: s[:, 0] / s[:, 1], number=number).estimate
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Resampled:
+class Resampled(NamedTuple):
     """A statistic over resampled tasks."""
 
     estimate: Estimate
-    deviation: float | None  # standard error; None where nothing varies or one task is all
+    deviation: float | None = None  # standard error; None where nothing varies or one task is all
 
 
 def bootstrap(
@@ -227,39 +216,31 @@ def bootstrap(
     All seeds and both arms of a task stay together. The interval is drawn from a stream of its own,
     so it is the same in every process; it reaches at least to the value itself.
 
-    Args:
-        sums: shape (tasks, columns); the order of tasks does not matter without `times`.
-        statistic: of the sums over tasks.
-        number: of observations behind it.
-        level: of the interval.
-        fewest: tasks that an interval takes; of fewer there is none.
-        times: resamples of these tasks, as `times_in` draws them; None: ours.
+    The sums are of shape (tasks, columns); the order of tasks does not matter without `times`,
+    which are resamples of these tasks as `times_in` draws them; None: ours. `number` counts
+    observations. Of fewer tasks than `fewest` there is no interval.
     """
     if not len(sums):
-        return Resampled(estimate=Estimate(value=None), deviation=None)
+        return Resampled(Estimate(value=None))
     with np.errstate(all="ignore"):
         value = float(statistic(sums.sum(axis=0, keepdims=True))[0])
         if not math.isfinite(value):
-            return Resampled(estimate=Estimate(value=None), deviation=None)
+            return Resampled(Estimate(value=None))
+        unsure = Resampled(Estimate(value=value, number=number))
         if len(sums) < max(2, fewest):
-            return Resampled(estimate=Estimate(value=value, number=number), deviation=None)
+            return unsure
         if times is None:
             times, sums = _times(len(sums)), sums[np.lexsort(sums.T)]
         drawn = statistic(times @ sums)
     drawn = drawn[np.isfinite(drawn)]
     if len(drawn) < len(times) / 2:
-        return Resampled(estimate=Estimate(value=value, number=number), deviation=None)
+        return unsure
     tail = (1 - level) / 2
     low, high = (float(edge) for edge in np.quantile(drawn, [tail, 1 - tail]))
+    interval = ConfidenceInterval(low=min(low, value), high=max(high, value))
     deviation = float(drawn.std())
-    return Resampled(
-        estimate=Estimate(
-            value=value,
-            interval=ConfidenceInterval(low=min(low, value), high=max(high, value)),
-            number=number,
-        ),
-        deviation=deviation if deviation > 1e-12 else None,
-    )
+    estimate = Estimate(value=value, interval=interval, number=number)
+    return Resampled(estimate, deviation if deviation > 1e-12 else None)
 
 
 @lru_cache(maxsize=8)
@@ -281,10 +262,6 @@ def times_in(rng: np.random.Generator, tasks: int, resamples: int) -> Floats:
 def mcnemar(only_first: int, only_second: int) -> float:
     """Return the exact two-sided p of a paired comparison of successes.
 
-    Args:
-        only_first: pairs that only the first arm solved.
-        only_second: pairs that only the second arm solved.
-
     >>> mcnemar(0, 0), mcnemar(6, 0), mcnemar(5, 5)
     (1.0, 0.03125, 1.0)
     """
@@ -300,8 +277,7 @@ def sign_flip(differences: Sequence[int]) -> float:
     Under no difference each group's arms could as well be exchanged. With one pair a group this is
     McNemar's exact test.
 
-    Args:
-        differences: for each group, successes of the first arm less those of the second.
+    Each difference is a group's successes of the first arm less those of the second.
 
     >>> sign_flip([]), sign_flip([1] * 6), sign_flip([5] * 6), sign_flip([1, -1])
     (1.0, 0.03125, 0.03125, 1.0)
@@ -323,10 +299,9 @@ def detectable_rate(pairs: float, discordant: float) -> float | None:
 
     Found means p <= 0.05 in 80 % of experiments of this size.
 
-    Args:
-        pairs: effective number of pairs; its whole part counts.
-        discordant: share of pairs in which the arms differ, as observed. A difference cannot be
-            larger than it; where even such a one would escape, the share grows with the difference.
+    Of the effective number of pairs the whole part counts. `discordant` is the share of pairs in
+    which the arms differ, as observed: a difference cannot be larger than it; where even such a one
+    would escape, the share grows with the difference.
 
     Returns:
         None when even a difference of 1 would escape: fewer than six pairs.
@@ -344,16 +319,13 @@ def detectable_mean(deviation: float | None) -> float | None:
     """Return the smallest difference found in 80 % of experiments, from its standard error."""
     if deviation is None:
         return None
-    return (_z(LEVEL) + NormalDist().inv_cdf(POWER)) * deviation
+    return (_Z + NormalDist().inv_cdf(POWER)) * deviation
 
 
 def _power(number: int, discordant: float, effect: float) -> float:
     """Return the chance that McNemar's exact test finds a difference of rates.
 
-    Args:
-        number: of pairs.
-        discordant: share of them in which the arms differ.
-        effect: the difference.
+    `discordant` is the share of pairs in which the arms differ.
     """
     from scipy.stats import binom
 
@@ -383,10 +355,6 @@ def _smallest(power: Callable[[float], float], most: float) -> float:
         middle = (low + high) / 2
         low, high = (low, middle) if power(middle) >= POWER else (middle, high)
     return high
-
-
-def _z(level: float) -> float:
-    return NormalDist().inv_cdf((1 + level) / 2)
 
 
 def interval_text(measured: Estimate, digits: int = 2, *, sign: bool = False) -> str:

@@ -7,6 +7,7 @@ import csv
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from karma.agent.journal.formats import UNKNOWN, figure_text, plural
 from karma.agent.journal.records import ALL, KINDS, NOT_TRAINED, TRAINED
@@ -15,10 +16,53 @@ from karma.bench.figures.compare import Comparison
 from karma.bench.figures.counterfactual import SAVINGS, Reduction
 from karma.bench.figures.failures import CAUSES, Failure, count
 from karma.bench.figures.metrics import METRICS, SUCCESS
-from karma.bench.figures.published import COLUMNS as PUBLISHED_COLUMNS
-from karma.bench.figures.published import PublishedFigures
 from karma.bench.figures.sheet import Sheet
 from karma.bench.figures.statistics import interval_text
+from karma.errors import FileError
+from karma.files import read_bytes, shipped
+
+PUBLISHED_COLUMNS = ("success", "retrieved", "re", "rt")  # of Tables 1 and 2, by our keys
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Published:
+    """One figure of the paper."""
+
+    value: float
+    source: str  # its table
+    paper_row: str  # the row's name there
+
+
+PublishedFigures = Mapping[tuple[str, str, str], Published]  # (our row, kind, column)
+
+
+def load_published(path: Path | None) -> PublishedFigures:
+    """Read the paper's figures, by default those that ship.
+
+    Raises:
+        FileError: a line lacks a column, or its value is no number; names the line.
+    """
+    found: dict[tuple[str, str, str], Published] = {}
+    ours = shipped("eval") / "paper" / "published.csv"
+    path = path or ours
+    try:
+        text = read_bytes(path, fix=f"--published FILE; ours is {ours}").decode()
+    except UnicodeDecodeError as error:
+        raise FileError(path, str(error)) from error
+    for number, row in enumerate(csv.DictReader(io.StringIO(text)), start=2):
+        try:
+            key = row["row"], row["kind"], row["metric"]
+            if row["metric"] not in PUBLISHED_COLUMNS:
+                raise ValueError(
+                    f"metric {row['metric']!r}; there are {', '.join(PUBLISHED_COLUMNS)}"
+                )
+            found[key] = Published(
+                value=float(row["value"]), source=row["source"], paper_row=row["paper_row"]
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise FileError(path, f"line {number}: {error}") from error
+    return found
+
 
 _OURS_ALONE = ("rt_clock", "re_toured")  # beside the paper's columns, where measured
 _TOURED = tuple(one for one in SAVINGS if "_toured" in one.key)
@@ -108,11 +152,13 @@ def _main(result: Result, kind: str) -> Sheet:
             cells.append(UNKNOWN if there is None else f"{there.value:g}")
         cells += (interval_text(line.values[key]) for key in more)
         rows.append(tuple(cells))
+    alone = "SR asks for every sub-task of a sequence, so read their share in the next table. "
+    words = f"{alone if kind == 'sequence' else ''}{_saved_words(result)}"
     return Sheet(
         title=f"{result.name}: {kind} tasks",
         caption=(
             f"{size_words(lines)}; brackets hold 95 % intervals that keep a task's seeds together. "
-            f"{_alone(kind)}{_saved_words(result)}Published: the paper, with GPT-4o on other tasks "
+            f"{words}Published: the paper, with GPT-4o on other tasks "
             "in other rooms."
         ),
         head=(*head, *(COLUMNS[key].title for key in more)),
@@ -159,12 +205,6 @@ def _trained_words(apart: Sequence[str]) -> str:
         "In training: sentences that stand in the data that the shipped planner was trained on, "
         "case and punctuation aside; rows that ask no planner show how hard those tasks are."
     )
-
-
-def _alone(kind: str) -> str:
-    if kind != "sequence":
-        return ""
-    return "SR asks for every sub-task of a sequence, so read their share in the next table. "
 
 
 def _saved_words(result: Result) -> str:

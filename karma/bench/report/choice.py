@@ -18,10 +18,8 @@ def episode_key(record: EpisodeRecord) -> str:
 def choose(records: Sequence[EpisodeRecord], wanted: str) -> list[EpisodeRecord]:
     """Return the chosen episodes, in the run's order.
 
-    Args:
-        records: of the run.
-        wanted: "all"; a number: so many, failures first, taken from the rows in turn; a task's
-            id: all episodes of it; or an episode's key, "ROW/TASK/SEED".
+    What is wanted is "all"; a number: so many, failures first, taken from the rows in turn; a
+    task's id: all episodes of it; or an episode's key, "ROW/TASK/SEED".
 
     Raises:
         KarmaError: it is none of these.
@@ -57,11 +55,9 @@ def _in_turn(records: Sequence[EpisodeRecord]) -> list[EpisodeRecord]:
 def choose_instructions(records: Sequence[EpisodeRecord], wanted: str) -> list[tuple[int, ...]]:
     """Return the numbers of the instructions that are shown of each episode, from 0.
 
-    Args:
-        records: the chosen episodes.
-        wanted: "all"; numbers from 1 and spans of them such as "1-40,77"; or "auto": all of short
-            episodes; of long ones those that failed first and then others, spread evenly, so that
-            the page stays usable.
+    What is wanted is "all"; numbers from 1 and spans of them such as "1-40,77"; or "auto": all of
+    short episodes; of long ones those that failed first and then others, spread evenly, so that the
+    page stays usable.
 
     Raises:
         KarmaError: it is none of these, or no episode has such an instruction.

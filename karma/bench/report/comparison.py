@@ -13,34 +13,23 @@ from karma.agent.journal.records import ALL
 from karma.agent.journal.run_folder import RunData, read_run
 from karma.bench.engine.sweep_folder import read_sweep
 from karma.bench.figures.columns import COLUMNS, Figures, figures
-from karma.bench.figures.compare import Arm, arm_of, compare_kinds
-from karma.bench.figures.metrics import episodes_of
-from karma.bench.figures.results import check_same_rooms, split_name
-from karma.bench.figures.tables import Result
+from karma.bench.figures.compare import compare_kinds, rows_of
+from karma.bench.figures.counterfactual import Saving
+from karma.bench.figures.metrics import Metric
+from karma.bench.figures.results import Side, check_same_rooms, split_name
 from karma.bench.report.choice import episode_key
 from karma.bench.report.html import fill
 from karma.bench.report.plots import Plot, success_plot
-from karma.bench.report.results import Heading, ResultLine, columns, rates, result_lines
-from karma.bench.report.tasks import TaskLine, task_lines
+from karma.bench.report.results import (
+    ResultLine,
+    TaskLine,
+    columns,
+    result_lines,
+    task_lines,
+)
 from karma.errors import KarmaError
 
 PAGE = "report.html"  # of each run, in its folder
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Side:
-    """One row of one run."""
-
-    name: str
-    run: RunData
-    row: str
-
-    @property
-    def arm(self) -> Arm:
-        """Its episodes."""
-        episodes = episodes_of(self.run.records, self.run.timings)
-        arm = arm_of(self.run.records, episodes, self.row)
-        return Arm(name=self.name, episodes=arm.episodes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +49,7 @@ class ComparisonPage:
     title: str
     reference: str
     sides: tuple[str, ...]
-    columns: tuple[Heading, ...]
+    columns: tuple[Metric | Saving, ...]
     lines: tuple[ResultLine, ...]
     against: Mapping[tuple[str, str], Against]  # by side and kind
     plot: Plot
@@ -74,8 +63,7 @@ class ComparisonPage:
 def sides_of(names: Sequence[str]) -> tuple[list[Side], list[str]]:
     """Return what stands side by side, and in words what does not.
 
-    Args:
-        names: folders of runs or sweeps, or RUN:ROW.
+    Names are folders of runs or sweeps, or RUN:ROW.
 
     Raises:
         FileError: there is no run, or it is damaged.
@@ -91,7 +79,7 @@ def sides_of(names: Sequence[str]) -> tuple[list[Side], list[str]]:
         else:
             found = [(str(folder) if len(names) > 1 else folder.name, read_run(folder))]
         for label, run in found:
-            rows = list(dict.fromkeys(record.row for record in run.records))
+            rows = rows_of(run.records)
             if row and row not in rows:
                 raise KarmaError(
                     f"{folder}: no row {row!r}; there are {', '.join(map(repr, rows))}"
@@ -153,12 +141,7 @@ def comparison_of(
 ) -> Iterator[float | ComparisonPage]:
     """Yield now and then the share that is done, in [0, 1], and at last what the page says.
 
-    Args:
-        title: of the page.
-        sides: what stands side by side.
-        reference: that of them which the others are held against.
-        notes: what is not on the page.
-        out: where the page will lie; links lead from there.
+    Notes say what is not on the page; links lead from `out`, where the page will lie.
     """
     lines: list[Figures] = []
     against: dict[tuple[str, str], Against] = {}
@@ -173,10 +156,6 @@ def comparison_of(
             against |= _against(side, reference, {line.kind for line in mine})
         except KarmaError as error:
             said.append(f"{side.name}: no difference: {' '.join(str(error).split())}")
-    result = Result(
-        name=title, figures=lines, reductions=(), paper_reductions=(), comparisons=(),
-        failures=(), published={},
-    )  # fmt: skip
     records = [
         replace(record, row=side.name)
         for side in sides
@@ -187,10 +166,10 @@ def comparison_of(
         title=title,
         reference=reference.name,
         sides=tuple(side.name for side in sides),
-        columns=columns(result),
-        lines=result_lines(result),
+        columns=columns(lines),
+        lines=result_lines(lines),
         against=against,
-        plot=success_plot(rates(result)),
+        plot=success_plot(lines),
         tasks=task_lines(records),
         links={side.name: _link(side.run.folder / PAGE, out) for side in sides},
         steps=frozenset(one.name for one in sides if (one.run.folder / STEPS).is_dir()),
@@ -223,7 +202,7 @@ def _figures(side: Side) -> list[Figures]:
 
 
 def _against(side: Side, reference: Side, kinds: set[str]) -> dict[tuple[str, str], Against]:
-    found = compare_kinds(side.arm, reference.arm)
+    found = compare_kinds(side.arm(side.row), reference.arm(reference.row))
     by_kind = {one.kind: one for one in found}
     if len(found) == 1:
         by_kind[ALL] = found[0]

@@ -9,11 +9,10 @@ from karma.agent.journal.records import EpisodeRecord
 from karma.agent.journal.run_folder import RunData
 from karma.agent.journal.steps import read_steps, steps_path
 from karma.bench.report.choice import choose_instructions
-from karma.bench.report.failing import FailedAt, broke_off_at, failed_at
-from karma.bench.report.frames import Frames
+from karma.bench.report.html import Frames
 from karma.bench.report.replay import FrameChoice, Replay, Rooms, automatic, replaying
 from karma.bench.report.room import RoomPlan, plan_of
-from karma.bench.report.story import EpisodeStory, told
+from karma.bench.report.story import EpisodeStory, FailedAt, broke_off_at, failed_at, told
 from karma.memory.scene_graph import SceneGraph
 from karma.world.core import scene as scenes
 
@@ -79,23 +78,12 @@ def _actions(record: EpisodeRecord, numbers: Sequence[int]) -> int:
 class Replayer:
     """Replays episodes of one run.
 
-    Args:
-        run: the run.
-        frames: takes the pictures.
-        choice: which pictures; "auto": the less the more there is to show on the page.
+    With the choice "auto" there are the fewer pictures the more there is to show on the page.
     """
 
     def __init__(self, run: RunData, frames: Frames, choice: FrameChoice) -> None:
         self._run, self._frames, self._choice = run, frames, choice
         self._room: Callable[[str], RoomPlan] = cache(self._load_room)
-
-    def episodes(
-        self, records: Sequence[EpisodeRecord], instructions: str = "all"
-    ) -> Iterator[EpisodeReplay]:
-        """Yield those of the episodes that can be replayed, see `replaying`."""
-        for one in self.replaying(records, instructions):
-            if isinstance(one, EpisodeReplay):
-                yield one
 
     def replaying(
         self, records: Sequence[EpisodeRecord], instructions: str = "all"
@@ -106,9 +94,7 @@ class Replayer:
 
         An episode that was lost with its worker has none, nor one whose method did not get to work.
 
-        Args:
-            records: of the episodes.
-            instructions: which of them, see `choose_instructions`.
+        For `instructions` see `choose_instructions`.
 
         Raises:
             FileError: a log, a scene or a map is damaged.
@@ -123,28 +109,18 @@ class Replayer:
             story = told(read_steps(steps_path(self._run.folder, *record.key)))
             if not story.moments:
                 continue
-            for one in self._one(record, story, frozenset(numbers), choice):
-                yield one if isinstance(one, EpisodeReplay) else (count + one) / len(there)
-
-    def _one(
-        self,
-        record: EpisodeRecord,
-        story: EpisodeStory,
-        numbers: frozenset[int],
-        choice: FrameChoice,
-    ) -> "Iterator[float | EpisodeReplay]":
-        shown = numbers & frozenset(range(len(story.parts)))
-        goals = goals_of(self._run.records, record.task)
-        rooms = {name: self._room(name) for name in story.scenes}
-        # the log's first actions set the day up
-        home = Rooms(self._place)
-        for one in replaying(story, home, self._frames, choice, shown, goals):
-            if isinstance(one, Replay):
-                yield EpisodeReplay(
-                    record=record, story=story, replay=one, rooms=rooms, shown=shown, goals=goals
-                )
-            else:
-                yield one
+            shown = frozenset(numbers) & frozenset(range(len(story.parts)))
+            goals = goals_of(self._run.records, record.task)
+            rooms = {name: self._room(name) for name in story.scenes}
+            home = Rooms(self._place)  # the log's first actions set the day up
+            for one in replaying(story, home, self._frames, choice, shown, goals):
+                if isinstance(one, Replay):
+                    yield EpisodeReplay(
+                        record=record, story=story, replay=one, rooms=rooms, shown=shown,
+                        goals=goals,
+                    )  # fmt: skip
+                else:
+                    yield (count + one) / len(there)
 
     def _place(self, name: str) -> str:
         """Return the scene's file in the run folder, or its name if it is one of ours."""

@@ -1,14 +1,18 @@
-"""Pages out of templates: all text escaped, scripts and styles our own, nothing fetched."""
+"""Pages out of templates: all text escaped; scripts, styles, pictures our own, nothing fetched."""
 
 import base64
 import hashlib
+import io
 import json
+from collections.abc import Callable, Hashable
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from karma import __version__
 from karma.agent.planning.refused_requests import sentence
+from karma.contracts import Frame
 from karma.household.ids import type_of
 
 if TYPE_CHECKING:
@@ -22,12 +26,8 @@ def fill(
 ) -> str:
     """Return a page.
 
-    Args:
-        template: its file's name.
-        script: that of its script.
-        columns: rows of the experiment, which are columns of the list of tasks.
-        letters: of the longest task's name.
-        words: what the template says.
+    `columns` are those of the list of tasks, one a row of the experiment; `letters` are of the
+    longest task's name. `words` are what the template says.
     """
     environment = _environment()
     css = environment.get_template("page.css.j2").render(columns=columns, letters=letters)
@@ -90,3 +90,48 @@ def _environment() -> "jinja2.Environment":
     environment.filters["short"] = type_of
     environment.filters["told"] = sentence
     return environment
+
+
+QUALITY = 72  # of WebP: about 3 kB for 300 x 300 pixels of a drawn room
+
+
+class Frames:
+    """Pictures in the order they were first seen; equal ones share a number."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[bytes, int] = {}
+        self._seen: dict[Hashable, int] = {}
+        self._webp: list[Future[bytes]] = []
+        self._packing = ThreadPoolExecutor(1)  # while the next one is drawn
+
+    def of(self, moment: Hashable, draw: Callable[[], Frame | None]) -> int:
+        """Return the number of a moment's picture, drawn if no equal moment was; -1 without one."""
+        if moment not in self._seen:
+            frame = draw()
+            self._seen[moment] = -1 if frame is None else self.add(frame)
+        return self._seen[moment]
+
+    def add(self, frame: Frame) -> int:
+        """Keep a picture; returns its number."""
+        key = hashlib.blake2b(frame.tobytes(), digest_size=16).digest()
+        if key not in self._numbers:
+            self._numbers[key] = len(self._webp)
+            self._webp.append(self._packing.submit(webp, frame.copy()))
+        return self._numbers[key]
+
+    def __len__(self) -> int:
+        """Return the number of different pictures."""
+        return len(self._webp)
+
+    def uris(self) -> list[str]:
+        """Return each as a data URI."""
+        return [data_uri("image/webp", one.result()) for one in self._webp]
+
+
+def webp(frame: Frame) -> bytes:
+    """Return a picture as a WebP file; equal pictures give equal bytes."""
+    from PIL import Image
+
+    file = io.BytesIO()
+    Image.fromarray(frame).save(file, "WEBP", quality=QUALITY, method=4)
+    return file.getvalue()

@@ -1,23 +1,32 @@
 """A run of lived-in homes as one page: figures, requests, and a day lived again on the map."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from karma.agent.journal.header import BenchmarkHeader
 from karma.bench.engine.benchmark_runs import read_played
 from karma.bench.figures.sheet import Sheet
-from karma.bench.report.html import fill, script_data
+from karma.bench.report.html import data_uri, fill, script_data
 from karma.bench.report.lived_day import WALK_S, day_name, told_day
-from karma.bench.report.lived_pictures import curves_picture, lived_pictures
 from karma.bench.report.page import columns_of, facts_of
 from karma.bench.report.room import plan_of
 from karma.bench.suites.lived.benchmark import LivedHomes
 from karma.bench.suites.lived.records import LivedRecord
 from karma.bench.suites.lived.schedule import DAY_S
-from karma.bench.suites.lived.table import OURS, by_day, figures_of, stale_shares
+from karma.bench.suites.lived.table import (
+    ALL,
+    KINDS,
+    OURS,
+    LivedFigures,
+    StaleShare,
+    by_day,
+    figures_of,
+    stale_shares,
+)
 from karma.bench.suites.lived.trace import HomeTrace
+from karma.bench.suites.policies.plot import empty, svg_of
 from karma.errors import KarmaError, did_you_mean
 
 NAMED = 6  # homes in a message
@@ -34,8 +43,7 @@ class LivedRun:
     records: tuple[LivedRecord, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LivedDay:
+class LivedDay(NamedTuple):
     """The day that the page replays."""
 
     record: LivedRecord
@@ -43,11 +51,7 @@ class LivedDay:
 
 
 def read_lived(folder: Path) -> LivedRun:
-    """Read a run, finished or not.
-
-    Raises:
-        KarmaError: it is torn, or no day is done.
-    """
+    """Read a run, finished or not; KarmaError where it is torn, or no day is done."""
     header = BenchmarkHeader.read(folder)
     benchmark, records = read_played(folder, header)
     if not records:
@@ -64,11 +68,7 @@ def home_of_record(record: LivedRecord) -> str:
 def chosen_day(run: LivedRun, home: str = "", day: int | None = None, row: str = "") -> LivedRecord:
     """Return the day that is wanted; what is left open is the first that was served wrongly.
 
-    Args:
-        run: the run.
-        home: such as "usual/home_003"; "" any.
-        day: from 0; None: any.
-        row: "" is ours, or the first.
+    A home is such as "usual/home_003"; of the rows ours is taken, or the first.
 
     Raises:
         KarmaError: the run has none such.
@@ -112,16 +112,7 @@ def _check(option: str, value: str, known: Sequence[str], folder: Path) -> None:
 def lived_again(
     run: LivedRun, record: LivedRecord, *, after_day: Callable[[], object] = lambda: None
 ) -> LivedDay:
-    """Live a home again up to a day.
-
-    Args:
-        run: it was played in.
-        record: of the day.
-        after_day: called when a day is over.
-
-    Raises:
-        KarmaError: what comes out is not what the run says.
-    """
+    """Live a home again up to a day; KarmaError where what comes out is not what the run says."""
     chain = next(
         one
         for one in run.benchmark.chains()
@@ -133,16 +124,13 @@ def lived_again(
         said = kept.get(one.day, one)
         if said != one:
             names = [f.name for f in fields(one) if getattr(one, f.name) != getattr(said, f.name)]
+            versions = ", ".join(f"{name} {found}" for name, found in run.header.versions.items())
             raise KarmaError(
                 f"{run.folder}: {one.task} of {one.row!r}, lived again, is not as the run says: "
-                f"{', '.join(names)} differ; it was made by {_versions(run)}, or its files have "
+                f"{', '.join(names)} differ; it was made by {versions}, or its files have "
                 f"changed since\n  To fix: karma eval FILE --out {run.folder} --fresh"
             )
-    return LivedDay(record=record, trace=trace)
-
-
-def _versions(run: LivedRun) -> str:
-    return ", ".join(f"{name} {version}" for name, version in run.header.versions.items())
+    return LivedDay(record, trace)
 
 
 def render_lived(run: LivedRun, shown: LivedDay) -> str:
@@ -205,3 +193,147 @@ def _listed(records: Sequence[LivedRecord]) -> list[dict[str, Any]]:
         for record in records
         for one in record.requests
     ]
+
+
+WIDTH = 0.8  # of all rows of one kind, beside each other
+HARD = (ALL, "changed", "several", "event")  # kinds that the curves show
+STALE = "stale actions"
+LEAST = 10  # chances of a tenth that is drawn
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LivedPicture:
+    """One picture with its words."""
+
+    title: str
+    caption: str
+    figure: Any  # of matplotlib
+
+    def uri(self) -> str:
+        """Return it as an address that holds it."""
+        return data_uri("image/svg+xml", svg_of(self.figure))
+
+
+def lived_pictures(
+    figures: Sequence[LivedFigures], stale: Sequence[StaleShare]
+) -> Iterator[LivedPicture]:
+    """Yield the curves where there are several settings, then each setting's bars."""
+    settings = list(dict.fromkeys(one.setting for one in figures))
+    if len(settings) > 1:
+        yield curves_picture("Over settings", figures, stale)
+    for setting in settings:
+        yield LivedPicture(
+            title=f"Served rightly, by kind: {setting}",
+            caption="Whiskers: 95 % intervals over homes. Reliability: what rows that give a "
+            "chance said of “it is still there”, in tenths with ten or more, against what was so.",
+            figure=_success([one for one in figures if one.setting == setting]),
+        )
+
+
+def curves_picture(
+    title: str, figures: Sequence[LivedFigures], stale: Sequence[StaleShare]
+) -> LivedPicture:
+    """Return the hard kinds and stale actions over settings, or over what stands as such."""
+    return LivedPicture(
+        title=title,
+        caption="Shares with their 95 % intervals over homes; stale actions: of the world "
+        "actions for requests, those spent on a belief that was false.",
+        figure=_curves(figures, stale, list(dict.fromkeys(one.setting for one in figures))),
+    )
+
+
+def _success(figures: Sequence[LivedFigures]) -> Any:
+    figure = empty(15, 5)
+    left, right = figure.subplots(1, 2, width_ratios=(4, 1))
+    _bars(left, figures)
+    _reliability(right, [one for one in figures if not one.brier_assumed and one.reliability])
+    return figure
+
+
+def _curves(
+    figures: Sequence[LivedFigures], stale: Sequence[StaleShare], settings: Sequence[str]
+) -> Any:
+    figure = empty(16, 4.6)
+    axes = figure.subplots(1, len(HARD) + 1)
+    for axis, kind in zip(axes, HARD, strict=False):
+        points = [
+            (one.row, one.setting, found.right, found.low, found.high)
+            for one in figures
+            for found in one.kinds
+            if found.kind == kind and found.right is not None
+        ]
+        _curve(axis, points, settings, kind)
+        axis.set_ylim(0, 1.02)
+    axes[0].set_ylabel("served rightly")
+    points = [(o.row, o.setting, o.share, o.low, o.high) for o in stale if o.share is not None]
+    _curve(axes[-1], points, settings, STALE)
+    axes[-1].set_ylim(bottom=0)
+    figure.legend(*axes[0].get_legend_handles_labels(), fontsize=8, ncols=6,
+                  loc="outside lower center")  # fmt: skip
+    return figure
+
+
+def _bars(axis: Any, figures: Sequence[LivedFigures]) -> None:
+    """Draw success by kind, a bar for each row, with intervals over homes."""
+    step = WIDTH / len(figures)
+    for number, one in enumerate(figures):
+        for place, kind in enumerate(one.kinds):
+            if kind.right is None:
+                continue
+            x = place - WIDTH / 2 + (number + 0.5) * step
+            axis.bar(x, kind.right, step * 0.95, color=_colour(number, len(figures)),
+                     label=one.row if kind.kind == ALL else None)  # fmt: skip
+            if kind.low is not None and kind.high is not None:
+                axis.plot([x, x], [kind.low, kind.high], color="black", linewidth=0.8)
+    axis.set_xticks(range(len(KINDS)), KINDS)
+    axis.set_ylim(0, 1.02)
+    axis.set_ylabel("served rightly")
+    axis.legend(fontsize=7, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.07))
+
+
+def _reliability(axis: Any, figures: Sequence[LivedFigures]) -> None:
+    """Draw what was said of "it is still there" against what was so; the numbers are of ours."""
+    axis.plot([0, 1], [0, 1], color="grey", linewidth=0.8)
+    for one in figures:
+        tenths = [tenth for tenth in one.reliability if tenth[2] >= LEAST]
+        if not tenths:
+            continue
+        said, so, number = zip(*tenths, strict=True)
+        axis.plot(said, so, marker="o", markersize=4, label=one.row)
+        for x, y, many in zip(said, so, number, strict=True) if one.row == OURS else ():
+            axis.annotate(str(many), (x, y), fontsize=7, xytext=(3, -9),
+                          textcoords="offset points")  # fmt: skip
+    axis.set_xlabel("chance that was given")
+    axis.set_ylabel("share that was still there")
+    axis.set_xlim(0, 1.02)
+    axis.set_ylim(0, 1.02)
+    axis.set_title("reliability, with numbers", fontsize=9)
+    if len(axis.lines) > 1:
+        axis.legend(fontsize=7, loc="lower right")
+
+
+def _curve(
+    axis: Any, points: Sequence[tuple[str, str, float, float | None, float | None]],
+    settings: Sequence[str], title: str,
+) -> None:  # fmt: skip
+    """Draw one share over the settings, a line for each row."""
+    rows = list(dict.fromkeys(point[0] for point in points))
+    for number, row in enumerate(rows):
+        mine = [point for point in points if point[0] == row]
+        beside = 0.3 * ((number + 0.5) / len(rows) - 0.5)  # so that whiskers can be told apart
+        xs = [settings.index(point[1]) + beside for point in mine]
+        colour = _colour(number, len(rows))
+        axis.plot(xs, [point[2] for point in mine], marker="o", markersize=4, label=row,
+                  color=colour)  # fmt: skip
+        for x, (_, _, _, low, high) in zip(xs, mine, strict=True):
+            if low is not None and high is not None:
+                axis.plot([x, x], [low, high], color=colour, linewidth=1.0, alpha=0.6)
+    axis.set_xticks(range(len(settings)), settings, fontsize=8)
+    axis.set_xlim(-0.3, len(settings) - 0.7)
+    axis.set_title(title, fontsize=9)
+
+
+def _colour(number: int, rows: int) -> Any:
+    import matplotlib as mpl
+
+    return mpl.colormaps["tab10" if rows <= 10 else "tab20"](number % 20)

@@ -10,18 +10,25 @@ from karma.agent.journal.formats import UNKNOWN, figure_text
 from karma.agent.journal.run_folder import RunData
 from karma.agent.journal.turns import SAID, Turn, read_turns
 from karma.bench.figures.columns import COLUMNS
-from karma.bench.figures.failures import Cause, Failure, count
+from karma.bench.figures.compare import rows_of
+from karma.bench.figures.counterfactual import Saving
+from karma.bench.figures.failures import Failure
+from karma.bench.figures.metrics import Metric
 from karma.bench.figures.sheet import Sheet
 from karma.bench.figures.tables import Result, sheets, size_words
 from karma.bench.report.choice import episode_key
 from karma.bench.report.episodes import EpisodeReplay
-from karma.bench.report.failing import endings
-from karma.bench.report.frames import Frames
-from karma.bench.report.html import fill, script_data
+from karma.bench.report.html import Frames, fill, script_data
 from karma.bench.report.plots import Plot, bar_plot, cause_plot, success_plot
-from karma.bench.report.results import Heading, ResultLine, columns, rates, result_lines
+from karma.bench.report.results import (
+    ResultLine,
+    TaskLine,
+    columns,
+    result_lines,
+    task_lines,
+)
 from karma.bench.report.room import RoomPlan
-from karma.bench.report.tasks import TaskLine, rows_of, task_lines
+from karma.bench.report.story import endings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,7 +40,7 @@ class Page:
     seeds: int
     rows: tuple[str, ...]
     caption: str
-    columns: tuple[Heading, ...]
+    columns: tuple[Metric | Saving, ...]
     lines: tuple[ResultLine, ...]
     plots: tuple[Plot, ...]
     sheets: tuple[Sheet, ...]  # the tables that stand in papers
@@ -53,12 +60,7 @@ class Page:
 
 
 def render(page: Page, frames: Frames) -> str:
-    """Return the page as HTML.
-
-    Args:
-        page: what it says.
-        frames: the pictures that the replays name by number.
-    """
+    """Return the page as HTML."""
     return fill(
         "page.html.j2",
         columns=len(page.rows),
@@ -150,13 +152,7 @@ def _told_part(
 
 
 def page_of(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> Page:
-    """Return what the page of a run says.
-
-    Args:
-        run: the run.
-        result: what the tables of it are made of.
-        replays: the episodes that can be stepped through.
-    """
+    """Return what the page of a run says."""
     records = run.records
     lines = task_lines(records)
     actions = sum(one.replay.actions for one in replays)
@@ -174,11 +170,11 @@ def page_of(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> P
         seeds=len({record.seed for record in records}),
         rows=rows_of(records),
         caption=_caption(result),
-        columns=columns(result),
-        lines=result_lines(result),
+        columns=columns(result.figures),
+        lines=result_lines(result.figures),
         plots=(
-            success_plot(rates(result)),
-            cause_plot(_causes(result, rows_of(records))),
+            success_plot(result.figures),
+            cause_plot(rows_of(records), result.failures),
             bar_plot("Places searched per episode", _over_all(result, "explorations")),
             bar_plot("World steps per episode", _over_all(result, "actions")),
             _last_plot(result),
@@ -207,13 +203,6 @@ def _last_plot(result: Result) -> Plot:
         percent = [(row, None if share is None else 100 * share) for row, share in hits]
         return bar_plot("Memory hits, % (MHR steady)", percent)
     return bar_plot("Planner calls per episode", _over_all(result, "planner_calls"))
-
-
-def _causes(result: Result, rows: Sequence[str]) -> dict[str, Mapping[Cause, int]]:
-    return {
-        row: count((one for one in result.failures if one.row == row), first_only=True)
-        for row in rows
-    }
 
 
 def _over_all(result: Result, key: str) -> list[tuple[str, float | None]]:

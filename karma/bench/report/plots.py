@@ -1,30 +1,19 @@
 """Plots as numbers that the page's template draws: user units of an SVG 360 wide."""
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from karma.agent.journal.formats import figure_text
 from karma.agent.journal.records import ALL, KINDS
-from karma.bench.figures.failures import CAUSES, Cause
+from karma.bench.figures.columns import Figures
+from karma.bench.figures.failures import CAUSES, Failure, count
+from karma.bench.figures.statistics import Estimate
 
 LEFT, WIDTH = 128.0, 192.0  # where the scale begins, how long it is
 TOP = 12.0
 LINE = 11.0  # apart
 LETTERS = 18  # of a row's name that fit into one of its two lines
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rate:
-    """How many episodes of one row and kind succeeded, with the interval of their share."""
-
-    row: str
-    kind: str
-    episodes: int
-    successes: int
-    rate: float | None
-    low: float | None = None
-    high: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,22 +66,29 @@ class Plot:
     note: str = ""
 
 
-def success_plot(rates: Sequence[Rate]) -> Plot:
-    """Return success rates with their intervals, a line of dots per kind under each row's name."""
-    rows = list(dict.fromkeys(rate.row for rate in rates))
-    kinds = [kind for kind in KINDS if any(rate.kind == kind for rate in rates)] or [ALL]
+def success_plot(lines: Sequence[Figures]) -> Plot:
+    """Return success rates with their intervals, a line of dots per kind under each row's name.
+
+    Those of sequences are of their instructions.
+    """
+    rows = list(dict.fromkeys(line.row for line in lines))
+    kinds = [kind for kind in KINDS if any(line.kind == kind for line in lines)] or [ALL]
     band = 11.0 * len(kinds) + 12.0
+    rates = [
+        (line, line.values["subtasks_done" if line.kind == "sequence" else "success"])
+        for line in lines
+    ]
     dots = [
         Dot(
-            x=_at(rate.rate),
-            y=TOP + rows.index(rate.row) * band + 11.0 * (kinds.index(rate.kind) + 0.5),
-            low=None if rate.low is None else _at(rate.low),
-            high=None if rate.high is None else _at(rate.high),
-            style=f"s{kinds.index(rate.kind) + 1}",
-            title=_said(rate),
+            x=_at(rate.value),
+            y=TOP + rows.index(line.row) * band + 11.0 * (kinds.index(line.kind) + 0.5),
+            low=_at(rate.interval.low) if rate.interval else None,
+            high=_at(rate.interval.high) if rate.interval else None,
+            style=f"s{kinds.index(line.kind) + 1}",
+            title=_said(line, rate),
         )
-        for rate in rates
-        if rate.rate is not None and rate.kind in kinds
+        for line, rate in rates
+        if rate.value is not None and line.kind in kinds
     ]
     middle = 11.0 * len(kinds) / 2
     notes = ["Share of the tasks; of sequences, of their instructions."]
@@ -100,7 +96,7 @@ def success_plot(rates: Sequence[Rate]) -> Plot:
         notes = ["Share of the sequences' instructions."]
     elif "sequence" not in kinds:
         notes = ["Share of the tasks."]
-    if any(rate.low is not None for rate in rates):
+    if any(rate.interval for _, rate in rates):
         notes.append("Whiskers: 95 % intervals.")
     return Plot(
         title="Tasks solved",
@@ -113,65 +109,62 @@ def success_plot(rates: Sequence[Rate]) -> Plot:
     )
 
 
-def bar_plot(title: str, values: Sequence[tuple[str, float | None]], *, note: str = "") -> Plot:
+def bar_plot(title: str, values: Sequence[tuple[str, float | None]]) -> Plot:
     """Return one bar per row; rows where nothing was measured have none."""
-    most = _round_up(max((value for _, value in values if value is not None), default=0.0))
-    bars = [
-        Bar(
-            x=LEFT,
-            y=TOP + number * 24.0 + 2.0,
-            width=round(WIDTH * value / most, 1) if most else 0.0,
-            height=13.0,
-            style="s1",
-            title=f"{row}: {figure_text(value)}",
-            after=figure_text(value, 1 if value < 100 else 0),
-        )
-        for number, (row, value) in enumerate(values)
-        if value is not None
+    lines = [
+        (row, [] if value is None else [(value, "s1", f"{row}: {figure_text(value)}")])
+        for row, value in values
     ]
-    return Plot(
-        title=title,
-        height=TOP + 24.0 * len(values) + 16.0,
-        ticks=_scale(most),
-        names=_names([row for row, _ in values], 24.0, 8.5),
-        bars=tuple(bars),
-        note=note,
-    )
+    return _bars(title, lines)
 
 
-def cause_plot(counts: Mapping[str, Mapping[Cause, int]]) -> Plot:
-    """Return how many episodes of each row failed, and of what.
+def cause_plot(rows: Sequence[str], failures: Sequence[Failure]) -> Plot:
+    """Return how many episodes of each row failed, and of what."""
+    lines = []
+    for row in rows:
+        counts = count((one for one in failures if one.row == row), first_only=True)
+        styles = {cause: f"s{number}" for number, cause in enumerate(CAUSES, start=1)}
+        pieces = [(n, styles[one], f"{row}: {one}: {n}") for one, n in counts.items() if n]
+        lines.append((row, pieces))
+    note = "Number of episodes, by the cause of the first instruction that failed."
+    return _bars("Why episodes failed", lines, key=CAUSES, note=note)
 
-    Args:
-        counts: of each row.
+
+def _bars(
+    title: str,
+    lines: Sequence[tuple[str, Sequence[tuple[float, str, str]]]],
+    *,
+    key: tuple[str, ...] = (),
+    note: str = "",
+) -> Plot:
+    """Return a bar per row, of pieces in a row's order: amount, style, title.
+
+    With a key amounts stand inside of pieces that are wide enough, without one after them.
     """
-    most = _round_up(float(max((sum(line.values()) for line in counts.values()), default=0)))
+    sums = [sum(amount for amount, _, _ in pieces) for _, pieces in lines]
+    most = _round_up(float(max(sums, default=0.0)))
     bars: list[Bar] = []
-    for number, (row, line) in enumerate(counts.items()):
+    for number, (_, pieces) in enumerate(lines):
         begin = LEFT
-        for cause, count in line.items():
-            width = round(WIDTH * count / most, 1) if most else 0.0
-            if count:
-                bars.append(
-                    Bar(
-                        x=begin,
-                        y=TOP + number * 24.0 + 2.0,
-                        width=width,
-                        height=13.0,
-                        style=f"s{CAUSES.index(cause) + 1}",
-                        title=f"{row}: {cause}: {count}",
-                        inside=str(count) if width > 14 else "",
-                    )
+        for amount, style, words in pieces:
+            width = round(WIDTH * amount / most, 1) if most else 0.0
+            bars.append(
+                Bar(
+                    x=begin, y=TOP + number * 24.0 + 2.0, width=width, height=13.0, style=style,
+                    title=words,
+                    inside=str(amount) if key and width > 14 else "",
+                    after="" if key else figure_text(amount, 1 if amount < 100 else 0),
                 )
+            )  # fmt: skip
             begin += width
     return Plot(
-        title="Why episodes failed",
-        height=TOP + 24.0 * len(counts) + 16.0,
+        title=title,
+        height=TOP + 24.0 * len(lines) + 16.0,
         ticks=_scale(most),
-        names=_names(list(counts), 24.0, 8.5),
+        names=_names([row for row, _ in lines], 24.0, 8.5),
         bars=tuple(bars),
-        key=CAUSES,
-        note="Number of episodes, by the cause of the first instruction that failed.",
+        key=key,
+        note=note,
     )
 
 
@@ -206,11 +199,10 @@ def _at(rate: float) -> float:
     return round(LEFT + WIDTH * rate, 1)
 
 
-def _said(rate: Rate) -> str:
-    text = f"{rate.row}, {rate.kind}: {rate.successes} of {rate.episodes}"
-    return (
-        text if rate.low is None else f"{text}, {figure_text(rate.low)} to {figure_text(rate.high)}"
-    )
+def _said(line: Figures, rate: Estimate) -> str:
+    successes, ends = round((rate.value or 0.0) * rate.number), rate.interval
+    text = f"{line.row}, {line.kind}: {successes} of {rate.number}"
+    return f"{text}, {figure_text(ends.low)} to {figure_text(ends.high)}" if ends else text
 
 
 def _round_up(value: float) -> float:

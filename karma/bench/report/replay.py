@@ -1,17 +1,103 @@
-"""Logged actions done again in the embedded world: where the agent stood and what it saw."""
+"""Logged actions done again in the embedded world: where the agent stood and what it saw.
+
+Where the things were that unmet goals ask for is told by the world's truth, not by memory.
+"""
 
 from collections.abc import Callable, Collection, Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, cast, get_args
 
-from karma.bench.report.frames import Frames
+from karma.agent.goals.goals import alternatives, object_names, parse_goal
+from karma.agent.goals.objects import ObjectIndex
+from karma.agent.seeing.perceive import truth_of
+from karma.bench.report.html import Frames
 from karma.bench.report.story import EpisodeStory, Moment
-from karma.bench.report.wanted import WantedName, names_in, wanted_in
-from karma.contracts import Vec3
+from karma.contracts import Event, TrueObject, Vec3
 from karma.errors import KarmaError
+from karma.household.ids import type_of
+from karma.household.places import FLOOR
 from karma.world.core.state import WorldState
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
+
+MOST = 8  # things that are told of one name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WantedThing:
+    """One thing that a name covers, at one moment."""
+
+    object_id: str
+    where: str  # what it is in or on, from the inside out; "in the hand"
+    states: tuple[str, ...]
+    x_m: float
+    z_m: float
+    loose: bool  # can be carried
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WantedName:
+    """One name in unmet goals, and what it covers in the room."""
+
+    name: str
+    things: tuple[WantedThing, ...]  # at most `MOST`, those that can be carried first
+    count: int  # of all
+
+
+def names_in(goals: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of objects in goals, each once; none of a goal that cannot be read."""
+    found: dict[str, None] = {}
+    for text in goals:
+        try:
+            found.update(dict.fromkeys(object_names(parse_goal(text))))
+        except KarmaError:
+            continue  # of somebody else's benchmark
+    return tuple(found)
+
+
+def wanted_in(event: Event, names: Sequence[str]) -> tuple[WantedName, ...]:
+    """Return for each name what it covers after an event."""
+    index = ObjectIndex(truth_of(event))
+    return tuple(_wanted(name, index) for name in names)
+
+
+def _wanted(name: str, index: ObjectIndex) -> WantedName:
+    found = sorted(
+        index.named(alternatives(name)), key=lambda one: (not one.pickupable, one.object_id)
+    )
+    things = tuple(_thing(one, index) for one in found[:MOST])
+    return WantedName(name=name, things=things, count=len(found))
+
+
+def _thing(one: TrueObject, index: ObjectIndex) -> WantedThing:
+    x, _, z = one.box_center_m
+    return WantedThing(
+        object_id=one.object_id,
+        where=_where(one, index),
+        states=one.states,
+        x_m=round(x, 2),
+        z_m=round(z, 2),
+        loose=one.pickupable,
+    )
+
+
+def _where(one: TrueObject, index: ObjectIndex) -> str:
+    """Return what a thing is in or on, and what that is in or on: "Bowl, Fridge (closed)"."""
+    if one.object_id in index.held:
+        return "in the hand"
+    words, seen, here = [], {one.object_id}, one
+    while parents := [p for p in here.parent_ids if p in index.by_id and p not in seen]:
+        here = index.by_id[parents[0]]
+        seen.add(here.object_id)
+        if here.object_id in index.held:
+            words.append(f"{type_of(here.object_id)} in the hand")
+            break
+        if words and here.object_type == FLOOR:
+            break
+        state = [word for word in ("closed", "opened") if word in here.states]
+        words.append(type_of(here.object_id) + (f" ({state[0]})" if state else ""))
+    return "at " + ", ".join(words) if words else ""
+
 
 FrameChoice = Literal["auto", "every", "calls", "ends", "none"]
 LONG, VERY_LONG = 300, 1000  # actions of a page from which on "auto" is "calls", "ends"
@@ -25,47 +111,29 @@ _WALKING = (
 
 
 def frame_choice(text: str) -> FrameChoice:
-    """Return the choice that a word stands for.
-
-    Raises:
-        KarmaError: it is none.
-    """
-    for known in get_args(FrameChoice):
-        if text == known:
-            return cast(FrameChoice, known)
+    """Return the choice that a word stands for; KarmaError where it is none."""
+    if text in get_args(FrameChoice):
+        return cast(FrameChoice, text)
     raise KarmaError(f"--frames {text!r}\n  To fix: {', '.join(get_args(FrameChoice))}")
 
 
-class Rooms:
-    """The rooms of one episode's home, each as it was left; made when they are first entered.
-
-    Args:
-        place: returns where the scene of that name lies.
-    """
+class Rooms(Home):
+    """The rooms of one episode's home; `place` returns where the scene of a name lies."""
 
     def __init__(self, place: Callable[[str], str] = str) -> None:
+        super().__init__(lambda: EmbeddedWorld(width=SIZE_PX, height=SIZE_PX))
         self._place = place
-        self._worlds: dict[str, EmbeddedWorld] = {}
-        self._made: list[EmbeddedWorld] = []
-        self.home = Home(self._make)
 
-    def enter(self, scene: str) -> None:
-        """Go into a room.
-
-        Raises:
-            FileError: there is no such scene, or it is damaged.
-        """
-        self.home.enter(self._place(scene))
-        self._worlds.setdefault(self.home.scene, self._made[-1])
+    def enter(self, scene: str) -> Event:
+        """Go into a room; FileError where there is no such scene, or it is damaged."""
+        return super().enter(self._place(scene))
 
     @property
     def state(self) -> WorldState:
         """The room that the agent is in."""
-        return self._worlds[self.home.scene].state
-
-    def _make(self) -> EmbeddedWorld:
-        self._made.append(EmbeddedWorld(width=SIZE_PX, height=SIZE_PX))
-        return self._made[-1]
+        room = self._room()
+        assert isinstance(room, EmbeddedWorld)
+        return room.state
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,14 +172,9 @@ def replaying(
 
     Yields now and then the share that is done, in [0, 1], and at last the replay.
 
-    Args:
-        story: what happened.
-        rooms: where; none entered yet.
-        frames: takes the pictures.
-        choice: a picture after "every" action; after those that do more than walk, at the end of
-            "calls", and now and then between; at the "ends" of calls only; or "none".
-        shown: numbers of the instructions of which pictures are taken, None for all.
-        goals: of each instruction, for those that the log does not judge as it breaks off in them.
+    Pictures are taken after "every" action; after those that do more than walk, at the end of
+    "calls", and now and then between; at the "ends" of calls only; or "none"; and only in the
+    instructions that are shown. Goals are needed where the log breaks off before it judges them.
 
     Raises:
         FileError: a scene is missing or damaged.
@@ -131,11 +194,18 @@ def replaying(
         if not _happens(rooms, moment):
             differing.append(number)
         here = moment.part in parts
-        if here and rooms.state is not seen and _wanted(moment, choice, number - last):
-            frame = frames.of(_looks(rooms.state), lambda: rooms.home.last_event.frame)
+        if here and rooms.state is not seen and _is_pictured(moment, choice, number - last):
+            frame = frames.of(_looks(rooms.state), lambda: rooms.last_event.frame)
             seen, last = rooms.state, number
         wanted = sought.at(rooms, moment) if here else ()
-        sights.append(_sight(rooms.state, moment, story, frame, wanted))
+        pose, held = rooms.state.pose, rooms.state.held
+        sights.append(
+            Sight(
+                x_m=round(pose.position_m[0], 3), z_m=round(pose.position_m[2], 3),
+                yaw_deg=round(pose.yaw_deg, 1), held=held,
+                targets=_targets(rooms.state, moment, story), frame=frame, wanted=wanted,
+            )
+        )  # fmt: skip
     actions = sum(moment.action is not None for moment in moments)
     yield Replay(sights=tuple(sights), actions=actions, differing=tuple(differing))
 
@@ -159,7 +229,7 @@ class _Sought:
         objects = rooms.state.objects if names else None
         is_new = moment.part != self._part
         if is_new or (moment.action is None and objects is not self._objects):
-            self._found = wanted_in(rooms.home.last_event, names) if names else ()
+            self._found = wanted_in(rooms.last_event, names) if names else ()
             self._part, self._objects = moment.part, objects
         return self._found
 
@@ -185,13 +255,13 @@ def _happens(rooms: Rooms, moment: Moment) -> bool:
     if moment.action is None:
         return True
     try:
-        event = rooms.home.step(moment.action.action, **moment.action.arguments)
+        event = rooms.step(moment.action.action, **moment.action.arguments)
     except ValueError:  # misuse; the event says so, and the log too
         return not moment.ok
     return bool(event) == moment.ok
 
 
-def _wanted(moment: Moment, choice: FrameChoice, since: int) -> bool:
+def _is_pictured(moment: Moment, choice: FrameChoice, since: int) -> bool:
     if choice == "none":
         return False
     if choice == "every" or moment.action is None:
@@ -199,25 +269,6 @@ def _wanted(moment: Moment, choice: FrameChoice, since: int) -> bool:
     if choice == "ends":
         return False
     return since >= APART or moment.action.action not in _WALKING
-
-
-def _sight(
-    state: WorldState,
-    moment: Moment,
-    story: EpisodeStory,
-    frame: int,
-    wanted: tuple[WantedName, ...],
-) -> Sight:
-    x, _, z = state.pose.position_m
-    return Sight(
-        x_m=round(x, 3),
-        z_m=round(z, 3),
-        yaw_deg=round(state.pose.yaw_deg, 1),
-        held=state.held,
-        targets=_targets(state, moment, story),
-        frame=frame,
-        wanted=wanted,
-    )
 
 
 def _targets(

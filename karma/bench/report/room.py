@@ -78,9 +78,7 @@ class RoomPlan:
 def plan_of(scene: Scene, graph: SceneGraph | None) -> RoomPlan:
     """Return the drawing of a room.
 
-    Args:
-        scene: the room at reset.
-        graph: long-term memory of it, None where there is none.
+    The scene is as at reset; the graph is long-term memory of it.
     """
     (x, _, z), (width, _, depth) = scene.bounds_center, scene.bounds_size
     left, top = _cm(x - width / 2), _cm(-(z + depth / 2))

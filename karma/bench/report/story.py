@@ -1,6 +1,6 @@
-"""A step log told as moments that a reader can step through, sub-task by sub-task."""
+"""A step log told as moments that a reader can step through, and where the episode failed."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -145,12 +145,12 @@ class _Teller:
             case steps.Planned():
                 self._plan(line)
             case steps.Action():
-                self._moment("action", label(line), line.ok, line.error, action=line)
+                self._moment("action", label(line), ok=line.ok, error=line.error, action=line)
             case steps.SkillStep():
                 self._skill(line)
             case steps.Ended():
                 self._change(after=line.memory, finished=line.finished, unmet=line.unmet)
-                self._moment("outcome", "", not line.unmet, "; ".join(line.unmet))
+                self._moment("outcome", ok=not line.unmet, error="; ".join(line.unmet))
 
     def attributed(self) -> list[Moment]:
         """Return the moments; each action knows its skill call, each door its instruction."""
@@ -176,7 +176,7 @@ class _Teller:
             refused=line.refused,
         )
         self._change(plans=(*self._part.plans, said))
-        self._moment("plan", "program", not line.error, line.error)
+        self._moment("plan", "program", ok=not line.error, error=line.error)
 
     def _skill(self, line: steps.SkillStep) -> None:
         done = Done(
@@ -184,7 +184,8 @@ class _Teller:
             plan=len(self._part.plans) - 1,
         )  # fmt: skip
         self._change(calls=(*self._part.calls, done))
-        self._moment("skill", line.call, line.ok, line.reason, call=len(self._part.calls) - 1)
+        number = len(self._part.calls) - 1
+        self._moment("skill", line.call, ok=line.ok, error=line.reason, call=number)
 
     @property
     def _part(self) -> Part:
@@ -196,28 +197,9 @@ class _Teller:
         if self.parts or "map_text" not in fields:
             self.parts[-1:] = [replace(self._part, **fields)]
 
-    def _moment(
-        self,
-        kind: MomentKind,
-        text: str,
-        ok: bool = True,
-        error: str = "",
-        *,
-        call: int = -1,
-        action: steps.Action | None = None,
-    ) -> None:
-        self.moments.append(
-            Moment(
-                kind=kind,
-                text=text,
-                ok=ok,
-                error=error,
-                part=len(self.parts) - 1,
-                plan=len(self.parts[-1].plans) - 1 if self.parts else -1,
-                call=call,
-                action=action,
-            )
-        )
+    def _moment(self, kind: MomentKind, text: str = "", **fields: Any) -> None:
+        part, plan = len(self.parts) - 1, len(self.parts[-1].plans) - 1 if self.parts else -1
+        self.moments.append(Moment(kind=kind, text=text, part=part, plan=plan, **fields))
 
 
 def label(line: steps.Action) -> str:
@@ -231,3 +213,77 @@ def label(line: steps.Action) -> str:
         elif not isinstance(value, dict | list):
             words.append(f"{name}={value}")
     return " ".join(words)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FailedAt:
+    """One moment of a story, and what went wrong there."""
+
+    moment: int
+    part: int  # number of the instruction, -1 before the first
+    words: str
+
+
+def failed_at(story: EpisodeStory, shown: Collection[int]) -> FailedAt | None:
+    """Return where the first of the shown instructions that failed was first refused anything.
+
+    That is an answer without a program or a skill call that was refused; where nothing was, the
+    end of the instruction. None where no shown instruction failed.
+    """
+    for number, part in enumerate(story.parts):
+        if number in shown and (part.after is None or part.unmet):
+            return _in_part(story, number, part)
+    return None
+
+
+def broke_off_at(story: EpisodeStory, moments: int) -> FailedAt:
+    """Return the last of so many moments, for an episode that broke off between instructions."""
+    last = moments - 1
+    words = "nothing was refused; here the episode broke off"
+    return FailedAt(moment=last, part=story.moments[last].part, words=words)
+
+
+def _in_part(story: EpisodeStory, number: int, part: Part) -> FailedAt:
+    last = 0
+    for at, moment in enumerate(story.moments):
+        if moment.part != number:
+            continue
+        last = at
+        if words := _refused(moment, part):
+            return FailedAt(moment=at, part=number, words=words)
+    how = "the episode broke off" if part.after is None else "it ended with goals unmet"
+    return FailedAt(moment=last, part=number, words=f"nothing was refused; here {how}")
+
+
+def _refused(moment: Moment, part: Part) -> str:
+    """Return what was refused at a moment, "" where nothing was."""
+    if moment.kind == "skill" and not moment.ok:
+        return f"{moment.text} failed: {moment.error}"
+    if moment.kind != "plan":
+        return ""
+    plan = part.plans[moment.plan]
+    if plan.refused:
+        return f"the planner refused: {plan.refused}"
+    return f"the answer was no program: {plan.error}" if plan.error else ""
+
+
+def endings(part: Part) -> tuple[str, ...]:
+    """Return for each attempt at an instruction why it ended."""
+    return tuple(_ending(part, number) for number in range(len(part.plans)))
+
+
+def _ending(part: Part, number: int) -> str:
+    plan, is_last = part.plans[number], number == len(part.plans) - 1
+    calls = [call for call in part.calls if call.plan == number]
+    if plan.refused:
+        return f"the planner refused: {plan.refused}"
+    if plan.error:
+        return f"no program: {plan.error}"
+    if calls and not calls[-1].ok:
+        return f"{calls[-1].text} failed: {calls[-1].reason}"
+    if is_last and part.after is None:
+        return "the episode broke off"
+    if is_last and not part.finished:
+        return "stopped before the program's end"
+    left = f", with {len(part.unmet)} of its goals unmet" if is_last and part.unmet else ""
+    return f"the program ran to its end{left}"

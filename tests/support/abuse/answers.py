@@ -154,8 +154,7 @@ def _as_lines(bad: str, folder: Path) -> None:
 def _in_a_page(bad: str, folder: Path) -> None:
     from karma.agent.journal.run_folder import read_run
     from karma.bench.figures.results import result_of
-    from karma.bench.report.frames import Frames
-    from karma.bench.report.html import script_data
+    from karma.bench.report.html import Frames, script_data
     from karma.bench.report.page import page_of, render
     from support.made_records import episode, sub, write_run
 

@@ -11,7 +11,7 @@ from karma.bench.suites.alfred.experiment import EbExperiment, LotaExperiment
 from karma.bench.suites.alfred.play import AlfredStage, EbRecord, LotaRecord, play
 from karma.bench.suites.alfred.table import EB_TABLES, LOTA_TABLES, results_of
 from karma.bench.suites.alfred.trial_rooms import read_rooms, room_files
-from karma.bench.tasks.alfred_lists import ListedTask
+from karma.bench.tasks.alfred import ListedTask
 from karma.contracts import LanguageModel, ScoringModel
 from karma.infer.hosted.session import Session
 from karma.world.eb_alfred.actions import read_types

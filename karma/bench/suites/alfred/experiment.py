@@ -11,7 +11,7 @@ from karma.bench.engine.experiment import check_listed
 from karma.bench.engine.experiment_tasks import select
 from karma.bench.suites.alfred.eb_planner import PromptOptions, kind_of
 from karma.bench.suites.alfred.lota_planner import LotaPromptOptions
-from karma.bench.tasks.alfred_lists import ListedTask, read_lists
+from karma.bench.tasks.alfred import ListedTask, read_lists
 from karma.contracts import Scoring
 from karma.errors import FileError
 

@@ -9,7 +9,7 @@ from karma.bench.suites.alfred.experiment import EbRow, LotaRow
 from karma.bench.suites.alfred.lota_planner import GeneratedPlayer, LotaAnswer, ScoredPlayer
 from karma.bench.suites.alfred.players import BenchmarkPlayer, ChancePlayer, ExpertPlayer
 from karma.bench.suites.alfred.trial_rooms import TrialRooms
-from karma.bench.tasks.alfred_lists import ListedTask
+from karma.bench.tasks.alfred import ListedTask
 from karma.contracts import LanguageModel, ScoringModel
 from karma.errors import KarmaError
 from karma.world.eb_alfred.actions import EB_ALFRED, LOTA_ALFRED, ActionTypes

@@ -23,10 +23,9 @@ from karma.agent.journal.records import PlayedTiming
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.loading.models import Models, Row
 from karma.bench.engine.experiment_file import beside
-from karma.bench.engine.nodes import refuse_node
 from karma.bench.engine.run import Run
 from karma.bench.engine.suite import NO_MODELS, Chain, Do, Done
-from karma.bench.engine.workers import loaded
+from karma.bench.engine.workers import loaded, refuse_node
 from karma.bench.suites.policies.exploration import Exploration, explore
 from karma.bench.suites.policies.paper_claims import CellResults, PaperClaim, claims_of, claims_text
 from karma.bench.suites.policies.simulate import BELADY
