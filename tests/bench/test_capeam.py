@@ -8,10 +8,10 @@ from karma.agent.loading.alfred_sentences import GoalFacts, Sentence, facts_of, 
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
+from karma.bench.rows.baseline import likely_places
 from karma.bench.rows.capeam.frames import SubGoal, expand, read
 from karma.bench.rows.capeam.memory import ANYWHERE, EnvironmentMemory
 from karma.bench.rows.capeam.method import CapeamMethod, CapeamSettings
-from karma.bench.rows.capeam.prior import likely_places
 from karma.contracts import (
     Outcome,
     Plan,

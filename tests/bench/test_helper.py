@@ -10,14 +10,14 @@ from support.household import kitchen
 from karma.agent.loading.example_memory import ExampleMemory
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
-from karma.bench.rows.helper.inspector import (
+from karma.bench.rows.helper.memory import (
+    ObjectMemory,
     ends_there,
     idle,
     whole_first,
     with_object,
     without_object,
 )
-from karma.bench.rows.helper.memory import ObjectMemory
 from karma.bench.rows.helper.method import HelperMethod, HelperSettings, seed_examples
 from karma.contracts import (
     Outcome,

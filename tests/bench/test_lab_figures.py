@@ -12,13 +12,12 @@ from support.paths import ROOT
 from karma.agent.journal.header import EPISODES, RESULTS, TIMINGS
 from karma.agent.journal.owned_folder import MARK
 from karma.bench.engine.experiment_file import kind_of
-from karma.bench.suites.policies.exploration import Exploration, explore
 from karma.bench.suites.policies.figure import TraceFigure, drawn, figure_run, read_figure
 from karma.bench.suites.policies.intervals import Bootstrapped
 from karma.bench.suites.policies.paper_claims import CellResults, claims_of, claims_text
-from karma.bench.suites.policies.sweep import PolicyRow, Sweep, sized
+from karma.bench.suites.policies.simulate import Trace
+from karma.bench.suites.policies.sweep import Exploration, PolicyRow, Sweep, explore, sized
 from karma.bench.suites.policies.tasks import alfred_pool
-from karma.bench.suites.policies.trace import Trace
 from karma.bench.suites.policies.workloads import WORKLOADS
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.files import read_toml

@@ -16,7 +16,7 @@ from karma.bench.report.lived_page import chosen_day, lived_again, read_lived, r
 from karma.bench.report.lived_pictures import HARD, curves_picture, lived_pictures
 from karma.bench.suites.lived.play import HomeLife
 from karma.bench.suites.lived.reading import Reader
-from karma.bench.suites.lived.schedule import DAY_S
+from karma.bench.suites.lived.request import DAY_S
 from karma.bench.suites.lived.table import ALL, by_day, figures_of, stale_shares
 from karma.bench.suites.lived.trace import HomeTracer
 from karma.cli import app

@@ -15,8 +15,7 @@ from functools import partial
 from typing import Literal
 
 from karma.agent.planning.prompt import compact
-from karma.bench.drawing.aftermath import after, subject
-from karma.bench.drawing.memories import KnownRoom, Rng, pick
+from karma.bench.drawing.memories import KnownRoom, Rng, after, pick, subject
 from karma.bench.drawing.phrases import Book
 from karma.bench.drawing.referring_expressions import Situation
 from karma.bench.drawing.requests import KINDS, Ask, one_ask, pick_kind, wrapped

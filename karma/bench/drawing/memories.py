@@ -1,19 +1,26 @@
-"""What an agent may remember: rooms to be in, and short-term memories drawn for them."""
+"""What an agent may remember: rooms to be in, short-term memories drawn for them, and changes."""
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
-from karma.contracts import Area, MemoryUnit
+from karma.contracts import Area, Goal, MemoryUnit, SeenObject
 from karma.household.ids import type_of
 from karma.household.pieces import EGG, base_type
-from karma.household.places import HAND, SEVERAL, landmark_types
-from karma.household.states import OPPOSITES
+from karma.household.places import HAND, ROOMS, SEVERAL, landmark_types
+from karma.household.states import END_STATES, OPPOSITES
 from karma.household.types import ObjectType, object_types
-from karma.household.uses import COOKED, TOASTED
+from karma.household.uses import CHANGED_IN, COOKED, FRIDGE, TOASTED
 from karma.language.lexemes import lexicon
+from karma.memory.scene_graph import SceneGraph
+from karma.seeds import stream
+from karma.world.core.scene import Scene
+from karma.world.generation.generate import build_scene
+from karma.world.importing.scenes import import_dump
 
 Rng = np.random.Generator
 T = TypeVar("T")
@@ -142,3 +149,90 @@ def _draw_place(
 def place_type(units: Sequence[MemoryUnit], place: str) -> str:
     """Return the type of a place: a remembered unit's, or the one its id speaks of."""
     return next((u.object_type for u in units if u.object_id == place), type_of(place))
+
+
+KITCHEN_SHARE = 3  # kitchens per room of another kind, as most requests are about kitchens
+AUTHORS_PLANS = frozenset({1, 11, 14, 16, 19, 22, 23, 27, 28, 201, 203, 207, 224, 314, 417, 422})
+
+
+def room_of(scene: Scene, name: str, *, keep: float = 0.93, seed: int = 0) -> KnownRoom:
+    """Return what an agent that explored the scene knows of it, a few things overlooked.
+
+    Args:
+        scene: the room.
+        name: of the result; names the random stream.
+        keep: chance that an immovable thing was noticed.
+        seed: of the run.
+    """
+    rng = stream(seed, "rooms", name)
+    graph = SceneGraph.over(scene.reachable, height_m=scene.floor_y, cell_m=scene.grid_m)
+    graph.observe(
+        SeenObject(
+            object_id=thing.id,
+            object_type=thing.type,
+            position_m=thing.position,
+            box_center_m=thing.center,
+            box_size_m=thing.size,
+            pickupable=False,
+        )
+        for thing in scene.objects
+        if "pickupable" not in thing.capabilities and rng.random() < keep
+    )
+    movables = Counter(
+        base_type(thing.type) for thing in scene.objects if "pickupable" in thing.capabilities
+    )
+    return KnownRoom(
+        name=name,
+        areas=graph.areas(),
+        movables=tuple(sorted(movables)),
+        several=tuple(sorted(kind for kind, count in movables.items() if count > 1)),
+    )
+
+
+def generated_rooms(count: int, seed: int) -> Iterator[KnownRoom]:
+    """Yield rooms of the generator, none of them a shipped scene (their seeds differ)."""
+    order = [ROOMS[0]] * KITCHEN_SHARE + list(ROOMS[1:])
+    for number in range(count):
+        kind = order[number % len(order)]
+        scene = build_scene(kind, 1000 + number, seed)
+        yield room_of(scene, f"generated/{seed}/{number}", seed=seed)
+
+
+def imported_rooms(dumps: Path, layouts: Path | None, seed: int) -> Iterator[KnownRoom]:
+    """Yield AI2-THOR's floor plans, without those of the authors' tasks."""
+    for scene in import_dump(dumps, layouts=layouts):
+        if not is_authors_plan(scene.name):
+            yield room_of(scene, scene.name, seed=seed)
+
+
+def is_authors_plan(name: str) -> bool:
+    """Return whether a floor plan is one of the authors' tasks, which no training sees."""
+    return int(name.removeprefix("FloorPlan").split("_")[0]) in AUTHORS_PLANS
+
+
+def subject(goal: Goal) -> str:
+    """Return the type of what a goal is about."""
+    return base_type(goal.arguments[1] if goal.predicate == "HOLDON" else goal.arguments[0])
+
+
+def after(unit: MemoryUnit, goal: Goal) -> MemoryUnit:
+    """Return a thing once a goal about it is met."""
+    word = goal.arguments[-1]
+    if goal.predicate in ("ON", "INSIDE"):
+        return replace(unit, place_id=word)
+    if goal.predicate == "HOLDON":
+        return replace(unit, place_id=HAND)
+    if goal.predicate != "STATE":
+        word = END_STATES[goal.predicate]
+    state = {"clean": "cleaned", "cold": ""}.get(word, word)
+    states = [s for s in unit.states if s not in (state, OPPOSITES.get(state))]
+    kind = object_types()[unit.object_type]
+    if state == "cleaned" and "canFillWithLiquid" in kind.capabilities:
+        states.append("filled")
+    return replace(
+        unit,
+        object_type=(kind.slices_into or unit.object_type) if state == "sliced" else kind.name,
+        states=(*states, *([state] if state else [])),
+        place_id=FRIDGE if word == "cold" else CHANGED_IN.get(state, unit.place_id),
+        handled=True,
+    )

@@ -6,8 +6,7 @@ Each later clause is drawn in the situation that the ones before it leave behind
 from collections.abc import Sequence
 from dataclasses import replace
 
-from karma.bench.drawing.aftermath import after
-from karma.bench.drawing.memories import Rng, pick, weighted
+from karma.bench.drawing.memories import Rng, after, pick, weighted
 from karma.bench.drawing.referring_expressions import Situation
 from karma.bench.drawing.requests import KINDS, Ask, filled, one_ask, pick_kind, suits, takes
 from karma.contracts import Goal, MemoryUnit

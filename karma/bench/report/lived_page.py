@@ -15,7 +15,7 @@ from karma.bench.report.page import columns_of, facts_of
 from karma.bench.report.room import plan_of
 from karma.bench.suites.lived.benchmark import LivedHomes
 from karma.bench.suites.lived.records import LivedRecord
-from karma.bench.suites.lived.schedule import DAY_S
+from karma.bench.suites.lived.request import DAY_S
 from karma.bench.suites.lived.table import OURS, by_day, figures_of, stale_shares
 from karma.bench.suites.lived.trace import HomeTrace
 from karma.errors import KarmaError, did_you_mean

@@ -1,10 +1,15 @@
-"""What baselines share: what an instruction may cost, and a request without memory."""
+"""What baselines share: what an instruction may cost, what usually lies where, what is asked."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 from karma.agent.body.skills import Skills
 from karma.contracts import PlanRequest, SeenObject
+from karma.files import read_toml
+from karma.household.pieces import base_type
 from karma.household.uses import TAPS
 from karma.memory.scene_graph import SceneGraph
 
@@ -46,3 +51,23 @@ def request_for(
         held_type=held.object_type if held else None,
         **more,
     )
+
+
+TABLE = Path(__file__).parent / "likely_places.toml"
+
+
+@cache
+def _table() -> Mapping[str, Mapping[str, float]]:
+    return read_toml(TABLE, dict[str, dict[str, float]])
+
+
+def likely_places(kind: str) -> Mapping[str, float]:
+    """Return receptacle type -> share of such things, the likeliest first; {} for none counted.
+
+    Stands for what the sources ask a large model (HELPER) or a trained network (CAPEAM). Counted in
+    rooms of our generator that are in no task; the counter is in the history, at commit cb939ce.
+
+    Raises:
+        FileError: the table is damaged.
+    """
+    return _table().get(base_type(kind), {})

@@ -17,8 +17,7 @@ from karma.agent.goals.goals import GoalTracker, WatchedWorld
 from karma.agent.options import settings_of
 from karma.agent.planning.expert import solve
 from karma.agent.seeing.perceive import truth_of
-from karma.bench.rows.expert_choices import Chooser, Lessons, left
-from karma.bench.rows.expert_view import Surroundings
+from karma.bench.rows.expert_choices import Chooser, Lessons, Surroundings, left
 from karma.contracts import (
     Area,
     Goal,

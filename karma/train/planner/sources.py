@@ -20,8 +20,7 @@ from karma.agent.loading.alfred_sentences import (
 )
 from karma.agent.loading.planner_files import WORDS
 from karma.agent.loading.said_requests import load_said
-from karma.bench.drawing import rooms
-from karma.bench.drawing.memories import KnownRoom
+from karma.bench.drawing.memories import KnownRoom, generated_rooms, imported_rooms, room_of
 from karma.bench.drawing.phrases import Book, our_book, with_alfred
 from karma.files import read_json, to_json, write_atomic
 from karma.language.hints import load_words, write_words
@@ -128,10 +127,10 @@ class Sources:
         if path.exists():
             return read_json(path, list[KnownRoom])
         self.say(f"making {self.generated} rooms ...")
-        found = list(rooms.generated_rooms(self.generated, recipe.seed + TRAINED_ROOMS))
+        found = list(generated_rooms(self.generated, recipe.seed + TRAINED_ROOMS))
         dumps, layouts = self.floor_plans
         if dumps.exists():
-            found += rooms.imported_rooms(dumps, layouts, recipe.seed)
+            found += imported_rooms(dumps, layouts, recipe.seed)
         else:
             self.say(f"no floor plans at {dumps}: generated rooms only")
         write_atomic(path, to_json(found))
@@ -163,13 +162,13 @@ class Sources:
         """Return floor plan -> what an agent knows of it that overlooked nothing."""
         dumps, layouts = self.floor_plans
         scenes = import_dump(dumps, layouts=layouts)
-        return {scene.name: rooms.room_of(scene, scene.name, keep=1.0) for scene in scenes}
+        return {scene.name: room_of(scene, scene.name, keep=1.0) for scene in scenes}
 
 
 def held_out_packs(
     recipe: PlannerRecipe, book: Book, count: int, hints: DrawnHints | None = None
 ) -> list[list[TrainingExample]]:
     """Return packs over rooms that training never sees, with the phrases of `book`."""
-    found = list(rooms.generated_rooms(24, recipe.seed + WATCHED_ROOMS))
+    found = list(generated_rooms(24, recipe.seed + WATCHED_ROOMS))
     data = Data(rooms=found, book=book, hints=hints)
     return [draw_pack(recipe, data, "held-out", str(number)) for number in range(count)]

@@ -12,8 +12,8 @@ from typing import Any, get_args
 
 from karma import registry
 from karma.agent.goals.files import load_tasks
-from karma.bench.drawing import rooms
 from karma.bench.drawing.drawn_tasks import DrawnRequest, Kind, draw_task
+from karma.bench.drawing.memories import room_of
 from karma.bench.drawing.phrases import Book
 from karma.bench.drawing.possible import Possible
 from karma.bench.drawing.requests import KINDS
@@ -75,7 +75,7 @@ def draw_tasks(
         unseen: whether only what has a held-out lexeme in it is kept.
     """
     world = registry.load("worlds", "embedded")()
-    known = [rooms.room_of(scene, scene.name, keep=1.0) for scene in scenes]
+    known = [room_of(scene, scene.name, keep=1.0) for scene in scenes]
     possible = [Possible(scene) for scene in scenes]
     paths = [folder / "scenes" / f"{scene.name}.json" for scene in scenes]
     for path, scene in zip(paths, scenes, strict=True):

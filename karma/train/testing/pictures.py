@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from karma.errors import UnknownNameError
-from karma.train.testing.architectures import Size
-from karma.train.testing.families import PICTURE_FAMILIES, find_family
+from karma.train.testing.families import PICTURE_FAMILIES, Size, find_family
 from karma.train.testing.planners import make_planner
 from karma.train.testing.random_gguf import Shape, add_keys, write_random_gguf
 

@@ -9,8 +9,7 @@ from karma.agent.planning.prompt import render, skills_of
 from karma.contracts import PlanRequest
 from karma.household.types import object_types
 from karma.infer.llama.gguf_files import add_special_tokens, add_vocabulary, new_tokenizer
-from karma.train.testing.architectures import Size, language_keys, language_tensors
-from karma.train.testing.families import Family, find_family
+from karma.train.testing.families import Family, Size, find_family, language_keys, language_tensors
 from karma.train.testing.random_gguf import add_keys, write_random_gguf
 
 TRAINED = 1200  # tokens, the family's own among them

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from karma.agent.body.sightings import known
 from karma.agent.seeing.perceive import place_of
-from karma.bench.rows.capeam.prior import likely_places
+from karma.bench.rows.baseline import likely_places
 from karma.contracts import Area, Experience, Known, SeenObject, Vec3
 from karma.household.places import surface_for
 from karma.household.types import object_types

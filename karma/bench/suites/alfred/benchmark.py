@@ -8,9 +8,15 @@ from karma.agent.journal.not_run import NotRun
 from karma.bench.engine.suite import BenchmarkResults, Chain, Play, planner_of
 from karma.bench.rows.lota.method import chooser_of
 from karma.bench.suites.alfred.experiment import EbExperiment, LotaExperiment
-from karma.bench.suites.alfred.play import AlfredStage, EbRecord, LotaRecord, play
+from karma.bench.suites.alfred.play import (
+    AlfredStage,
+    EbRecord,
+    LotaRecord,
+    play,
+    read_rooms,
+    room_files,
+)
 from karma.bench.suites.alfred.table import EB_TABLES, LOTA_TABLES, results_of
-from karma.bench.suites.alfred.trial_rooms import read_rooms, room_files
 from karma.bench.tasks.alfred_lists import ListedTask
 from karma.contracts import LanguageModel, ScoringModel
 from karma.infer.hosted.session import Session

@@ -10,11 +10,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from karma.bench.suites.lived.forms import request_forms
-from karma.bench.suites.lived.naming import (
+from karma.bench.suites.lived.forms import (
     meant_by,
     of_type,
     place_phrase,
+    request_forms,
     room_phrase,
     thing_word,
 )

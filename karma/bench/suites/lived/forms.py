@@ -1,12 +1,19 @@
-"""The sentences and verbs of requests, read from `forms.toml`."""
+"""Words of requests: sentences and verbs of `forms.toml`, names of things and places."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
+from karma.bench.suites.lived.request import Words
+from karma.contracts import Sighting
 from karma.files import read_toml
+from karma.household.places import ON_TOP
+from karma.language.lexemes import lexicon, pick_common, types_called, unseen_lexicon
+from karma.memory.lived.setting import KnownPlace
+from karma.memory.recall import name_in_words
 
 FORMS = Path(__file__).with_name("forms.toml")
 
@@ -32,3 +39,69 @@ class RequestForms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def request_forms() -> RequestForms:
     """Return the table, read once."""
     return read_toml(FORMS, RequestForms)
+
+
+def thing_word(
+    object_type: str, present: Iterable[str], rng: np.random.Generator, *, words: Words
+) -> str | None:
+    """Return a word for a type that fits no other type of the home; None if there is none.
+
+    Args:
+        object_type: of the thing.
+        present: types that the home has.
+        rng: draws the word.
+        words: which names may be drawn.
+    """
+    if words == "plain":
+        return name_in_words(object_type)
+    table = unseen_lexicon() if words == "held-out" else lexicon()
+    entry = table.get(object_type)
+    if entry is None:
+        return name_in_words(object_type)
+    others = set(present) - {object_type}
+    names = tuple(
+        one
+        for one in entry.names
+        if not others & set(types_called(one)) and not one.startswith("the ")
+    )
+    return pick_common(rng, names) if names else None
+
+
+def place_phrase(place: KnownPlace, places: Mapping[str, KnownPlace]) -> str:
+    """Return a place as people say it: its kind, and its room where others have one too.
+
+    >>> here = KnownPlace(place_id="a", place_type="CoffeeTable", room="living_1",
+    ...     room_kind="living", openable=False)
+    >>> place_phrase(here, {"a": here})
+    'on the coffee table'
+    """
+    return f"{'on' if place.place_type in ON_TOP else 'in'} the {_called(place, places)}"
+
+
+def _called(place: KnownPlace, places: Mapping[str, KnownPlace]) -> str:
+    name = name_in_words(place.place_type)
+    rooms = {one.room for one in places.values() if one.place_type == place.place_type}
+    if len(rooms) == 1:
+        return name
+    return f"{name} in the {room_phrase(place.room_kind)}"
+
+
+def room_phrase(kind: str) -> str:
+    """Return a kind of room as people say it."""
+    return "living room" if kind == "living" else kind
+
+
+def meant_by(place: KnownPlace, places: Mapping[str, KnownPlace]) -> tuple[str, ...]:
+    """Return the ids of all places that its phrase may mean."""
+    rooms = {one.room for one in places.values() if one.place_type == place.place_type}
+    return tuple(
+        one.place_id
+        for one in places.values()
+        if one.place_type == place.place_type
+        and (len(rooms) == 1 or one.room_kind == place.room_kind)
+    )
+
+
+def of_type(now: Mapping[str, Sighting], object_type: str) -> Sequence[Sighting]:
+    """Return the things of a type."""
+    return [one for one in now.values() if one.object_type == object_type]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from karma.bench.engine.suite import Chain
-from karma.bench.suites.lived.body import HomeRobot
+from karma.bench.suites.lived.body import HomeRobot, nearest_next
 from karma.bench.suites.lived.drawing import draw_request
 from karma.bench.suites.lived.experiment import EXPERT, HomeSpec, LivedExperiment, LivedRow
 from karma.bench.suites.lived.home_map import HomeMap
@@ -13,14 +13,16 @@ from karma.bench.suites.lived.reading import Reader
 from karma.bench.suites.lived.recalling import fits
 from karma.bench.suites.lived.records import CheckedDoubt, LivedRecord, ServedRequest
 from karma.bench.suites.lived.request import (
+    DAY_S,
+    HOUR_S,
+    DayItem,
     HomeView,
     LivedRequest,
     answered_rightly,
+    day_plan,
     done,
     room_right,
 )
-from karma.bench.suites.lived.schedule import DAY_S, HOUR_S, DayItem, day_plan
-from karma.bench.suites.lived.search import nearest_next
 from karma.bench.suites.lived.serve import Server
 from karma.bench.suites.lived.trace import HomeTrace, HomeTracer
 from karma.contracts import (

@@ -9,9 +9,8 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Literal
 
-from karma.bench.suites.lived.body import HomeRobot
+from karma.bench.suites.lived.body import HomeRobot, look_cost, looks
 from karma.bench.suites.lived.recalling import Recollection, fits, ids_of, plain, recollect
-from karma.bench.suites.lived.search import look_cost, looks
 from karma.contracts import (
     Fact,
     HomeAnswer,

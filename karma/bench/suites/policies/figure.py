@@ -27,10 +27,17 @@ from karma.bench.engine.nodes import refuse_node
 from karma.bench.engine.run import Run
 from karma.bench.engine.suite import NO_MODELS, Chain, Do, Done
 from karma.bench.engine.workers import loaded
-from karma.bench.suites.policies.exploration import Exploration, explore
 from karma.bench.suites.policies.paper_claims import CellResults, PaperClaim, claims_of, claims_text
 from karma.bench.suites.policies.simulate import BELADY
-from karma.bench.suites.policies.sweep import Sweep, run_rows, size_of, sized, sweep_of
+from karma.bench.suites.policies.sweep import (
+    Exploration,
+    Sweep,
+    explore,
+    run_rows,
+    size_of,
+    sized,
+    sweep_of,
+)
 from karma.bench.suites.policies.tasks import UNIT_SETS, Pool, UnitSet, alfred_pool, grammar_pool
 from karma.bench.suites.policies.workloads import (
     WORKLOADS,

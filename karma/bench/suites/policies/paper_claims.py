@@ -12,10 +12,16 @@ from typing import Literal, NamedTuple
 import msgspec
 
 from karma.agent.journal.formats import UNKNOWN, percent_text, range_text
-from karma.bench.suites.policies.exploration import Exploration
 from karma.bench.suites.policies.intervals import Bootstrapped, Resampler
 from karma.bench.suites.policies.simulate import BELADY
-from karma.bench.suites.policies.sweep import PolicyRow, Sweep, division_of, family_of, line_of
+from karma.bench.suites.policies.sweep import (
+    Exploration,
+    PolicyRow,
+    Sweep,
+    division_of,
+    family_of,
+    line_of,
+)
 from karma.errors import KarmaError
 
 FIFO = "fifo-merge"

@@ -240,8 +240,8 @@ def grammar_pool(seed: int, *, scenes: int = GRAMMAR_SCENES, tasks: int = GRAMMA
         scenes: rooms of each kind.
         tasks: requests in each room.
     """
+    from karma.bench.drawing.memories import room_of
     from karma.bench.drawing.phrases import our_book
-    from karma.bench.drawing.rooms import room_of
     from karma.world.generation.generate import build_scene
 
     errands: list[Errand] = []

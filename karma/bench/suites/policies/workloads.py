@@ -19,8 +19,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from karma.bench.suites.policies.simulate import Trace
 from karma.bench.suites.policies.tasks import Errand, Pool, UnitSet
-from karma.bench.suites.policies.trace import Trace
 from karma.errors import KarmaError
 from karma.household.places import ROOMS
 from karma.seeds import stream
