@@ -107,13 +107,7 @@ def read_examples(path: Path) -> Iterator[tuple[str, str, str]]:
 def encode(
     examples: Iterator[tuple[str, str, str]], tokenizer: Any, end: int
 ) -> list[EncodedExample]:
-    """Return examples as tokens, each part split for itself, as `LlamaModel` does.
-
-    Args:
-        examples: of `read_examples`.
-        tokenizer: of `read_gguf_tokenizer`.
-        end: the token that ends an answer.
-    """
+    """Return examples as tokens, each part split for itself, as `LlamaModel` does."""
     found = []
     rooms: dict[str, list[int]] = {}
     for stable, changing, answer in examples:
@@ -198,13 +192,8 @@ def tune(
 ) -> dict[str, float]:
     """Train an adapter, or go on from the last checkpoint in the folder, and write it there.
 
-    Args:
-        model: of `base_model`; the adapter is put into it.
-        batches: of `batches_of`.
-        folder: takes the adapter in half precision, checkpoints and the log.
-        recipe: what decides it.
-        start: folder of an adapter to begin with.
-        watched: batches that are not trained on.
+    `folder` takes the adapter in half precision, checkpoints and the log; `start` has an
+    adapter to begin with; `watched` batches are not trained on.
 
     Returns:
         Loss and share of answers right to the letter, of what is watched.

@@ -43,14 +43,7 @@ class DrawnRequest:
 
 
 class TaskDraft:
-    """A task being drawn: what was asked so far, and what that left in memory.
-
-    Args:
-        rng: of the task.
-        room: where.
-        book: phrases.
-        kinds: of requests about new things, with their weights.
-    """
+    """A task being drawn: what was asked so far, and what that left in memory."""
 
     def __init__(
         self, rng: Rng, room: KnownRoom, book: Book, kinds: Mapping[str, float] = KINDS
@@ -62,9 +55,7 @@ class TaskDraft:
     def ask(self, *, vague: bool, about_known: bool) -> bool:
         """Add a request; False when none was found.
 
-        Args:
-            vague: whether known things are called by kind, state, place or what was done to them.
-            about_known: whether it must be about a thing that was handled before.
+        `vague`: known things are called by kind, state, place or what was done to them.
         """
         for _ in range(TRIES):
             kind = pick(self._rng, FOLLOW_UPS) if about_known else pick_kind(self._rng, self._kinds)
@@ -183,12 +174,7 @@ def draw_task(
 ) -> Sequence[DrawnRequest] | None:
     """Draw one task; None when the room gave out.
 
-    Args:
-        rng: the task's own stream.
-        room: what is there.
-        book: phrases to ask with.
-        kind: see above.
-        kinds: of requests, with their weights; `WITH_PAIRS` has two of a kind among them.
+    `kinds` of requests have weights; `WITH_PAIRS` has two of a kind among them.
     """
     story = TaskDraft(rng, room, book, kinds)
     if kind == "simple":

@@ -97,13 +97,8 @@ def draw_unit(
 ) -> MemoryUnit:
     """Draw the state and the place of a remembered thing.
 
-    Args:
-        rng: of the draw.
-        room: where.
-        kind: its type, whole.
-        number: tells its id from those of the others.
-        others: remembered before it; they may carry it.
-        handled: what was handled has more states.
+    `number` tells its id from others; what was `handled` has more states; `others` may carry
+    it.
     """
     info = object_types()[kind]
     odds = FOOD_STATES if info.slices_into or kind == EGG else ()
@@ -158,11 +153,7 @@ AUTHORS_PLANS = frozenset({1, 11, 14, 16, 19, 22, 23, 27, 28, 201, 203, 207, 224
 def room_of(scene: Scene, name: str, *, keep: float = 0.93, seed: int = 0) -> KnownRoom:
     """Return what an agent that explored the scene knows of it, a few things overlooked.
 
-    Args:
-        scene: the room.
-        name: of the result; names the random stream.
-        keep: chance that an immovable thing was noticed.
-        seed: of the run.
+    `name` names the random stream; `keep` is the chance that an immovable thing was noticed.
     """
     rng = stream(seed, "rooms", name)
     graph = SceneGraph.over(scene.reachable, height_m=scene.floor_y, cell_m=scene.grid_m)

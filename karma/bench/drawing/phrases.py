@@ -161,9 +161,7 @@ class Book:
     def with_verbs(self, words: Collection[str], *, held_out: bool) -> "Book":
         """Return the book without some words of `verbs`, or with no deeds but theirs.
 
-        Args:
-            words: of any kind of deed.
-            held_out: whether to keep those and, where a kind of request has one, no others.
+        `held_out`: keep those and, where a kind of request has one, no others.
         """
         verbs = {
             kind: kept

@@ -62,12 +62,7 @@ class ExpertMethod:
 
 
 class ExpertEpisode:
-    """One sequence of instructions; what was used in each room is known.
-
-    Args:
-        world: has been reset to `scene`.
-        scene: the first room.
-    """
+    """One sequence of instructions; what was used in each room is known."""
 
     def __init__(self, world: World, scene: SceneRef) -> None:
         self._tracker = GoalTracker()

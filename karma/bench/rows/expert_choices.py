@@ -1,6 +1,4 @@
-"""To the expert: the true state, and which of its objects the names of goals stand for.
-
-Those for which least is left to do.
+"""To the expert: the true state, and the objects that names of goals stand for: the least to do.
 
 All goals of one name are about one object, or about as many as its highest count says, with one
 place for all of them. What refusals have taught makes an object dear, never impossible: where
@@ -56,19 +54,12 @@ class Lessons:
 
 @dataclass(frozen=True, slots=True)
 class Chooser:
-    """Chooses objects at one moment.
+    """Chooses objects at one moment."""
 
-    Args:
-        meanings: what names mean now, and which goals hold.
-        rank: object id -> how many others are thought of before.
-        shut_in: object id -> id of the container that it is in.
-        lessons: what was in vain.
-    """
-
-    meanings: Meanings
-    rank: Mapping[str, int]
-    shut_in: Mapping[str, str]
-    lessons: Lessons
+    meanings: Meanings  # what names mean now, and which goals hold
+    rank: Mapping[str, int]  # object id -> how many others are thought of before
+    shut_in: Mapping[str, str]  # object id -> id of the container that it is in
+    lessons: Lessons  # what was in vain
 
     def bound(self, goals: Sequence[Goal]) -> list[tuple[Goal, bool]]:
         """Return the goals in their order with ids for names, each with whether it holds."""
@@ -181,9 +172,7 @@ def _size(name: str, goals: Sequence[Goal]) -> int:
 class Surroundings:
     """One moment of the world: what is where, what is thought of first, what is shut in.
 
-    Args:
-        truth: of that moment.
-        used: ids of what was used, the last used last.
+    `used`: ids, the last used last.
     """
 
     def __init__(self, truth: Truth, used: Sequence[str]) -> None:

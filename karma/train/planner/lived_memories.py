@@ -26,12 +26,7 @@ DIRTY, SEEN_ONLY = 0.3, 0.55
 
 
 class History:
-    """A memory being lived: units by last use, and what is in the hand.
-
-    Args:
-        rng: of the draw.
-        room: where.
-    """
+    """A memory being lived: units by last use, and what is in the hand."""
 
     def __init__(self, rng: Rng, room: KnownRoom) -> None:
         self._rng, self._room = rng, room

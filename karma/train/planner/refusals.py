@@ -102,12 +102,7 @@ def draw_refusal(
 ) -> TrainingExample:
     """Draw one request that is to be refused.
 
-    Args:
-        rng: the example's own stream.
-        room: where.
-        book: phrases of this side of the split.
-        mapped: whether long-term memory is in the prompt.
-        held_out: languages that training lacks, in place of those that it has.
+    `held_out`: in languages that training lacks, in place of those that it has.
     """
     groups = {**GROUPS, "foreign": _foreign_group(held_out=held_out)}
     while True:

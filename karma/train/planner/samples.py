@@ -62,12 +62,7 @@ def draw(
 ) -> TrainingExample:
     """Draw one example.
 
-    Args:
-        rng: the example's own stream.
-        room: where.
-        book: phrases of this side of the split.
-        mapped: whether long-term memory is in the prompt.
-        told: puts the sentence in other words, of the same meaning.
+    `told` puts the sentence in other words of the same meaning.
     """
     while True:
         facts, held = draw_facts(rng, room, mapped=mapped)
@@ -167,11 +162,7 @@ def draw_alfred(
 
     Short-term memory is mostly empty: the prompt holds the sentence, and the map if there is one.
 
-    Args:
-        rng: the example's own stream.
-        room: where; with long-term memory it should be the room that the sentences were said in.
-        sentences: to choose from.
-        mapped: whether long-term memory is in the prompt.
+    With long-term memory (`mapped`) the room should be the one that the sentences were said in.
     """
     sentence = pick(rng, sentences)
     wanted = sentence.facts

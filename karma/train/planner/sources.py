@@ -44,25 +44,15 @@ WATCHED = 25  # one of so many of ALFRED's trials is kept out of training, to wa
 
 @dataclass(frozen=True, kw_only=True)
 class Sources:
-    """Folders that are read, and the one that keeps what is made once.
+    """Folders that are read, and the one that keeps what is made once."""
 
-    Args:
-        folder: keeps rooms and known words.
-        shared: the reference data; what is missing there is done without.
-        tests: task files of which training must not say a sentence.
-        said: files of requests, one or several in each, of which it must not say one either.
-        generated: rooms to make.
-        written: the sentences that were written by hand.
-        say: takes a line about what is being made or is missing.
-    """
-
-    folder: Path
-    shared: Path
-    tests: tuple[Path, ...]
-    said: tuple[Path, ...] = ()
-    written: Path | None = None
-    generated: int = 300
-    say: Callable[[str], None] = lambda line: None
+    folder: Path  # keeps rooms and known words
+    shared: Path  # the reference data; what is missing there is done without
+    tests: tuple[Path, ...]  # task files of which training must not say a sentence
+    said: tuple[Path, ...] = ()  # requests, of which training must not say one either
+    written: Path | None = None  # the sentences that were written by hand
+    generated: int = 300  # rooms to make
+    say: Callable[[str], None] = lambda line: None  # what is being made or is missing
 
     @property
     def demonstrations(self) -> Path:
@@ -92,12 +82,7 @@ class Sources:
         )
 
     def hints(self, recipe: PlannerRecipe, data: Data) -> DrawnHints:
-        """Return what gives examples their hints: words file and vectors, made once.
-
-        Args:
-            recipe: its seed draws the sentences whose words are known.
-            data: without hints.
-        """
+        """Return what gives examples their hints: words file and vectors, made once."""
         path, asked = self.folder / WORDS, self.folder / "phrases.json"
         rows = KeptRows(registry.load("embedders", "minilm")(), self.folder / "rows.safetensors")
         if not asked.exists():

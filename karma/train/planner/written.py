@@ -43,14 +43,7 @@ _ABLE |= {"OPEN": "openable", "CLOSED": "openable"}
 def draw_written(
     rng: Rng, room: KnownRoom, sentences: Sequence[SaidRequest], *, mapped: bool
 ) -> TrainingExample | None:
-    """Draw one example with a written sentence, None where the room has none of its places.
-
-    Args:
-        rng: the example's own stream.
-        room: where.
-        sentences: to choose from.
-        mapped: whether long-term memory is in the prompt.
-    """
+    """Draw one example with a written sentence, None where the room has none of its places."""
     said = pick(rng, sentences)
     text, goals = said.text, said.wanted
     if goals and rng.random() < OTHER_THINGS:
@@ -105,11 +98,7 @@ def with_other_things(
 ) -> tuple[str, tuple[Goal, ...]]:
     """Put other things' names into a sentence and its goals, where the goals allow it.
 
-    Args:
-        rng: of the example.
-        text: the sentence.
-        goals: what it means.
-        landmarks: what the room has; () for all.
+    `landmarks`: what the room has; () for all.
     """
     goals = tuple(goals)
     for kind in sorted({name for goal in goals for name in goal.arguments} & lexicon().keys()):

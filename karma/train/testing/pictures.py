@@ -35,11 +35,7 @@ def make_picture_model(
     A picture of 32 by 32 pixels takes 4 tokens (LLaVA: 16); SmolVLM, Idefics3 and LLaVA scale every
     picture to that, Qwen2.5-VL takes a token per 16 by 16 pixels.
 
-    Args:
-        folder: of the files; made if it is not there.
-        family: one of `PICTURE_FAMILIES`.
-        seed: of the weights; same seed, same bytes.
-        size: of the language model, other than the smallest.
+    Same seed, same bytes.
 
     Raises:
         UnknownNameError: no such family, or it reads no pictures.

@@ -22,11 +22,7 @@ def make_planner(
 
     It babbles. By default it takes some 150 kB and a few hundredths of a second.
 
-    Args:
-        path: the GGUF file.
-        family: a name of `FAMILIES`.
-        seed: of the weights; same seed, same bytes.
-        size: other than the smallest.
+    Same seed, same bytes.
 
     Returns:
         The path.
@@ -85,9 +81,7 @@ def _add_words(writer: Any, family: Family, vocabulary: int) -> None:
 def make_tokenizer(family: Family, vocabulary: int = TRAINED) -> Any:
     """Return a `tokenizers.Tokenizer` whose ids begin with the family's control tokens.
 
-    Args:
-        family: whose control tokens.
-        vocabulary: of the model; the tokenizer has no more tokens, and no more than `TRAINED`.
+    It has no more tokens than the model's vocabulary, and no more than `TRAINED`.
     """
     from tokenizers import AddedToken
 

@@ -59,11 +59,7 @@ def room(seed: int, number: int) -> Scene:
 def moments(scene: Scene, rng: _Lot, *, states: int, views: int) -> Iterator[WorldEvent]:
     """Yield events of a room whose frames are worth asking about.
 
-    Args:
-        scene: the room at its start.
-        rng: decides everything.
-        states: how many times to deal out states.
-        views: how many places to look from each time.
+    States are dealt out so many times, each looked at from so many places.
     """
     for _ in range(states):
         world = EmbeddedWorld(_dealt(scene, rng))

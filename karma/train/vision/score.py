@@ -90,9 +90,7 @@ class Score:
 def held_out_rooms(names: Sequence[str], seed: int) -> list[Scene]:
     """Return the rooms to examine in: those named, else all that ship and 16 drawn from the seed.
 
-    Args:
-        names: of scenes, paths of scene files, or "fresh" for the 16.
-        seed: of the examination; training uses other ones.
+    Names are of scenes, paths of scene files, or "fresh" for the 16; training uses other seeds.
 
     Raises:
         FileError: there is no such scene.
@@ -109,12 +107,7 @@ def examine(
 ) -> Iterator[AskedCrop]:
     """Ask a model about frames of rooms; equal arguments ask the same questions.
 
-    Args:
-        vision: the model; it gets frames, names and regions, never states.
-        rooms: in turn.
-        frames: how many in all.
-        seed: of states and viewpoints.
-        clock: takes the time that answers need.
+    The model gets frames, names and regions, never states; rooms come in turn, `frames` in all.
     """
     for number, (name, event, asked) in enumerate(_questions(rooms, frames, seed)):
         frame = event.frame
@@ -264,12 +257,7 @@ MOST_FAILURES = 120
 
 
 def page(score: Score, asked: Sequence[AskedCrop]) -> str:
-    """Return the page.
-
-    Args:
-        score: the figures.
-        asked: the answers they are of; failures bring their pictures.
-    """
+    """Return the page."""
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(

@@ -179,12 +179,7 @@ class _ProgramReader:
 
 
 def read(calls: Sequence[SkillCall], held: str = "") -> Predicted:
-    """Read a program as frames with their context.
-
-    Args:
-        calls: with types or short names in them.
-        held: type of what is in the hand before, "" for nothing.
-    """
+    """Read a program as frames with their context."""
     reader = _ProgramReader(calls=calls, hand=held)
     reader.read()
     frames = tuple(reader.frames)
@@ -224,9 +219,7 @@ def expand(frame: SubGoal, *, shut_in: str = "") -> tuple[SkillCall, ...]:
 
     They name types, which are bound to objects when each is due.
 
-    Args:
-        frame: with its place known.
-        shut_in: type of the closed receptacle that the thing is in, "" if it lies open.
+    `shut_in`: type of the closed receptacle that the thing is in, "" if it lies open.
     """
     thing, place = frame.thing, frame.place
     take = _of("PickupObject", thing)

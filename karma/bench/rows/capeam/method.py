@@ -45,11 +45,7 @@ Work = Generator[SkillResult, None, bool]  # returns whether it worked
 class Runner:
     """Carries out the frames of one instruction.
 
-    Args:
-        budget: of the body, whose knowledge is `memory`.
-        memory: the sequence's.
-        areas: where to look from, and once that was in vain, where to look from then.
-        rng: draws among them.
+    `areas`: where to look from, and once that was in vain, where to look from then.
     """
 
     def __init__(
@@ -68,9 +64,7 @@ class Runner:
     def frame(self, frame: SubGoal, rest: Sequence[SubGoal]) -> Work:
         """Carry out one sub-goal; the pointer into its actions moves on success only.
 
-        Args:
-            frame: what to do.
-            rest: the sub-goals after it; they tell where a thing is to go.
+        `rest`, the sub-goals after it, tell where a thing is to go.
         """
         self._begin(frame, rest)
         steps: tuple[SkillCall, ...] = ()
@@ -153,9 +147,7 @@ class Runner:
 
         What was looked at in vain is passed over until the next sub-goal.
 
-        Args:
-            kind: what is looked for.
-            first: type of a closed receptacle that the program opens for it.
+        `first`: type of a closed receptacle that the program opens for it.
         """
         while self.memory.nearest(kind) is None and not self.budget.is_spent:
             place = self._draw(kind, first)
@@ -236,9 +228,7 @@ class _CapeamRoom:
 class CapeamMethod:
     """The `capeam` row.
 
-    Args:
-        planner: model and prompt profile; its program is only read for frames, never mended.
-        settings: the limits.
+    The planner's program is only read for frames, never mended.
     """
 
     name = "CAPEAM-style"

@@ -60,11 +60,7 @@ Deed = Generator[SkillResult, None, bool]  # returns whether it worked
 class Executor:
     """Carries out sub-goals of one instruction.
 
-    Args:
-        budget: of the body, whose knowledge is `memory`.
-        memory: the sequence's object memory.
-        points: cells to stand on, for looking anywhere.
-        rng: draws among them.
+    `points`: cells to stand on, for looking anywhere; `rng` draws among them.
     """
 
     def __init__(
@@ -87,12 +83,7 @@ class Executor:
     def subgoal(
         self, call: SkillCall, rest: Sequence[SkillCall]
     ) -> Generator[SkillResult, None, Ending]:
-        """Carry out one sub-goal, yielding everything done for it; returns what came of it.
-
-        Args:
-            call: with types for names, as planned.
-            rest: what is planned after it.
-        """
+        """Carry out one sub-goal, yielding everything done for it; returns what came of it."""
         if any(name in self.memory.could_not_find for name in call.objects):
             return "skipped"
         first = whole_first(call, self.memory)
@@ -227,10 +218,7 @@ class _HelperRoom:
 class HelperMethod:
     """The `helper` row.
 
-    Args:
-        planner: model and prompt profile; its own inspector stays off, HELPER has one.
-        embedder: of instructions, for the example memory.
-        settings: its numbers.
+    The planner's own inspector stays off, HELPER has one.
     """
 
     name = "HELPER"

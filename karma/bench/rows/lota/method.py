@@ -75,10 +75,7 @@ class LotaGenerateSettings:
 class LotaScore:
     """The `lota.score` row.
 
-    Args:
-        chooser: scores steps.
-        form: "words", or "compact" for a planner that was trained on it.
-        settings: its numbers.
+    `form`: "words", or "compact" for a planner that was trained on it.
     """
 
     settings_kind: ClassVar[type] = LotaScoreSettings
@@ -158,9 +155,7 @@ class LotaScore:
 class LotaGenerate:
     """The `lota.generate` row.
 
-    Args:
-        planner: model and prompt profile; asked once for each instruction.
-        settings: see there.
+    The planner is asked once for each instruction.
     """
 
     settings_kind: ClassVar[type] = LotaGenerateSettings

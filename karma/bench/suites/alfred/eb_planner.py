@@ -96,14 +96,8 @@ def render_prompt(
 ) -> Prompt:
     """Return the prompt for the next plan.
 
-    Args:
-        environment: its actions, and what was done so far.
-        instruction: of the task.
-        subset: of the task, which decides the examples.
-        options: how to ask.
-        answers: earlier ones, the last one last; told with `options.dialogue`.
-        pictures: what the robot sees now and saw before, the last one last.
-        complaint: what was wrong with the last answer; the source says nothing of it.
+    `answers` are earlier ones, told with `options.dialogue`; `complaint`: what was wrong with
+    the last one (the source says nothing of it); of `pictures` the last is the newest.
     """
     texts = _texts()
     numbers = {str(one): number for number, one in enumerate(environment.actions)}
@@ -263,10 +257,7 @@ class PlanReading:
 def read_answer(text: str, actions: int, *, mend: bool = True) -> PlanReading:
     """Return the plan of an answer, cut before the first number that no action has.
 
-    Args:
-        text: as the planner gave it.
-        actions: how many there are.
-        mend: whether broken JSON is mended.
+    `actions`: how many there are; `mend` broken JSON.
     """
     found, mended = _parsed(text, mend=mend)
     if not isinstance(found, dict) or not isinstance(found.get(PLAN), list):

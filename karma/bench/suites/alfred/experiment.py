@@ -135,9 +135,7 @@ class LotaExperiment(AlfredExperiment, frozen=True, kw_only=True):
 def read_tasks(path: Path, subsets: tuple[str, ...] = ()) -> tuple[ListedTask, ...]:
     """Read the tasks of a list of lists, in the order of `SUBSETS`.
 
-    Args:
-        path: JSON, subset -> entries.
-        subsets: those that are wanted; () = all.
+    `path` is JSON, subset -> entries; no subsets: all.
 
     Raises:
         FileError: see `read_lists`; or a task has no instruction.
@@ -157,11 +155,7 @@ def draw_tasks(
 
     The same list, percentage and seed give the source's draw.
 
-    Args:
-        path: of the lists.
-        lists: those that are wanted; () = all.
-        percent: of them, 1 to 100; rounded down to whole tasks.
-        seed: of the draw.
+    Of the lists (none: all) `percent`, rounded down to whole tasks.
 
     Raises:
         FileError: see `read_lists`.

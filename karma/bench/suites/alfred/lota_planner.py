@@ -219,10 +219,7 @@ def followed(name: str, *, strict: bool) -> str:
 def read_list(text: str, skills: Sequence[str], *, mend: bool = True) -> tuple[Item, ...]:
     """Return the skills of an answer in their order, up to the first that ends the list.
 
-    Args:
-        text: as the planner gave it.
-        skills: as they are written; the first one ends a list.
-        mend: whether it may be written otherwise than in the source.
+    `mend`: it may be written otherwise than in the source.
     """
     written = _plain if mend else str
     known = {written(one): number for number, one in enumerate(skills)}

@@ -39,10 +39,6 @@ class TrialRooms:
 def read_rooms(path: Path, listed: Collection[str] = ()) -> TrialRooms:
     """Read the demonstrations of a file, and what is known of their rooms.
 
-    Args:
-        path: the file.
-        listed: ids of those that are to be begun.
-
     Raises:
         FileError: a file is missing, torn or of another form, or most that are listed are not
             there: the list is of other demonstrations.
@@ -116,12 +112,7 @@ def play(
 ) -> EbRecord | LotaRecord | NotRun:
     """Play an episode, if it can be begun; what a model could not be asked is in the record.
 
-    Args:
-        stage: what all share.
-        row: who plays.
-        task: what is asked for.
-        seed: of the player's draws.
-        puts: counts of puts, which a strict row's next episode of a chain goes on with.
+    `puts` are counts of puts, which a strict row's next episode of a chain goes on with.
 
     Raises:
         KarmaError: what is no player's doing, e.g. a server is lost or the disk full.

@@ -25,13 +25,7 @@ UNTOLD = frozenset(("off", "closed", "heated"))  # words of `State` that no sigh
 
 
 class HomeRobot:
-    """Acts in a household and tells what it learns as moments; see `Stage`.
-
-    Args:
-        household: where it lives.
-        home_map: of its furniture.
-        tell: takes every moment, in order.
-    """
+    """Acts in a household and tells what it learns as moments; see `Stage`."""
 
     def __init__(
         self, household: Household, home_map: HomeMap, tell: Callable[[HomeMoment], None]
@@ -238,11 +232,7 @@ def looks(
     them what it believes comes first, then furniture in the order of a household's habits: where
     things are found at all, the nearest first.
 
-    Args:
-        robot: where it stands.
-        object_type: of what is looked for; None: not known.
-        believed: the newest facts about what may be meant, the likeliest first.
-        likely: asks the memory; () without an opinion.
+    `believed`: the newest facts about what may be meant, the likeliest first.
     """
     types, places = object_types(), robot.map.places
     kind = types.get(object_type or "")

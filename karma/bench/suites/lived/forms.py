@@ -44,14 +44,7 @@ def request_forms() -> RequestForms:
 def thing_word(
     object_type: str, present: Iterable[str], rng: np.random.Generator, *, words: Words
 ) -> str | None:
-    """Return a word for a type that fits no other type of the home; None if there is none.
-
-    Args:
-        object_type: of the thing.
-        present: types that the home has.
-        rng: draws the word.
-        words: which names may be drawn.
-    """
+    """Return a word for a type that fits no other type of the home; None if there is none."""
     if words == "plain":
         return name_in_words(object_type)
     table = unseen_lexicon() if words == "held-out" else lexicon()

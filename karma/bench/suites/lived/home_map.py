@@ -23,11 +23,7 @@ from karma.world.residents import resting_places
 
 
 class HomeMap:
-    """Furniture with poses to look at it from; see `Knowledge`.
-
-    Args:
-        scene: of the home, at its start.
-    """
+    """Furniture with poses to look at it from; see `Knowledge`."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene

@@ -89,14 +89,7 @@ toured = lru_cache(maxsize=2)(tour)  # one for all rows of a home
 class HomeLife:
     """One row in one home, from the first tour on.
 
-    Args:
-        experiment: what is played.
-        row: the memory and how it is used.
-        spec: the home.
-        seed: of the run.
-        embedder: of short texts.
-        reader: of requests.
-        tracer: writes down what goes on; records are the same without one.
+    A tracer writes down what goes on; records are the same without one.
     """
 
     def __init__(
@@ -347,10 +340,6 @@ class ExpertMemory:
 
     It knows where everything is that the robot has ever seen, and only that: of things never seen
     it knows nothing, as every other memory.
-
-    Args:
-        now: tells where every movable thing is now.
-        places: furniture of the home.
     """
 
     def __init__(

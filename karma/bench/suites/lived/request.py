@@ -67,10 +67,8 @@ def answered_rightly(
 ) -> bool:
     """Return whether a question was answered rightly.
 
-    Args:
-        request: with the truth when it was asked.
-        answer: structured.
-        now: truth when it was answered; what was moved meanwhile may be told by either.
+    The request has the truth when it was asked, `now` when it was answered: what was moved
+    meanwhile may be told by either.
     """
     if request.unknown or answer.unknown:
         return request.unknown and answer.unknown

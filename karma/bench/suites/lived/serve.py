@@ -67,13 +67,7 @@ class MeantThing:
 
 
 class Server:
-    """Serves requests with one memory.
-
-    Args:
-        robot: the body.
-        memory: what it remembers.
-        settings: of the row.
-    """
+    """Serves requests with one memory."""
 
     def __init__(self, robot: HomeRobot, memory: HomeMemory, settings: ServeSettings) -> None:
         self._robot, self._memory, self._settings = robot, memory, settings

@@ -337,9 +337,7 @@ def remarks_on(experiment: LivedExperiment) -> list[str]:
 def most_known(waits: Iterable[tuple[float, float]], units: int) -> int:
     """Return how many requests so many units could at best have served.
 
-    Args:
-        waits: of each request, when its thing was seen last and when it is asked for, seconds.
-        units: of the memory, each held for one request at a time.
+    `waits`: of each request, when its thing was seen last and when it is asked for, seconds.
 
     >>> most_known([(0, 9), (1, 4), (2, 5), (5, 8)], 1), most_known([(0, 9), (1, 4), (2, 5)], 2)
     (2, 2)

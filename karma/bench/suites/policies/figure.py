@@ -155,11 +155,6 @@ class PolicyRecord:
 def figure_run(path: Path, folder: Path, *, fresh: bool = False) -> Run:
     """Return the run of a figure; its end writes `results.json` and draws it.
 
-    Args:
-        path: the TOML file.
-        folder: takes records, `results.json`, `claims.md` and the pictures.
-        fresh: throw away what an earlier run left there.
-
     Raises:
         FileError: the file is damaged, tasks are missing, or the folder holds another figure.
         KarmaError: a policy or a claim that there is not.

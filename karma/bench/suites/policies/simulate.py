@@ -14,15 +14,10 @@ Key = int | str
 
 @dataclass(frozen=True, kw_only=True)
 class Trace:
-    """One sequence of tasks; all units of a task are asked for before any of them is touched.
+    """One sequence of tasks; all units of a task are asked for before any of them is touched."""
 
-    Args:
-        keys: the distinct keys, in order of first use.
-        tasks: the units each task needs, as numbers into `keys`; none twice in one task.
-    """
-
-    keys: tuple[Key, ...]
-    tasks: tuple[tuple[int, ...], ...]
+    keys: tuple[Key, ...]  # the distinct keys, in order of first use
+    tasks: tuple[tuple[int, ...], ...]  # numbers into `keys`, none twice in one task
 
     @classmethod
     def of(cls, tasks: Iterable[Sequence[Key]]) -> "Trace":
@@ -59,19 +54,12 @@ WARM_OCCUPANCY = 0.95  # KARMA §4.4: warmed up when occupancy reaches this
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TraceReplay:
-    """What came of a policy on a trace.
+    """What came of a policy on a trace."""
 
-    Args:
-        answers: one byte per request, 1 = hit.
-        starts: requests before each task, and in all.
-        left: units that left a full memory, refused newcomers among them; None for the bound.
-        warm_task: the first task that found the memory 95 % full; None: never.
-    """
-
-    answers: bytes
-    starts: tuple[int, ...]
-    left: int | None
-    warm_task: int | None
+    answers: bytes  # one byte per request, 1 = hit
+    starts: tuple[int, ...]  # requests before each task, and in all
+    left: int | None  # units that left a full memory, refused ones too; None for the bound
+    warm_task: int | None  # the first task that found the memory 95 % full; None: never
 
     @property
     def requests(self) -> int:
@@ -102,8 +90,7 @@ class TraceReplay:
 def simulator(policy: str) -> Callable[[Trace], TraceReplay]:
     """Return what runs a policy over one trace after another, each from an empty memory.
 
-    Args:
-        policy: in the notation of `make_policy`, or `belady[size]`.
+    A policy is in the notation of `make_policy`, or `belady[size]`.
 
     Raises:
         KarmaError: the text names no policy.

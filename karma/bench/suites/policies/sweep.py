@@ -142,11 +142,7 @@ def run_rows(
 ) -> Iterator[PolicyRow]:
     """Run every policy over every sequence, and yield each policy's row.
 
-    Args:
-        traces: at least one.
-        policies: as `sized` gives them.
-        checkpoints: numbers of tasks for `PolicyRow.curve`.
-        seed: of the bootstrap.
+    `checkpoints`: numbers of tasks for `PolicyRow.curve`.
     """
     rates = _Rates(len(traces), seed)
     for policy in policies:
@@ -249,11 +245,7 @@ def explore(
 ) -> Exploration:
     """Run a policy and weigh its hits by the searches that they save.
 
-    Args:
-        policy: as `karma.bench.suites.policies.sweep.sized` gives it.
-        traces: sequences that ask for something.
-        costs: for each request of each sequence, the stops of its search.
-        seed: of the bootstrap.
+    `costs`: for each request of each sequence, the stops of its search.
     """
     run = simulator(policy)
     rates, reduced = [], []

@@ -41,21 +41,13 @@ _FLOOR_PLANS = dict(zip((0, 2, 3, 4), ROOMS, strict=True))  # by the hundred
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errand:
-    """One task as the units it needs.
+    """One task as the units it needs."""
 
-    Args:
-        scene: where.
-        room: its kind, one of `ROOMS`.
-        r4: types of all units.
-        m: types of those that can be carried, and of the knife.
-        subjects: the object and the movable receptacle.
-    """
-
-    scene: str
-    room: str
-    r4: tuple[str, ...]
-    m: tuple[str, ...]
-    subjects: tuple[str, ...]
+    scene: str  # where
+    room: str  # its kind, one of `ROOMS`
+    r4: tuple[str, ...]  # types of all units
+    m: tuple[str, ...]  # types of those that can be carried, and of the knife
+    subjects: tuple[str, ...]  # the object and the movable receptacle
 
     def units(self, unit_set: UnitSet) -> tuple[str, ...]:
         """Return the types of one of the two sets."""
@@ -64,15 +56,10 @@ class Errand:
 
 @dataclass(frozen=True, kw_only=True)
 class Finds:
-    """Where things were found, and where one can look.
+    """Where things were found, and where one can look."""
 
-    Args:
-        places: scene -> receptacle type -> how many of it there are.
-        found: (room, object type) -> receptacle type -> how often it was found there.
-    """
-
-    places: Mapping[str, Mapping[str, int]]
-    found: Mapping[tuple[str, str], Mapping[str, int]]
+    places: Mapping[str, Mapping[str, int]]  # scene -> receptacle type -> how many of it there are
+    found: Mapping[tuple[str, str], Mapping[str, int]]  # (room, type) -> receptacle type -> times
 
     def stops(self, scene: str, room: str, object_type: str) -> float | None:
         """Return how many receptacles a search for an object is expected to visit.
@@ -93,17 +80,11 @@ class Finds:
 
 @dataclass(frozen=True, kw_only=True)
 class Pool:
-    """Tasks to draw from.
+    """Tasks to draw from."""
 
-    Args:
-        source: where they come from, for captions.
-        errands: all of them, in order.
-        finds: what tells the cost of a search.
-    """
-
-    source: str
-    errands: tuple[Errand, ...]
-    finds: Finds
+    source: str  # where they come from, for captions
+    errands: tuple[Errand, ...]  # all of them, in order
+    finds: Finds  # what tells the cost of a search
     _costs: dict[tuple[str, str], float] = field(default_factory=dict, compare=False, repr=False)
 
     @cached_property
@@ -233,13 +214,7 @@ def _distinct(names: Iterable[str]) -> tuple[str, ...]:
 
 @lru_cache(maxsize=4)
 def grammar_pool(seed: int, *, scenes: int = GRAMMAR_SCENES, tasks: int = GRAMMAR_TASKS) -> Pool:
-    """Return requests of our task grammar in generated rooms, each about a thing to carry.
-
-    Args:
-        seed: of rooms and requests.
-        scenes: rooms of each kind.
-        tasks: requests in each room.
-    """
+    """Return requests of our task grammar in generated rooms, each about a thing to carry."""
     from karma.bench.drawing.memories import room_of
     from karma.bench.drawing.phrases import our_book
     from karma.world.generation.generate import build_scene

@@ -45,12 +45,7 @@ def draw_errands(
 ) -> list[Errand]:
     """Draw one sequence of tasks.
 
-    Args:
-        pool: to draw from.
-        workload: how.
-        length: tasks.
-        seed: of all sequences.
-        number: of this one; a shorter sequence is the beginning of a longer one.
+    A shorter sequence is the beginning of a longer one.
 
     Raises:
         KarmaError: the pool has no task in some kind of room.
