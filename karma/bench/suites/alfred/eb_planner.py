@@ -9,7 +9,7 @@ import json
 import re
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -180,21 +180,16 @@ class PlannerAnswer(BenchmarkAnswer):
     constrained: bool | None = None  # a grammar held; None where it is not known
 
 
+@dataclass(slots=True, kw_only=True)
 class PlannerPlayer:
     """Asks a language model for plans; `seed` is of its sampling."""
 
-    def __init__(
-        self,
-        model: LanguageModel,
-        options: PromptOptions,
-        *,
-        instruction: str,
-        subset: str,
-        seed: int = 0,
-    ) -> None:
-        self._model, self._options, self._seed = model, options, seed
-        self._instruction, self._subset = instruction, subset
-        self.answers: list[PlannerAnswer] = []
+    model: LanguageModel
+    options: PromptOptions
+    instruction: str
+    subset: str
+    seed: int = 0
+    answers: list[PlannerAnswer] = field(default_factory=list)
 
     def plan(self, environment: Environment) -> Sequence[int] | None:
         """Return a plan; () gives up, None says that the answer is of no use.
@@ -209,19 +204,19 @@ class PlannerPlayer:
         complaint = self.answers[-1].error if self.answers and not strict else ""
         prompt = render_prompt(
             environment,
-            self._instruction,
-            self._subset,
-            self._options,
+            self.instruction,
+            self.subset,
+            self.options,
             answers=[one.text for one in self.answers],
-            pictures=environment.pictures(self._options.pictures),
+            pictures=environment.pictures(self.options.pictures),
             complaint=complaint,
         )
-        said = self._model.complete(
+        said = self.model.complete(
             prompt,
-            spec=plan_spec(environment, self._options),
-            max_tokens=self._options.max_tokens,
-            temperature=_AGAIN_TEMPERATURE if complaint else self._options.temperature,
-            seed=self._seed + len(self.answers),
+            spec=plan_spec(environment, self.options),
+            max_tokens=self.options.max_tokens,
+            temperature=_AGAIN_TEMPERATURE if complaint else self.options.temperature,
+            seed=self.seed + len(self.answers),
         )
         found = read_answer(said.text, len(environment.actions), mend=not strict)
         self.answers.append(

@@ -191,13 +191,13 @@ def _player(
         return ExpertPlayer()
     if row.player == "chance" or stage.model is None:
         return ChancePlayer(seed, "eb_alfred" if isinstance(row, EbRow) else "lota_alfred", task.id)
+    asked: dict[str, Any] = {"model": stage.model, "options": row.prompt}
+    asked["instruction"] = instruction
     if isinstance(row, EbRow):
-        return PlannerPlayer(
-            stage.model, row.prompt, instruction=instruction, subset=task.list, seed=seed
-        )
+        return PlannerPlayer(subset=task.list, seed=seed, **asked)
     if row.player == "scored" and stage.scorer is not None:
-        return ScoredPlayer(stage.scorer, row.prompt, instruction=instruction, scoring=row.scoring)
-    return GeneratedPlayer(stage.model, row.prompt, instruction=instruction, seed=seed)
+        return ScoredPlayer(scoring=row.scoring, **asked | {"model": stage.scorer})
+    return GeneratedPlayer(seed=seed, **asked)
 
 
 def _take_turn(environment: Environment, player: BenchmarkPlayer) -> None:
