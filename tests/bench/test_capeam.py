@@ -202,17 +202,17 @@ def test_what_was_put_somewhere_is_passed_over_when_the_same_is_asked_again():
     memory = remembering(near := sight("Fork", 1.0), far := sight("Fork", 2.0))
     memory.was_put("Fork", "Drawer", near.object_id)
     memory.begin_subgoal("Fork", "Drawer")
-    assert memory.nearest("Fork") == far
+    assert memory.best("Fork") == far
     memory.begin_subgoal("Fork", "Sink")
-    assert memory.nearest("Fork") == near
+    assert memory.best("Fork") == near
 
 
 def test_failed_things_are_passed_over_until_the_next_subgoal():
     memory = remembering(near := sight("Mug", 1.0))
     memory.masked.add(near.object_id)
-    assert memory.nearest("Mug") is None
+    assert memory.best("Mug") is None
     memory.begin_subgoal()
-    assert memory.nearest("Mug") == near
+    assert memory.best("Mug") == near
 
 
 def test_pieces_are_looked_for_where_the_cut_was():
@@ -220,7 +220,7 @@ def test_pieces_are_looked_for_where_the_cut_was():
         sight("Apple", 0.5), sight("AppleSliced", 1.0), there := sight("AppleSliced", 3.0)
     )
     memory.sliced_at["Apple"] = (3.1, 0.9, 0.0)
-    assert memory.nearest("Apple") == there
+    assert memory.best("Apple") == there
 
 
 def test_things_that_are_gone_are_forgotten():

@@ -1,12 +1,13 @@
 """Rows that read no request: `idle` does nothing, `copying` does what the nearest example did."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.options import settings_of
+from karma.bench.rows.baseline import WithoutOptions
 from karma.contracts import (
     Examples,
     Outcome,
@@ -22,22 +23,10 @@ from karma.errors import KarmaError
 from karma.infer.scripted import ScriptedModel
 
 
-@dataclass(frozen=True, slots=True)
-class _IdleOptions:
-    pass
-
-
-class IdleMethod:
+class IdleMethod(WithoutOptions):
     """Ends each instruction at once: the floor that other rows stand on."""
 
     name = "idle"
-    settings_kind: ClassVar[type] = _IdleOptions
-
-    @classmethod
-    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
-        """Make the row; it has no options."""
-        settings_of(_IdleOptions, options)
-        return cls()
 
     def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "IdleEpisode":
         """Start an episode."""

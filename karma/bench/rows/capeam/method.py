@@ -15,7 +15,7 @@ from karma.agent.body.skills import Skills
 from karma.agent.options import settings_of
 from karma.agent.planning.planner import Planner
 from karma.agent.tour import floor_of, position_of
-from karma.bench.rows.baseline import Budget, is_known_tap, request_for
+from karma.bench.rows.baseline import Budget, RoomByRoom, is_known_tap, request_for
 from karma.bench.rows.capeam.frames import SubGoal, expand, read
 from karma.bench.rows.capeam.memory import EnvironmentMemory
 from karma.contracts import (
@@ -72,7 +72,7 @@ class Runner:
             if frame.action in _OF_THE_THING and self._held(frame.thing) is None:
                 if not (yield from self._find(frame.thing, first=frame.place)):
                     continue
-                target = self.memory.nearest(frame.thing)
+                target = self.memory.best(frame.thing)
                 holder = self.memory.shut_in(target) if target is not None else None
                 box = holder.object_type if holder is not None else ""
                 if holder is not None:
@@ -127,7 +127,7 @@ class Runner:
         known = held is not None or is_known_tap(name, self.skills)
         if not known and not (yield from self._find(name)):
             return False
-        target = held or self.memory.nearest(name)
+        target = held or self.memory.best(name)
         self._bound[name] = target.object_id if target is not None else name
         return True
 
@@ -149,7 +149,7 @@ class Runner:
 
         `first`: type of a closed receptacle that the program opens for it.
         """
-        while self.memory.nearest(kind) is None and not self.budget.is_spent:
+        while self.memory.best(kind) is None and not self.budget.is_spent:
             place = self._draw(kind, first)
             if place is None:
                 self.budget.failures += 1
@@ -168,7 +168,7 @@ class Runner:
             if result.actions or result.explorations:  # else it was looked at before
                 yield result
             self._look()
-        return self.memory.nearest(kind) is not None
+        return self.memory.best(kind) is not None
 
     def _draw(self, kind: str, first: str) -> Area | SeenObject | None:
         """Draw the place to look at next, by how likely the type is there; None without any left.
@@ -254,26 +254,18 @@ class CapeamMethod:
         return CapeamEpisode(self, world, scene, seed)
 
 
-class CapeamEpisode:
-    """One sequence of instructions, in a world reset to its first room: each has its own map."""
+class CapeamEpisode(RoomByRoom[_CapeamRoom]):
+    """One sequence of instructions; each room has its own map."""
 
     def __init__(self, method: CapeamMethod, world: World, scene: SceneRef, seed: int) -> None:
-        self.settings, self._planner = method.settings, method.planner
-        self._world, self._seed = world, seed
+        super().__init__(world, scene, _CapeamRoom.of)
+        self.settings, self._planner, self._seed = method.settings, method.planner, seed
         self._number = 0  # of the instruction
-        self._scene, self._room = scene, _CapeamRoom.of(world)
-        self._rooms = {scene: self._room}
 
     @property
     def memory(self) -> EnvironmentMemory:
         """The map of the room that the agent is in."""
         return self._room.memory
-
-    def enter(self, scene: SceneRef) -> None:
-        """Go on in a room, with the map of earlier visits."""
-        if scene not in self._rooms:
-            self._rooms[scene] = _CapeamRoom.of(self._world)
-        self._scene, self._room = scene, self._rooms[scene]
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Predict the frames once, then carry them out until one cannot be."""

@@ -17,7 +17,7 @@ from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import GOALS
 from karma.agent.tour import floor_of, position_of
-from karma.bench.rows.baseline import Budget, is_known_tap, likely_places, request_for
+from karma.bench.rows.baseline import Budget, RoomByRoom, is_known_tap, likely_places, request_for
 from karma.bench.rows.helper.memory import (
     ObjectMemory,
     ends_there,
@@ -112,7 +112,7 @@ class Executor:
     def _ground(self, call: SkillCall) -> SkillCall:
         """Put the ids of the best known objects in place of types."""
         best = {name: self.memory.best(name) for name in call.objects if name not in FOUND_BY_SKILL}
-        names = {name: one.sight.object_id for name, one in best.items() if one is not None}
+        names = {name: one.object_id for name, one in best.items() if one is not None}
         return replace(call, objects=tuple(names.get(name, name) for name in call.objects))
 
     def _do(self, call: SkillCall) -> Deed:
@@ -159,9 +159,9 @@ class Executor:
         tried: set[str] = set()
         for kind in [*marks, *list(likely_places(name))[:LIKELY]]:
             for one in self.memory.of(kind)[:INSTANCES]:
-                if one.sight.object_id not in tried:
-                    tried.add(one.sight.object_id)
-                    yield one.sight
+                if one.object_id not in tried:
+                    tried.add(one.object_id)
+                    yield one
         order = self._rng.permutation(len(self._points))[:POINTS]
         for number in order:
             yield Area(name=f"point_{number}", position_m=self._points[number])
@@ -254,30 +254,19 @@ class HelperMethod:
         return HelperEpisode(self, world, scene, seed)
 
 
-class HelperEpisode:
-    """One sequence of instructions, in a world reset to its first room.
-
-    Objects are remembered by room, examples for all rooms.
-    """
+class HelperEpisode(RoomByRoom[_HelperRoom]):
+    """One sequence of instructions; objects are remembered by room, examples for all rooms."""
 
     def __init__(self, method: HelperMethod, world: World, scene: SceneRef, seed: int) -> None:
+        super().__init__(world, scene, _HelperRoom.of)
         self.settings, self.examples = method.settings, method.examples.copy()
-        self._planner, self._errors = method.planner, method.errors
-        self._world, self._seed = world, seed
+        self._planner, self._errors, self._seed = method.planner, method.errors, seed
         self._number = 0  # of the instruction
-        self._scene, self._room = scene, _HelperRoom.of(world)
-        self._rooms = {scene: self._room}
 
     @property
     def memory(self) -> ObjectMemory:
         """What is known of the objects of the room that the agent is in."""
         return self._room.memory
-
-    def enter(self, scene: SceneRef) -> None:
-        """Go on in a room, with the objects of earlier visits."""
-        if scene not in self._rooms:
-            self._rooms[scene] = _HelperRoom.of(self._world)
-        self._scene, self._room = scene, self._rooms[scene]
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Explore if the room is new; then plan, act, correct once, and learn the example."""
@@ -322,7 +311,7 @@ class HelperEpisode:
     ) -> Generator[Plan, None, Plan | None]:
         """Ask for a program; the prompt holds no map and no memory, as in the source."""
         body.skills.look()
-        self._room.floor.observe(one.sight for one in self.memory.objects.values())
+        self._room.floor.observe(self.memory.seen.values())
         told = self._room.floor if self.settings.furniture else None
         request = request_for(
             subtask.instruction, body.skills.experience.held, told, error=error, examples=examples

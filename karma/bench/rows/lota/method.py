@@ -16,7 +16,7 @@ from karma.agent.planning.inspector import mend
 from karma.agent.planning.planner import Planner, grounded
 from karma.agent.planning.recovery import program_of
 from karma.agent.tour import KnownFloor, floor_of, position_of
-from karma.bench.rows.baseline import request_for
+from karma.bench.rows.baseline import RoomByRoom, request_for
 from karma.bench.rows.lota.forms import (
     Form,
     Past,
@@ -231,28 +231,18 @@ class LotaGenerate:
 # ----------------------------------------------------------------- an episode of either row
 
 
-class LotaEpisode:
+class LotaEpisode(RoomByRoom[KnownFloor]):
     """One sequence of instructions, of which only requests and answers are kept.
 
-    `act` carries out one instruction, told the ones before it.
+    `act` carries out one instruction, told the ones before it; of a room only the floor is known.
     """
 
     def __init__(
-        self,
-        act: Callable[[Skills, str, Sequence[Past]], Acting],
-        world: World,
-        scene: SceneRef,
+        self, act: Callable[[Skills, str, Sequence[Past]], Acting], world: World, scene: SceneRef
     ) -> None:
-        self._act, self._world = act, world
+        super().__init__(world, scene, _floor)
+        self._act = act
         self._history: list[Past] = []
-        self._floor = _floor(world)
-        self._floors = {scene: self._floor}
-
-    def enter(self, scene: SceneRef) -> None:
-        """Go on in a room, of which only the floor is known."""
-        if scene not in self._floors:
-            self._floors[scene] = _floor(self._world)
-        self._floor = self._floors[scene]
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Carry out one instruction.
@@ -261,7 +251,7 @@ class LotaEpisode:
         """
         if subtask.is_whole:
             self._history.clear()
-        skills = Skills(self._world, self._floor)
+        skills = Skills(self._world, self._room)
         skills.look()
         finished, steps = yield from self._act(skills, subtask.instruction, self._history)
         self._history.append(Past(instruction=subtask.instruction, steps=steps))
