@@ -7,7 +7,6 @@ make of the same prompt, and the loss counts the answer's alone.
 
 import json
 import random
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -21,7 +20,6 @@ from karma.files import LARGEST_LOG, read_bytes, to_json, unpack, write_atomic
 from karma.infer.llama.gguf_files import gguf_reader, read_gguf_tokenizer
 
 _MATRICES = ("q_proj", "k_proj", "v_proj", "o_proj", "gate_proj", "up_proj", "down_proj")
-_LAYER = re.compile(r"\.layers\.(\d+)\.")
 _IGNORED = -100  # a label that the loss leaves out
 ADAPTER, ADAPTER_CONFIG = "adapter_model.safetensors", "adapter_config.json"  # peft's own names
 
@@ -38,7 +36,6 @@ class TuningRecipe:
     steps: int = 0  # 0: once over the examples
     tokens: int = 32_768  # a step, padding counted
     every: int = 500  # steps between checkpoints
-    lowest: int = 0  # layers below it keep the adapter that they begin with
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,33 +184,26 @@ def tune(
     folder: Path,
     recipe: TuningRecipe,
     *,
-    start: Path | None = None,
     watched: Sequence[Sequence[EncodedExample]] = (),
 ) -> dict[str, float]:
     """Train an adapter, or go on from the last checkpoint in the folder, and write it there.
 
-    `folder` takes the adapter in half precision, checkpoints and the log; `start` has an
-    adapter to begin with; `watched` batches are not trained on.
+    `folder` takes the adapter in half precision, checkpoints and the log; `watched` batches are not
+    trained on.
 
     Returns:
         Loss and share of answers right to the letter, of what is watched.
     """
     import torch
-    from peft import LoraConfig, PeftModel, get_peft_model
+    from peft import LoraConfig, get_peft_model
     from transformers import Trainer, TrainingArguments
     from transformers.trainer_utils import get_last_checkpoint
 
     gpu = torch.cuda.is_available()
     half = gpu or _has_bfloat16()
     torch.manual_seed(recipe.seed)
-    if start is not None:
-        adapted = PeftModel.from_pretrained(model, str(start), is_trainable=True)
-    else:
-        lora = LoraConfig(r=recipe.rank, lora_alpha=recipe.alpha, target_modules=list(_MATRICES))
-        adapted = get_peft_model(model, lora)
-    for name, value in adapted.named_parameters():
-        if (layer := _LAYER.search(name)) and int(layer[1]) < recipe.lowest:
-            value.requires_grad_(False)
+    lora = LoraConfig(r=recipe.rank, lora_alpha=recipe.alpha, target_modules=list(_MATRICES))
+    adapted = get_peft_model(model, lora)
     adapted.config.use_cache = False
     folder.mkdir(parents=True, exist_ok=True)
     arguments = TrainingArguments(

@@ -9,7 +9,7 @@ from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
 from karma.bench.rows.baseline import likely_places
-from karma.bench.rows.capeam.frames import SubGoal, expand, read
+from karma.bench.rows.capeam.frames import ProgramReader, SubGoal, expand
 from karma.bench.rows.capeam.memory import ANYWHERE, EnvironmentMemory
 from karma.bench.rows.capeam.method import CapeamMethod, CapeamSettings
 from karma.contracts import (
@@ -33,7 +33,7 @@ def program(*lines):
 
 
 def frames(*lines, held=""):
-    return [(f.action, f.thing, f.place) for f in read(program(*lines), held).frames]
+    return [(f.action, f.thing, f.place) for f in ProgramReader(program(*lines), held).frames]
 
 
 FETCH_APPLE = ("GoToObject(robot, 'Apple')", "PickupObject(robot, 'Apple')")
@@ -109,7 +109,7 @@ def test_throwing_away_is_putting_into_the_garbage_can():
     ],
 )
 def test_what_no_frame_says_is_reported(lines, unsupported):
-    assert [call.skill for call in read(program(*lines)).unsupported] == unsupported
+    assert [call.skill for call in ProgramReader(program(*lines)).unsupported] == unsupported
 
 
 def test_taking_out_of_what_was_opened_names_the_place():
@@ -119,27 +119,15 @@ def test_taking_out_of_what_was_opened_names_the_place():
 
 @pytest.mark.parametrize("task", ["look", "simple", "stack", "clean", "cool", "heat", "two"])
 @pytest.mark.parametrize("sliced", [False, True])
-def test_context_of_an_experts_program_is_the_sentences_facts(task, sliced):
+def test_facts_of_an_experts_program_are_the_sentences(task, sliced):
     place = {"look": "DeskLamp", "cool": "DiningTable", "stack": "CounterTop"}.get(
         task, "SideTable"
     )
     movable = "Plate" if task == "stack" else ""
     truth = GoalFacts(task=task, thing="Tomato", movable=movable, place=place, sliced=sliced)
     calls = program_of(Sentence(text="do it", facts=truth), ExpertView())
-    context = read(calls).context
-    found = GoalFacts(
-        task=context.task,
-        thing=context.thing,
-        movable=context.movable,
-        place=context.place,
-        sliced=context.sliced,
-    )
-    assert found == facts_of(calls) == truth
+    assert facts_of(calls) == truth
     assert goals_of(truth, "Tomato", "do it")
-
-
-def test_program_of_nothing_has_no_context():
-    assert read(()).context is None
 
 
 # ----------------------------------------------------------------- the table

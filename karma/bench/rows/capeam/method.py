@@ -16,7 +16,7 @@ from karma.agent.options import settings_of
 from karma.agent.planning.planner import Planner
 from karma.agent.tour import floor_of, position_of
 from karma.bench.rows.baseline import Budget, RoomByRoom, is_known_tap, request_for
-from karma.bench.rows.capeam.frames import SubGoal, expand, read
+from karma.bench.rows.capeam.frames import ProgramReader, SubGoal, expand
 from karma.bench.rows.capeam.memory import EnvironmentMemory
 from karma.contracts import (
     Area,
@@ -284,7 +284,8 @@ class CapeamEpisode(RoomByRoom[_CapeamRoom]):
         finished = plan is not None and bool(plan.calls)
         if plan is not None and plan.calls:
             held = skills.experience.held
-            predicted = read(plan.calls, base_type(held.object_type) if held else "")
+            hand = base_type(held.object_type) if held else ""
+            predicted = ProgramReader(plan.calls, hand=hand)
             for call in predicted.unsupported:
                 finished = False
                 yield SkillResult(call=call, ok=False, reason="CAPEAM has no sub-goal for it")

@@ -72,9 +72,9 @@ class HomeRobot:
     def _cost(self, spot: Pose) -> float:
         return self._walker.cost(self._walker.stance_of(spot))
 
-    def wait(self, time_s: float, *, watching: bool = True) -> None:
+    def wait(self, time_s: float) -> None:
         """Let time pass; deeds of residents in the same room are seen."""
-        self._witness(self.household.until(time_s), watching=watching)
+        self._witness(self.household.until(time_s))
 
     def go(self, spot: Pose) -> bool:
         """Walk to a spot and look from there; False where something is in the way."""
@@ -162,10 +162,10 @@ class HomeRobot:
 
     # ------------------------------------------------------------- what happens
 
-    def _witness(self, deeds: Sequence[Deed], *, watching: bool = True) -> None:
+    def _witness(self, deeds: Sequence[Deed]) -> None:
         """Tell of the deeds that were the robot's own or happened in its room."""
         near = [one for one in deeds if one.who == "robot" or one.room == self.room]
-        if not near or not watching:
+        if not near:
             return
         types = object_types()
         carried = [one for one in near if types[one.object_type].can("pickupable")]
