@@ -14,7 +14,7 @@ from karma.agent.journal.owned_folder import MARK
 from karma.bench.engine.experiment_file import kind_of
 from karma.bench.suites.policies.figure import TraceFigure, drawn, figure_run, read_figure
 from karma.bench.suites.policies.intervals import Bootstrapped
-from karma.bench.suites.policies.paper_claims import CellResults, claims_of, claims_text
+from karma.bench.suites.policies.paper_claims import FigureCell, claims_of, claims_text
 from karma.bench.suites.policies.simulate import Trace
 from karma.bench.suites.policies.sweep import Exploration, PolicyRow, Sweep, explore, sized
 from karma.bench.suites.policies.tasks import alfred_pool
@@ -66,7 +66,7 @@ def made_cell(rows):
     count = len(rows[0].hits)
     sweep = Sweep(requests=[100] * count, steady_requests=[50] * count, units=9.0, interval="none",
                   rows=rows)  # fmt: skip
-    return CellResults("type", "r4", sweep, [])
+    return FigureCell(workload="type", unit_set="r4", sweep=sweep)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """Words of requests: sentences and verbs of `forms.toml`, names of things and places."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -8,7 +8,6 @@ import msgspec
 import numpy as np
 
 from karma.bench.suites.lived.request import Words
-from karma.contracts import Sighting
 from karma.files import read_toml
 from karma.household.places import ON_TOP
 from karma.language.lexemes import lexicon, pick_common, types_called, unseen_lexicon
@@ -93,8 +92,3 @@ def meant_by(place: KnownPlace, places: Mapping[str, KnownPlace]) -> tuple[str, 
         if one.place_type == place.place_type
         and (len(rooms) == 1 or one.room_kind == place.room_kind)
     )
-
-
-def of_type(now: Mapping[str, Sighting], object_type: str) -> Sequence[Sighting]:
-    """Return the things of a type."""
-    return [one for one in now.values() if one.object_type == object_type]

@@ -27,11 +27,9 @@ from karma.bench.engine.nodes import refuse_node
 from karma.bench.engine.run import Run
 from karma.bench.engine.suite import NO_MODELS, Chain, Do, Done
 from karma.bench.engine.workers import loaded
-from karma.bench.suites.policies.paper_claims import CellResults, PaperClaim, claims_of, claims_text
+from karma.bench.suites.policies.paper_claims import FigureCell, PaperClaim, claims_of, claims_text
 from karma.bench.suites.policies.simulate import BELADY
 from karma.bench.suites.policies.sweep import (
-    Exploration,
-    Sweep,
     explore,
     run_rows,
     size_of,
@@ -120,19 +118,6 @@ class FigureHeader(msgspec.Struct, frozen=True, kw_only=True):
         return changed("figure", *map(msgspec.structs.asdict, (self, new)))
 
 
-class FigureCell(msgspec.Struct, frozen=True, kw_only=True):
-    """One workload with one unit set."""
-
-    workload: Workload
-    unit_set: UnitSet
-    sweep: Sweep
-    exploration: list[Exploration] = []
-
-    def results(self) -> CellResults:
-        """Return it as the claims and the pictures take it."""
-        return CellResults(self.workload, self.unit_set, self.sweep, self.exploration)
-
-
 class Results(msgspec.Struct, frozen=True, kw_only=True):
     """What `results.json` holds."""
 
@@ -210,7 +195,7 @@ class FigureSuite:
     def added_up(self, records: Sequence[PolicyRecord]) -> dict[str, bytes]:
         """Return the results of all cells, what the paper claims of them, and the pictures."""
         cells = [_whole([one.cell for one in records if one.row == name]) for name in self.cells()]
-        claims = claims_of(self.experiment.claims, [cell.results() for cell in cells])
+        claims = claims_of(self.experiment.claims, cells)
         results = Results(
             figure=self.experiment, source=self.pool.source, cells=cells, claims=claims
         )
@@ -290,7 +275,7 @@ def pictures_of(results: Results) -> Iterator[tuple[str, Any]]:
 
     draw = plot.curves if results.figure.shows == "curves" else plot.exploration
     for unit_set in results.figure.unit_sets:
-        mine = [cell.results() for cell in results.cells if cell.unit_set == unit_set]
+        mine = [cell for cell in results.cells if cell.unit_set == unit_set]
         title = f"{results.figure.name}, {unit_set.upper()}"
         yield f"figure-{unit_set}", draw(mine, title, caption_of(results))
 
