@@ -14,13 +14,21 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
-from karma.agent.planning.prompt import compact
-from karma.bench.drawing.memories import KnownRoom, Rng, after, pick, subject
+from karma.bench.drawing.memories import (
+    KnownRoom,
+    Rng,
+    after,
+    known_facts,
+    names_of,
+    pick,
+    subject,
+    unit_of,
+)
 from karma.bench.drawing.phrases import Book
 from karma.bench.drawing.referring_expressions import Situation
 from karma.bench.drawing.requests import KINDS, Ask, one_ask, pick_kind, wrapped
 from karma.bench.drawing.several import SEVERAL, several_asks
-from karma.contracts import Goal, MemoryUnit, PlanRequest
+from karma.contracts import Goal, MemoryUnit
 from karma.household.ids import short_type
 from karma.household.pieces import base_type
 from karma.household.places import HAND
@@ -76,16 +84,9 @@ class TaskDraft:
 
     def _situation(self, *, vague: bool) -> Situation:
         held = next((unit for unit in self._units if unit.place_id == HAND), None)
-        facts = PlanRequest(
-            instruction="",
-            areas=self._room.areas,
-            units=tuple(self._units),
-            held_id=held.object_id if held else None,
-            held_type=held.object_type if held else None,
-        )
-        names = {object_id: name for name, object_id in compact(facts).names.items()}
+        facts = known_facts(self._room.areas, self._units, held)
         return Situation(
-            room=self._room, facts=facts, names=names, book=self._book,
+            room=self._room, facts=facts, names=names_of(facts), book=self._book,
             mapped=True, strict=True, vague=1.0 if vague else -1.0,
         )  # fmt: skip
 
@@ -128,23 +129,14 @@ class TaskDraft:
             self._change(name, goal)
 
     def _change(self, name: str, goal: Goal) -> None:
-        unit = self._known(name) or MemoryUnit(
-            object_id=name, object_type=name, position_m=(0.0, 0.0, 0.0), handled=True
-        )
+        unit = self._known(name) or unit_of(name, name, handled=True)
         self._units = [one for one in self._units if one.object_id != unit.object_id]
         changed = after(unit, goal)
         if goal.predicate in ("ON", "INSIDE", "HOLDON") or changed.place_id == HAND:
             self._empty_hand()
         if changed.object_type != unit.object_type or goal.arguments[-1] == "sliced":
             self._units = [one for one in self._units if one.object_type != KNIFE]
-            knife = MemoryUnit(
-                object_id=KNIFE,
-                object_type=KNIFE,
-                position_m=(0.0, 0.0, 0.0),
-                place_id=HAND,
-                handled=True,
-            )
-            self._units.append(knife)
+            self._units.append(unit_of(KNIFE, KNIFE, place_id=HAND, handled=True))
         if goal.arguments[-1] != "broken":
             self._units.append(changed)
         dish = self._known(goal.arguments[-1]) if goal.predicate in ("ON", "INSIDE") else None
@@ -154,9 +146,7 @@ class TaskDraft:
     def _meet(self, name: str) -> None:
         """Remember a dish that something was put into."""
         if "pickupable" in object_types()[name].capabilities:
-            unit = MemoryUnit(object_id=name, object_type=name, position_m=(0.0, 0.0, 0.0),
-                              handled=True)  # fmt: skip
-            self._units.append(unit)
+            self._units.append(unit_of(name, name, handled=True))
 
     def _empty_hand(self) -> None:
         self._units = [

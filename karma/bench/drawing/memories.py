@@ -4,11 +4,12 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-from karma.contracts import Area, Goal, MemoryUnit, SeenObject
+from karma.agent.planning.prompt import compact
+from karma.contracts import Area, Goal, MemoryUnit, PlanRequest, SeenObject
 from karma.household.ids import type_of
 from karma.household.pieces import EGG, base_type
 from karma.household.places import HAND, ROOMS, SEVERAL, landmark_types
@@ -114,10 +115,9 @@ def draw_unit(
         states.remove("sliced")
     rng.shuffle(states)
     sliced = info.slices_into if "sliced" in states and info.slices_into else kind
-    return MemoryUnit(
-        object_id=f"{kind}|{number}",
-        object_type=sliced,
-        position_m=(0.0, 0.0, 0.0),
+    return unit_of(
+        f"{kind}|{number}",
+        sliced,
         states=tuple(states),
         place_id=_draw_place(rng, room, object_types()[sliced], others),
         handled=handled,
@@ -139,6 +139,31 @@ def _draw_place(
         return None
     name = pick(rng, fitting)
     return f"{name}|{int(rng.integers(1, 4)) if name in SEVERAL else 1}"
+
+
+def unit_of(object_id: str, object_type: str, **said: Any) -> MemoryUnit:
+    """Return a unit whose position does not matter."""
+    return MemoryUnit(
+        object_id=object_id, object_type=object_type, position_m=(0.0, 0.0, 0.0), **said
+    )
+
+
+def known_facts(
+    areas: Sequence[Area], units: Sequence[MemoryUnit], held: MemoryUnit | None, said: str = ""
+) -> PlanRequest:
+    """Return what an agent knows, and what it is asked."""
+    return PlanRequest(
+        instruction=said,
+        areas=tuple(areas),
+        units=tuple(units),
+        held_id=held.object_id if held else None,
+        held_type=held.object_type if held else None,
+    )
+
+
+def names_of(facts: PlanRequest) -> dict[str, str]:
+    """Return what remembered things are called in a prompt, by id."""
+    return {object_id: name for name, object_id in compact(facts).names.items()}
 
 
 def place_type(units: Sequence[MemoryUnit], place: str) -> str:

@@ -34,6 +34,11 @@ _CHOICE = re.compile(r"\(([^()]*)\)")
 _DEED = re.compile(r"<(\w+)>")
 
 
+_TEXTS = (
+    "templates", "mined", "spoken", "joined", "shared", "deeds", "adjectives", "just", "around",
+    "references",
+)  # parts of a book that are texts by kind  # fmt: skip
+
 Texts = Mapping[str, tuple[str, ...]]
 Verbs = Mapping[str, Mapping[str, tuple[str, ...]]]  # kind of deed -> word -> its phrases
 
@@ -76,14 +81,9 @@ class Book:
         def side_or_all(book: Texts) -> dict[str, tuple[str, ...]]:
             return {kind: texts or book[kind] for kind, texts in side(book).items()}
 
-        return replace(
-            known,
-            templates=side_or_all(known.templates),
-            mined=side_or_all(known.mined),
-            joined=side_or_all(known.joined),
-            shared=side_or_all(known.shared),
-            spoken=side(known.spoken),
-        )
+        split = ("templates", "mined", "joined", "shared")
+        sides = {name: side_or_all(getattr(known, name)) for name in split}
+        return replace(known, spoken=side(known.spoken), **sides)
 
     def with_unseen_words(self) -> "Book":
         """Return the held-out templates, with held-out words for things, states and deeds."""
@@ -118,24 +118,12 @@ class Book:
             }
 
         part = self.with_verbs(held_out().verbs, held_out=False)
-        verbs = {kind: known(words) for kind, words in part.verbs.items()}
-        return replace(
-            part,
-            templates=known(self.templates),
-            mined=known(self.mined),
-            spoken=known(part.spoken),
-            joined=known(self.joined),
-            shared=known(self.shared),
-            deeds=known(self.deeds),
-            adjectives=known(self.adjectives),
-            just=known(self.just),
-            around=known(self.around),
-            references=known(self.references),
-            verbs={
-                kind: {word: texts for word, texts in words.items() if texts}
-                for kind, words in verbs.items()
-            },
-        )
+        kinds = {kind: known(words) for kind, words in part.verbs.items()}
+        verbs = {
+            kind: {word: texts for word, texts in words.items() if texts}
+            for kind, words in kinds.items()
+        }
+        return replace(part, verbs=verbs, **{name: known(getattr(part, name)) for name in _TEXTS})
 
     @staticmethod
     def is_held_out(template: str) -> bool:

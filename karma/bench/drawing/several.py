@@ -6,10 +6,10 @@ Each later clause is drawn in the situation that the ones before it leave behind
 from collections.abc import Sequence
 from dataclasses import replace
 
-from karma.bench.drawing.memories import Rng, after, pick, weighted
+from karma.bench.drawing.memories import Rng, after, pick, unit_of, weighted
 from karma.bench.drawing.referring_expressions import Situation
 from karma.bench.drawing.requests import KINDS, Ask, filled, one_ask, pick_kind, suits, takes
-from karma.contracts import Goal, MemoryUnit
+from karma.contracts import Goal
 from karma.household import uses
 from karma.household.ids import short_type
 from karma.household.places import HAND
@@ -50,8 +50,8 @@ def later(scene: Situation, goals: Sequence[Goal]) -> Situation:
             continue
         object_id = id_of.setdefault(name, name)
         names[object_id] = name
-        unit = next((one for one in units if one.object_id == object_id), None) or MemoryUnit(
-            object_id=object_id, object_type=kind.name, position_m=(0.0, 0.0, 0.0)
+        unit = next((one for one in units if one.object_id == object_id), None) or unit_of(
+            object_id, kind.name
         )
         changed = after(unit, goal)
         place = changed.place_id
