@@ -56,9 +56,8 @@ def tune_file(
 ) -> dict[str, float]:
     """Tune a GGUF on a file of examples; see `tune`.
 
-    Raises:
-        FileError: a file cannot be read, or a line is no example.
-        ModelError: transformers cannot read the weights, or peft is not installed.
+    FileError if a file cannot be read, or a line is no example; ModelError if transformers
+    cannot read the weights, or peft is not installed.
     """
     if find_spec("peft") is None:
         fix = 'pip install "karma-offline[tune]", or `make setup`'
@@ -84,9 +83,7 @@ def read_examples(path: Path) -> Iterator[tuple[str, str, str]]:
     """Yield what stays the same in a room, what changes, and the answer, of a JSONL file.
 
     A line is `{"prompt": [STABLE, CHANGING], "answer": TEXT}`; other keys are left alone.
-
-    Raises:
-        FileError: it is missing, or a line is not so; names the line.
+    FileError if it is missing, or a line is not so; names the line.
     """
     data = read_bytes(path, most=LARGEST_LOG)
     if path.suffix == ".gz":
@@ -159,8 +156,7 @@ def collate(batch: Sequence[EncodedExample]) -> dict[str, Any]:
 def base_model(path: Path) -> Any:
     """Return a GGUF's weights as a transformers model in float32; llama and qwen2.
 
-    Raises:
-        ModelError: transformers cannot read it.
+    ModelError if transformers cannot read it.
     """
     import torch
     from transformers import AutoModelForCausalLM

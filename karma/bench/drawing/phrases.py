@@ -241,8 +241,7 @@ def expand(text: str) -> Iterator[str]:
 def with_alfred(book: Book, path: Path) -> Book:
     """Return the book with ALFRED's templates added, each as often as it was said (at most 5).
 
-    Raises:
-        FileError: the demonstrations are missing or torn.
+    FileError if the demonstrations are missing or torn.
     """
     more: dict[str, dict[str, int]] = {}
     for kind, template in mine_alfred(path):

@@ -146,10 +146,8 @@ def _table() -> Mapping[str, Mapping[str, float]]:
 def likely_places(kind: str) -> Mapping[str, float]:
     """Return receptacle type -> share of such things, the likeliest first; {} for none counted.
 
-    Stands for what the sources ask a large model (HELPER) or a trained network (CAPEAM). Counted in
-    rooms of our generator that are in no task; the counter is in the history, at commit cb939ce.
-
-    Raises:
-        FileError: the table is damaged.
+    Stands for what the sources ask a large model (HELPER) or a trained network (CAPEAM).
+    Counted in rooms of our generator that are in no task; the counter is in the history, at
+    commit cb939ce. FileError if the table is damaged.
     """
     return _table().get(base_type(kind), {})

@@ -56,8 +56,7 @@ class CopyingMethod(KarmaMethod):
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
         """Make the row from KARMA's options.
 
-        Raises:
-            KarmaError: the run tells its planner no examples.
+        KarmaError if the run tells its planner no examples.
         """
         settings_of(KarmaSettings, options)
         if resources.examples is None:

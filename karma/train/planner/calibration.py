@@ -93,9 +93,7 @@ def fitted(
     """Fit the regression and set its threshold.
 
     `refused`: share that may be refused of requests to be done in words that training has.
-
-    Raises:
-        ValueError: one sort is missing.
+    ValueError if one sort is missing.
     """
     features, right = _table(found, names)
     if len(set(right.tolist())) < 2:

@@ -72,11 +72,7 @@ PICTURE_FAMILIES = tuple(family.name for family in _LISTED if family.projector i
 
 
 def find_family(name: str) -> Family:
-    """Return the family of that name.
-
-    Raises:
-        UnknownNameError: there is none.
-    """
+    """Return the family of that name; UnknownNameError if there is none."""
     if name not in FAMILIES:
         raise UnknownNameError(f"no model family {name!r}; there are {', '.join(FAMILIES)}")
     return FAMILIES[name]

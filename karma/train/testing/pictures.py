@@ -35,11 +35,8 @@ def make_picture_model(
     A picture of 32 by 32 pixels takes 4 tokens (LLaVA: 16); SmolVLM, Idefics3 and LLaVA scale every
     picture to that, Qwen2.5-VL takes a token per 16 by 16 pixels.
 
-    Same seed, same bytes.
-
-    Raises:
-        UnknownNameError: no such family, or it reads no pictures.
-        FileError: a file cannot be written.
+    Same seed, same bytes. UnknownNameError if no such family, or it reads no pictures;
+    FileError if a file cannot be written.
     """
     kind = find_family(family).projector
     if kind is None:

@@ -22,14 +22,8 @@ def make_planner(
 
     It babbles. By default it takes some 150 kB and a few hundredths of a second.
 
-    Same seed, same bytes.
-
-    Returns:
-        The path.
-
-    Raises:
-        UnknownNameError: no such family.
-        FileError: it cannot be written.
+    Same seed, same bytes. UnknownNameError if no such family; FileError if it cannot be
+    written.
     """
     chosen, size = find_family(family), size or Size()
 

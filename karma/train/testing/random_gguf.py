@@ -32,13 +32,7 @@ def write_random_gguf(
     ones and biases small, both F32.
 
     It appears whole or not at all. `fill` adds the metadata to a `gguf.GGUFWriter`; shapes have
-    rows first.
-
-    Returns:
-        The path.
-
-    Raises:
-        FileError: it cannot be written.
+    rows first. FileError if it cannot be written.
     """
     import gguf
 

@@ -91,9 +91,7 @@ def held_out_rooms(names: Sequence[str], seed: int) -> list[Scene]:
     """Return the rooms to examine in: those named, else all that ship and 16 drawn from the seed.
 
     Names are of scenes, paths of scene files, or "fresh" for the 16; training uses other seeds.
-
-    Raises:
-        FileError: there is no such scene.
+    FileError if there is no such scene.
     """
     shipped = [] if names else sorted(path.stem for path in scenes.SCENES.glob("*.json"))
     found = [scenes.load(name) for name in (*shipped, *names) if name != "fresh"]

@@ -243,8 +243,7 @@ class CapeamMethod:
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
         """Make the row from its options (the fields of `CapeamSettings`).
 
-        Raises:
-            KarmaError: an option is unknown or of the wrong type.
+        KarmaError if an option is unknown or of the wrong type.
         """
         settings = settings_of(CapeamSettings, options)
         return cls(Planner.of(resources), settings)

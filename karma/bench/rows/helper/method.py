@@ -238,9 +238,8 @@ class HelperMethod:
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
         """Make the row from its options (the fields of `HelperSettings`).
 
-        Raises:
-            KarmaError: an option is unknown or of the wrong type, there is no text embedder, or
-                the planner is asked for goals.
+        KarmaError if an option is unknown or of the wrong type, there is no text embedder,
+        or the planner is asked for goals.
         """
         settings = settings_of(HelperSettings, options)
         if resources.profile == GOALS:
@@ -355,8 +354,7 @@ class HelperEpisode(RoomByRoom[_HelperRoom]):
 def seed_examples() -> tuple[tuple[WorkedExample, ...], tuple[WorkedExample, ...]]:
     """Return the examples to begin with, and the error examples.
 
-    Raises:
-        FileError: the table is damaged, or a program in it does not parse.
+    FileError if the table is damaged, or a program in it does not parse.
     """
     table = read_toml(TABLE, dict[str, tuple[WorkedExample, ...]])
     return _examples(table["examples"]), _examples(table["errors"])

@@ -94,9 +94,8 @@ class LotaScore:
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
         """Make the row from its options (the fields of `LotaScoreSettings`).
 
-        Raises:
-            KarmaError: an option is unknown or of the wrong type.
-            ModelError: the planner's model tells no log-probabilities.
+        KarmaError if an option is unknown or of the wrong type; ModelError if the planner's
+        model tells no log-probabilities.
         """
         settings = settings_of(LotaScoreSettings, options)
         form: Form = "compact" if resources.profile == "compact" else "words"
@@ -172,8 +171,7 @@ class LotaGenerate:
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
         """Make the row from its options (the fields of `LotaGenerateSettings`).
 
-        Raises:
-            KarmaError: an option is unknown or of the wrong type.
+        KarmaError if an option is unknown or of the wrong type.
         """
         settings = settings_of(LotaGenerateSettings, options)
         return cls(Planner.of(resources), settings)
@@ -269,8 +267,7 @@ def chooser_of(
 ) -> ScoringModel:
     """Return what scores steps with a model; a message names two rows, with scores and without.
 
-    Raises:
-        ModelError: the model tells no log-probabilities.
+    ModelError if the model tells no log-probabilities.
     """
     if isinstance(model, ScoringModel):
         return model

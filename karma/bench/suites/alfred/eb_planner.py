@@ -194,11 +194,9 @@ class PlannerPlayer:
     def plan(self, environment: Environment) -> Sequence[int] | None:
         """Return a plan; () gives up, None says that the answer is of no use.
 
-        In the source a useless answer is followed by the same question again. By default the
-        question then says what was wrong, and the answer is drawn.
-
-        Raises:
-            ModelError: the model cannot answer.
+        In the source a useless answer is followed by the same question again. By default
+        the question then says what was wrong, and the answer is drawn. ModelError if the
+        model cannot answer.
         """
         strict = environment.strict
         complaint = self.answers[-1].error if self.answers and not strict else ""

@@ -186,8 +186,7 @@ class GeneratedPlayer:
     def plan(self, environment: Environment) -> Sequence[Item]:
         """Return the list; () where there is nothing in the answer, or where it was asked for.
 
-        Raises:
-            ModelError: the model cannot answer.
+        ModelError if the model cannot answer.
         """
         if self.answers:
             return ()

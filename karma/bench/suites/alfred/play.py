@@ -39,9 +39,8 @@ class TrialRooms:
 def read_rooms(path: Path, listed: Collection[str] = ()) -> TrialRooms:
     """Read the demonstrations of a file, and what is known of their rooms.
 
-    Raises:
-        FileError: a file is missing, torn or of another form, or most that are listed are not
-            there: the list is of other demonstrations.
+    FileError if a file is missing, torn or of another form, or most that are listed are not
+    there: the list is of other demonstrations.
     """
     trials = {trial.id: trial for trial in read_trials(path)}
     there = len({*listed} & trials.keys())
@@ -113,9 +112,7 @@ def play(
     """Play an episode, if it can be begun; what a model could not be asked is in the record.
 
     `puts` are counts of puts, which a strict row's next episode of a chain goes on with.
-
-    Raises:
-        KarmaError: what is no player's doing, e.g. a server is lost or the disk full.
+    KarmaError for what is no player's doing, e.g. a server is lost or the disk full.
     """
     instruction, missing = _asked(stage.rooms, task)
     if missing:

@@ -35,11 +35,7 @@ _STATES = {"dirty": "dirty", "unwashed": "dirty", "clean": "cleaned", "sliced": 
 
 
 class Reader:
-    """Reads requests.
-
-    Raises:
-        KarmaError: there are no vectors for that embedder.
-    """
+    """Reads requests; KarmaError if there are no vectors for that embedder."""
 
     def __init__(self, embedder: Embedder) -> None:
         words = kept_words(TYPE_WORDS, embedder)

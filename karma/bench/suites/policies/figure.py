@@ -140,9 +140,8 @@ class PolicyRecord:
 def figure_run(path: Path, folder: Path, *, fresh: bool = False) -> Run:
     """Return the run of a figure; its end writes `results.json` and draws it.
 
-    Raises:
-        FileError: the file is damaged, tasks are missing, or the folder holds another figure.
-        KarmaError: a policy or a claim that there is not.
+    FileError if the file is damaged, tasks are missing, or the folder holds another figure;
+    KarmaError for a policy or a claim that there is not.
     """
     figure = read_toml(path, TraceFigure)
     policies = _with_bounds(sized(figure.policies, figure.sizes))
@@ -248,11 +247,7 @@ def _whole(cells: Sequence[FigureCell]) -> FigureCell:
 
 
 def read_figure(folder: Path) -> Results:
-    """Return the results of a figure's folder.
-
-    Raises:
-        FileError: they are missing, torn or edited.
-    """
+    """Return the results of a figure's folder; FileError if they are missing, torn or edited."""
     check_sealed(folder)
     return read_json(folder / RESULTS, Results, fix="karma eval FILE runs the figure")
 

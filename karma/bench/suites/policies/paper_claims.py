@@ -58,11 +58,7 @@ Say = Callable[..., PaperClaim]  # makes a claim of the cell at hand
 
 
 def claims_of(names: Sequence[str], cells: Sequence[FigureCell]) -> list[PaperClaim]:
-    """Return the verdicts of some claims.
-
-    Raises:
-        KarmaError: a claim has no such name.
-    """
+    """Return the verdicts of some claims; KarmaError if a claim has no such name."""
     for name in names:
         if name not in CLAIMS:
             raise KarmaError(f"no claim {name!r}; there are {', '.join(CLAIMS)}")

@@ -90,10 +90,8 @@ class TraceReplay:
 def simulator(policy: str) -> Callable[[Trace], TraceReplay]:
     """Return what runs a policy over one trace after another, each from an empty memory.
 
-    A policy is in the notation of `make_policy`, or `belady[size]`.
-
-    Raises:
-        KarmaError: the text names no policy.
+    A policy is in the notation of `make_policy`, or `belady[size]`. KarmaError if the text
+    names no policy.
     """
     if policy.startswith(f"{BELADY}["):
         return partial(best, capacity=make_policy(policy.replace(BELADY, "lru", 1)).capacity)
@@ -124,12 +122,9 @@ def simulate_with(policy: Any, trace: Trace) -> TraceReplay:
 def best(trace: Trace, capacity: int) -> TraceReplay:
     """Return the most hits that any memory of `capacity` lines can have, knowing what comes.
 
-    Between two tasks at most `capacity` of the units used so far can wait for their next use. Of
-    those that would wait, the one whose next use is farthest away is let go, which is optimal
-    (Belady 1966; Carlisle and Lloyd 1995 for whole tasks).
-
-    Raises:
-        ValueError: capacity < 0.
+    Between two tasks at most `capacity` of the units used so far can wait for their next use.
+    Of those that would wait, the one whose next use is farthest away is let go, which is
+    optimal (Belady 1966; Carlisle and Lloyd 1995 for whole tasks). ValueError if capacity < 0.
     """
     if capacity < 0:
         raise ValueError(f"capacity must not be negative, not {capacity}")

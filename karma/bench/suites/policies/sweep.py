@@ -55,11 +55,9 @@ def sized(policies: Iterable[str], sizes: Iterable[int]) -> tuple[str, ...]:
 
     `lru` takes all sizes, with what stands behind it (`wtinylfu-karma W=inf`);
     `wtinylfu-caffeine[9/1]` divides each size nine to one, the main segment at least one line;
-    `lru[10]` stays what it is. The order is that of the policies, then of the sizes.
-
-    Raises:
-        KarmaError: a text is no policy, or no size was given for a bare name.
-        UnknownNameError: no such policy is registered.
+    `lru[10]` stays what it is. The order is that of the policies, then of the sizes. KarmaError
+    if a text is no policy, or no size was given for a bare name; UnknownNameError if no such
+    policy is registered.
     """
     sizes = tuple(sizes)
     found = tuple(dict.fromkeys(one for text in policies for one in _at_sizes(text.strip(), sizes)))

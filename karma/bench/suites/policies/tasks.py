@@ -147,8 +147,7 @@ class _Trial(msgspec.Struct, frozen=True):
 def alfred_pool(paths: Iterable[Path]) -> Pool:
     """Return the tasks of files of ALFRED demonstrations, one JSON record a line.
 
-    Raises:
-        FileError: a file is missing, torn, or holds something else.
+    FileError if a file is missing, torn, or holds something else.
     """
     paths = tuple(paths)
     movable = types_with("pickupable")

@@ -45,10 +45,8 @@ def draw_errands(
 ) -> list[Errand]:
     """Draw one sequence of tasks.
 
-    A shorter sequence is the beginning of a longer one.
-
-    Raises:
-        KarmaError: the pool has no task in some kind of room.
+    A shorter sequence is the beginning of a longer one. KarmaError if the pool has no task in
+    some kind of room.
     """
     rng = stream(seed, "lab", workload, str(number))
     draw = (
