@@ -43,6 +43,9 @@ from karma.world.houses import build_home
 from karma.world.residents import Household
 
 PLACED = frozenset(("exact", "attribute", "event", "place", "several", "changed"))  # of a thing
+COUNTED_EFFORT = (
+    "places", "wasted", "believed", "stale", "stale_actions", "repairs", "tokens", "recalls",
+)  # fmt: skip
 TOUR_H = 6.0  # of the first day, when the tour begins
 
 
@@ -231,14 +234,7 @@ class HomeLife:
             unknown=answer.unknown,
             room_right=room_right(request, answer, now) if request.asked == "place" else None,
             actions=self._robot.actions - before,
-            places=effort.places,
-            wasted=effort.wasted,
-            believed=effort.believed,
-            stale=effort.stale,
-            stale_actions=effort.stale_actions,
-            repairs=effort.repairs,
-            tokens=effort.tokens,
-            recalls=effort.recalls,
+            **{name: getattr(effort, name) for name in COUNTED_EFFORT},
             read=question.asked == request.asked
             and _type_read(request, types_meant(question.thing)),
             knew=_knew(request, effort.first, truth) if request.kind in PLACED else None,

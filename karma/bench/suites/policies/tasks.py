@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import msgspec
 
@@ -26,6 +26,7 @@ from karma.household.places import ROOMS
 from karma.household.types import types_with
 from karma.household.uses import KNIVES
 from karma.seeds import stream
+from karma.world.alfred.trial import PlannerAction, Targets
 
 if TYPE_CHECKING:
     from karma.bench.drawing.memories import KnownRoom
@@ -112,26 +113,12 @@ class Pool:
 # ------------------------------------------------------------- ALFRED's tasks
 
 
-class _Targets(msgspec.Struct, frozen=True):
-    object_target: str
-    parent_target: str = ""
-    toggle_target: str = ""
-    mrecep_target: str = ""
-    object_sliced: bool = False
-
-
 class _Scene(msgspec.Struct, frozen=True):
     floor_plan: str
 
 
-class _Act(msgspec.Struct, frozen=True, rename="camel"):
-    action: str
-    object_id: str = ""
-    coordinate_receptacle_object_id: tuple[Any, ...] = ()
-
-
 class _PlanStep(msgspec.Struct, frozen=True):
-    planner_action: _Act
+    planner_action: PlannerAction
 
 
 class _Plan(msgspec.Struct, frozen=True):
@@ -139,7 +126,7 @@ class _Plan(msgspec.Struct, frozen=True):
 
 
 class _Trial(msgspec.Struct, frozen=True):
-    pddl_params: _Targets
+    pddl_params: Targets
     scene: _Scene
     plan: _Plan
 
@@ -178,8 +165,8 @@ def _handled(trial: _Trial) -> Iterator[tuple[str, str, str]]:
     for act in (step.planner_action for step in trial.plan.high_pddl):
         where = act.coordinate_receptacle_object_id
         if where and act.action in ("PickupObject", "PutObject"):
-            kind = root_type(act.object_id) if act.action == "PickupObject" else ""
-            yield kind, str(where[0]), str(where[1:])
+            kind = root_type(act.object_id or "") if act.action == "PickupObject" else ""
+            yield kind, where[0], str(where[1:])
 
 
 def _errand(trial: _Trial, path: Path) -> Errand:
@@ -193,7 +180,7 @@ def _errand(trial: _Trial, path: Path) -> Errand:
         kind
         for step in trial.plan.high_pddl
         if wanted.object_sliced and step.planner_action.action == "PickupObject"
-        if (kind := root_type(step.planner_action.object_id)) in KNIVES
+        if (kind := root_type(step.planner_action.object_id or "")) in KNIVES
     ]
     return Errand(
         scene=plan,
