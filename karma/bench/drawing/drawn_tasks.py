@@ -69,7 +69,11 @@ class TaskDraft:
             kind = pick(self._rng, FOLLOW_UPS) if about_known else pick_kind(self._rng, self._kinds)
             draw = several_asks if kind == SEVERAL else partial(one_ask, kind=kind)
             ask = draw(self._rng, self._situation(vague=vague))
-            if ask is None or self._pointless(ask) or about_known != self._knows(ask):
+            if (
+                ask is None
+                or self._pointless(ask)
+                or about_known != (self._known(subject(ask.goals[0])) is not None)
+            ):
                 continue
             text = wrapped(self._rng, self._book, ask.text)
             if any(step.text == text for step in self.steps):
@@ -92,9 +96,6 @@ class TaskDraft:
 
     def _known(self, name: str) -> MemoryUnit | None:
         return next((u for u in self._units if base_type(u.object_type) == name), None)
-
-    def _knows(self, ask: Ask) -> bool:
-        return self._known(subject(ask.goals[0])) is not None
 
     def _pointless(self, ask: Ask) -> bool:
         """Return whether it is done already, or about the knife that cuts."""
@@ -139,14 +140,10 @@ class TaskDraft:
             self._units.append(unit_of(KNIFE, KNIFE, place_id=HAND, handled=True))
         if goal.arguments[-1] != "broken":
             self._units.append(changed)
-        dish = self._known(goal.arguments[-1]) if goal.predicate in ("ON", "INSIDE") else None
-        if dish is None and goal.predicate in ("ON", "INSIDE"):
-            self._meet(goal.arguments[1])
-
-    def _meet(self, name: str) -> None:
-        """Remember a dish that something was put into."""
-        if "pickupable" in object_types()[name].capabilities:
-            self._units.append(unit_of(name, name, handled=True))
+        place = goal.arguments[-1]
+        into = goal.predicate in ("ON", "INSIDE") and self._known(place) is None
+        if into and "pickupable" in object_types()[place].capabilities:  # a dish
+            self._units.append(unit_of(place, place, handled=True))
 
     def _empty_hand(self) -> None:
         self._units = [

@@ -82,7 +82,7 @@ class Book:
             return {kind: texts or book[kind] for kind, texts in side(book).items()}
 
         split = ("templates", "mined", "joined", "shared")
-        sides = {name: side_or_all(getattr(known, name)) for name in split}
+        sides: dict[str, Any] = {name: side_or_all(getattr(known, name)) for name in split}
         return replace(known, spoken=side(known.spoken), **sides)
 
     def with_unseen_words(self) -> "Book":
@@ -123,7 +123,8 @@ class Book:
             kind: {word: texts for word, texts in words.items() if texts}
             for kind, words in kinds.items()
         }
-        return replace(part, verbs=verbs, **{name: known(getattr(part, name)) for name in _TEXTS})
+        texts: dict[str, Any] = {name: known(getattr(part, name)) for name in _TEXTS}
+        return replace(part, verbs=verbs, **texts)
 
     @staticmethod
     def is_held_out(template: str) -> bool:

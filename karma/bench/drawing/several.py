@@ -8,9 +8,10 @@ from dataclasses import replace
 
 from karma.bench.drawing.memories import Rng, after, pick, unit_of, weighted
 from karma.bench.drawing.referring_expressions import Situation
-from karma.bench.drawing.requests import KINDS, Ask, filled, one_ask, pick_kind, suits, takes
+from karma.bench.drawing.requests import KINDS, Ask, filled, one_ask, pick_kind, suits
 from karma.contracts import Goal
 from karma.household import uses
+from karma.household.containment import goes_in
 from karma.household.ids import short_type
 from karma.household.places import HAND
 from karma.household.types import object_types
@@ -211,7 +212,7 @@ def _moved(scene: Situation, ask: Ask, first: Ask) -> Ask | None:
         return ask
     place = first.goals[-1].arguments[1]
     thing = ask.goals[-1].arguments[0]
-    if thing == place or not takes(short_type(thing), short_type(place)):
+    if thing == place or not goes_in(short_type(thing), short_type(place)):
         return None
     return replace(ask, goals=(replace(ask.goals[-1], arguments=(thing, place)),))
 

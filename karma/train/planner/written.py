@@ -14,9 +14,10 @@ from karma.agent.loading.said_requests import SaidRequest
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.plain_programs import plain_program
 from karma.bench.drawing.memories import KnownRoom, Rng, pick
-from karma.bench.drawing.requests import suits, takes
+from karma.bench.drawing.requests import suits
 from karma.contracts import Goal, MemoryUnit, PlanRequest, RefusedRequest
 from karma.household import uses
+from karma.household.containment import goes_in
 from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import HAND, landmark_types, likest
 from karma.household.states import deed_for
@@ -154,7 +155,7 @@ def _allows(goal: Goal, kind: str, other: str) -> bool:
         return not any(is_piece(one) and base_type(one) == kind for one in goal.arguments)
     if goal.predicate in ("ON", "INSIDE"):
         thing, place = (other if one == kind else one for one in goal.arguments)
-        return takes(thing, place)
+        return goes_in(thing, place)
     if goal.predicate == "STATE":
         state = deed_for(goal.arguments[1]) or ""
         return other != EGG and state in _KINDS and suits(_KINDS[state], other)
