@@ -6,6 +6,7 @@ Covered: figures that are killed and go on, verdicts on made-up results, the com
 from shutil import copytree
 
 import pytest
+from msgspec.structs import replace
 from support.lab_trials import many_trials, write_trials
 from support.paths import ROOT
 
@@ -111,7 +112,7 @@ def test_line_is_a_line_where_the_interval_says_so(r, holds):
     found = Exploration(
         policy="lru[5]", rates=[0.1, 0.2], reduced=[0.1, 0.3], slope=2.0, intercept=-0.1, r=r
     )
-    cell = made_cell([made_row("lru[5]", 5, [10, 20])])._replace(exploration=[found])
+    cell = replace(made_cell([made_row("lru[5]", 5, [10, 20])]), exploration=[found])
     (claim,) = claims_of(["linear"], [cell])
     assert (claim.holds, dict(claim.figures)["hit rate"]) == (holds, "15.0")
 
