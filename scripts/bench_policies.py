@@ -19,8 +19,7 @@ import typer
 from measuring import table, taken
 
 from karma import registry
-from karma.bench.suites.policies.simulate import simulate
-from karma.bench.suites.policies.trace import Trace
+from karma.bench.suites.policies.simulate import Trace, simulate
 from karma.contracts import MemoryUnit
 from karma.memory.policies import make_policy
 from karma.memory.short_term import ShortTermMemory

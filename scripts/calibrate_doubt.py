@@ -15,8 +15,8 @@ import typer
 from karma import registry
 from karma.agent.loading.planner_files import hints_for
 from karma.agent.planning.doubt import FEATURES
+from karma.bench.drawing.memories import generated_rooms
 from karma.bench.drawing.phrases import our_book
-from karma.bench.drawing.rooms import generated_rooms
 from karma.files import to_json, write_atomic
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.manifest.manifest import resolve_planner

@@ -24,9 +24,9 @@ from support.hint_figures import asked_words, figures
 from karma import registry
 from karma.agent.loading.alfred_sentences import read_sentences
 from karma.agent.loading.planner_files import hints_for
+from karma.bench.drawing.memories import is_authors_plan
 from karma.bench.drawing.phrases import disjoint_book, our_book
 from karma.bench.drawing.requests import KINDS, WITH_PAIRS
-from karma.bench.drawing.rooms import is_authors_plan
 from karma.bench.drawing.several import SEVERAL
 from karma.files import read_json, to_json
 from karma.infer.llama.options import LlamaOptions
@@ -34,9 +34,8 @@ from karma.infer.manifest.manifest import resolve_planner
 from karma.language.hints import WordFile
 from karma.offline.guard import go_offline
 from karma.seeds import stream
-from karma.train.planner.held_out import DEVELOPMENT
+from karma.train.planner.held_out import DEVELOPMENT, Data, PlannerRecipe, draw_pack
 from karma.train.planner.hinted import KeptRows
-from karma.train.planner.packs import Data, PlannerRecipe, draw_pack
 from karma.train.planner.reading import read_goals, tell
 from karma.train.planner.samples import TrainingExample, draw_alfred
 from karma.train.planner.sources import Sources, held_out_packs

@@ -263,8 +263,7 @@ def vlm_eval(
     """Score a vision model on frames of rooms that its training never saw."""
     from karma.infer.llama.vision import LlamaVision
     from karma.infer.vision.transformers import TransformersVision
-    from karma.train.vision.page import page
-    from karma.train.vision.score import Clock, examine, held_out_rooms, score
+    from karma.train.vision.score import Clock, examine, held_out_rooms, page, score
 
     with console.status(escape(f"loading {model} ...")):
         pair = model.removeprefix("llama:")

@@ -59,9 +59,8 @@ def tune_file(
 ) -> dict[str, float]:
     """Tune a GGUF on a file of examples; see `tune`.
 
-    Raises:
-        FileError: a file cannot be read, or a line is no example.
-        ModelError: transformers cannot read the weights, or peft is not installed.
+    FileError if a file cannot be read, or a line is no example; ModelError if transformers
+    cannot read the weights, or peft is not installed.
     """
     if find_spec("peft") is None:
         fix = 'pip install "karma-offline[tune]", or `make setup`'
@@ -87,9 +86,7 @@ def read_examples(path: Path) -> Iterator[tuple[str, str, str]]:
     """Yield what stays the same in a room, what changes, and the answer, of a JSONL file.
 
     A line is `{"prompt": [STABLE, CHANGING], "answer": TEXT}`; other keys are left alone.
-
-    Raises:
-        FileError: it is missing, or a line is not so; names the line.
+    FileError if it is missing, or a line is not so; names the line.
     """
     data = read_bytes(path, most=LARGEST_LOG)
     if path.suffix == ".gz":
@@ -107,13 +104,7 @@ def read_examples(path: Path) -> Iterator[tuple[str, str, str]]:
 def encode(
     examples: Iterator[tuple[str, str, str]], tokenizer: Any, end: int
 ) -> list[EncodedExample]:
-    """Return examples as tokens, each part split for itself, as `LlamaModel` does.
-
-    Args:
-        examples: of `read_examples`.
-        tokenizer: of `read_gguf_tokenizer`.
-        end: the token that ends an answer.
-    """
+    """Return examples as tokens, each part split for itself, as `LlamaModel` does."""
     found = []
     rooms: dict[str, list[int]] = {}
     for stable, changing, answer in examples:
@@ -168,8 +159,7 @@ def collate(batch: Sequence[EncodedExample]) -> dict[str, Any]:
 def base_model(path: Path) -> Any:
     """Return a GGUF's weights as a transformers model in float32; llama and qwen2.
 
-    Raises:
-        ModelError: transformers cannot read it.
+    ModelError if transformers cannot read it.
     """
     import torch
     from transformers import AutoModelForCausalLM
@@ -193,35 +183,26 @@ def tune(
     folder: Path,
     recipe: TuningRecipe,
     *,
-    start: Path | None = None,
     watched: Sequence[Sequence[EncodedExample]] = (),
 ) -> dict[str, float]:
     """Train an adapter, or go on from the last checkpoint in the folder, and write it there.
 
-    Args:
-        model: of `base_model`; the adapter is put into it.
-        batches: of `batches_of`.
-        folder: takes the adapter in half precision, checkpoints and the log.
-        recipe: what decides it.
-        start: folder of an adapter to begin with.
-        watched: batches that are not trained on.
+    `folder` takes the adapter in half precision, checkpoints and the log; `watched` batches are not
+    trained on.
 
     Returns:
         Loss and share of answers right to the letter, of what is watched.
     """
     import torch
-    from peft import LoraConfig, PeftModel, get_peft_model
+    from peft import LoraConfig, get_peft_model
     from transformers import Trainer, TrainingArguments
     from transformers.trainer_utils import get_last_checkpoint
 
     gpu = torch.cuda.is_available()
     half = gpu or _has_bfloat16()
     torch.manual_seed(recipe.seed)
-    if start is not None:
-        adapted = PeftModel.from_pretrained(model, str(start), is_trainable=True)
-    else:
-        lora = LoraConfig(r=recipe.rank, lora_alpha=recipe.alpha, target_modules=list(_MATRICES))
-        adapted = get_peft_model(model, lora)
+    lora = LoraConfig(r=recipe.rank, lora_alpha=recipe.alpha, target_modules=list(_MATRICES))
+    adapted = get_peft_model(model, lora)
     for name, value in adapted.named_parameters():
         if (layer := _LAYER.search(name)) and int(layer[1]) < recipe.lowest:
             value.requires_grad_(False)

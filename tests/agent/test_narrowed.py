@@ -13,7 +13,7 @@ from karma.agent.planning.inspector import hand_of, narrowed, objection
 from karma.agent.planning.planner import program_spec
 from karma.agent.planning.program import OUR_SKILLS, SKILLS, parse_program
 from karma.agent.planning.prompt import compact
-from karma.bench.drawing import rooms
+from karma.bench.drawing.memories import generated_rooms
 from karma.bench.drawing.phrases import our_book
 from karma.bench.drawing.requests import WITH_PAIRS, one_ask, pick_kind
 from karma.contracts import HandSpec, ProgramSpec
@@ -34,7 +34,7 @@ def held_to_types(spec: ProgramSpec) -> ProgramSpec:
 
 
 def test_every_program_of_the_expert_is_admitted():
-    book, drawn = our_book(), list(rooms.generated_rooms(6, 5))
+    book, drawn = our_book(), list(generated_rooms(6, 5))
     for number in range(SAMPLE):
         rng = stream(5, "admitted", str(number))
         example = draw(rng, drawn[number % len(drawn)], book, mapped=bool(number % 2))
@@ -63,7 +63,7 @@ def test_no_walk_says_what_its_types_never_allow():
 
 
 def test_every_program_of_the_expert_follows_hand_and_doors():
-    book, drawn = our_book(), list(rooms.generated_rooms(6, 5))
+    book, drawn = our_book(), list(generated_rooms(6, 5))
     held = shut = 0
     for number in range(SAMPLE):
         rng, room = stream(6, "by hand", str(number)), drawn[number % len(drawn)]

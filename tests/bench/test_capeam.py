@@ -8,10 +8,10 @@ from karma.agent.loading.alfred_sentences import GoalFacts, Sentence, facts_of, 
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
-from karma.bench.rows.capeam.frames import SubGoal, expand, read
+from karma.bench.rows.baseline import likely_places
+from karma.bench.rows.capeam.frames import ProgramReader, SubGoal, expand
 from karma.bench.rows.capeam.memory import ANYWHERE, EnvironmentMemory
 from karma.bench.rows.capeam.method import CapeamMethod, CapeamSettings
-from karma.bench.rows.capeam.prior import likely_places
 from karma.contracts import (
     Outcome,
     Plan,
@@ -33,7 +33,7 @@ def program(*lines):
 
 
 def frames(*lines, held=""):
-    return [(f.action, f.thing, f.place) for f in read(program(*lines), held).frames]
+    return [(f.action, f.thing, f.place) for f in ProgramReader(program(*lines), held).frames]
 
 
 FETCH_APPLE = ("GoToObject(robot, 'Apple')", "PickupObject(robot, 'Apple')")
@@ -109,7 +109,7 @@ def test_throwing_away_is_putting_into_the_garbage_can():
     ],
 )
 def test_what_no_frame_says_is_reported(lines, unsupported):
-    assert [call.skill for call in read(program(*lines)).unsupported] == unsupported
+    assert [call.skill for call in ProgramReader(program(*lines)).unsupported] == unsupported
 
 
 def test_taking_out_of_what_was_opened_names_the_place():
@@ -119,27 +119,15 @@ def test_taking_out_of_what_was_opened_names_the_place():
 
 @pytest.mark.parametrize("task", ["look", "simple", "stack", "clean", "cool", "heat", "two"])
 @pytest.mark.parametrize("sliced", [False, True])
-def test_context_of_an_experts_program_is_the_sentences_facts(task, sliced):
+def test_facts_of_an_experts_program_are_the_sentences(task, sliced):
     place = {"look": "DeskLamp", "cool": "DiningTable", "stack": "CounterTop"}.get(
         task, "SideTable"
     )
     movable = "Plate" if task == "stack" else ""
     truth = GoalFacts(task=task, thing="Tomato", movable=movable, place=place, sliced=sliced)
     calls = program_of(Sentence(text="do it", facts=truth), ExpertView())
-    context = read(calls).context
-    found = GoalFacts(
-        task=context.task,
-        thing=context.thing,
-        movable=context.movable,
-        place=context.place,
-        sliced=context.sliced,
-    )
-    assert found == facts_of(calls) == truth
+    assert facts_of(calls) == truth
     assert goals_of(truth, "Tomato", "do it")
-
-
-def test_program_of_nothing_has_no_context():
-    assert read(()).context is None
 
 
 # ----------------------------------------------------------------- the table
@@ -202,17 +190,17 @@ def test_what_was_put_somewhere_is_passed_over_when_the_same_is_asked_again():
     memory = remembering(near := sight("Fork", 1.0), far := sight("Fork", 2.0))
     memory.was_put("Fork", "Drawer", near.object_id)
     memory.begin_subgoal("Fork", "Drawer")
-    assert memory.nearest("Fork") == far
+    assert memory.best("Fork") == far
     memory.begin_subgoal("Fork", "Sink")
-    assert memory.nearest("Fork") == near
+    assert memory.best("Fork") == near
 
 
 def test_failed_things_are_passed_over_until_the_next_subgoal():
     memory = remembering(near := sight("Mug", 1.0))
     memory.masked.add(near.object_id)
-    assert memory.nearest("Mug") is None
+    assert memory.best("Mug") is None
     memory.begin_subgoal()
-    assert memory.nearest("Mug") == near
+    assert memory.best("Mug") == near
 
 
 def test_pieces_are_looked_for_where_the_cut_was():
@@ -220,7 +208,7 @@ def test_pieces_are_looked_for_where_the_cut_was():
         sight("Apple", 0.5), sight("AppleSliced", 1.0), there := sight("AppleSliced", 3.0)
     )
     memory.sliced_at["Apple"] = (3.1, 0.9, 0.0)
-    assert memory.nearest("Apple") == there
+    assert memory.best("Apple") == there
 
 
 def test_things_that_are_gone_are_forgotten():

@@ -10,8 +10,13 @@ from support import eb_alfred as eb
 from support.paths import SHARED
 
 from karma.agent.journal.not_run import NotRun
-from karma.bench.suites.alfred.eb_answers import LONGEST, read_answer
-from karma.bench.suites.alfred.eb_planner import PromptOptions, examples, render_prompt
+from karma.bench.suites.alfred.eb_planner import (
+    LONGEST,
+    PromptOptions,
+    examples,
+    read_answer,
+    render_prompt,
+)
 from karma.bench.suites.alfred.experiment import EbRow
 from karma.bench.suites.alfred.play import AlfredStage, play
 from karma.bench.tasks.alfred import ListedTask

@@ -15,8 +15,7 @@ from karma.bench.drawing.phrases import our_book
 from karma.bench.drawing.possible import OUT_OF_REACH, TAKES_NONE, TOO_BIG, Possible
 from karma.bench.engine.episode import run_episode
 from karma.bench.rows.expert import ExpertEpisode, ExpertMethod
-from karma.bench.rows.expert_choices import Chooser, Lessons, left
-from karma.bench.rows.expert_view import Surroundings
+from karma.bench.rows.expert_choices import Chooser, Lessons, Surroundings, left
 from karma.bench.tasks.alfred import task_of
 from karma.contracts import Outcome, SceneRef, SubTask
 from karma.files import to_json

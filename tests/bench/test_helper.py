@@ -10,14 +10,14 @@ from support.household import kitchen
 from karma.agent.loading.example_memory import ExampleMemory
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
-from karma.bench.rows.helper.inspector import (
+from karma.bench.rows.helper.memory import (
+    ObjectMemory,
     ends_there,
     idle,
     whole_first,
     with_object,
     without_object,
 )
-from karma.bench.rows.helper.memory import ObjectMemory
 from karma.bench.rows.helper.method import HelperMethod, HelperSettings, seed_examples
 from karma.contracts import (
     Outcome,
@@ -116,17 +116,17 @@ def test_equally_near_examples_keep_their_age():
 
 def test_memory_prefers_what_was_put_down_then_the_nearest():
     memory = remembering(sight("Mug", 1.0), sight("Mug", 2.0), sight("Mug", 3.0))
-    assert [one.sight.object_id for one in memory.of("Mug")] == ["Mug|1.0", "Mug|2.0", "Mug|3.0"]
+    assert [one.object_id for one in memory.of("Mug")] == ["Mug|1.0", "Mug|2.0", "Mug|3.0"]
     memory.placed("Mug|3.0")
-    assert memory.best("Mug").sight.object_id == "Mug|3.0"
+    assert memory.best("Mug").object_id == "Mug|3.0"
     memory.failed("Mug|3.0")
     memory.failed("Mug|1.0")
-    assert [one.sight.object_id for one in memory.of("Mug")] == ["Mug|2.0", "Mug|3.0", "Mug|1.0"]
+    assert [one.object_id for one in memory.of("Mug")] == ["Mug|2.0", "Mug|3.0", "Mug|1.0"]
 
 
 def test_memory_means_the_held_thing_first():
     memory = remembering(sight("Mug", 1.0), sight("Mug", 2.0), held="Mug|2.0")
-    assert memory.best("Mug").sight.object_id == "Mug|2.0"
+    assert memory.best("Mug").object_id == "Mug|2.0"
 
 
 def test_memory_lets_everything_be_used_again_by_the_next_instruction():
@@ -146,8 +146,8 @@ def test_memory_forgets_what_is_gone():
 
 def test_memory_knows_pieces_and_basins_by_the_wholes_name():
     memory = remembering(sight("AppleSliced"), sight("SinkBasin"))
-    assert memory.best("Apple").sight.object_type == "AppleSliced"
-    assert memory.best("Sink").sight.object_type == "SinkBasin"
+    assert memory.best("Apple").object_type == "AppleSliced"
+    assert memory.best("Sink").object_type == "SinkBasin"
 
 
 # ----------------------------------------------------------------- the inspector

@@ -6,19 +6,19 @@ Covered: figures that are killed and go on, verdicts on made-up results, the com
 from shutil import copytree
 
 import pytest
+from msgspec.structs import replace
 from support.lab_trials import many_trials, write_trials
 from support.paths import ROOT
 
 from karma.agent.journal.header import EPISODES, RESULTS, TIMINGS
 from karma.agent.journal.owned_folder import MARK
 from karma.bench.engine.experiment_file import kind_of
-from karma.bench.suites.policies.exploration import Exploration, explore
 from karma.bench.suites.policies.figure import TraceFigure, drawn, figure_run, read_figure
 from karma.bench.suites.policies.intervals import Bootstrapped
-from karma.bench.suites.policies.paper_claims import CellResults, claims_of, claims_text
-from karma.bench.suites.policies.sweep import PolicyRow, Sweep, sized
+from karma.bench.suites.policies.paper_claims import FigureCell, claims_of, claims_text
+from karma.bench.suites.policies.simulate import Trace
+from karma.bench.suites.policies.sweep import Exploration, PolicyRow, Sweep, explore, sized
 from karma.bench.suites.policies.tasks import alfred_pool
-from karma.bench.suites.policies.trace import Trace
 from karma.bench.suites.policies.workloads import WORKLOADS
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.files import read_toml
@@ -67,7 +67,7 @@ def made_cell(rows):
     count = len(rows[0].hits)
     sweep = Sweep(requests=[100] * count, steady_requests=[50] * count, units=9.0, interval="none",
                   rows=rows)  # fmt: skip
-    return CellResults("type", "r4", sweep, [])
+    return FigureCell(workload="type", unit_set="r4", sweep=sweep)
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_line_is_a_line_where_the_interval_says_so(r, holds):
     found = Exploration(
         policy="lru[5]", rates=[0.1, 0.2], reduced=[0.1, 0.3], slope=2.0, intercept=-0.1, r=r
     )
-    cell = made_cell([made_row("lru[5]", 5, [10, 20])])._replace(exploration=[found])
+    cell = replace(made_cell([made_row("lru[5]", 5, [10, 20])]), exploration=[found])
     (claim,) = claims_of(["linear"], [cell])
     assert (claim.holds, dict(claim.figures)["hit rate"]) == (holds, "15.0")
 

@@ -5,8 +5,8 @@ from support.eb_alfred import played
 from support.paths import SHARED
 
 from karma.bench.suites.alfred.experiment import draw_tasks
+from karma.bench.suites.alfred.play import read_rooms
 from karma.bench.suites.alfred.players import ExpertPlayer
-from karma.bench.suites.alfred.trial_rooms import read_rooms
 from karma.world.eb_alfred.actions import LOTA_ALFRED, read_types
 from karma.world.eb_alfred.environment import Environment
 

@@ -24,9 +24,8 @@ from karma.bench.suites.alfred.lota_planner import (
     read_list,
     score_prompt,
 )
-from karma.bench.suites.alfred.play import AlfredStage, play
+from karma.bench.suites.alfred.play import AlfredStage, TrialRooms, play
 from karma.bench.suites.alfred.table import LOTA_TABLES, results_of
-from karma.bench.suites.alfred.trial_rooms import TrialRooms
 from karma.errors import FileError
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions

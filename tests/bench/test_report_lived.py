@@ -23,7 +23,7 @@ from karma.bench.report.lived_page import (
 )
 from karma.bench.suites.lived.play import HomeLife
 from karma.bench.suites.lived.reading import Reader
-from karma.bench.suites.lived.schedule import DAY_S
+from karma.bench.suites.lived.request import DAY_S
 from karma.bench.suites.lived.table import ALL, by_day, figures_of, stale_shares
 from karma.bench.suites.lived.trace import HomeTracer
 from karma.cli import app

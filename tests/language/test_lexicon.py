@@ -7,10 +7,10 @@ from functools import cache
 import pytest
 
 from karma.agent.planning.prompt import compact
+from karma.bench.drawing.memories import room_of
 from karma.bench.drawing.phrases import our_book
 from karma.bench.drawing.referring_expressions import Situation, call
 from karma.bench.drawing.requests import one_ask
-from karma.bench.drawing.rooms import room_of
 from karma.contracts import PlanRequest
 from karma.household.pieces import base_type
 from karma.household.types import object_types, types_with

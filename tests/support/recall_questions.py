@@ -13,8 +13,7 @@ from typing import Literal
 
 import msgspec
 
-from karma.bench.drawing.memories import KnownRoom, draw_unit
-from karma.bench.drawing.rooms import room_of
+from karma.bench.drawing.memories import KnownRoom, draw_unit, room_of
 from karma.bench.figures.statistics import Estimate, mean
 from karma.contracts import MemoryUnit, Recall, Recalled
 from karma.files import decode_json, read_bytes

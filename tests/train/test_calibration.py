@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from sklearn.linear_model import LogisticRegression
 
 from karma.agent.planning.doubt import FEATURES
+from karma.bench.drawing.memories import generated_rooms
 from karma.bench.drawing.phrases import our_book
-from karma.bench.drawing.rooms import generated_rooms
 from karma.contracts import REFUSAL_KINDS, Certainty, Completion, PlanRequest
 from karma.train.planner import calibration
 from karma.train.planner.calibration import Judged, Scored, brier, fitted, scored, shares

@@ -8,9 +8,9 @@ import pytest
 from karma.agent.goals.files import load_tasks
 from karma.agent.goals.goals import parse_goal
 from karma.bench.drawing.drawn_tasks import draw_task
+from karma.bench.drawing.memories import room_of
 from karma.bench.drawing.phrases import expand, our_book
 from karma.bench.drawing.requests import PAIR, WITH_PAIRS
-from karma.bench.drawing.rooms import room_of
 from karma.files import to_json
 from karma.household.pieces import base_type
 from karma.household.types import object_types

@@ -6,8 +6,8 @@ import pytest
 
 from karma.agent.planning.inspector import mend, objection
 from karma.agent.planning.program import parse_program
+from karma.bench.drawing.memories import room_of
 from karma.bench.drawing.phrases import our_book
-from karma.bench.drawing.rooms import room_of
 from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.seeds import stream

@@ -16,7 +16,7 @@ from karma.agent.loading.alfred_sentences import (
 )
 from karma.agent.planning.expert import ExpertView, NamedThing
 from karma.agent.planning.program import parse_program
-from karma.bench.drawing.rooms import room_of
+from karma.bench.drawing.memories import room_of
 from karma.errors import FileError
 from karma.infer.scripted import ScriptedModel
 from karma.seeds import stream

@@ -7,9 +7,9 @@ import pytest
 
 from karma.agent.goals.files import load_tasks
 from karma.bench.drawing.drawn_tasks import draw_task
+from karma.bench.drawing.memories import generated_rooms, room_of
 from karma.bench.drawing.phrases import our_book
 from karma.bench.drawing.requests import KINDS
-from karma.bench.drawing.rooms import generated_rooms, room_of
 from karma.files import to_json, write_atomic
 from karma.language.lexemes import (
     Lexemes,

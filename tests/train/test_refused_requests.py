@@ -7,8 +7,8 @@ from dataclasses import fields, replace
 import pytest
 
 from karma.agent.planning.program import parse_program, parse_refusal
+from karma.bench.drawing.memories import generated_rooms
 from karma.bench.drawing.phrases import our_book
-from karma.bench.drawing.rooms import generated_rooms
 from karma.contracts import REFUSAL_KINDS
 from karma.language.lexemes import types_called
 from karma.seeds import stream

@@ -8,9 +8,9 @@ import pytest
 from karma.agent.goals.goals import parse_goal
 from karma.agent.planning.prompt import compact
 from karma.bench.drawing.drawn_tasks import draw_task
+from karma.bench.drawing.memories import room_of
 from karma.bench.drawing.phrases import our_book
 from karma.bench.drawing.referring_expressions import Situation
-from karma.bench.drawing.rooms import room_of
 from karma.bench.drawing.several import SEVERAL, later, several_asks
 from karma.contracts import PlanRequest
 from karma.household.types import object_types

@@ -14,10 +14,9 @@ from karma.agent.loading.demonstrations import plain
 from karma.agent.planning.planner import program_spec
 from karma.agent.planning.program import parse_program
 from karma.bench.drawing import phrases
-from karma.bench.drawing.memories import KnownRoom
+from karma.bench.drawing.memories import KnownRoom, room_of
 from karma.bench.drawing.phrases import make_template, our_book
 from karma.bench.drawing.requests import KINDS
-from karma.bench.drawing.rooms import room_of
 from karma.contracts import Area, PlanRequest
 from karma.errors import FileError
 from karma.files import to_json
@@ -60,7 +59,7 @@ HASHES = """
 import sys, hashlib
 sys.path.insert(0, "tests")
 import training.test_training as t
-from karma.bench.drawing.rooms import room_of
+from karma.bench.drawing.memories import room_of
 from karma.world.core import scene
 rooms = [room_of(scene.load(n), n) for n in ("kitchen_1", "living_1")]
 text = b"".join(t.to_json(e) for _, e in t.examples(rooms, 40))

@@ -8,7 +8,6 @@ import pytest
 
 from karma.infer.vision.text import STATES
 from karma.train.vision.moments import generator, moments, room, samples
-from karma.train.vision.page import page
 from karma.train.vision.score import (
     NOTHING,
     AskedCrop,
@@ -16,6 +15,7 @@ from karma.train.vision.score import (
     confusion,
     examine,
     held_out_rooms,
+    page,
     score,
 )
 from karma.world.core import scene

@@ -14,14 +14,21 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
-from karma.agent.planning.prompt import compact
-from karma.bench.drawing.aftermath import after, subject
-from karma.bench.drawing.memories import KnownRoom, Rng, pick
+from karma.bench.drawing.memories import (
+    KnownRoom,
+    Rng,
+    after,
+    known_facts,
+    names_of,
+    pick,
+    subject,
+    unit_of,
+)
 from karma.bench.drawing.phrases import Book
 from karma.bench.drawing.referring_expressions import Situation
 from karma.bench.drawing.requests import KINDS, Ask, one_ask, pick_kind, wrapped
 from karma.bench.drawing.several import SEVERAL, several_asks
-from karma.contracts import Goal, MemoryUnit, PlanRequest
+from karma.contracts import Goal, MemoryUnit
 from karma.household.ids import short_type
 from karma.household.pieces import base_type
 from karma.household.places import HAND
@@ -44,14 +51,7 @@ class DrawnRequest:
 
 
 class TaskDraft:
-    """A task being drawn: what was asked so far, and what that left in memory.
-
-    Args:
-        rng: of the task.
-        room: where.
-        book: phrases.
-        kinds: of requests about new things, with their weights.
-    """
+    """A task being drawn: what was asked so far, and what that left in memory."""
 
     def __init__(
         self, rng: Rng, room: KnownRoom, book: Book, kinds: Mapping[str, float] = KINDS
@@ -63,15 +63,17 @@ class TaskDraft:
     def ask(self, *, vague: bool, about_known: bool) -> bool:
         """Add a request; False when none was found.
 
-        Args:
-            vague: whether known things are called by kind, state, place or what was done to them.
-            about_known: whether it must be about a thing that was handled before.
+        `vague`: known things are called by kind, state, place or what was done to them.
         """
         for _ in range(TRIES):
             kind = pick(self._rng, FOLLOW_UPS) if about_known else pick_kind(self._rng, self._kinds)
             draw = several_asks if kind == SEVERAL else partial(one_ask, kind=kind)
             ask = draw(self._rng, self._situation(vague=vague))
-            if ask is None or self._pointless(ask) or about_known != self._knows(ask):
+            if (
+                ask is None
+                or self._pointless(ask)
+                or about_known != (self._known(subject(ask.goals[0])) is not None)
+            ):
                 continue
             text = wrapped(self._rng, self._book, ask.text)
             if any(step.text == text for step in self.steps):
@@ -86,24 +88,14 @@ class TaskDraft:
 
     def _situation(self, *, vague: bool) -> Situation:
         held = next((unit for unit in self._units if unit.place_id == HAND), None)
-        facts = PlanRequest(
-            instruction="",
-            areas=self._room.areas,
-            units=tuple(self._units),
-            held_id=held.object_id if held else None,
-            held_type=held.object_type if held else None,
-        )
-        names = {object_id: name for name, object_id in compact(facts).names.items()}
+        facts = known_facts(self._room.areas, self._units, held)
         return Situation(
-            room=self._room, facts=facts, names=names, book=self._book,
+            room=self._room, facts=facts, names=names_of(facts), book=self._book,
             mapped=True, strict=True, vague=1.0 if vague else -1.0,
         )  # fmt: skip
 
     def _known(self, name: str) -> MemoryUnit | None:
         return next((u for u in self._units if base_type(u.object_type) == name), None)
-
-    def _knows(self, ask: Ask) -> bool:
-        return self._known(subject(ask.goals[0])) is not None
 
     def _pointless(self, ask: Ask) -> bool:
         """Return whether it is done already, or about the knife that cuts."""
@@ -138,35 +130,20 @@ class TaskDraft:
             self._change(name, goal)
 
     def _change(self, name: str, goal: Goal) -> None:
-        unit = self._known(name) or MemoryUnit(
-            object_id=name, object_type=name, position_m=(0.0, 0.0, 0.0), handled=True
-        )
+        unit = self._known(name) or unit_of(name, name, handled=True)
         self._units = [one for one in self._units if one.object_id != unit.object_id]
         changed = after(unit, goal)
         if goal.predicate in ("ON", "INSIDE", "HOLDON") or changed.place_id == HAND:
             self._empty_hand()
         if changed.object_type != unit.object_type or goal.arguments[-1] == "sliced":
             self._units = [one for one in self._units if one.object_type != KNIFE]
-            knife = MemoryUnit(
-                object_id=KNIFE,
-                object_type=KNIFE,
-                position_m=(0.0, 0.0, 0.0),
-                place_id=HAND,
-                handled=True,
-            )
-            self._units.append(knife)
+            self._units.append(unit_of(KNIFE, KNIFE, place_id=HAND, handled=True))
         if goal.arguments[-1] != "broken":
             self._units.append(changed)
-        dish = self._known(goal.arguments[-1]) if goal.predicate in ("ON", "INSIDE") else None
-        if dish is None and goal.predicate in ("ON", "INSIDE"):
-            self._meet(goal.arguments[1])
-
-    def _meet(self, name: str) -> None:
-        """Remember a dish that something was put into."""
-        if "pickupable" in object_types()[name].capabilities:
-            unit = MemoryUnit(object_id=name, object_type=name, position_m=(0.0, 0.0, 0.0),
-                              handled=True)  # fmt: skip
-            self._units.append(unit)
+        place = goal.arguments[-1]
+        into = goal.predicate in ("ON", "INSIDE") and self._known(place) is None
+        if into and "pickupable" in object_types()[place].capabilities:  # a dish
+            self._units.append(unit_of(place, place, handled=True))
 
     def _empty_hand(self) -> None:
         self._units = [
@@ -184,12 +161,7 @@ def draw_task(
 ) -> Sequence[DrawnRequest] | None:
     """Draw one task; None when the room gave out.
 
-    Args:
-        rng: the task's own stream.
-        room: what is there.
-        book: phrases to ask with.
-        kind: see above.
-        kinds: of requests, with their weights; `WITH_PAIRS` has two of a kind among them.
+    `kinds` of requests have weights; `WITH_PAIRS` has two of a kind among them.
     """
     story = TaskDraft(rng, room, book, kinds)
     if kind == "simple":

@@ -1,19 +1,27 @@
-"""What an agent may remember: rooms to be in, and short-term memories drawn for them."""
+"""What an agent may remember: rooms to be in, short-term memories drawn for them, and changes."""
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
-from karma.contracts import Area, MemoryUnit
+from karma.agent.planning.prompt import compact
+from karma.contracts import Area, Goal, MemoryUnit, PlanRequest, SeenObject
 from karma.household.ids import type_of
 from karma.household.pieces import EGG, base_type
-from karma.household.places import HAND, SEVERAL, landmark_types
-from karma.household.states import OPPOSITES
+from karma.household.places import HAND, ROOMS, SEVERAL, landmark_types
+from karma.household.states import END_STATES, OPPOSITES
 from karma.household.types import ObjectType, object_types
-from karma.household.uses import COOKED, TOASTED
+from karma.household.uses import CHANGED_IN, COOKED, FRIDGE, TOASTED
 from karma.language.lexemes import lexicon
+from karma.memory.scene_graph import SceneGraph
+from karma.seeds import stream
+from karma.world.core.scene import Scene
+from karma.world.generation.generate import build_scene
+from karma.world.importing.scenes import import_dump
 
 Rng = np.random.Generator
 T = TypeVar("T")
@@ -90,13 +98,8 @@ def draw_unit(
 ) -> MemoryUnit:
     """Draw the state and the place of a remembered thing.
 
-    Args:
-        rng: of the draw.
-        room: where.
-        kind: its type, whole.
-        number: tells its id from those of the others.
-        others: remembered before it; they may carry it.
-        handled: what was handled has more states.
+    `number` tells its id from others; what was `handled` has more states; `others` may carry
+    it.
     """
     info = object_types()[kind]
     odds = FOOD_STATES if info.slices_into or kind == EGG else ()
@@ -112,10 +115,9 @@ def draw_unit(
         states.remove("sliced")
     rng.shuffle(states)
     sliced = info.slices_into if "sliced" in states and info.slices_into else kind
-    return MemoryUnit(
-        object_id=f"{kind}|{number}",
-        object_type=sliced,
-        position_m=(0.0, 0.0, 0.0),
+    return unit_of(
+        f"{kind}|{number}",
+        sliced,
         states=tuple(states),
         place_id=_draw_place(rng, room, object_types()[sliced], others),
         handled=handled,
@@ -139,6 +141,114 @@ def _draw_place(
     return f"{name}|{int(rng.integers(1, 4)) if name in SEVERAL else 1}"
 
 
+def unit_of(object_id: str, object_type: str, **said: Any) -> MemoryUnit:
+    """Return a unit whose position does not matter."""
+    return MemoryUnit(
+        object_id=object_id, object_type=object_type, position_m=(0.0, 0.0, 0.0), **said
+    )
+
+
+def known_facts(
+    areas: Sequence[Area], units: Sequence[MemoryUnit], held: MemoryUnit | None, said: str = ""
+) -> PlanRequest:
+    """Return what an agent knows, and what it is asked."""
+    return PlanRequest(
+        instruction=said,
+        areas=tuple(areas),
+        units=tuple(units),
+        held_id=held.object_id if held else None,
+        held_type=held.object_type if held else None,
+    )
+
+
+def names_of(facts: PlanRequest) -> dict[str, str]:
+    """Return what remembered things are called in a prompt, by id."""
+    return {object_id: name for name, object_id in compact(facts).names.items()}
+
+
 def place_type(units: Sequence[MemoryUnit], place: str) -> str:
     """Return the type of a place: a remembered unit's, or the one its id speaks of."""
     return next((u.object_type for u in units if u.object_id == place), type_of(place))
+
+
+KITCHEN_SHARE = 3  # kitchens per room of another kind, as most requests are about kitchens
+AUTHORS_PLANS = frozenset({1, 11, 14, 16, 19, 22, 23, 27, 28, 201, 203, 207, 224, 314, 417, 422})
+
+
+def room_of(scene: Scene, name: str, *, keep: float = 0.93, seed: int = 0) -> KnownRoom:
+    """Return what an agent that explored the scene knows of it, a few things overlooked.
+
+    `name` names the random stream; `keep` is the chance that an immovable thing was noticed.
+    """
+    rng = stream(seed, "rooms", name)
+    graph = SceneGraph.over(scene.reachable, height_m=scene.floor_y, cell_m=scene.grid_m)
+    graph.observe(
+        SeenObject(
+            object_id=thing.id,
+            object_type=thing.type,
+            position_m=thing.position,
+            box_center_m=thing.center,
+            box_size_m=thing.size,
+            pickupable=False,
+        )
+        for thing in scene.objects
+        if "pickupable" not in thing.capabilities and rng.random() < keep
+    )
+    movables = Counter(
+        base_type(thing.type) for thing in scene.objects if "pickupable" in thing.capabilities
+    )
+    return KnownRoom(
+        name=name,
+        areas=graph.areas(),
+        movables=tuple(sorted(movables)),
+        several=tuple(sorted(kind for kind, count in movables.items() if count > 1)),
+    )
+
+
+def generated_rooms(count: int, seed: int) -> Iterator[KnownRoom]:
+    """Yield rooms of the generator, none of them a shipped scene (their seeds differ)."""
+    order = [ROOMS[0]] * KITCHEN_SHARE + list(ROOMS[1:])
+    for number in range(count):
+        kind = order[number % len(order)]
+        scene = build_scene(kind, 1000 + number, seed)
+        yield room_of(scene, f"generated/{seed}/{number}", seed=seed)
+
+
+def imported_rooms(dumps: Path, layouts: Path | None, seed: int) -> Iterator[KnownRoom]:
+    """Yield AI2-THOR's floor plans, without those of the authors' tasks."""
+    for scene in import_dump(dumps, layouts=layouts):
+        if not is_authors_plan(scene.name):
+            yield room_of(scene, scene.name, seed=seed)
+
+
+def is_authors_plan(name: str) -> bool:
+    """Return whether a floor plan is one of the authors' tasks, which no training sees."""
+    return int(name.removeprefix("FloorPlan").split("_")[0]) in AUTHORS_PLANS
+
+
+def subject(goal: Goal) -> str:
+    """Return the type of what a goal is about."""
+    return base_type(goal.arguments[1] if goal.predicate == "HOLDON" else goal.arguments[0])
+
+
+def after(unit: MemoryUnit, goal: Goal) -> MemoryUnit:
+    """Return a thing once a goal about it is met."""
+    word = goal.arguments[-1]
+    if goal.predicate in ("ON", "INSIDE"):
+        return replace(unit, place_id=word)
+    if goal.predicate == "HOLDON":
+        return replace(unit, place_id=HAND)
+    if goal.predicate != "STATE":
+        word = END_STATES[goal.predicate]
+    state = {"clean": "cleaned", "cold": ""}.get(word, word)
+    states = [s for s in unit.states if s not in (state, OPPOSITES.get(state))]
+    kind = object_types()[unit.object_type]
+    if state == "cleaned" and "canFillWithLiquid" in kind.capabilities:
+        states.append("filled")
+    return replace(
+        unit,
+        object_type=(kind.slices_into or unit.object_type) if state == "sliced" else kind.name,
+        states=(*states, *([state] if state else [])),
+        place_id=FRIDGE if word == "cold" else CHANGED_IN.get(state, unit.place_id),
+        handled=True,
+    )

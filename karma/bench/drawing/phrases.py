@@ -34,6 +34,11 @@ _CHOICE = re.compile(r"\(([^()]*)\)")
 _DEED = re.compile(r"<(\w+)>")
 
 
+_TEXTS = (
+    "templates", "mined", "spoken", "joined", "shared", "deeds", "adjectives", "just", "around",
+    "references",
+)  # parts of a book that are texts by kind  # fmt: skip
+
 Texts = Mapping[str, tuple[str, ...]]
 Verbs = Mapping[str, Mapping[str, tuple[str, ...]]]  # kind of deed -> word -> its phrases
 
@@ -76,14 +81,9 @@ class Book:
         def side_or_all(book: Texts) -> dict[str, tuple[str, ...]]:
             return {kind: texts or book[kind] for kind, texts in side(book).items()}
 
-        return replace(
-            known,
-            templates=side_or_all(known.templates),
-            mined=side_or_all(known.mined),
-            joined=side_or_all(known.joined),
-            shared=side_or_all(known.shared),
-            spoken=side(known.spoken),
-        )
+        split = ("templates", "mined", "joined", "shared")
+        sides: dict[str, Any] = {name: side_or_all(getattr(known, name)) for name in split}
+        return replace(known, spoken=side(known.spoken), **sides)
 
     def with_unseen_words(self) -> "Book":
         """Return the held-out templates, with held-out words for things, states and deeds."""
@@ -118,24 +118,13 @@ class Book:
             }
 
         part = self.with_verbs(held_out().verbs, held_out=False)
-        verbs = {kind: known(words) for kind, words in part.verbs.items()}
-        return replace(
-            part,
-            templates=known(self.templates),
-            mined=known(self.mined),
-            spoken=known(part.spoken),
-            joined=known(self.joined),
-            shared=known(self.shared),
-            deeds=known(self.deeds),
-            adjectives=known(self.adjectives),
-            just=known(self.just),
-            around=known(self.around),
-            references=known(self.references),
-            verbs={
-                kind: {word: texts for word, texts in words.items() if texts}
-                for kind, words in verbs.items()
-            },
-        )
+        kinds = {kind: known(words) for kind, words in part.verbs.items()}
+        verbs = {
+            kind: {word: texts for word, texts in words.items() if texts}
+            for kind, words in kinds.items()
+        }
+        texts: dict[str, Any] = {name: known(getattr(part, name)) for name in _TEXTS}
+        return replace(part, verbs=verbs, **texts)
 
     @staticmethod
     def is_held_out(template: str) -> bool:
@@ -161,9 +150,7 @@ class Book:
     def with_verbs(self, words: Collection[str], *, held_out: bool) -> "Book":
         """Return the book without some words of `verbs`, or with no deeds but theirs.
 
-        Args:
-            words: of any kind of deed.
-            held_out: whether to keep those and, where a kind of request has one, no others.
+        `held_out`: keep those and, where a kind of request has one, no others.
         """
         verbs = {
             kind: kept
@@ -255,8 +242,7 @@ def expand(text: str) -> Iterator[str]:
 def with_alfred(book: Book, path: Path) -> Book:
     """Return the book with ALFRED's templates added, each as often as it was said (at most 5).
 
-    Raises:
-        FileError: the demonstrations are missing or torn.
+    FileError if the demonstrations are missing or torn.
     """
     more: dict[str, dict[str, int]] = {}
     for kind, template in mine_alfred(path):

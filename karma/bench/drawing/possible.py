@@ -25,11 +25,7 @@ TOO_BIG = "a thing is too big for its place, even when that is empty"
 
 
 class Possible:
-    """Answers for one room.
-
-    Args:
-        scene: as it is at the start.
-    """
+    """Answers for one room."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene

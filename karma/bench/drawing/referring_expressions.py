@@ -254,10 +254,7 @@ class Description:
 def vaguely(scene: Situation, kind: str, most: int = 99) -> Sequence[str]:
     """Return the vaguer words for a type.
 
-    Args:
-        scene: whose book says what things are called.
-        kind: the type.
-        most: types that a word may fit.
+    `most` is how many types a word may fit.
     """
     entry = scene.book.things[kind]
     return [word for word in (*entry.kinds, *entry.uses) if len(types_called(word)) <= most]

@@ -23,7 +23,7 @@ from karma.household.containment import goes_in
 from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import LIKELY, landmark_types
 from karma.household.saying import plural_of
-from karma.household.types import ObjectType, object_types, types_with
+from karma.household.types import object_types, types_with
 from karma.language.lexemes import every_word, lexicon, pick_common, types_called
 
 ENDS_IN = {
@@ -279,26 +279,17 @@ def suits(kind: str, object_type: str) -> bool:
             return False
         return bool(info.slices_into) or (kind == "slice_place" and object_type != base)
     checks = {
-        "clean": _fits(info, uses.SINK),
-        "heat": _fits(info, uses.MICROWAVE),
+        "clean": goes_in(object_type, uses.SINK),
+        "heat": goes_in(object_type, uses.MICROWAVE),
         "cook": object_type in uses.COOKED,
-        "cool": _fits(info, uses.FRIDGE),
+        "cool": goes_in(object_type, uses.FRIDGE),
         "toast": base == uses.TOASTED,
-        "fill": "canFillWithLiquid" in info.capabilities and _fits(info, uses.SINK),
+        "fill": "canFillWithLiquid" in info.capabilities and goes_in(object_type, uses.SINK),
         "coffee": base == uses.COFFEE_CUP,
         "break": "breakable" in info.capabilities,
-        "trash": _fits(info, uses.BIN),
+        "trash": goes_in(object_type, uses.BIN),
     }
     return checks.get(sort, True)
-
-
-def _fits(info: ObjectType, place: str) -> bool:
-    return goes_in(info.name, place)
-
-
-def takes(object_type: str, place: str) -> bool:
-    """Return whether a thing of a type may be asked to go to a type of place."""
-    return _fits(object_types()[object_type], place)
 
 
 def _draw_receptacle(rng: Rng, scene: Situation, x: Ref, *, movable: bool) -> Ref | None:
@@ -312,7 +303,7 @@ def _draw_receptacle(rng: Rng, scene: Situation, x: Ref, *, movable: bool) -> Re
     fits = [
         name
         for name, kind in object_types().items()
-        if (_fits(info, name) or (anything and "receptacle" in kind.capabilities))
+        if (goes_in(info.name, name) or (anything and "receptacle" in kind.capabilities))
     ]
     if not movable:
         there = scene.room.landmarks if scene.mapped else sorted(landmark_types())

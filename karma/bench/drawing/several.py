@@ -6,12 +6,12 @@ Each later clause is drawn in the situation that the ones before it leave behind
 from collections.abc import Sequence
 from dataclasses import replace
 
-from karma.bench.drawing.aftermath import after
-from karma.bench.drawing.memories import Rng, pick, weighted
+from karma.bench.drawing.memories import Rng, after, pick, unit_of, weighted
 from karma.bench.drawing.referring_expressions import Situation
-from karma.bench.drawing.requests import KINDS, Ask, filled, one_ask, pick_kind, suits, takes
-from karma.contracts import Goal, MemoryUnit
+from karma.bench.drawing.requests import KINDS, Ask, filled, one_ask, pick_kind, suits
+from karma.contracts import Goal
 from karma.household import uses
+from karma.household.containment import goes_in
 from karma.household.ids import short_type
 from karma.household.places import HAND
 from karma.household.types import object_types
@@ -51,8 +51,8 @@ def later(scene: Situation, goals: Sequence[Goal]) -> Situation:
             continue
         object_id = id_of.setdefault(name, name)
         names[object_id] = name
-        unit = next((one for one in units if one.object_id == object_id), None) or MemoryUnit(
-            object_id=object_id, object_type=kind.name, position_m=(0.0, 0.0, 0.0)
+        unit = next((one for one in units if one.object_id == object_id), None) or unit_of(
+            object_id, kind.name
         )
         changed = after(unit, goal)
         place = changed.place_id
@@ -212,7 +212,7 @@ def _moved(scene: Situation, ask: Ask, first: Ask) -> Ask | None:
         return ask
     place = first.goals[-1].arguments[1]
     thing = ask.goals[-1].arguments[0]
-    if thing == place or not takes(short_type(thing), short_type(place)):
+    if thing == place or not goes_in(short_type(thing), short_type(place)):
         return None
     return replace(ask, goals=(replace(ask.goals[-1], arguments=(thing, place)),))
 

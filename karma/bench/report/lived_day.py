@@ -3,8 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from karma.bench.suites.lived.request import LivedRequest
-from karma.bench.suites.lived.schedule import DAY_S
+from karma.bench.suites.lived.request import DAY_S, LivedRequest
 from karma.bench.suites.lived.trace import ROBOT, HomeTrace, TracedDeed, TracedRequest, TracedThing
 from karma.contracts import Deed, Fact, HomeAnswer, Sighting, Vec3
 from karma.household.ids import type_of

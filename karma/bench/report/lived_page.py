@@ -14,7 +14,7 @@ from karma.bench.report.page import columns_of, facts_of
 from karma.bench.report.room import plan_of
 from karma.bench.suites.lived.benchmark import LivedHomes
 from karma.bench.suites.lived.records import LivedRecord
-from karma.bench.suites.lived.schedule import DAY_S
+from karma.bench.suites.lived.request import DAY_S
 from karma.bench.suites.lived.table import (
     ALL,
     KINDS,

@@ -6,26 +6,23 @@ receptacle or thing of the type, another knife, or with what is in the way put e
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, Self
 
 from karma.agent.body.reach import SkillLimits
 from karma.agent.body.skills import Skills
 from karma.agent.goals.goals import GoalTracker, WatchedWorld
-from karma.agent.options import settings_of
 from karma.agent.planning.expert import solve
 from karma.agent.seeing.perceive import truth_of
-from karma.bench.rows.expert_choices import Chooser, Lessons, left
-from karma.bench.rows.expert_view import Surroundings
+from karma.bench.rows.baseline import WithoutOptions
+from karma.bench.rows.expert_choices import Chooser, Lessons, Surroundings, left
 from karma.contracts import (
     Area,
     Goal,
     Known,
     Outcome,
     Plan,
-    Resources,
     SceneRef,
     SkillCall,
     SkillResult,
@@ -40,22 +37,10 @@ _HARDER = SkillLimits(views=30, views_of_movable=30, retries=6)  # once somethin
 _OUT_OF_REACH = ("into view and reach", "remembered place", "is known", "in the closed", "gave up")
 
 
-@dataclass(frozen=True, slots=True)
-class _NoOptions:
-    pass
-
-
-class ExpertMethod:
+class ExpertMethod(WithoutOptions):
     """Writes programs from the goals and the true state, and acts by the same skills as others."""
 
     name = "expert"
-    settings_kind: ClassVar[type] = _NoOptions
-
-    @classmethod
-    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
-        """Make the row; it has no options."""
-        settings_of(_NoOptions, options)
-        return cls()
 
     def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "ExpertEpisode":
         """Start an episode; nothing is kept from an earlier one."""
@@ -63,12 +48,7 @@ class ExpertMethod:
 
 
 class ExpertEpisode:
-    """One sequence of instructions; what was used in each room is known.
-
-    Args:
-        world: has been reset to `scene`.
-        scene: the first room.
-    """
+    """One sequence of instructions; what was used in each room is known."""
 
     def __init__(self, world: World, scene: SceneRef) -> None:
         self._tracker = GoalTracker()

@@ -92,13 +92,8 @@ def fitted(
 ) -> LogisticDoubt:
     """Fit the regression and set its threshold.
 
-    Args:
-        found: requests of both sorts.
-        names: of the features.
-        refused: share that may be refused of the requests to be done in words that training has.
-
-    Raises:
-        ValueError: one sort is missing.
+    `refused`: share that may be refused of requests to be done in words that training has.
+    ValueError if one sort is missing.
     """
     features, right = _table(found, names)
     if len(set(right.tolist())) < 2:

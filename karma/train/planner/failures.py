@@ -35,11 +35,8 @@ def draw_failure(
 ) -> DrawnFailure:
     """Draw what went wrong before a program; mostly nothing did.
 
-    Args:
-        rng: of the example.
-        scene: what the prompt tells.
-        calls: the program of one to whom nothing has happened.
-        wanted: types that the request is about, which were not the mistake.
+    `calls`: the program of one to whom nothing has happened; `wanted`: types that the request
+    is about, which were not the mistake.
     """
     if rng.random() > FAILED:
         return DrawnFailure(error="", calls=calls)

@@ -26,13 +26,9 @@ TRAINED_ROOMS, WATCHED_ROOMS, DRAWN_ROOMS = 77, 78, 79  # added to a seed for ro
 
 @dataclass(frozen=True, kw_only=True)
 class Unseen:
-    """What examples may not say, besides held-out lexemes.
+    """What examples may not say, besides held-out lexemes."""
 
-    Args:
-        sentences: as `plain` has them.
-    """
-
-    sentences: frozenset[str] = frozenset()
+    sentences: frozenset[str] = frozenset()  # as `plain` has them
 
     def admits(self, sentence: str) -> bool:
         """Return whether an example may say a sentence."""
@@ -42,10 +38,7 @@ class Unseen:
 def unseen_of(tests: Iterable[Path], *, said: Iterable[Path], shared: Path) -> Unseen:
     """Return what training may not know of the tests.
 
-    Args:
-        tests: task files of ours; things may be put where theirs are.
-        said: files of requests, one or several in each.
-        shared: the reference data with the authors' tasks; what is missing is done without.
+    Of the authors' tasks in `shared`, what is missing is done without.
     """
     folder = shared / "data" / "alfred_l"
     files = [folder / f"{kind}_tasks.json" for kind in ("simple", "composite", "complex")]

@@ -44,17 +44,11 @@ _ENDS = ("b", "ck", "d", "ft", "g", "l", "m", "n", "p", "rt", "sk", "t", "x", "z
 
 @dataclass(frozen=True, kw_only=True)
 class DrawnHints:
-    """Gives drawn examples their hints.
+    """Gives drawn examples their hints."""
 
-    Args:
-        words: texts, their vectors and known words.
-        vectors: phrase -> row; a phrase without one gets no hint.
-        names: what single types are called; these become invented words.
-    """
-
-    words: Words
-    vectors: Mapping[str, Vectors]
-    names: frozenset[str]
+    words: Words  # texts, their vectors and known words
+    vectors: Mapping[str, Vectors]  # phrase -> row; a phrase without one gets no hint
+    names: frozenset[str]  # what single types are called; these become invented words
     _given: dict[tuple[str, bool, tuple[str, ...]], Hint] = field(default_factory=dict)  # again
 
     def told(self, rng: Rng, example: TrainingExample) -> TrainingExample:
@@ -125,9 +119,6 @@ def words_file(seen: Iterable[str]) -> WordFile:
     """Return texts of types and deeds, and what is known to who has seen sentences.
 
     Words that fit many types are no texts: they are near to all of them.
-
-    Args:
-        seen: a sample of the training sentences.
     """
     ours, unseen = own_texts(), unseen_lexemes()
     types, deeds = (
@@ -150,9 +141,7 @@ def phrases_to_embed(sentences: Iterable[str]) -> list[str]:
 class KeptRows:
     """An `Embedder` that keeps its rows in a file, in half precision.
 
-    Args:
-        embedder: makes the rows that are not there.
-        path: of the file; rows of another embedder are not used.
+    Rows of another embedder are not used.
     """
 
     def __init__(self, embedder: Embedder, path: Path) -> None:

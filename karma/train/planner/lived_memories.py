@@ -6,7 +6,7 @@ No simulator runs: what a request leaves behind is written down by rule.
 from collections.abc import Callable
 from dataclasses import replace
 
-from karma.bench.drawing.memories import CAPACITY, KnownRoom, Rng, pick, weighted
+from karma.bench.drawing.memories import CAPACITY, KnownRoom, Rng, pick, unit_of, weighted
 from karma.contracts import MemoryUnit
 from karma.household import uses
 from karma.household.ids import part_id
@@ -26,12 +26,7 @@ DIRTY, SEEN_ONLY = 0.3, 0.55
 
 
 class History:
-    """A memory being lived: units by last use, and what is in the hand.
-
-    Args:
-        rng: of the draw.
-        room: where.
-    """
+    """A memory being lived: units by last use, and what is in the hand."""
 
     def __init__(self, rng: Rng, room: KnownRoom) -> None:
         self._rng, self._room = rng, room
@@ -72,14 +67,9 @@ class History:
 
     def _add(self, kind: str, place: str | None, *, handled: bool) -> MemoryUnit:
         self._number += 1
-        unit = MemoryUnit(
-            object_id=f"{kind}|{self._number}",
-            object_type=kind,
-            position_m=(0.0, 0.0, 0.0),
-            states=self._first_states(object_types()[kind]),
-            place_id=place,
-            handled=handled,
-        )
+        states = self._first_states(object_types()[kind])
+        name = f"{kind}|{self._number}"
+        unit = unit_of(name, kind, states=states, place_id=place, handled=handled)
         self._units.append(unit)
         return unit
 

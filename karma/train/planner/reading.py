@@ -44,13 +44,8 @@ def read_goals(
 ) -> Iterator[ReadSentence]:
     """Let a planner read goal sentences, without short-term memory.
 
-    Args:
-        model: the planner.
-        sentences: to read.
-        training: those that stand in the training split.
-        plans: floor plan -> what is known of it; a sentence is then read with the map of its room,
-            and left out where there is none.
-        hints: of a sentence; None for a planner that reads none.
+    With `plans` (floor plan -> what is known of it) a sentence is read with the map of its
+    room, and left out where there is none. `training`: sentences of the training split.
     """
     known = {plain(sentence.text) for sentence in training}
     for sentence in sentences:

@@ -6,7 +6,7 @@ its type does not allow, a "do not" before it. The rest is talk, other languages
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
@@ -102,12 +102,7 @@ def draw_refusal(
 ) -> TrainingExample:
     """Draw one request that is to be refused.
 
-    Args:
-        rng: the example's own stream.
-        room: where.
-        book: phrases of this side of the split.
-        mapped: whether long-term memory is in the prompt.
-        held_out: languages that training lacks, in place of those that it has.
+    `held_out`: in languages that training lacks, in place of those that it has.
     """
     groups = {**GROUPS, "foreign": _foreign_group(held_out=held_out)}
     while True:
@@ -188,7 +183,7 @@ def _heeded(rng: Rng, scene: Situation, text: str) -> str:
     return text
 
 
-class _Slots(Mapping[str, str]):
+class _Slots(dict[str, str]):
     """What fills a pattern: drawn anew for every slot."""
 
     def __init__(self, rng: Rng, scene: Situation, request: str | None = None) -> None:
@@ -201,17 +196,9 @@ class _Slots(Mapping[str, str]):
         except LookupError:
             return None
 
-    def __getitem__(self, slot: str) -> str:
+    def __missing__(self, slot: str) -> str:
         """Draw what a slot stands for; LookupError where there is nothing."""
         return _DRAWN[slot](self._rng, self._scene, self._request)
-
-    def __iter__(self) -> Iterator[str]:
-        """Yield the slots."""
-        return iter(_DRAWN)
-
-    def __len__(self) -> int:
-        """Return how many slots there are."""
-        return len(_DRAWN)
 
 
 def _from(group: str) -> Drawer:

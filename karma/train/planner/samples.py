@@ -11,7 +11,16 @@ from karma.agent.loading.alfred_sentences import Sentence, StepSentence, program
 from karma.agent.planning.expert import ExpertView, NamedThing
 from karma.agent.planning.plain_programs import plain_program
 from karma.agent.planning.prompt import compact
-from karma.bench.drawing.memories import KnownRoom, Rng, draw_units, pick, place_type
+from karma.bench.drawing.memories import (
+    KnownRoom,
+    Rng,
+    draw_units,
+    known_facts,
+    names_of,
+    pick,
+    place_type,
+    unit_of,
+)
 from karma.bench.drawing.phrases import Book
 from karma.bench.drawing.referring_expressions import Situation
 from karma.bench.drawing.requests import WITH_PAIRS, Ask, one_ask, pick_kind, wrapped
@@ -62,12 +71,7 @@ def draw(
 ) -> TrainingExample:
     """Draw one example.
 
-    Args:
-        rng: the example's own stream.
-        room: where.
-        book: phrases of this side of the split.
-        mapped: whether long-term memory is in the prompt.
-        told: puts the sentence in other words, of the same meaning.
+    `told` puts the sentence in other words of the same meaning.
     """
     while True:
         facts, held = draw_facts(rng, room, mapped=mapped)
@@ -104,7 +108,7 @@ def _recalled(rng: Rng, scene: Situation, ask: Ask) -> PlanRequest:
         others.sort(key=lambda unit: -max(_likeness(unit, one) for one in meant))
     kept = {unit.object_id for unit in (*meant, *others[: max(FEW - len(meant), 0)])}
     few = replace(scene.facts, units=tuple(unit for unit in scene.units if unit.object_id in kept))
-    names = {object_id: name for name, object_id in compact(few).names.items()}
+    names = names_of(few)
     return few if all(names[one] == scene.names[one] for one in kept) else scene.facts
 
 
@@ -135,29 +139,13 @@ def draw_step(rng: Rng, room: KnownRoom, steps: Sequence[StepSentence]) -> Train
     ]
     if rng.random() < 0.5:
         units = units[-FEW + 1 :]
-    held = _in_hand(step.held) if step.held else None
-    if held is not None:
+    held = None
+    if step.held:
+        held = unit_of(f"{step.held}|held", step.held, place_id=HAND, handled=True)
         units.append(held)
-    facts = replace(
-        facts,
-        instruction=step.text,
-        units=tuple(units),
-        held_id=held.object_id if held else None,
-        held_type=held.object_type if held else None,
-    )
+    facts = known_facts(facts.areas, units, held, step.text)
     calls = plain_program(step.goals, ExpertView())
     return example_of("step", facts, program_text(calls)) if calls else None
-
-
-def _in_hand(object_type: str) -> MemoryUnit:
-    return MemoryUnit(
-        object_id=f"{object_type}|held",
-        object_type=object_type,
-        position_m=(0.0, 0.0, 0.0),
-        states=(),
-        place_id=HAND,
-        handled=True,
-    )
 
 
 def draw_alfred(
@@ -167,11 +155,7 @@ def draw_alfred(
 
     Short-term memory is mostly empty: the prompt holds the sentence, and the map if there is one.
 
-    Args:
-        rng: the example's own stream.
-        room: where; with long-term memory it should be the room that the sentences were said in.
-        sentences: to choose from.
-        mapped: whether long-term memory is in the prompt.
+    With long-term memory (`mapped`) the room should be the one that the sentences were said in.
     """
     sentence = pick(rng, sentences)
     wanted = sentence.facts
@@ -220,14 +204,7 @@ def draw_facts(rng: Rng, room: KnownRoom, *, mapped: bool) -> tuple[PlanRequest,
         units = units[-3:]  # a recall of few
     if held is not None and (rng.random() < 0.15 or held not in units):
         units = ()  # without short-term memory the robot still feels what it holds
-    facts = PlanRequest(
-        instruction="",
-        areas=room.areas if mapped else (),
-        units=units,
-        held_id=held.object_id if held else None,
-        held_type=held.object_type if held else None,
-    )
-    return facts, held
+    return known_facts(room.areas if mapped else (), units, held), held
 
 
 def situation(
@@ -239,16 +216,9 @@ def situation(
     mapped: bool,
 ) -> Situation:
     """Return the situation in which a request is drawn."""
-    names = {object_id: name for name, object_id in compact(facts).names.items()}
     vague = 1.0 if rng.random() < VAGUE else 0.0
-    return Situation(
-        room=room,
-        facts=facts,
-        names=names,
-        book=book,
-        mapped=mapped,
-        vague=vague,
-    )
+    names = names_of(facts)
+    return Situation(room=room, facts=facts, names=names, book=book, mapped=mapped, vague=vague)
 
 
 def misspelt(rng: Rng, text: str) -> str:

@@ -20,8 +20,7 @@ from karma.agent.loading.alfred_sentences import (
 )
 from karma.agent.loading.planner_files import WORDS
 from karma.agent.loading.said_requests import load_said
-from karma.bench.drawing import rooms
-from karma.bench.drawing.memories import KnownRoom
+from karma.bench.drawing.memories import KnownRoom, generated_rooms, imported_rooms, room_of
 from karma.bench.drawing.phrases import Book, our_book, with_alfred
 from karma.files import read_json, to_json, write_atomic
 from karma.language.hints import load_words, write_words
@@ -45,25 +44,15 @@ WATCHED = 25  # one of so many of ALFRED's trials is kept out of training, to wa
 
 @dataclass(frozen=True, kw_only=True)
 class Sources:
-    """Folders that are read, and the one that keeps what is made once.
+    """Folders that are read, and the one that keeps what is made once."""
 
-    Args:
-        folder: keeps rooms and known words.
-        shared: the reference data; what is missing there is done without.
-        tests: task files of which training must not say a sentence.
-        said: files of requests, one or several in each, of which it must not say one either.
-        generated: rooms to make.
-        written: the sentences that were written by hand.
-        say: takes a line about what is being made or is missing.
-    """
-
-    folder: Path
-    shared: Path
-    tests: tuple[Path, ...]
-    said: tuple[Path, ...] = ()
-    written: Path | None = None
-    generated: int = 300
-    say: Callable[[str], None] = lambda line: None
+    folder: Path  # keeps rooms and known words
+    shared: Path  # the reference data; what is missing there is done without
+    tests: tuple[Path, ...]  # task files of which training must not say a sentence
+    said: tuple[Path, ...] = ()  # requests, of which training must not say one either
+    written: Path | None = None  # the sentences that were written by hand
+    generated: int = 300  # rooms to make
+    say: Callable[[str], None] = lambda line: None  # what is being made or is missing
 
     @property
     def demonstrations(self) -> Path:
@@ -93,12 +82,7 @@ class Sources:
         )
 
     def hints(self, recipe: PlannerRecipe, data: Data) -> DrawnHints:
-        """Return what gives examples their hints: words file and vectors, made once.
-
-        Args:
-            recipe: its seed draws the sentences whose words are known.
-            data: without hints.
-        """
+        """Return what gives examples their hints: words file and vectors, made once."""
         path, asked = self.folder / WORDS, self.folder / "phrases.json"
         rows = KeptRows(registry.load("embedders", "minilm")(), self.folder / "rows.safetensors")
         if not asked.exists():
@@ -128,10 +112,10 @@ class Sources:
         if path.exists():
             return read_json(path, list[KnownRoom])
         self.say(f"making {self.generated} rooms ...")
-        found = list(rooms.generated_rooms(self.generated, recipe.seed + TRAINED_ROOMS))
+        found = list(generated_rooms(self.generated, recipe.seed + TRAINED_ROOMS))
         dumps, layouts = self.floor_plans
         if dumps.exists():
-            found += rooms.imported_rooms(dumps, layouts, recipe.seed)
+            found += imported_rooms(dumps, layouts, recipe.seed)
         else:
             self.say(f"no floor plans at {dumps}: generated rooms only")
         write_atomic(path, to_json(found))
@@ -163,13 +147,13 @@ class Sources:
         """Return floor plan -> what an agent knows of it that overlooked nothing."""
         dumps, layouts = self.floor_plans
         scenes = import_dump(dumps, layouts=layouts)
-        return {scene.name: rooms.room_of(scene, scene.name, keep=1.0) for scene in scenes}
+        return {scene.name: room_of(scene, scene.name, keep=1.0) for scene in scenes}
 
 
 def held_out_packs(
     recipe: PlannerRecipe, book: Book, count: int, hints: DrawnHints | None = None
 ) -> list[list[TrainingExample]]:
     """Return packs over rooms that training never sees, with the phrases of `book`."""
-    found = list(rooms.generated_rooms(24, recipe.seed + WATCHED_ROOMS))
+    found = list(generated_rooms(24, recipe.seed + WATCHED_ROOMS))
     data = Data(rooms=found, book=book, hints=hints)
     return [draw_pack(recipe, data, "held-out", str(number)) for number in range(count)]

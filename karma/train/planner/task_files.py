@@ -12,8 +12,8 @@ from typing import Any, get_args
 
 from karma import registry
 from karma.agent.goals.files import load_tasks
-from karma.bench.drawing import rooms
 from karma.bench.drawing.drawn_tasks import DrawnRequest, Kind, draw_task
+from karma.bench.drawing.memories import room_of
 from karma.bench.drawing.phrases import Book
 from karma.bench.drawing.possible import Possible
 from karma.bench.drawing.requests import KINDS
@@ -63,19 +63,11 @@ def draw_tasks(
 ) -> Drawing:
     """Draw tasks of every kind; writes tasks.jsonl and scenes/ into a folder.
 
-    Args:
-        folder: takes them.
-        book: phrases to ask with.
-        scenes: the rooms, one after the other.
-        each: tasks of each kind.
-        seed: of the tasks.
-        filtered: whether only what the expert does in the world is kept; else all that anybody
-            could do in it, expert or not.
-        kinds: of requests, with their weights.
-        unseen: whether only what has a held-out lexeme in it is kept.
+    `filtered`: only what the expert does in the world is kept, else all that anybody could do
+    in it; `unseen`: only what has a held-out lexeme in it.
     """
     world = registry.load("worlds", "embedded")()
-    known = [rooms.room_of(scene, scene.name, keep=1.0) for scene in scenes]
+    known = [room_of(scene, scene.name, keep=1.0) for scene in scenes]
     possible = [Possible(scene) for scene in scenes]
     paths = [folder / "scenes" / f"{scene.name}.json" for scene in scenes]
     for path, scene in zip(paths, scenes, strict=True):
@@ -127,10 +119,7 @@ def _task_line(name: str, kind: str, scene: Path, steps: Sequence[DrawnRequest])
 def _reason(line: dict[str, Any], folder: Path, judge: World | Possible) -> str:
     """Return why a task is left out, "" if it is kept.
 
-    Args:
-        line: the task.
-        folder: takes what is written meanwhile.
-        judge: a world that the expert has to do it in, or what says whether anybody could.
+    The judge is a world that the expert has to do it in, or says whether anybody could.
     """
     path = folder / "one.jsonl"
     write_atomic(path, to_json(line))

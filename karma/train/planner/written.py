@@ -14,9 +14,10 @@ from karma.agent.loading.said_requests import SaidRequest
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.plain_programs import plain_program
 from karma.bench.drawing.memories import KnownRoom, Rng, pick
-from karma.bench.drawing.requests import suits, takes
+from karma.bench.drawing.requests import suits
 from karma.contracts import Goal, MemoryUnit, PlanRequest, RefusedRequest
 from karma.household import uses
+from karma.household.containment import goes_in
 from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import HAND, landmark_types, likest
 from karma.household.states import deed_for
@@ -43,14 +44,7 @@ _ABLE |= {"OPEN": "openable", "CLOSED": "openable"}
 def draw_written(
     rng: Rng, room: KnownRoom, sentences: Sequence[SaidRequest], *, mapped: bool
 ) -> TrainingExample | None:
-    """Draw one example with a written sentence, None where the room has none of its places.
-
-    Args:
-        rng: the example's own stream.
-        room: where.
-        sentences: to choose from.
-        mapped: whether long-term memory is in the prompt.
-    """
+    """Draw one example with a written sentence, None where the room has none of its places."""
     said = pick(rng, sentences)
     text, goals = said.text, said.wanted
     if goals and rng.random() < OTHER_THINGS:
@@ -105,11 +99,7 @@ def with_other_things(
 ) -> tuple[str, tuple[Goal, ...]]:
     """Put other things' names into a sentence and its goals, where the goals allow it.
 
-    Args:
-        rng: of the example.
-        text: the sentence.
-        goals: what it means.
-        landmarks: what the room has; () for all.
+    `landmarks`: what the room has; () for all.
     """
     goals = tuple(goals)
     for kind in sorted({name for goal in goals for name in goal.arguments} & lexicon().keys()):
@@ -165,7 +155,7 @@ def _allows(goal: Goal, kind: str, other: str) -> bool:
         return not any(is_piece(one) and base_type(one) == kind for one in goal.arguments)
     if goal.predicate in ("ON", "INSIDE"):
         thing, place = (other if one == kind else one for one in goal.arguments)
-        return takes(thing, place)
+        return goes_in(thing, place)
     if goal.predicate == "STATE":
         state = deed_for(goal.arguments[1]) or ""
         return other != EGG and state in _KINDS and suits(_KINDS[state], other)

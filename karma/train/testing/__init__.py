@@ -5,9 +5,8 @@ look as those do; stand-ins answer what they were told to. Fixtures: `karma.trai
 """
 
 from karma.infer.scripted import ScriptedModel
-from karma.train.testing.architectures import Size
 from karma.train.testing.doubles import StubEmbedder, StubVision
-from karma.train.testing.families import FAMILIES, PICTURE_FAMILIES
+from karma.train.testing.families import FAMILIES, PICTURE_FAMILIES, Size
 from karma.train.testing.pictures import MadePair, make_picture_model
 from karma.train.testing.planners import make_llama, make_planner
 

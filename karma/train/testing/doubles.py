@@ -36,8 +36,7 @@ class StubEmbedder:
 class StubVision:
     """A `VisionModel` that reads what it was told beforehand, by type of object.
 
-    Args:
-        states: object type -> its states, e.g. {"Mug": ("dirty",)}; other objects have none.
+    `states`: object type -> its states, e.g. {"Mug": ("dirty",)}; other objects have none.
 
     Attributes:
         asked: the types it was shown, in order.

@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from karma.errors import UnknownNameError
-from karma.train.testing.architectures import Size
-from karma.train.testing.families import PICTURE_FAMILIES, find_family
+from karma.train.testing.families import PICTURE_FAMILIES, Size, find_family
 from karma.train.testing.planners import make_planner
 from karma.train.testing.random_gguf import Shape, add_keys, write_random_gguf
 
@@ -36,15 +35,8 @@ def make_picture_model(
     A picture of 32 by 32 pixels takes 4 tokens (LLaVA: 16); SmolVLM, Idefics3 and LLaVA scale every
     picture to that, Qwen2.5-VL takes a token per 16 by 16 pixels.
 
-    Args:
-        folder: of the files; made if it is not there.
-        family: one of `PICTURE_FAMILIES`.
-        seed: of the weights; same seed, same bytes.
-        size: of the language model, other than the smallest.
-
-    Raises:
-        UnknownNameError: no such family, or it reads no pictures.
-        FileError: a file cannot be written.
+    Same seed, same bytes. UnknownNameError if no such family, or it reads no pictures;
+    FileError if a file cannot be written.
     """
     kind = find_family(family).projector
     if kind is None:

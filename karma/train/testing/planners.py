@@ -9,8 +9,7 @@ from karma.agent.planning.prompt import render, skills_of
 from karma.contracts import PlanRequest
 from karma.household.types import object_types
 from karma.infer.llama.gguf_files import add_special_tokens, add_vocabulary, new_tokenizer
-from karma.train.testing.architectures import Size, language_keys, language_tensors
-from karma.train.testing.families import Family, find_family
+from karma.train.testing.families import Family, Size, find_family, language_keys, language_tensors
 from karma.train.testing.random_gguf import add_keys, write_random_gguf
 
 TRAINED = 1200  # tokens, the family's own among them
@@ -23,18 +22,8 @@ def make_planner(
 
     It babbles. By default it takes some 150 kB and a few hundredths of a second.
 
-    Args:
-        path: the GGUF file.
-        family: a name of `FAMILIES`.
-        seed: of the weights; same seed, same bytes.
-        size: other than the smallest.
-
-    Returns:
-        The path.
-
-    Raises:
-        UnknownNameError: no such family.
-        FileError: it cannot be written.
+    Same seed, same bytes. UnknownNameError if no such family; FileError if it cannot be
+    written.
     """
     chosen, size = find_family(family), size or Size()
 
@@ -86,9 +75,7 @@ def _add_words(writer: Any, family: Family, vocabulary: int) -> None:
 def make_tokenizer(family: Family, vocabulary: int = TRAINED) -> Any:
     """Return a `tokenizers.Tokenizer` whose ids begin with the family's control tokens.
 
-    Args:
-        family: whose control tokens.
-        vocabulary: of the model; the tokenizer has no more tokens, and no more than `TRAINED`.
+    It has no more tokens than the model's vocabulary, and no more than `TRAINED`.
     """
     from tokenizers import AddedToken
 

@@ -31,18 +31,8 @@ def write_random_gguf(
     Matrices are F16, drawn evenly with the variance that keeps activations of size one; norms are
     ones and biases small, both F32.
 
-    Args:
-        path: the file; appears whole or not at all.
-        architecture: general.architecture.
-        fill: adds the metadata to a `gguf.GGUFWriter`.
-        tensors: (name, shape), rows first.
-        seed: of the weights.
-
-    Returns:
-        The path.
-
-    Raises:
-        FileError: it cannot be written.
+    It appears whole or not at all. `fill` adds the metadata to a `gguf.GGUFWriter`; shapes have
+    rows first. FileError if it cannot be written.
     """
     import gguf
 

@@ -27,7 +27,6 @@ from karma.world.sim import EmbeddedWorld
 KINDS = ("kitchen", "kitchen", "kitchen", "living", "bedroom", "bathroom")  # kitchens have most
 HORIZONS_DEG = (-30.0, 0.0, 30.0, 60.0)
 LEAST_PIXELS = 64  # of an object in a picture, to be asked about
-UNSEEN_PIXELS = 16  # of fewer nothing can be said, though AI2-THOR may call the object visible
 HELD = 0.25  # share of views with something in the hand
 SPAWNED = 0.4  # share of moments in which things lie elsewhere than at the room's start
 FREE = 0.15  # share of views that are turned to nothing in particular
@@ -59,11 +58,7 @@ def room(seed: int, number: int) -> Scene:
 def moments(scene: Scene, rng: _Lot, *, states: int, views: int) -> Iterator[WorldEvent]:
     """Yield events of a room whose frames are worth asking about.
 
-    Args:
-        scene: the room at its start.
-        rng: decides everything.
-        states: how many times to deal out states.
-        views: how many places to look from each time.
+    States are dealt out so many times, each looked at from so many places.
     """
     for _ in range(states):
         world = EmbeddedWorld(_dealt(scene, rng))
@@ -74,7 +69,7 @@ def moments(scene: Scene, rng: _Lot, *, states: int, views: int) -> Iterator[Wor
             yield _look(world, np.array(scene.reachable), rng)
 
 
-def samples(event: WorldEvent, least: int = LEAST_PIXELS) -> list[Sample]:
+def samples(event: WorldEvent) -> list[Sample]:
     """Return what can be asked about a frame: what is in view or in the hand, and shows enough."""
     rows = event.picture.rows
     counts = np.bincount(rows[rows >= 0], minlength=len(event.state.objects))
@@ -83,7 +78,7 @@ def samples(event: WorldEvent, least: int = LEAST_PIXELS) -> list[Sample]:
     found = []
     for thing in truth.objects:
         pixels = shown[thing.object_id]
-        if not (thing.visible or thing.object_id in truth.held_ids) or pixels < least:
+        if not (thing.visible or thing.object_id in truth.held_ids) or pixels < LEAST_PIXELS:
             continue
         one = placed(thing, camera)
         if one.region is not None:

@@ -1,14 +1,17 @@
-"""How good a vision model is: its answers on frames of rooms held against the world's truth.
+"""How good a vision model is: its answers on frames of rooms held against the truth; and a page.
 
 Words are counted one by one, an object's answer is right when all its words are. What a model left
 unanswered, or answered unusably, counts as missed and never as a guess.
 """
 
+import base64
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
+from karma.agent.seeing.picture_states import png
 from karma.contracts import Frame, SeenObject, VisionModel
 from karma.household.states import OPPOSITES
 from karma.infer.vision.text import STATES, names_of
@@ -87,12 +90,8 @@ class Score:
 def held_out_rooms(names: Sequence[str], seed: int) -> list[Scene]:
     """Return the rooms to examine in: those named, else all that ship and 16 drawn from the seed.
 
-    Args:
-        names: of scenes, paths of scene files, or "fresh" for the 16.
-        seed: of the examination; training uses other ones.
-
-    Raises:
-        FileError: there is no such scene.
+    Names are of scenes, paths of scene files, or "fresh" for the 16; training uses other seeds.
+    FileError if there is no such scene.
     """
     shipped = [] if names else sorted(path.stem for path in scenes.SCENES.glob("*.json"))
     found = [scenes.load(name) for name in (*shipped, *names) if name != "fresh"]
@@ -106,12 +105,7 @@ def examine(
 ) -> Iterator[AskedCrop]:
     """Ask a model about frames of rooms; equal arguments ask the same questions.
 
-    Args:
-        vision: the model; it gets frames, names and regions, never states.
-        rooms: in turn.
-        frames: how many in all.
-        seed: of states and viewpoints.
-        clock: takes the time that answers need.
+    The model gets frames, names and regions, never states; rooms come in turn, `frames` in all.
     """
     for number, (name, event, asked) in enumerate(_questions(rooms, frames, seed)):
         frame = event.frame
@@ -254,3 +248,40 @@ def _shown(frame: Frame, one: Sample) -> Frame:
     from karma.infer.vision.pictures import cut
 
     return cut(frame, one.region, 1.5, one.silhouette)
+
+
+TEMPLATE = Path(__file__).parent / "page.html.j2"
+MOST_FAILURES = 120
+
+
+def page(score: Score, asked: Sequence[AskedCrop]) -> str:
+    """Return the page."""
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True
+    )
+    wrong = sorted((one for one in asked if not one.right), key=lambda one: -one.share)
+    types = sorted(score.types.items(), key=lambda item: (item[1].value or 0.0, item[0]))
+    return environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
+        score=score,
+        rooms=list(dict.fromkeys(one.room for one in asked)),
+        types=types,
+        wrong=len(wrong),
+        failures=[_card(one) for one in wrong[:MOST_FAILURES]],
+        figure=lambda value: "–" if value is None else f"{value:.3f}",
+        ms=lambda value: "–" if value is None else f"{value:.0f}",
+    )
+
+
+def _card(one: AskedCrop) -> dict[str, object]:
+    picture = "" if one.picture is None else base64.b64encode(png(one.picture)).decode()
+    return {
+        "object_type": one.object_type,
+        "room": one.room,
+        "frame": one.frame,
+        "share": one.share,
+        "truth": ", ".join(one.truth),
+        "said": "no usable answer" if one.said is None else ", ".join(one.said),
+        "picture": f"data:image/png;base64,{picture}",
+    }

@@ -70,13 +70,6 @@ def test_deeds_in_its_room_are_witnessed_and_no_others(rooms, seed):
         assert all(one.time_s == moment.deed.time_s for one in moment.seen)
 
 
-def test_what_is_not_watched_is_not_told():
-    robot, moments = robot_in(people=2)
-    robot.wait(DAY_S, watching=False)
-    assert robot.household.log
-    assert moments == []
-
-
 def test_a_walk_is_charged_step_by_step_and_takes_its_time():
     robot, _ = robot_in()
     place_id = [one for one, spots in robot.map.spots.items() if len(spots) == 1][-1]

@@ -1,8 +1,9 @@
-"""CAPEAM's plan: sub-goal frames and their context, read off a program, then the table.
+"""CAPEAM's plan: sub-goal frames, read off a program, then the table.
 
-A frame is a triplet (action, object, receptacle). The source predicts frames and context with
-trained networks; here a planner's program is read by rule, and the objects of the frames are made
-to agree: what is washed, heated, cooled or put somewhere is what was picked up before.
+A frame is a triplet (action, object, receptacle). The source predicts frames with trained
+networks, in the context of the instruction; here a planner's program is read by rule, and the
+objects of the frames are made to agree: what is washed, heated, cooled or put somewhere is what was
+picked up before.
 """
 
 from collections.abc import Sequence
@@ -19,7 +20,6 @@ from karma.household.uses import (
     FRIDGE,
     KNIFE,
     KNIVES,
-    LAMPS,
     MICROWAVE,
     SINK,
     without_basin,
@@ -41,40 +41,23 @@ class SubGoal:
     place: str = ""  # type of the receptacle; "" to be chosen when it is due
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Context:
-    """What an instruction is about."""
-
-    task: str  # ALFRED's: look, simple, stack, clean, cool, heat, two; "other" for anything else
-    thing: str
-    movable: str  # a receptacle that can be carried; "" for none
-    place: str  # receptacle, or the lamp of "look"
-    sliced: bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Predicted:
-    """A program as frames."""
-
-    frames: tuple[SubGoal, ...]
-    context: Context | None  # None without any frame
-    unsupported: tuple[SkillCall, ...]  # what no frame says
-
-
 @dataclass(slots=True)
-class _ProgramReader:
-    """Reads a program call by call, tracking what is in the hand and what stands open."""
+class ProgramReader:
+    """Reads a program (of types or short names) call by call as frames.
+
+    It tracks what is in the hand, at first a type or "", and what stands open.
+    """
 
     calls: Sequence[SkillCall]
-    frames: list[SubGoal] = field(default_factory=list)
-    unsupported: list[SkillCall] = field(default_factory=list)
     hand: str = ""
+    frames: list[SubGoal] = field(default_factory=list)
+    unsupported: list[SkillCall] = field(default_factory=list)  # what no frame says
     open: str = ""  # what was opened last and not closed since
     running: str = ""  # the appliance whose switching a frame has taken in
     resting: SubGoal | None = None  # a change that left its thing in the appliance
 
-    def read(self) -> None:
-        """Fill `frames` and `unsupported`."""
+    def __post_init__(self) -> None:
+        """Read all calls."""
         for number, call in enumerate(self.calls):
             self._step(call, self.calls[number + 1 :])
         self._leave()
@@ -178,44 +161,6 @@ class _ProgramReader:
         return False
 
 
-def read(calls: Sequence[SkillCall], held: str = "") -> Predicted:
-    """Read a program as frames with their context.
-
-    Args:
-        calls: with types or short names in them.
-        held: type of what is in the hand before, "" for nothing.
-    """
-    reader = _ProgramReader(calls=calls, hand=held)
-    reader.read()
-    frames = tuple(reader.frames)
-    return Predicted(frames=frames, context=_context(frames), unsupported=tuple(reader.unsupported))
-
-
-def _context(frames: Sequence[SubGoal]) -> Context | None:
-    """Return the context that the frames share; the thing that is put last is its subject."""
-    cut = {frame.thing for frame in frames if frame.action == "Slice"}
-    lit = [f.thing for f in frames if f.action == "ToggleOn" and f.thing in LAMPS]
-    picked = [f.thing for f in frames if f.action == "Pickup" and f.thing not in KNIVES]
-    if lit and picked:
-        thing = picked[-1]
-        return Context(task="look", thing=thing, movable="", place=lit[-1], sliced=thing in cut)
-    puts = [f for f in frames if f.action == "Put" and (f.thing not in KNIVES or not cut)]
-    if not puts:
-        last = frames[-1].thing if frames else ""
-        about = Context(task="other", thing=last, movable="", place="", sliced=last in cut)
-        return about if frames else None
-    thing, place, movable, task = puts[-1].thing, puts[-1].place, "", "simple"
-    inner = [put for put in puts[:-1] if put.place == thing]
-    changes = {f.action for f in frames if f.thing == thing}
-    if inner:
-        task, movable, thing = "stack", thing, inner[0].thing
-    elif changes & {"Clean", "Heat", "Cool"}:
-        task = next(name for name in ("clean", "heat", "cool") if name.title() in changes)
-    elif any(put.thing == thing and put.place == place for put in puts[:-1]):
-        task = "two"
-    return Context(task=task, thing=thing, movable=movable, place=place, sliced=thing in cut)
-
-
 # ----------------------------------------------------------------- the table
 
 
@@ -224,9 +169,7 @@ def expand(frame: SubGoal, *, shut_in: str = "") -> tuple[SkillCall, ...]:
 
     They name types, which are bound to objects when each is due.
 
-    Args:
-        frame: with its place known.
-        shut_in: type of the closed receptacle that the thing is in, "" if it lies open.
+    `shut_in`: type of the closed receptacle that the thing is in, "" if it lies open.
     """
     thing, place = frame.thing, frame.place
     take = _of("PickupObject", thing)

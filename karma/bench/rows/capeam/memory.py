@@ -1,14 +1,11 @@
 """CAPEAM's environment-aware memory, of objects instead of pictures, over one sequence."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from karma.agent.body.sightings import known
-from karma.agent.seeing.perceive import place_of
-from karma.bench.rows.capeam.prior import likely_places
-from karma.contracts import Area, Experience, Known, SeenObject, Vec3
-from karma.household.places import surface_for
+from karma.bench.rows.baseline import RoomMemory, likely_places
+from karma.contracts import Area, SeenObject, Vec3
 from karma.household.types import object_types
 from karma.household.uses import covers
 
@@ -16,24 +13,16 @@ NEAR_M = 1.5  # furniture this near to an area speaks for it
 ANYWHERE = 0.05  # what a place weighs of which nothing is known
 
 
-@dataclass(slots=True)
-class EnvironmentMemory:
+@dataclass
+class EnvironmentMemory(RoomMemory):
     """Maps the objects of one room that were seen, and where the agent cut and put them."""
 
-    here: Callable[[], Vec3]  # where the agent stands
-    seen: dict[str, SeenObject] = field(default_factory=dict)
     put: dict[tuple[str, str], list[str]] = field(default_factory=dict)  # thing, place -> ids
     sliced_at: dict[str, Vec3] = field(default_factory=dict)  # type -> where it was cut
     explored: set[str] = field(default_factory=set)  # areas looked round from
     masked: set[str] = field(default_factory=set)  # ids that this sub-goal passes over
 
     # ------------------------------------------------------------- writing
-
-    def observe(self, experience: Experience) -> None:
-        """Take in the latest sights; what was missed or cut is forgotten."""
-        self.seen |= experience.seen
-        for object_id in experience.missed | experience.cut:
-            self.seen.pop(object_id, None)
 
     def was_put(self, thing: str, place: str, object_id: str) -> None:
         """Note where a thing was put."""
@@ -47,20 +36,20 @@ class EnvironmentMemory:
 
     # ------------------------------------------------------------- reading
 
-    def nearest(self, kind: str) -> SeenObject | None:
+    def best(self, name: str) -> SeenObject | None:
         """Return the nearest object of a type or piece of one that is not masked.
 
         Of what was cut the pieces count, the nearest to where that was.
         """
-        cut = self.sliced_at.get(kind)
+        cut = self.sliced_at.get(name)
         x, _, z = cut or self.here()
 
         def rank(one: SeenObject) -> tuple[bool, float, str]:
-            whole = cut is not None and one.object_type == kind
+            whole = cut is not None and one.object_type == name
             at = one.box_center_m
             return whole, round(math.dist((at[0], at[2]), (x, z)), 3), one.object_id
 
-        fitting = [one for one in self._all(kind) if one.object_id not in self.masked]
+        fitting = [one for one in self._all(name) if one.object_id not in self.masked]
         return min(fitting, key=rank, default=None)
 
     def passes_over(self, kind: str) -> bool:
@@ -69,24 +58,6 @@ class EnvironmentMemory:
 
     def _all(self, kind: str) -> list[SeenObject]:
         return [one for one in self.seen.values() if covers(kind, one.object_type)]
-
-    def where(self, name: str) -> Known | None:
-        """Return the best known place of an id or type."""
-        one = self.seen.get(name) or self.nearest(name)
-        return known(one, "memory") if one is not None else None
-
-    def areas(self) -> tuple[Area, ...]:
-        """Return no areas: the map holds objects only."""
-        return ()
-
-    def shut_in(self, one: SeenObject) -> SeenObject | None:
-        """Return the closed receptacle that a thing was last seen in, if any."""
-        holder = self.seen.get(place_of(one) or "")
-        return holder if holder is not None and "closed" in holder.states else None
-
-    def surface(self, kind: str) -> str:
-        """Return the type of surface to free the hand on: a known one, if any is."""
-        return surface_for(kind, lambda name: self.nearest(name) is not None)
 
     # ------------------------------------------------------------- where to look
 

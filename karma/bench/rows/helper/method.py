@@ -6,7 +6,9 @@ Where it deviates from its source is in docs/methods.md.
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
 
 from karma.agent.body.skills import Skills
 from karma.agent.loading.example_memory import ExampleMemory
@@ -15,15 +17,23 @@ from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import GOALS
 from karma.agent.tour import floor_of, position_of
-from karma.bench.rows.baseline import Budget, request_for
-from karma.bench.rows.helper.memory import ObjectMemory
-from karma.bench.rows.helper.run import Executor
+from karma.bench.rows.baseline import Budget, RoomByRoom, is_known_tap, likely_places, request_for
+from karma.bench.rows.helper.memory import (
+    ObjectMemory,
+    ends_there,
+    idle,
+    whole_first,
+    with_object,
+    without_object,
+)
 from karma.contracts import (
+    Area,
     Embedder,
     Outcome,
     Plan,
     Resources,
     SceneRef,
+    SeenObject,
     SkillCall,
     SkillResult,
     SubTask,
@@ -33,8 +43,141 @@ from karma.contracts import (
 )
 from karma.errors import FileError, KarmaError, ProgramError
 from karma.files import read_toml
+from karma.household.uses import FOUND_BY_SKILL
 from karma.memory.scene_graph import SceneGraph
 from karma.seeds import stream
+
+LIKELY = 3  # kinds of places asked for
+INSTANCES = 2  # of each kind
+NEAR_STEPS = 75  # for one of those
+POINT_STEPS = 50  # for one point anywhere
+POINTS = 20
+
+Ending = Literal["done", "failed", "skipped"]
+Deed = Generator[SkillResult, None, bool]  # returns whether it worked
+
+
+class Executor:
+    """Carries out sub-goals of one instruction.
+
+    `points`: cells to stand on, for looking anywhere; `rng` draws among them.
+    """
+
+    def __init__(
+        self,
+        budget: Budget,
+        memory: ObjectMemory,
+        points: Sequence[Vec3],
+        rng: np.random.Generator,
+    ) -> None:
+        self.skills, self.memory, self.budget = budget.skills, memory, budget
+        self.last_error = ""
+        self._points, self._rng = points, rng
+        self._landmark = ""  # what was opened last and not closed since
+        self._put = ""  # what was put down last
+
+    def look(self) -> None:
+        """Write what the skills saw and did into memory."""
+        self.memory.observe(self.skills.experience)
+
+    def subgoal(
+        self, call: SkillCall, rest: Sequence[SkillCall]
+    ) -> Generator[SkillResult, None, Ending]:
+        """Carry out one sub-goal, yielding everything done for it; returns what came of it."""
+        if any(name in self.memory.could_not_find for name in call.objects):
+            return "skipped"
+        first = whole_first(call, self.memory)
+        for step in [*([first] if first else []), call]:
+            if not (yield from self._repaired(step)):
+                return "failed"
+        if call.skill == "PutObject" and len(call.objects) == 2 and ends_there(call, rest):
+            self.memory.finish(self._put)
+        return "done"
+
+    # ------------------------------------------------------------- the inspector at work
+
+    def _repaired(self, call: SkillCall) -> Deed:
+        """Do what must come first, then the call itself."""
+        for step in [*without_object(call, self.skills.experience.held, self.memory), call]:
+            if not (yield from self._located(step)):
+                return False
+            ready = self._ground(step)
+            if idle(ready, self.memory) or step.skill == "Explore":
+                continue
+            for deed in [*with_object(ready, self.memory), ready]:
+                if not (yield from self._do(deed)):
+                    return False
+        return True
+
+    def _ground(self, call: SkillCall) -> SkillCall:
+        """Put the ids of the best known objects in place of types."""
+        best = {name: self.memory.best(name) for name in call.objects if name not in FOUND_BY_SKILL}
+        names = {name: one.object_id for name, one in best.items() if one is not None}
+        return replace(call, objects=tuple(names.get(name, name) for name in call.objects))
+
+    def _do(self, call: SkillCall) -> Deed:
+        """Run one skill and write down what came of it."""
+        held = self.skills.experience.held
+        result = self.skills.run(call, max_actions=self.budget.left)
+        self.look()
+        yield result
+        if not result.ok:
+            self.memory.failed(call.objects[-1])
+            self._fail(call, result.reason)
+        elif call.skill == "PutObject" and held is not None:
+            self._put = held.object_id
+            self.memory.placed(held.object_id)
+        elif call.skill in ("OpenObject", "CloseObject"):
+            self._landmark = call.objects[0] if call.skill == "OpenObject" else ""
+        return result.ok
+
+    def _fail(self, call: SkillCall, reason: str) -> None:
+        self.budget.failures += 1
+        self.last_error = f"Failed sub-goal: {call}. Error: {reason}"
+
+    # ------------------------------------------------------------- the locator
+
+    def _located(self, call: SkillCall) -> Deed:
+        """Look for what is not in memory: near the landmark, where it is likely, anywhere."""
+        near = [place for place in call.positions if isinstance(place, str)]
+        for name in call.objects:
+            if is_known_tap(name, self.skills) or self.memory.best(name) is not None:
+                continue
+            for place in self._places(name, near):
+                yield self._search(name, place)
+                if self.memory.best(name) is not None or self.budget.is_spent:
+                    break
+            if self.memory.best(name) is None:
+                self.memory.could_not_find.add(name)
+                self._fail(call, f"could not find {name}")
+                return False
+        return True
+
+    def _places(self, name: str, near: Sequence[str]) -> Iterator[SeenObject | Area]:
+        """Yield places to look at: landmarks, likely furniture, then cells drawn at random."""
+        marks = [*near, *([self._landmark] if self._landmark else [])]
+        tried: set[str] = set()
+        for kind in [*marks, *list(likely_places(name))[:LIKELY]]:
+            for one in self.memory.of(kind)[:INSTANCES]:
+                if one.object_id not in tried:
+                    tried.add(one.object_id)
+                    yield one
+        order = self._rng.permutation(len(self._points))[:POINTS]
+        for number in order:
+            yield Area(name=f"point_{number}", position_m=self._points[number])
+
+    def _search(self, name: str, place: SeenObject | Area) -> SkillResult:
+        most = self.budget.left
+        if isinstance(place, Area):
+            result = self.skills.look_from(name, place, max_actions=min(POINT_STEPS, most))
+        elif "closed" in place.states:
+            result = self.skills.look_into(name, place, max_actions=min(NEAR_STEPS, most))
+        else:
+            area = Area(name=place.object_id, position_m=place.box_center_m)
+            result = self.skills.look_from(name, area, max_actions=min(NEAR_STEPS, most))
+        self.look()
+        return result
+
 
 TRIES = 2  # of one sub-goal: the second on the next instance
 TABLE = Path(__file__).parent / "examples.toml"
@@ -75,10 +218,7 @@ class _HelperRoom:
 class HelperMethod:
     """The `helper` row.
 
-    Args:
-        planner: model and prompt profile; its own inspector stays off, HELPER has one.
-        embedder: of instructions, for the example memory.
-        settings: its numbers.
+    The planner's own inspector stays off, HELPER has one.
     """
 
     name = "HELPER"
@@ -98,9 +238,8 @@ class HelperMethod:
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
         """Make the row from its options (the fields of `HelperSettings`).
 
-        Raises:
-            KarmaError: an option is unknown or of the wrong type, there is no text embedder, or
-                the planner is asked for goals.
+        KarmaError if an option is unknown or of the wrong type, there is no text embedder,
+        or the planner is asked for goals.
         """
         settings = settings_of(HelperSettings, options)
         if resources.profile == GOALS:
@@ -114,30 +253,19 @@ class HelperMethod:
         return HelperEpisode(self, world, scene, seed)
 
 
-class HelperEpisode:
-    """One sequence of instructions, in a world reset to its first room.
-
-    Objects are remembered by room, examples for all rooms.
-    """
+class HelperEpisode(RoomByRoom[_HelperRoom]):
+    """One sequence of instructions; objects are remembered by room, examples for all rooms."""
 
     def __init__(self, method: HelperMethod, world: World, scene: SceneRef, seed: int) -> None:
+        super().__init__(world, scene, _HelperRoom.of)
         self.settings, self.examples = method.settings, method.examples.copy()
-        self._planner, self._errors = method.planner, method.errors
-        self._world, self._seed = world, seed
+        self._planner, self._errors, self._seed = method.planner, method.errors, seed
         self._number = 0  # of the instruction
-        self._scene, self._room = scene, _HelperRoom.of(world)
-        self._rooms = {scene: self._room}
 
     @property
     def memory(self) -> ObjectMemory:
         """What is known of the objects of the room that the agent is in."""
         return self._room.memory
-
-    def enter(self, scene: SceneRef) -> None:
-        """Go on in a room, with the objects of earlier visits."""
-        if scene not in self._rooms:
-            self._rooms[scene] = _HelperRoom.of(self._world)
-        self._scene, self._room = scene, self._rooms[scene]
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Explore if the room is new; then plan, act, correct once, and learn the example."""
@@ -182,7 +310,7 @@ class HelperEpisode:
     ) -> Generator[Plan, None, Plan | None]:
         """Ask for a program; the prompt holds no map and no memory, as in the source."""
         body.skills.look()
-        self._room.floor.observe(one.sight for one in self.memory.objects.values())
+        self._room.floor.observe(self.memory.seen.values())
         told = self._room.floor if self.settings.furniture else None
         request = request_for(
             subtask.instruction, body.skills.experience.held, told, error=error, examples=examples
@@ -226,8 +354,7 @@ class HelperEpisode:
 def seed_examples() -> tuple[tuple[WorkedExample, ...], tuple[WorkedExample, ...]]:
     """Return the examples to begin with, and the error examples.
 
-    Raises:
-        FileError: the table is damaged, or a program in it does not parse.
+    FileError if the table is damaged, or a program in it does not parse.
     """
     table = read_toml(TABLE, dict[str, tuple[WorkedExample, ...]])
     return _examples(table["examples"]), _examples(table["errors"])

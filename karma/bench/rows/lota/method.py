@@ -16,7 +16,7 @@ from karma.agent.planning.inspector import mend
 from karma.agent.planning.planner import Planner, grounded
 from karma.agent.planning.recovery import program_of
 from karma.agent.tour import KnownFloor, floor_of, position_of
-from karma.bench.rows.baseline import request_for
+from karma.bench.rows.baseline import RoomByRoom, request_for
 from karma.bench.rows.lota.forms import (
     Form,
     Past,
@@ -75,10 +75,7 @@ class LotaGenerateSettings:
 class LotaScore:
     """The `lota.score` row.
 
-    Args:
-        chooser: scores steps.
-        form: "words", or "compact" for a planner that was trained on it.
-        settings: its numbers.
+    `form`: "words", or "compact" for a planner that was trained on it.
     """
 
     settings_kind: ClassVar[type] = LotaScoreSettings
@@ -97,9 +94,8 @@ class LotaScore:
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
         """Make the row from its options (the fields of `LotaScoreSettings`).
 
-        Raises:
-            KarmaError: an option is unknown or of the wrong type.
-            ModelError: the planner's model tells no log-probabilities.
+        KarmaError if an option is unknown or of the wrong type; ModelError if the planner's
+        model tells no log-probabilities.
         """
         settings = settings_of(LotaScoreSettings, options)
         form: Form = "compact" if resources.profile == "compact" else "words"
@@ -158,9 +154,7 @@ class LotaScore:
 class LotaGenerate:
     """The `lota.generate` row.
 
-    Args:
-        planner: model and prompt profile; asked once for each instruction.
-        settings: see there.
+    The planner is asked once for each instruction.
     """
 
     settings_kind: ClassVar[type] = LotaGenerateSettings
@@ -177,8 +171,7 @@ class LotaGenerate:
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
         """Make the row from its options (the fields of `LotaGenerateSettings`).
 
-        Raises:
-            KarmaError: an option is unknown or of the wrong type.
+        KarmaError if an option is unknown or of the wrong type.
         """
         settings = settings_of(LotaGenerateSettings, options)
         return cls(Planner.of(resources), settings)
@@ -236,28 +229,18 @@ class LotaGenerate:
 # ----------------------------------------------------------------- an episode of either row
 
 
-class LotaEpisode:
+class LotaEpisode(RoomByRoom[KnownFloor]):
     """One sequence of instructions, of which only requests and answers are kept.
 
-    `act` carries out one instruction, told the ones before it.
+    `act` carries out one instruction, told the ones before it; of a room only the floor is known.
     """
 
     def __init__(
-        self,
-        act: Callable[[Skills, str, Sequence[Past]], Acting],
-        world: World,
-        scene: SceneRef,
+        self, act: Callable[[Skills, str, Sequence[Past]], Acting], world: World, scene: SceneRef
     ) -> None:
-        self._act, self._world = act, world
+        super().__init__(world, scene, _floor)
+        self._act = act
         self._history: list[Past] = []
-        self._floor = _floor(world)
-        self._floors = {scene: self._floor}
-
-    def enter(self, scene: SceneRef) -> None:
-        """Go on in a room, of which only the floor is known."""
-        if scene not in self._floors:
-            self._floors[scene] = _floor(self._world)
-        self._floor = self._floors[scene]
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Carry out one instruction.
@@ -266,7 +249,7 @@ class LotaEpisode:
         """
         if subtask.is_whole:
             self._history.clear()
-        skills = Skills(self._world, self._floor)
+        skills = Skills(self._world, self._room)
         skills.look()
         finished, steps = yield from self._act(skills, subtask.instruction, self._history)
         self._history.append(Past(instruction=subtask.instruction, steps=steps))
@@ -284,8 +267,7 @@ def chooser_of(
 ) -> ScoringModel:
     """Return what scores steps with a model; a message names two rows, with scores and without.
 
-    Raises:
-        ModelError: the model tells no log-probabilities.
+    ModelError if the model tells no log-probabilities.
     """
     if isinstance(model, ScoringModel):
         return model

@@ -7,10 +7,16 @@ from typing import Any, ClassVar
 from karma.agent.journal.not_run import NotRun
 from karma.bench.engine.suite import BenchmarkResults, Chain, Play, planner_of
 from karma.bench.rows.lota.method import chooser_of
-from karma.bench.suites.alfred.experiment import EbExperiment, LotaExperiment
-from karma.bench.suites.alfred.play import AlfredStage, EbRecord, LotaRecord, play
+from karma.bench.suites.alfred.experiment import EbExperiment, EbRow, LotaExperiment
+from karma.bench.suites.alfred.play import (
+    AlfredStage,
+    EbRecord,
+    LotaRecord,
+    play,
+    read_rooms,
+    room_files,
+)
 from karma.bench.suites.alfred.table import EB_TABLES, LOTA_TABLES, results_of
-from karma.bench.suites.alfred.trial_rooms import read_rooms, room_files
 from karma.bench.tasks.alfred import ListedTask
 from karma.contracts import LanguageModel, ScoringModel
 from karma.infer.hosted.session import Session
@@ -24,9 +30,30 @@ class _AlfredSuite:
 
     experiment_kind: ClassVar[type[Any]]
     record_kind: ClassVar[type[Any]]
+    counts_on = False  # whether a strict row's puts count in the next episode of a list
 
     def __init__(self, experiment: Any, path: Path) -> None:
         self._experiment, self._path = experiment, path
+
+    def chains(self) -> list[Chain]:
+        """Return all episodes, each by itself, or those of a list where their puts count on."""
+        one = self._experiment
+        tasks = one.chosen(self._path)
+        lists: dict[str, list[ListedTask]] = {}
+        for task in tasks:
+            lists.setdefault(task.list, []).append(task)
+        together, apart = [*lists.values()], [[task] for task in tasks]
+        return [
+            Chain(
+                row=row.name,
+                tasks=tuple(task.id for task in group),
+                seed=seed,
+                shares=row.shares(group[0]) if isinstance(row, EbRow) else "",
+            )
+            for seed in one.seeds
+            for row in one.rows
+            for group in (together if row.strict and self.counts_on else apart)
+        ]
 
     def files(self) -> list[Path]:
         """Return the prompt's and the benchmark's files, and what tells of the rooms."""
@@ -67,26 +94,7 @@ class EbAlfred(_AlfredSuite):
 
     experiment_kind: ClassVar[type[Any]] = EbExperiment
     record_kind: ClassVar[type[Any]] = EbRecord
-
-    def chains(self) -> list[Chain]:
-        """Return all episodes: in strict rows those of a list are one chain, as puts count on."""
-        one = self._experiment
-        tasks = one.chosen(self._path)
-        lists: dict[str, list[ListedTask]] = {}
-        for task in tasks:
-            lists.setdefault(task.list, []).append(task)
-        together, apart = [*lists.values()], [[task] for task in tasks]
-        return [
-            Chain(
-                row=row.name,
-                tasks=tuple(task.id for task in group),
-                seed=seed,
-                shares=row.shares(group[0]),
-            )
-            for seed in one.seeds
-            for row in one.rows
-            for group in (together if row.strict else apart)
-        ]
+    counts_on = True
 
     def results(self, records: Sequence[EbRecord]) -> BenchmarkResults:
         """Return success rates by list, and what lies behind them."""
@@ -100,17 +108,6 @@ class LotaAlfred(_AlfredSuite):
 
     experiment_kind: ClassVar[type[Any]] = LotaExperiment
     record_kind: ClassVar[type[Any]] = LotaRecord
-
-    def chains(self) -> list[Chain]:
-        """Return all episodes, each by itself."""
-        one = self._experiment
-        tasks = one.chosen(self._path)
-        return [
-            Chain(row=row.name, tasks=(task.id,), seed=seed)
-            for seed in one.seeds
-            for row in one.rows
-            for task in tasks
-        ]
 
     def results(self, records: Sequence[LotaRecord]) -> BenchmarkResults:
         """Return success rates by type of task, and what lies behind them."""

@@ -83,8 +83,7 @@ class EbExperiment(AlfredExperiment, frozen=True, kw_only=True):
     def chosen(self, path: Path) -> tuple[ListedTask, ...]:
         """Return the tasks that are selected; `path` is of the experiment, for messages.
 
-        Raises:
-            FileError: the lists are damaged, or a task of `only` is not in them.
+        FileError if the lists are damaged, or a task of `only` is not in them.
         """
         return select(read_tasks(Path(self.tasks), self.subsets), self.only, path)
 
@@ -122,8 +121,7 @@ class LotaExperiment(AlfredExperiment, frozen=True, kw_only=True):
     def chosen(self, path: Path) -> tuple[ListedTask, ...]:
         """Return the tasks that are drawn and selected; `path` is for messages.
 
-        Raises:
-            FileError: the lists are damaged, none is drawn, or a task of `only` is not drawn.
+        FileError if the lists are damaged, none is drawn, or a task of `only` is not drawn.
         """
         lists = Path(self.tasks)
         tasks = draw_tasks(lists, self.lists, percent=self.percent, seed=self.draw_seed)
@@ -135,12 +133,8 @@ class LotaExperiment(AlfredExperiment, frozen=True, kw_only=True):
 def read_tasks(path: Path, subsets: tuple[str, ...] = ()) -> tuple[ListedTask, ...]:
     """Read the tasks of a list of lists, in the order of `SUBSETS`.
 
-    Args:
-        path: JSON, subset -> entries.
-        subsets: those that are wanted; () = all.
-
-    Raises:
-        FileError: see `read_lists`; or a task has no instruction.
+    `path` is JSON, subset -> entries; no subsets: all. FileError as `read_lists`, or if a task
+    has no instruction.
     """
     tasks = read_lists(path, subsets)
     if silent := [task.id for task in tasks if not task.instruction]:
@@ -157,14 +151,7 @@ def draw_tasks(
 
     The same list, percentage and seed give the source's draw.
 
-    Args:
-        path: of the lists.
-        lists: those that are wanted; () = all.
-        percent: of them, 1 to 100; rounded down to whole tasks.
-        seed: of the draw.
-
-    Raises:
-        FileError: see `read_lists`.
+    Of the lists (none: all) `percent`, rounded down to whole tasks. FileError as `read_lists`.
     """
     tasks = tuple(one for one in read_lists(path, lists) if _LEFT_OUT not in one.folder)
     if percent == 100:

@@ -6,7 +6,7 @@ the words are ours (`lota_alfred/prompt.toml`, `lota_alfred/examples.toml`).
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
@@ -136,6 +136,7 @@ class LotaAnswer(BenchmarkAnswer):
     unknown: int = 0  # those that there are not
 
 
+@dataclass(slots=True, kw_only=True)
 class ScoredPlayer:
     """Takes the skill that is likeliest to follow the steps so far.
 
@@ -144,20 +145,18 @@ class ScoredPlayer:
     last one with its full stop.
     """
 
-    def __init__(
-        self, model: ScoringModel, options: LotaPromptOptions, *, instruction: str, scoring: Scoring
-    ) -> None:
-        self._model, self._options = model, options
-        self._instruction = instruction
-        self._scoring: Scoring = scoring
-        self.answers: list[LotaAnswer] = []
+    model: ScoringModel
+    options: LotaPromptOptions
+    instruction: str
+    scoring: Scoring
+    answers: list[LotaAnswer] = field(default_factory=list)
 
     def plan(self, environment: Environment) -> Sequence[Item]:
         """Return one skill; ModelError where the prompt does not fit."""
         names = tuple(map(str, environment.actions))
         texts = tuple(followed(name, strict=environment.strict) for name in names)
-        prompt = score_prompt(self._instruction, environment.steps, self._options)
-        best = self._model.choose(prompt, texts, scoring=self._scoring)
+        prompt = score_prompt(self.instruction, environment.steps, self.options)
+        best = self.model.choose(prompt, texts, scoring=self.scoring)
         self.answers.append(
             LotaAnswer(
                 text=names[best.number],
@@ -171,33 +170,32 @@ class ScoredPlayer:
         return (best.number,)
 
 
+@dataclass(slots=True, kw_only=True)
 class GeneratedPlayer:
     """Writes a whole list in one answer, as chat models do in the source.
 
     `seed` is of its sampling.
     """
 
-    def __init__(
-        self, model: LanguageModel, options: LotaPromptOptions, *, instruction: str, seed: int
-    ) -> None:
-        self._model, self._options = model, options
-        self._instruction, self._seed = instruction, seed
-        self.answers: list[LotaAnswer] = []
+    model: LanguageModel
+    options: LotaPromptOptions
+    instruction: str
+    seed: int
+    answers: list[LotaAnswer] = field(default_factory=list)
 
     def plan(self, environment: Environment) -> Sequence[Item]:
         """Return the list; () where there is nothing in the answer, or where it was asked for.
 
-        Raises:
-            ModelError: the model cannot answer.
+        ModelError if the model cannot answer.
         """
         if self.answers:
             return ()
         names = tuple(map(str, environment.actions))
-        said = self._model.complete(
-            list_prompt(self._instruction, names, self._options),
-            max_tokens=self._options.max_tokens,
-            temperature=self._options.temperature,
-            seed=self._seed,
+        said = self.model.complete(
+            list_prompt(self.instruction, names, self.options),
+            max_tokens=self.options.max_tokens,
+            temperature=self.options.temperature,
+            seed=self.seed,
         )
         plan = read_list(said.text, names, mend=not environment.strict)
         self.answers.append(
@@ -219,10 +217,7 @@ def followed(name: str, *, strict: bool) -> str:
 def read_list(text: str, skills: Sequence[str], *, mend: bool = True) -> tuple[Item, ...]:
     """Return the skills of an answer in their order, up to the first that ends the list.
 
-    Args:
-        text: as the planner gave it.
-        skills: as they are written; the first one ends a list.
-        mend: whether it may be written otherwise than in the source.
+    `mend`: it may be written otherwise than in the source.
     """
     written = _plain if mend else str
     known = {written(one): number for number, one in enumerate(skills)}

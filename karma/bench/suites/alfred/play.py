@@ -1,6 +1,8 @@
 """Play one episode of either protocol, and say what it came to."""
 
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import astuple, dataclass
+from pathlib import Path
 from typing import Any
 
 from karma.agent.journal.not_run import NotRun
@@ -8,12 +10,48 @@ from karma.bench.suites.alfred.eb_planner import PlannerAnswer, PlannerPlayer
 from karma.bench.suites.alfred.experiment import EbRow, LotaRow
 from karma.bench.suites.alfred.lota_planner import GeneratedPlayer, LotaAnswer, ScoredPlayer
 from karma.bench.suites.alfred.players import BenchmarkPlayer, ChancePlayer, ExpertPlayer
-from karma.bench.suites.alfred.trial_rooms import TrialRooms
 from karma.bench.tasks.alfred import ListedTask
 from karma.contracts import LanguageModel, ScoringModel
-from karma.errors import KarmaError
+from karma.errors import FileError, KarmaError
+from karma.world.alfred.facts import RoomFacts, gather, side_files
+from karma.world.alfred.trial import Trial, read_trials, trial_files
 from karma.world.eb_alfred.actions import EB_ALFRED, LOTA_ALFRED, ActionTypes
 from karma.world.eb_alfred.environment import UNKNOWN, Environment, Step
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialRooms:
+    """The demonstrations by id, and what is known of their rooms."""
+
+    trials: Mapping[str, Trial]
+    facts: Mapping[str, RoomFacts]
+
+    def missing(self, trial: str) -> str:
+        """Return why a trial cannot be begun; "" if it can."""
+        if trial not in self.trials:
+            return f"there is no trial {trial}"
+        if not self.facts[self.trials[trial].scene.floor_plan].cells:
+            return f"there is nothing to stand on in {self.trials[trial].scene.floor_plan}"
+        return ""
+
+
+def read_rooms(path: Path, listed: Collection[str] = ()) -> TrialRooms:
+    """Read the demonstrations of a file, and what is known of their rooms.
+
+    FileError if a file is missing, torn or of another form, or most that are listed are not
+    there: the list is of other demonstrations.
+    """
+    trials = {trial.id: trial for trial in read_trials(path)}
+    there = len({*listed} & trials.keys())
+    if 2 * there < len({*listed}):
+        reason = f"holds {there} of the {len({*listed})} trials that are listed"
+        raise FileError(path, reason, fix="trials = the file of the split that the list is of")
+    return TrialRooms(trials=trials, facts=gather(trials.values(), side_files()))
+
+
+def room_files(path: Path) -> list[Path]:
+    """Return the files of demonstrations, and those that tell of their rooms."""
+    return [*trial_files(path), *filter(None, astuple(side_files()))]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,15 +110,8 @@ def play(
 ) -> EbRecord | LotaRecord | NotRun:
     """Play an episode, if it can be begun; what a model could not be asked is in the record.
 
-    Args:
-        stage: what all share.
-        row: who plays.
-        task: what is asked for.
-        seed: of the player's draws.
-        puts: counts of puts, which a strict row's next episode of a chain goes on with.
-
-    Raises:
-        KarmaError: what is no player's doing, e.g. a server is lost or the disk full.
+    `puts` are counts of puts, which a strict row's next episode of a chain goes on with.
+    KarmaError for what is no player's doing, e.g. a server is lost or the disk full.
     """
     instruction, missing = _asked(stage.rooms, task)
     if missing:
@@ -156,13 +187,13 @@ def _player(
         return ExpertPlayer()
     if row.player == "chance" or stage.model is None:
         return ChancePlayer(seed, "eb_alfred" if isinstance(row, EbRow) else "lota_alfred", task.id)
+    asked: dict[str, Any] = {"model": stage.model, "options": row.prompt}
+    asked["instruction"] = instruction
     if isinstance(row, EbRow):
-        return PlannerPlayer(
-            stage.model, row.prompt, instruction=instruction, subset=task.list, seed=seed
-        )
+        return PlannerPlayer(subset=task.list, seed=seed, **asked)
     if row.player == "scored" and stage.scorer is not None:
-        return ScoredPlayer(stage.scorer, row.prompt, instruction=instruction, scoring=row.scoring)
-    return GeneratedPlayer(stage.model, row.prompt, instruction=instruction, seed=seed)
+        return ScoredPlayer(scoring=row.scoring, **asked | {"model": stage.scorer})
+    return GeneratedPlayer(seed=seed, **asked)
 
 
 def _take_turn(environment: Environment, player: BenchmarkPlayer) -> None:

@@ -175,8 +175,7 @@ def results_of(
 ) -> BenchmarkResults:
     """Return success by group of tasks, ours first, then the published scores.
 
-    Raises:
-        FileError: the published scores are damaged.
+    FileError if the published scores are damaged.
     """
     figures = figures_of(records, tables)
     wholes = [one for one in figures if one[tables.group] == tables.whole]

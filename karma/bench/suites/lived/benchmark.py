@@ -28,12 +28,7 @@ from karma.world.residents.habits import TABLE
 
 
 class LivedHomes:
-    """Days of family life over an experiment, see `Benchmark`.
-
-    Args:
-        experiment: what is played.
-        path: that it was read from.
-    """
+    """Days of family life over an experiment, see `Benchmark`."""
 
     experiment_kind: ClassVar[type[Any]] = LivedExperiment
     record_kind: ClassVar[type[Any]] = LivedRecord

@@ -4,19 +4,20 @@ Legs, hand and eyes are those of every agent (`karma.agent`), in a home where re
 at each of its actions.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from karma.agent.body.handling import Handling
 from karma.agent.body.reach import Reach, SkillLimits
 from karma.agent.body.refusals import RefusedError
+from karma.agent.body.search import best_next
 from karma.agent.body.walk import OutOfActionsError
 from karma.agent.seeing.eyes import MetadataEyes
 from karma.agent.seeing.perceive import observe
 from karma.bench.suites.lived.home_map import HomeMap
-from karma.contracts import Deed, Event, HomeMoment, Pose, SeenObject, Sighting
-from karma.household.places import HAND
+from karma.contracts import Deed, Event, Fact, HomeMoment, LikelyPlace, Pose, SeenObject, Sighting
+from karma.household.places import HAND, LIKELY
 from karma.household.types import object_types
 from karma.world.residents import Household
 
@@ -24,13 +25,7 @@ UNTOLD = frozenset(("off", "closed", "heated"))  # words of `State` that no sigh
 
 
 class HomeRobot:
-    """Acts in a household and tells what it learns as moments; see `Stage`.
-
-    Args:
-        household: where it lives.
-        home_map: of its furniture.
-        tell: takes every moment, in order.
-    """
+    """Acts in a household and tells what it learns as moments; see `Stage`."""
 
     def __init__(
         self, household: Household, home_map: HomeMap, tell: Callable[[HomeMoment], None]
@@ -77,9 +72,9 @@ class HomeRobot:
     def _cost(self, spot: Pose) -> float:
         return self._walker.cost(self._walker.stance_of(spot))
 
-    def wait(self, time_s: float, *, watching: bool = True) -> None:
+    def wait(self, time_s: float) -> None:
         """Let time pass; deeds of residents in the same room are seen."""
-        self._witness(self.household.until(time_s), watching=watching)
+        self._witness(self.household.until(time_s))
 
     def go(self, spot: Pose) -> bool:
         """Walk to a spot and look from there; False where something is in the way."""
@@ -167,10 +162,10 @@ class HomeRobot:
 
     # ------------------------------------------------------------- what happens
 
-    def _witness(self, deeds: Sequence[Deed], *, watching: bool = True) -> None:
+    def _witness(self, deeds: Sequence[Deed]) -> None:
         """Tell of the deeds that were the robot's own or happened in its room."""
         near = [one for one in deeds if one.who == "robot" or one.room == self.room]
-        if not near or not watching:
+        if not near:
             return
         types = object_types()
         carried = [one for one in near if types[one.object_type].can("pickupable")]
@@ -220,3 +215,62 @@ class HomeRobot:
         """Return the id of the furniture that a thing lies in or on, however deep; None: none."""
         holders = () if thing is None else thing.parent_ids
         return next((one for one in holders if one == HAND or one in self.map.places), None)
+
+
+LOOK_ACTIONS = 4  # that a look costs beside the way, about
+
+
+def looks(
+    robot: HomeRobot,
+    object_type: str | None,
+    believed: Sequence[Fact],
+    likely: Callable[[], Sequence[LikelyPlace]],
+) -> Iterator[str]:
+    """Yield places to look at, each once, the best from where the robot then stands.
+
+    Where the memory gives chances, by chance over cost, asked for anew after every look. Without
+    them what it believes comes first, then furniture in the order of a household's habits: where
+    things are found at all, the nearest first.
+
+    `believed`: the newest facts about what may be meant, the likeliest first.
+    """
+    types, places = object_types(), robot.map.places
+    kind = types.get(object_type or "")
+    held = {one.sighting.place_id or "": one.holds for one in reversed(believed)}
+    sure = {place_id: holds for place_id, holds in held.items() if holds is not None}
+    trusted = [] if sure else [one.sighting.place_id for one in believed]
+
+    def asked() -> dict[str, float]:
+        return {place.place_id: place.chance for place in likely()} or sure
+
+    def rank(one: str) -> tuple[Any, ...]:
+        place_type, cost = places[one].place_type, look_cost(robot, one)
+        trust = trusted.index(one) if one in trusted else len(trusted)
+        chance = max(chances.get(one, 0.0), 0.0)
+        hopeless = not chance and one not in trusted and not fits(place_type)
+        return hopeless, trust, -chance / cost, _rank(place_type), cost, one
+
+    def fits(place_type: str) -> bool:
+        return kind is None or kind.fits(types[place_type])
+
+    chances = asked()
+    for place_id in best_next(places, rank):
+        if rank(place_id)[0]:
+            break
+        yield place_id
+        chances = asked()
+
+
+def look_cost(robot: HomeRobot, place_id: str) -> float:
+    """Return how many actions a look at a place costs from here."""
+    return LOOK_ACTIONS + robot.way(place_id)
+
+
+def nearest_next(robot: HomeRobot, place_ids: Iterable[str]) -> Iterator[str]:
+    """Yield places, each the nearest from where the robot then stands."""
+    return best_next(place_ids, lambda one: (look_cost(robot, one), one))
+
+
+def _rank(place_type: str) -> int:
+    """Return how late a kind of furniture is looked at: thirds of the household's order."""
+    return LIKELY.index(place_type) // 5 if place_type in LIKELY else len(LIKELY)

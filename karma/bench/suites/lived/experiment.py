@@ -9,8 +9,7 @@ from msgspec import Meta
 
 from karma.agent.loading.models import Models
 from karma.bench.engine.experiment import check_listed
-from karma.bench.suites.lived.request import Words
-from karma.bench.suites.lived.schedule import MOST_PEOPLE, drawn_people
+from karma.bench.suites.lived.request import MOST_PEOPLE, Words, drawn_people
 from karma.bench.suites.lived.serve import ServeSettings, Verify
 from karma.memory.lived.designs import DESIGNS
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from karma.bench.engine.suite import Chain
-from karma.bench.suites.lived.body import HomeRobot
+from karma.bench.suites.lived.body import HomeRobot, nearest_next
 from karma.bench.suites.lived.drawing import draw_request
 from karma.bench.suites.lived.experiment import EXPERT, HomeSpec, LivedExperiment, LivedRow
 from karma.bench.suites.lived.home_map import HomeMap
@@ -13,14 +13,16 @@ from karma.bench.suites.lived.reading import Reader
 from karma.bench.suites.lived.recalling import fits
 from karma.bench.suites.lived.records import CheckedDoubt, LivedRecord, ServedRequest
 from karma.bench.suites.lived.request import (
+    DAY_S,
+    HOUR_S,
+    DayItem,
     HomeView,
     LivedRequest,
     answered_rightly,
+    day_plan,
     done,
     room_right,
 )
-from karma.bench.suites.lived.schedule import DAY_S, HOUR_S, DayItem, day_plan
-from karma.bench.suites.lived.search import nearest_next
 from karma.bench.suites.lived.serve import Server
 from karma.bench.suites.lived.trace import HomeTrace, HomeTracer
 from karma.contracts import (
@@ -41,6 +43,9 @@ from karma.world.houses import build_home
 from karma.world.residents import Household
 
 PLACED = frozenset(("exact", "attribute", "event", "place", "several", "changed"))  # of a thing
+COUNTED_EFFORT = (
+    "places", "wasted", "believed", "stale", "stale_actions", "repairs", "tokens", "recalls",
+)  # fmt: skip
 TOUR_H = 6.0  # of the first day, when the tour begins
 
 
@@ -87,14 +92,7 @@ toured = lru_cache(maxsize=2)(tour)  # one for all rows of a home
 class HomeLife:
     """One row in one home, from the first tour on.
 
-    Args:
-        experiment: what is played.
-        row: the memory and how it is used.
-        spec: the home.
-        seed: of the run.
-        embedder: of short texts.
-        reader: of requests.
-        tracer: writes down what goes on; records are the same without one.
+    A tracer writes down what goes on; records are the same without one.
     """
 
     def __init__(
@@ -236,14 +234,7 @@ class HomeLife:
             unknown=answer.unknown,
             room_right=room_right(request, answer, now) if request.asked == "place" else None,
             actions=self._robot.actions - before,
-            places=effort.places,
-            wasted=effort.wasted,
-            believed=effort.believed,
-            stale=effort.stale,
-            stale_actions=effort.stale_actions,
-            repairs=effort.repairs,
-            tokens=effort.tokens,
-            recalls=effort.recalls,
+            **{name: getattr(effort, name) for name in COUNTED_EFFORT},
             read=question.asked == request.asked
             and _type_read(request, types_meant(question.thing)),
             knew=_knew(request, effort.first, truth) if request.kind in PLACED else None,
@@ -345,10 +336,6 @@ class ExpertMemory:
 
     It knows where everything is that the robot has ever seen, and only that: of things never seen
     it knows nothing, as every other memory.
-
-    Args:
-        now: tells where every movable thing is now.
-        places: furniture of the home.
     """
 
     def __init__(

@@ -34,14 +34,7 @@ _STATES = {"dirty": "dirty", "unwashed": "dirty", "clean": "cleaned", "sliced": 
 
 
 class Reader:
-    """Reads requests.
-
-    Args:
-        embedder: of phrases; the vectors of types' words ship for MiniLM.
-
-    Raises:
-        KarmaError: there are no vectors for that embedder.
-    """
+    """Reads requests; KarmaError if there are no vectors for that embedder."""
 
     def __init__(self, embedder: Embedder) -> None:
         words = kept_words(TYPE_WORDS, embedder)
@@ -55,13 +48,7 @@ class Reader:
         self._meanings: dict[str, tuple[Meaning, ...]] = {}
 
     def read(self, text: str, speaker: str, time_s: float) -> HomeQuestion:
-        """Return what a request asks; what it says of nothing known is left empty.
-
-        Args:
-            text: as it was said.
-            speaker: whom "I" stands for.
-            time_s: when.
-        """
+        """Return what a request asks; what it says of nothing known is left empty."""
         said = _without_lead(text.strip().rstrip("?.!"))
         span, rest = read_span(said, time_s)
         rest = rest.strip(" ,")

@@ -89,11 +89,7 @@ def fits(
 ) -> bool:
     """Return whether a fact is about a thing as it was said.
 
-    Args:
-        fact: one of the memory's.
-        said: the words.
-        places: furniture of the home.
-        beside: id of the place where the thing is said to be, with another thing.
+    `beside`: id of the place where the thing is said to be, with another thing.
     """
     seen = fact.sighting
     types = types_meant(said)

@@ -1,11 +1,12 @@
-"""A request of a resident: what it is drawn from, its truth, and whether an answer is right."""
+"""Requests of residents: when they come, their truth, and whether an answer is right."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from karma.contracts import Asked, Deed, HomeAnswer, HomeMoment, Sighting
 from karma.memory.lived.setting import KnownPlace
+from karma.seeds import stream
 
 LivedKind = Literal[
     "exact",  # a thing named plainly, still where it was last seen
@@ -66,10 +67,8 @@ def answered_rightly(
 ) -> bool:
     """Return whether a question was answered rightly.
 
-    Args:
-        request: with the truth when it was asked.
-        answer: structured.
-        now: truth when it was answered; what was moved meanwhile may be told by either.
+    The request has the truth when it was asked, `now` when it was answered: what was moved
+    meanwhile may be told by either.
     """
     if request.unknown or answer.unknown:
         return request.unknown and answer.unknown
@@ -116,3 +115,50 @@ def _within(request: LivedRequest, time_s: float | None) -> bool:
     if time_s is None or request.after_s is None or request.before_s is None:
         return False
     return request.after_s <= time_s <= request.before_s
+
+
+DAY_S = 86_400.0
+HOUR_S = 3_600.0
+MOST_PEOPLE = 4
+ROUNDS_H = (9.0, 17.5)  # when the robot walks through all rooms
+REQUESTS_H = (9.75, 21.75)  # within which it is asked
+KINDS: tuple[LivedKind, ...] = get_args(LivedKind)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DayItem:
+    """Something that the robot is to do at a time."""
+
+    time_s: float
+    what: str  # "round", "wait" or "request"
+    kind: LivedKind | None = None  # of a request
+    room: str = ""  # to wait in
+
+
+def drawn_people(seed: int, home: int, rooms: int) -> int:
+    """Return how many people live in a home: small homes have fewer."""
+    most = min(MOST_PEOPLE, 1 + rooms // 2)
+    return int(stream(seed, "lived", "people", str(home)).integers(1, most + 1))
+
+
+def day_plan(
+    seed: int, home: int, day: int, rooms: tuple[str, ...], requests: int
+) -> tuple[DayItem, ...]:
+    """Return what a day asks of the robot, in order.
+
+    Kinds take turns, so that a week has as many of each; the room to wait in changes every hour.
+    """
+    rng = stream(seed, "lived", "day", str(home), str(day))
+    start = day * DAY_S
+    plan = [DayItem(time_s=start + hour * HOUR_S, what="round") for hour in ROUNDS_H]
+    for waits_h in range(7, 23):
+        room = rooms[int(rng.integers(len(rooms)))]
+        plan.append(DayItem(time_s=start + (waits_h + 0.1) * HOUR_S, what="wait", room=room))
+    first, last = REQUESTS_H
+    hours = sorted(float(hour) for hour in rng.uniform(first, last, size=requests))
+    turn = [KINDS[(day * requests + number) % len(KINDS)] for number in range(requests)]
+    order = rng.permutation(requests)
+    for hour, which in zip(hours, order, strict=True):
+        kind = turn[int(which)]
+        plan.append(DayItem(time_s=start + hour * HOUR_S, what="request", kind=kind))
+    return tuple(sorted(plan, key=lambda one: one.time_s))

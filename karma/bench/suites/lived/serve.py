@@ -9,9 +9,8 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Literal
 
-from karma.bench.suites.lived.body import HomeRobot
+from karma.bench.suites.lived.body import HomeRobot, look_cost, looks
 from karma.bench.suites.lived.recalling import Recollection, fits, ids_of, plain, recollect
-from karma.bench.suites.lived.search import look_cost, looks
 from karma.contracts import (
     Fact,
     HomeAnswer,
@@ -68,13 +67,7 @@ class MeantThing:
 
 
 class Server:
-    """Serves requests with one memory.
-
-    Args:
-        robot: the body.
-        memory: what it remembers.
-        settings: of the row.
-    """
+    """Serves requests with one memory."""
 
     def __init__(self, robot: HomeRobot, memory: HomeMemory, settings: ServeSettings) -> None:
         self._robot, self._memory, self._settings = robot, memory, settings
@@ -123,7 +116,7 @@ class Server:
             return []
         meant = [fact for fact in told.facts if fits(fact, said, self._places, beside=beside)]
         if is_of_past(said):
-            meant.sort(key=lambda fact: -fact.sighting.time_s)
+            meant.sort(key=lambda fact: -_seen_s(fact))
             found = replace(said, ids=ids_of(meant))
             now = self._recall(plain(asked, found)) if meant else told
         else:
@@ -145,10 +138,13 @@ class Server:
             after_s=other.after_s if other.after_s is not None else said.after_s,
             before_s=other.before_s if other.before_s is not None else said.before_s,
         )
-        told = self._recall(replace(question, asked="place", thing=timed, destination=None))
-        facts = [fact for fact in told.facts if fits(fact, timed, self._places)]
-        newest = max(facts, key=lambda fact: fact.sighting.time_s, default=None)
+        asked = replace(question, asked="place", thing=timed, destination=None)
+        newest = max(self._fitting(asked, timed), key=_seen_s, default=None)
         return None if newest is None else newest.sighting.place_id
+
+    def _fitting(self, question: HomeQuestion, said: SaidThing) -> list[Fact]:
+        """Return what memory says of a thing as it was said."""
+        return [fact for fact in self._recall(question).facts if fits(fact, said, self._places)]
 
     # ------------------------------------------------------------- questions
 
@@ -163,16 +159,13 @@ class Server:
         targets = self._meant(question)
         if not targets:
             return HomeAnswer(unknown=True)
-        target = targets[0]
-        fact = target.fact
+        fact = targets[0].fact
         if fact is not None:
             self.effort.doubts.append(fact)
-        if fact is not None and not self._looks_first(fact):
-            return _answer(self._robot, fact.sighting, fact.holds)
+            if not self._looks_first(fact):
+                return _answer(self._robot, fact.sighting, fact.holds)
         seen = self._find(question, targets[:1], self._settings.budget_looks)
-        if seen is not None:
-            return _answer(self._robot, seen, 1.0)
-        return HomeAnswer(unknown=True)
+        return HomeAnswer(unknown=True) if seen is None else _answer(self._robot, seen, 1.0)
 
     def _looks_first(self, fact: Fact) -> bool:
         """Return whether a look is worth its way: what it costs against a wrong answer."""
@@ -187,34 +180,28 @@ class Server:
     def _where_then(self, question: HomeQuestion) -> HomeAnswer:
         """Answer where a thing was: the newest fact of that time, else the last one before it."""
         said = question.thing
-        told = self._recall(question)
-        untimed = replace(said, after_s=None, before_s=None)
-        facts = [fact for fact in told.facts if fits(fact, untimed, self._places)]
+        facts = self._fitting(question, replace(said, after_s=None, before_s=None))
         before = said.before_s if said.before_s is not None else question.time_s
-        known = [fact for fact in facts if fact.sighting.time_s <= before]
-        at = max(known, key=lambda fact: fact.sighting.time_s, default=None)
+        at = max((fact for fact in facts if _seen_s(fact) <= before), key=_seen_s, default=None)
         if at is None:
             return HomeAnswer(unknown=True)
         self.effort.went_by.append(at)
         return _answer(self._robot, at.sighting, None)
 
     def _when_or_who(self, question: HomeQuestion) -> HomeAnswer:
-        said = question.thing
-        told = self._recall(question)
-        facts = [fact for fact in told.facts if fits(fact, said, self._places)]
+        facts = self._fitting(question, question.thing)
         if question.asked == "who":
             facts = [fact for fact in facts if fact.deed is not None]
         newest = max(
-            facts,
-            key=lambda fact: fact.deed.time_s if fact.deed else fact.sighting.time_s,
-            default=None,
+            facts, key=lambda fact: fact.deed.time_s if fact.deed else _seen_s(fact), default=None
         )
         if newest is None:
             return HomeAnswer(unknown=True)
         self.effort.went_by.append(newest)
         if question.asked == "who":
             return HomeAnswer(who=newest.deed.who if newest.deed else "")
-        seen_s = newest.deed.time_s if newest.deed and said.action else newest.sighting.time_s
+        by_deed = newest.deed if question.thing.action else None
+        seen_s = by_deed.time_s if by_deed else _seen_s(newest)
         return HomeAnswer(time_s=seen_s)
 
     def _count(self, question: HomeQuestion) -> HomeAnswer:
@@ -257,9 +244,8 @@ class Server:
         targets = self._meant(question)
         if targets and targets[0].fact is not None and targets[0].fact.ended_s is None:
             self.effort.doubts.append(targets[0].fact)
-        if not targets and not self._settings.closed_loop:
-            return HomeAnswer(unknown=True)
-        if not targets and not self._may_be_searched(question.thing):
+        searched = self._settings.closed_loop and self._may_be_searched(question.thing)
+        if not targets and not searched:
             return HomeAnswer(unknown=True)
         seen = self._find(question, targets, self._settings.budget_places)
         if seen is None or not self._take(seen):
@@ -366,6 +352,10 @@ class Server:
                 effort.stale += 1
                 effort.stale_actions += self._robot.actions - before
         return found
+
+
+def _seen_s(fact: Fact) -> float:
+    return fact.sighting.time_s
 
 
 def _answer(robot: HomeRobot, seen: Sighting, sure: float | None) -> HomeAnswer:

@@ -19,6 +19,7 @@ from karma.seeds import stream
 ALL = "all"
 KINDS: tuple[str, ...] = (*get_args(LivedKind), ALL)
 OURS = "ours"
+_COUNTS = ("actions", "places", "wasted", "repairs", "tokens")  # told per request
 _RESAMPLES = 2_000  # of homes, for differences
 
 
@@ -145,11 +146,7 @@ def _figures(
         kinds=tuple(_kind(kind, homes, ours) for kind in KINDS),
         stale_share=sum(one.stale_actions for one in requests) / actions if actions else None,
         stale_looks=sum(one.stale for one in requests) / believed if believed else None,
-        actions=actions / number,
-        places=sum(one.places for one in requests) / number,
-        wasted=sum(one.wasted for one in requests) / number,
-        repairs=sum(one.repairs for one in requests) / number,
-        tokens=sum(one.tokens for one in requests) / number,
+        **{name: sum(getattr(one, name) for one in requests) / number for name in _COUNTS},
         brier=_mean((a - b) ** 2 for a, b in zip(said, so, strict=True)),
         brier_assumed=any(doubt.holds is None for doubt in doubts),
         reliability=tuple(_reliability(said, so)),
@@ -337,9 +334,7 @@ def remarks_on(experiment: LivedExperiment) -> list[str]:
 def most_known(waits: Iterable[tuple[float, float]], units: int) -> int:
     """Return how many requests so many units could at best have served.
 
-    Args:
-        waits: of each request, when its thing was seen last and when it is asked for, seconds.
-        units: of the memory, each held for one request at a time.
+    `waits`: of each request, when its thing was seen last and when it is asked for, seconds.
 
     >>> most_known([(0, 9), (1, 4), (2, 5), (5, 8)], 1), most_known([(0, 9), (1, 4), (2, 5)], 2)
     (2, 2)

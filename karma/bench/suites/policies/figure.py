@@ -26,10 +26,15 @@ from karma.bench.engine.experiment_file import beside
 from karma.bench.engine.run import Run
 from karma.bench.engine.suite import NO_MODELS, Chain, Do, Done
 from karma.bench.engine.workers import loaded, refuse_node
-from karma.bench.suites.policies.exploration import Exploration, explore
-from karma.bench.suites.policies.paper_claims import CellResults, PaperClaim, claims_of, claims_text
+from karma.bench.suites.policies.paper_claims import FigureCell, PaperClaim, claims_of, claims_text
 from karma.bench.suites.policies.simulate import BELADY
-from karma.bench.suites.policies.sweep import Sweep, run_rows, size_of, sized, sweep_of
+from karma.bench.suites.policies.sweep import (
+    explore,
+    run_rows,
+    size_of,
+    sized,
+    sweep_of,
+)
 from karma.bench.suites.policies.tasks import UNIT_SETS, Pool, UnitSet, alfred_pool, grammar_pool
 from karma.bench.suites.policies.workloads import (
     WORKLOADS,
@@ -112,19 +117,6 @@ class FigureHeader(msgspec.Struct, frozen=True, kw_only=True):
         return changed("figure", *map(msgspec.structs.asdict, (self, new)))
 
 
-class FigureCell(msgspec.Struct, frozen=True, kw_only=True):
-    """One workload with one unit set."""
-
-    workload: Workload
-    unit_set: UnitSet
-    sweep: Sweep
-    exploration: list[Exploration] = []
-
-    def results(self) -> CellResults:
-        """Return it as the claims and the pictures take it."""
-        return CellResults(self.workload, self.unit_set, self.sweep, self.exploration)
-
-
 class Results(msgspec.Struct, frozen=True, kw_only=True):
     """What `results.json` holds."""
 
@@ -147,14 +139,8 @@ class PolicyRecord:
 def figure_run(path: Path, folder: Path, *, fresh: bool = False) -> Run:
     """Return the run of a figure; its end writes `results.json` and draws it.
 
-    Args:
-        path: the TOML file.
-        folder: takes records, `results.json`, `claims.md` and the pictures.
-        fresh: throw away what an earlier run left there.
-
-    Raises:
-        FileError: the file is damaged, tasks are missing, or the folder holds another figure.
-        KarmaError: a policy or a claim that there is not.
+    FileError if the file is damaged, tasks are missing, or the folder holds another figure;
+    KarmaError for a policy or a claim that there is not.
     """
     figure = read_toml(path, TraceFigure)
     policies = _with_bounds(sized(figure.policies, figure.sizes))
@@ -207,7 +193,7 @@ class FigureSuite:
     def added_up(self, records: Sequence[PolicyRecord]) -> dict[str, bytes]:
         """Return the results of all cells, what the paper claims of them, and the pictures."""
         cells = [_whole([one.cell for one in records if one.row == name]) for name in self.cells()]
-        claims = claims_of(self.experiment.claims, [cell.results() for cell in cells])
+        claims = claims_of(self.experiment.claims, cells)
         results = Results(
             figure=self.experiment, source=self.pool.source, cells=cells, claims=claims
         )
@@ -260,11 +246,7 @@ def _whole(cells: Sequence[FigureCell]) -> FigureCell:
 
 
 def read_figure(folder: Path) -> Results:
-    """Return the results of a figure's folder.
-
-    Raises:
-        FileError: they are missing, torn or edited.
-    """
+    """Return the results of a figure's folder; FileError if they are missing, torn or edited."""
     check_sealed(folder)
     return read_json(folder / RESULTS, Results, fix="karma eval FILE runs the figure")
 
@@ -287,7 +269,7 @@ def pictures_of(results: Results) -> Iterator[tuple[str, Any]]:
 
     draw = plot.curves if results.figure.shows == "curves" else plot.exploration
     for unit_set in results.figure.unit_sets:
-        mine = [cell.results() for cell in results.cells if cell.unit_set == unit_set]
+        mine = [cell for cell in results.cells if cell.unit_set == unit_set]
         title = f"{results.figure.name}, {unit_set.upper()}"
         yield f"figure-{unit_set}", draw(mine, title, caption_of(results))
 

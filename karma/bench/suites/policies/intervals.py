@@ -29,12 +29,7 @@ class Bootstrapped:
 
 
 class Resampler:
-    """The same resamples of some sequences for every figure, so that differences are paired.
-
-    Args:
-        count: sequences.
-        seed: of the resamples.
-    """
+    """The same resamples of some sequences for every figure, so that differences are paired."""
 
     def __init__(self, count: int, seed: int) -> None:
         self._times = times_in(stream(seed, "lab", "bootstrap"), count, RESAMPLES)
@@ -70,11 +65,6 @@ def block_interval(hits: Sequence[int], requests: Sequence[int], seed: int) -> B
 
     Neighbouring tasks need the same things, so whole blocks of about the square root of their
     number are drawn again. None where nothing was asked.
-
-    Args:
-        hits: per task.
-        requests: per task.
-        seed: of the resamples.
     """
     if not sum(requests):
         return None

@@ -7,15 +7,23 @@ are sure.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import msgspec
 
 from karma.agent.journal.formats import UNKNOWN, percent_text, range_text
-from karma.bench.suites.policies.exploration import Exploration
 from karma.bench.suites.policies.intervals import Bootstrapped, Resampler
 from karma.bench.suites.policies.simulate import BELADY
-from karma.bench.suites.policies.sweep import PolicyRow, Sweep, division_of, family_of, line_of
+from karma.bench.suites.policies.sweep import (
+    Exploration,
+    PolicyRow,
+    Sweep,
+    division_of,
+    family_of,
+    line_of,
+)
+from karma.bench.suites.policies.tasks import UnitSet
+from karma.bench.suites.policies.workloads import Workload
 from karma.errors import KarmaError
 
 FIFO = "fifo-merge"
@@ -24,22 +32,13 @@ MARGIN = 0.001  # of a hit rate; less is a tie
 LINEAR = 0.8  # from this r on, two figures count as linearly related
 
 
-class CellResults(NamedTuple):
+class FigureCell(msgspec.Struct, frozen=True, kw_only=True):
     """One workload with one unit set."""
 
-    workload: str
-    unit_set: str
+    workload: Workload
+    unit_set: UnitSet
     sweep: Sweep
-    exploration: Sequence[Exploration]
-
-
-class Checked(NamedTuple):
-    """What one cell shows of a claim, for one reading of a policy."""
-
-    policy: str
-    figures: list[tuple[str, str]]  # column and text
-    short: str  # the figure that decides
-    holds: Literal["yes", "no", "tie"]
+    exploration: list[Exploration] = []
 
 
 class PaperClaim(msgspec.Struct, frozen=True, kw_only=True):
@@ -54,20 +53,22 @@ class PaperClaim(msgspec.Struct, frozen=True, kw_only=True):
     holds: Literal["yes", "no", "tie"]
 
 
-def claims_of(names: Sequence[str], cells: Sequence[CellResults]) -> list[PaperClaim]:
-    """Return the verdicts of some claims.
+Claims = Iterator[PaperClaim]
+Say = Callable[..., PaperClaim]  # makes a claim of the cell at hand
 
-    Raises:
-        KarmaError: a claim has no such name.
-    """
+
+def claims_of(names: Sequence[str], cells: Sequence[FigureCell]) -> list[PaperClaim]:
+    """Return the verdicts of some claims; KarmaError if a claim has no such name."""
     for name in names:
         if name not in CLAIMS:
             raise KarmaError(f"no claim {name!r}; there are {', '.join(CLAIMS)}")
     return [
-        PaperClaim(claim=name, workload=cell.workload, unit_set=cell.unit_set, **found._asdict())
+        found
         for name in names
         for cell in cells
-        for found in _CHECKS[name](cell)
+        for found in _CHECKS[name](
+            cell, partial(PaperClaim, claim=name, workload=cell.workload, unit_set=cell.unit_set)
+        )
     ]
 
 
@@ -121,7 +122,7 @@ def _line(cells: Sequence[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def _split(cell: CellResults) -> Iterator[Checked]:
+def _split(cell: FigureCell, say: Say) -> Claims:
     """Compare [9,1] with the other splits of ten lines, and with FIFO."""
     rows = {row.policy: row for row in cell.sweep.rows}
     for policy, row in rows.items():
@@ -136,7 +137,7 @@ def _split(cell: CellResults) -> Iterator[Checked]:
         best = max(others, key=lambda other: sum(_rates(cell.sweep, other)))
         gains = [_gain(cell.sweep, row, other) for other in (*others, fifo)]
         steady = [_gain(cell.sweep, row, other, steady=True) for other in (*others, fifo)]
-        yield Checked(
+        yield say(
             policy=family,
             figures=[
                 ("[9,1]", _percent(row.cold)),
@@ -160,7 +161,7 @@ def _verdict(gains: Sequence[Bootstrapped]) -> Literal["yes", "no", "tie"]:
     return "no" if below else "tie"
 
 
-def _ratio(cell: CellResults, wanted: float, *, queues: bool) -> Iterator[Checked]:
+def _ratio(cell: FigureCell, say: Say, *, wanted: float, queues: bool) -> Claims:
     """Compare 25 units with 5."""
     families: dict[str, dict[int, PolicyRow]] = {}
     for row in cell.sweep.rows:
@@ -170,7 +171,7 @@ def _ratio(cell: CellResults, wanted: float, *, queues: bool) -> Iterator[Checke
         ratio = _size_ratio(cell.sweep, sizes)
         if ratio is None or family.startswith("fifo") != queues or family == BELADY:
             continue
-        yield Checked(
+        yield say(
             policy=family,
             figures=[
                 ("5 units", _percent(sizes[SMALL].cold)),
@@ -190,11 +191,11 @@ def _size_ratio(sweep: Sweep, sizes: Mapping[int, PolicyRow]) -> Bootstrapped | 
     return _resampler(sweep).ratio(large, small) if sum(small) else None
 
 
-def _linear(cell: CellResults) -> Iterator[Checked]:
+def _linear(cell: FigureCell, say: Say) -> Claims:
     for found in cell.exploration:
         if found.r is None or found.policy.startswith(BELADY):
             continue
-        yield Checked(
+        yield say(
             policy=found.policy,
             figures=[
                 ("r", _ratio_text(found.r, 3)),
@@ -203,17 +204,17 @@ def _linear(cell: CellResults) -> Iterator[Checked]:
                 ("reduced exploration", f"{100 * sum(found.reduced) / len(found.reduced):.1f}"),
             ],
             short=f"{found.r.value:.2f}",
-            holds=_at_least(found.r, LINEAR),
+            holds=_is_linear(found.r),
         )
 
 
-def _at_least(figure: Bootstrapped, floor: float) -> Literal["yes", "no", "tie"]:
-    if figure.above(floor):
+def _is_linear(r: Bootstrapped) -> Literal["yes", "no", "tie"]:
+    if r.above(LINEAR):
         return "yes"
-    return "no" if figure.high is not None and figure.high < floor else "tie"
+    return "no" if r.high is not None and r.high < LINEAR else "tie"
 
 
-def _headroom(cell: CellResults) -> Iterator[Checked]:
+def _headroom(cell: FigureCell, say: Say) -> Claims:
     """Compare the best policy of ten lines with the bound."""
     rows = [
         row for row in cell.sweep.rows if row.size == 10 and family_of(row.policy) != "unbounded"
@@ -224,7 +225,7 @@ def _headroom(cell: CellResults) -> Iterator[Checked]:
         return
     best = max(rows, key=lambda row: sum(_rates(cell.sweep, row)))
     gap = _gain(cell.sweep, bound, best)
-    yield Checked(
+    yield say(
         policy=best.policy,
         figures=[
             ("best", _percent(best.cold)),
@@ -252,7 +253,7 @@ _BRACKETS = {
     "linear": "Pearson's r",
     "headroom": "the best policy, and points from there to Belady's bound",
 }
-_CHECKS: dict[str, Callable[[CellResults], Iterator[Checked]]] = {
+_CHECKS: dict[str, Callable[[FigureCell, Say], Claims]] = {
     "split": _split,
     "fifo-ratio": partial(_ratio, wanted=4.6, queues=True),
     "wtinylfu-ratio": partial(_ratio, wanted=3.9, queues=False),

@@ -5,14 +5,14 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-from karma.bench.suites.policies.paper_claims import FIFO, CellResults
+from karma.bench.suites.policies.paper_claims import FIFO, FigureCell
 from karma.bench.suites.policies.simulate import BELADY
 from karma.bench.suites.policies.sweep import PolicyRow, division_of, family_of, line_of
 
 WIDTH_IN, HEIGHT_IN = 3.1, 2.5  # of a panel
 
 
-def curves(cells: Sequence[CellResults], title: str, caption: str) -> Any:
+def curves(cells: Sequence[FigureCell], title: str, caption: str) -> Any:
     """Draw a panel for each workload and policy: hit rate against tasks, a line for each size.
 
     Vertical lines mark where the memory was 95 % full, on average over sequences. FIFO (dotted) and
@@ -37,7 +37,7 @@ def curves(cells: Sequence[CellResults], title: str, caption: str) -> Any:
     return _finish(figure, title, caption)
 
 
-def exploration(cells: Sequence[CellResults], title: str, caption: str) -> Any:
+def exploration(cells: Sequence[FigureCell], title: str, caption: str) -> Any:
     """Draw a panel for each workload and policy: a dot for each sequence, and the line."""
     policies = [one.policy for one in cells[0].exploration if not one.policy.startswith(BELADY)]
     figure, axes = _panels(len(policies), len(cells))

@@ -1,14 +1,51 @@
-"""One policy, or the best there could be, over one trace."""
+"""Access traces (which units each task needs), and a policy, or the best there is, over one."""
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from heapq import heappop, heappush
 from typing import Any
 
-from karma.bench.suites.policies.trace import Trace
 from karma.memory.policies import make_policy
+
+Key = int | str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trace:
+    """One sequence of tasks; all units of a task are asked for before any of them is touched."""
+
+    keys: tuple[Key, ...]  # the distinct keys, in order of first use
+    tasks: tuple[tuple[int, ...], ...]  # numbers into `keys`, none twice in one task
+
+    @classmethod
+    def of(cls, tasks: Iterable[Sequence[Key]]) -> "Trace":
+        """Return the trace of some tasks; a unit that a task names twice counts once."""
+        numbers: dict[Key, int] = {}
+        found = tuple(
+            tuple(dict.fromkeys(numbers.setdefault(key, len(numbers)) for key in task))
+            for task in tasks
+        )
+        return cls(keys=tuple(numbers), tasks=found)
+
+    @cached_property
+    def starts(self) -> tuple[int, ...]:
+        """The number of requests before each task, and at the end."""
+        starts = [0]
+        for task in self.tasks:
+            starts.append(starts[-1] + len(task))
+        return tuple(starts)
+
+    @property
+    def requests(self) -> int:
+        """How many units are asked for in all."""
+        return self.starts[-1]
+
+    def named(self) -> list[list[Key]]:
+        """Return the tasks by their keys."""
+        return [[self.keys[number] for number in task] for task in self.tasks]
+
 
 BELADY = "belady"  # stands where a policy is named, with a size: belady[10]
 FIRST_TASKS = 100  # of the early hit rate
@@ -17,19 +54,12 @@ WARM_OCCUPANCY = 0.95  # KARMA §4.4: warmed up when occupancy reaches this
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TraceReplay:
-    """What came of a policy on a trace.
+    """What came of a policy on a trace."""
 
-    Args:
-        answers: one byte per request, 1 = hit.
-        starts: requests before each task, and in all.
-        left: units that left a full memory, refused newcomers among them; None for the bound.
-        warm_task: the first task that found the memory 95 % full; None: never.
-    """
-
-    answers: bytes
-    starts: tuple[int, ...]
-    left: int | None
-    warm_task: int | None
+    answers: bytes  # one byte per request, 1 = hit
+    starts: tuple[int, ...]  # requests before each task, and in all
+    left: int | None  # units that left a full memory, refused ones too; None for the bound
+    warm_task: int | None  # the first task that found the memory 95 % full; None: never
 
     @property
     def requests(self) -> int:
@@ -60,11 +90,8 @@ class TraceReplay:
 def simulator(policy: str) -> Callable[[Trace], TraceReplay]:
     """Return what runs a policy over one trace after another, each from an empty memory.
 
-    Args:
-        policy: in the notation of `make_policy`, or `belady[size]`.
-
-    Raises:
-        KarmaError: the text names no policy.
+    A policy is in the notation of `make_policy`, or `belady[size]`. KarmaError if the text
+    names no policy.
     """
     if policy.startswith(f"{BELADY}["):
         return partial(best, capacity=make_policy(policy.replace(BELADY, "lru", 1)).capacity)
@@ -95,12 +122,9 @@ def simulate_with(policy: Any, trace: Trace) -> TraceReplay:
 def best(trace: Trace, capacity: int) -> TraceReplay:
     """Return the most hits that any memory of `capacity` lines can have, knowing what comes.
 
-    Between two tasks at most `capacity` of the units used so far can wait for their next use. Of
-    those that would wait, the one whose next use is farthest away is let go, which is optimal
-    (Belady 1966; Carlisle and Lloyd 1995 for whole tasks).
-
-    Raises:
-        ValueError: capacity < 0.
+    Between two tasks at most `capacity` of the units used so far can wait for their next use.
+    Of those that would wait, the one whose next use is farthest away is let go, which is
+    optimal (Belady 1966; Carlisle and Lloyd 1995 for whole tasks). ValueError if capacity < 0.
     """
     if capacity < 0:
         raise ValueError(f"capacity must not be negative, not {capacity}")

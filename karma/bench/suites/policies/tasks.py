@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import msgspec
 
@@ -26,6 +26,7 @@ from karma.household.places import ROOMS
 from karma.household.types import types_with
 from karma.household.uses import KNIVES
 from karma.seeds import stream
+from karma.world.alfred.trial import PlannerAction, Targets
 
 if TYPE_CHECKING:
     from karma.bench.drawing.memories import KnownRoom
@@ -41,21 +42,13 @@ _FLOOR_PLANS = dict(zip((0, 2, 3, 4), ROOMS, strict=True))  # by the hundred
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errand:
-    """One task as the units it needs.
+    """One task as the units it needs."""
 
-    Args:
-        scene: where.
-        room: its kind, one of `ROOMS`.
-        r4: types of all units.
-        m: types of those that can be carried, and of the knife.
-        subjects: the object and the movable receptacle.
-    """
-
-    scene: str
-    room: str
-    r4: tuple[str, ...]
-    m: tuple[str, ...]
-    subjects: tuple[str, ...]
+    scene: str  # where
+    room: str  # its kind, one of `ROOMS`
+    r4: tuple[str, ...]  # types of all units
+    m: tuple[str, ...]  # types of those that can be carried, and of the knife
+    subjects: tuple[str, ...]  # the object and the movable receptacle
 
     def units(self, unit_set: UnitSet) -> tuple[str, ...]:
         """Return the types of one of the two sets."""
@@ -64,15 +57,10 @@ class Errand:
 
 @dataclass(frozen=True, kw_only=True)
 class Finds:
-    """Where things were found, and where one can look.
+    """Where things were found, and where one can look."""
 
-    Args:
-        places: scene -> receptacle type -> how many of it there are.
-        found: (room, object type) -> receptacle type -> how often it was found there.
-    """
-
-    places: Mapping[str, Mapping[str, int]]
-    found: Mapping[tuple[str, str], Mapping[str, int]]
+    places: Mapping[str, Mapping[str, int]]  # scene -> receptacle type -> how many of it there are
+    found: Mapping[tuple[str, str], Mapping[str, int]]  # (room, type) -> receptacle type -> times
 
     def stops(self, scene: str, room: str, object_type: str) -> float | None:
         """Return how many receptacles a search for an object is expected to visit.
@@ -93,17 +81,11 @@ class Finds:
 
 @dataclass(frozen=True, kw_only=True)
 class Pool:
-    """Tasks to draw from.
+    """Tasks to draw from."""
 
-    Args:
-        source: where they come from, for captions.
-        errands: all of them, in order.
-        finds: what tells the cost of a search.
-    """
-
-    source: str
-    errands: tuple[Errand, ...]
-    finds: Finds
+    source: str  # where they come from, for captions
+    errands: tuple[Errand, ...]  # all of them, in order
+    finds: Finds  # what tells the cost of a search
     _costs: dict[tuple[str, str], float] = field(default_factory=dict, compare=False, repr=False)
 
     @cached_property
@@ -131,26 +113,12 @@ class Pool:
 # ------------------------------------------------------------- ALFRED's tasks
 
 
-class _Targets(msgspec.Struct, frozen=True):
-    object_target: str
-    parent_target: str = ""
-    toggle_target: str = ""
-    mrecep_target: str = ""
-    object_sliced: bool = False
-
-
 class _Scene(msgspec.Struct, frozen=True):
     floor_plan: str
 
 
-class _Act(msgspec.Struct, frozen=True, rename="camel"):
-    action: str
-    object_id: str = ""
-    coordinate_receptacle_object_id: tuple[Any, ...] = ()
-
-
 class _PlanStep(msgspec.Struct, frozen=True):
-    planner_action: _Act
+    planner_action: PlannerAction
 
 
 class _Plan(msgspec.Struct, frozen=True):
@@ -158,7 +126,7 @@ class _Plan(msgspec.Struct, frozen=True):
 
 
 class _Trial(msgspec.Struct, frozen=True):
-    pddl_params: _Targets
+    pddl_params: Targets
     scene: _Scene
     plan: _Plan
 
@@ -166,8 +134,7 @@ class _Trial(msgspec.Struct, frozen=True):
 def alfred_pool(paths: Iterable[Path]) -> Pool:
     """Return the tasks of files of ALFRED demonstrations, one JSON record a line.
 
-    Raises:
-        FileError: a file is missing, torn, or holds something else.
+    FileError if a file is missing, torn, or holds something else.
     """
     paths = tuple(paths)
     movable = types_with("pickupable")
@@ -198,8 +165,8 @@ def _handled(trial: _Trial) -> Iterator[tuple[str, str, str]]:
     for act in (step.planner_action for step in trial.plan.high_pddl):
         where = act.coordinate_receptacle_object_id
         if where and act.action in ("PickupObject", "PutObject"):
-            kind = root_type(act.object_id) if act.action == "PickupObject" else ""
-            yield kind, str(where[0]), str(where[1:])
+            kind = root_type(act.object_id or "") if act.action == "PickupObject" else ""
+            yield kind, where[0], str(where[1:])
 
 
 def _errand(trial: _Trial, path: Path) -> Errand:
@@ -213,7 +180,7 @@ def _errand(trial: _Trial, path: Path) -> Errand:
         kind
         for step in trial.plan.high_pddl
         if wanted.object_sliced and step.planner_action.action == "PickupObject"
-        if (kind := root_type(step.planner_action.object_id)) in KNIVES
+        if (kind := root_type(step.planner_action.object_id or "")) in KNIVES
     ]
     return Errand(
         scene=plan,
@@ -233,15 +200,9 @@ def _distinct(names: Iterable[str]) -> tuple[str, ...]:
 
 @lru_cache(maxsize=4)
 def grammar_pool(seed: int, *, scenes: int = GRAMMAR_SCENES, tasks: int = GRAMMAR_TASKS) -> Pool:
-    """Return requests of our task grammar in generated rooms, each about a thing to carry.
-
-    Args:
-        seed: of rooms and requests.
-        scenes: rooms of each kind.
-        tasks: requests in each room.
-    """
+    """Return requests of our task grammar in generated rooms, each about a thing to carry."""
+    from karma.bench.drawing.memories import room_of
     from karma.bench.drawing.phrases import our_book
-    from karma.bench.drawing.rooms import room_of
     from karma.world.generation.generate import build_scene
 
     errands: list[Errand] = []

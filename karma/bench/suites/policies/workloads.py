@@ -19,8 +19,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from karma.bench.suites.policies.simulate import Trace
 from karma.bench.suites.policies.tasks import Errand, Pool, UnitSet
-from karma.bench.suites.policies.trace import Trace
 from karma.errors import KarmaError
 from karma.household.places import ROOMS
 from karma.seeds import stream
@@ -45,15 +45,8 @@ def draw_errands(
 ) -> list[Errand]:
     """Draw one sequence of tasks.
 
-    Args:
-        pool: to draw from.
-        workload: how.
-        length: tasks.
-        seed: of all sequences.
-        number: of this one; a shorter sequence is the beginning of a longer one.
-
-    Raises:
-        KarmaError: the pool has no task in some kind of room.
+    A shorter sequence is the beginning of a longer one. KarmaError if the pool has no task in
+    some kind of room.
     """
     rng = stream(seed, "lab", workload, str(number))
     draw = (

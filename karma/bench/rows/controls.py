@@ -1,14 +1,48 @@
-"""The `copying` row: KARMA with the program of the nearest example in place of a model's answer."""
+"""Rows that read no request: `idle` does nothing, `copying` does what the nearest example did."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.options import settings_of
-from karma.contracts import Examples, Resources, WorkedExample
+from karma.bench.rows.baseline import WithoutOptions
+from karma.contracts import (
+    Examples,
+    Outcome,
+    Plan,
+    Resources,
+    SceneRef,
+    SkillResult,
+    SubTask,
+    WorkedExample,
+    World,
+)
 from karma.errors import KarmaError
 from karma.infer.scripted import ScriptedModel
+
+
+class IdleMethod(WithoutOptions):
+    """Ends each instruction at once: the floor that other rows stand on."""
+
+    name = "idle"
+
+    def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "IdleEpisode":
+        """Start an episode."""
+        return IdleEpisode()
+
+
+class IdleEpisode:
+    """One sequence of instructions, none of them carried out."""
+
+    def enter(self, scene: SceneRef) -> None:
+        """Note nothing."""
+
+    def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
+        """End."""
+        yield Outcome(finished=True, resident=(), handled_ids=())
+
 
 _NONE = "row method 'copying' needs examples: profile = \"full\", examples = 1 or more in [models]"
 
@@ -22,8 +56,7 @@ class CopyingMethod(KarmaMethod):
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
         """Make the row from KARMA's options.
 
-        Raises:
-            KarmaError: the run tells its planner no examples.
+        KarmaError if the run tells its planner no examples.
         """
         settings_of(KarmaSettings, options)
         if resources.examples is None:
