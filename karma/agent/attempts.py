@@ -75,10 +75,7 @@ def carried_out(
 ) -> Generator[SkillResult, None, list[SkillResult]]:
     """Run a program until a call is refused; returns what came of each call that was tried.
 
-    Args:
-        plan: with the program.
-        skills: the body.
-        only: type -> id of the one thing of the type that is meant.
+    `only`: type -> id of the one thing of the type that is meant.
     """
     results: list[SkillResult] = []
     skills.begin_program()
@@ -112,9 +109,7 @@ def after_answer(request: PlanRequest, plan: Plan) -> PlanRequest:
 def after_run(request: PlanRequest, programs: Programs) -> PlanRequest:
     """Return the request after a failure: told of, and not searched for again what is not there.
 
-    Args:
-        request: the one before.
-        programs: the last one failed; the last of its results is the refusal.
+    The last of the programs' results is the refusal.
     """
     result = programs.results[-1]
     in_vain = result.call.skill == "Explore" and result.reason.startswith(NOT_FOUND)

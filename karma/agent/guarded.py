@@ -100,15 +100,7 @@ def joined(requests: Sequence[Request]) -> Request | None:
 def guarded(
     episode: Carrier, subtask: SubTask, asked: Request, skills: Skills, came: Came
 ) -> Iterator[Plan | SkillResult]:
-    """Carry out what was asked, or say why it is not.
-
-    Args:
-        episode: plans and acts.
-        subtask: the instruction.
-        asked: what its words ask for.
-        skills: the body.
-        came: takes what came of it.
-    """
+    """Carry out what was asked, or say why it is not."""
     if subtask.asked is None:
         episode.decided.clear()
     refused = cannot_serve(asked, episode.here(skills)) or not_told_apart(episode, asked, skills)

@@ -80,16 +80,8 @@ class KarmaSettings:
 class KarmaMethod:
     """The agent of the paper's Fig. 1.
 
-    Args:
-        planner: model and prompt profile.
-        recall: chooses units for the prompt.
-        vision: reads object states.
-        settings: the row.
-        maps: folder of long-term memories, one file a scene, made on the first visit and never
-            changed by an episode; None to explore each time.
-        learn: write what an episode learnt about a scene back to `maps`.
-        detector: finds things in pictures; None: the simulator's boxes are given.
-        reader: of requests, for a row with a guard.
+    `maps` is a folder of long-term memories, one file a scene, made on the first visit and never
+    changed by an episode, save where it is to `learn`; None: each explores.
     """
 
     settings_kind: ClassVar[type] = KarmaSettings
@@ -138,15 +130,7 @@ class KarmaMethod:
 
 
 class KarmaEpisode:
-    """One sequence of instructions, with short-term memory and a map of each room entered.
-
-    Args:
-        method: models and settings.
-        world: has been reset to `scene`.
-        scene: the first room.
-        folder: takes the pictures that were looked at.
-        seed: of the episode.
-    """
+    """One sequence of instructions, with short-term memory and a map of each room entered."""
 
     def __init__(
         self, method: KarmaMethod, world: World, scene: SceneRef, folder: Path, seed: int = 0
@@ -237,11 +221,7 @@ class KarmaEpisode:
     ) -> Iterator[Plan | SkillResult]:
         """Plan and act until a program succeeds or the attempts are used up.
 
-        Args:
-            subtask: what to do; a program is held against what it asks.
-            skills: the body.
-            came: takes what came of it.
-            only: type -> id of the one thing of the type that is meant.
+        `only`: type -> id of the one thing of the type that is meant.
         """
         request = self._request(subtask, self._recalled(subtask))
         self._beliefs.units = self._found_by_name(request.units)
@@ -457,13 +437,7 @@ class Remembered:
 
 
 class _Beliefs:
-    """What skills may ask of memory: units by name, then the map, then what holds a unit.
-
-    Args:
-        world: where.
-        graph: long-term memory of the room.
-        units: of the room, the most likely meant first.
-    """
+    """What skills may ask of memory: units by name, then the map, then what holds a unit."""
 
     def __init__(self, world: World, graph: SceneGraph | None, units: Sequence[MemoryUnit]) -> None:
         self._world, self._graph, self.units = world, graph, units

@@ -15,10 +15,6 @@ from karma.household.uses import LAMPS
 def put_back(asked: Request, skills: Skills) -> Iterator[SkillResult]:
     """Undo what nobody asked for, as far as the world lets it; what it refuses is left.
 
-    Args:
-        asked: what was asked for, which stays.
-        skills: the body.
-
     Yields:
         What came of each skill.
     """

@@ -23,11 +23,7 @@ def explore_room(
     another file of the same name, or the same file edited, has another. The world is back at the
     scene's start afterwards, whether the map was loaded or explored.
 
-    Args:
-        world: a world that has been reset to `scene`.
-        scene: what to reset it to again.
-        saved: where the map of an earlier visit may lie.
-        eyes: how the agent sees; None: by the simulator's metadata.
+    The map of an earlier visit may be `saved`.
 
     Raises:
         FileError: the saved map is damaged.

@@ -34,10 +34,7 @@ def checked(
 ) -> tuple[Check, ...]:
     """Return what a program was to bring about, thing by thing in the order of its deeds.
 
-    Args:
-        calls: of the program, with ids where a thing was known.
-        results: of those calls that were tried.
-        experience: of the whole instruction.
+    `calls` have ids where a thing was known; `results` are of those that were tried.
     """
     ends = _Ends()
     for number, call in enumerate(calls):
@@ -232,11 +229,8 @@ def taken_back(
 ) -> tuple[Check, ...]:
     """Return what later calls undid of earlier ones.
 
-    Args:
-        earlier: calls of one request.
-        later: those of the requests after it.
-        own: deed and kind of thing of the first request: what was only on its way is no matter.
-        asked: those of the later requests: what they undo so is meant.
+    `own` and `asked` are deeds with kinds of things, of the first request and of the later ones:
+    what was only on its way is no matter, and what a later request undoes so is meant.
     """
     before, after = _Ends(), _Ends()
     for ends, results in ((before, earlier), (after, later)):

@@ -23,11 +23,7 @@ _OTHER_RECEPTACLES = 3  # tried when the one that was meant is full
 
 
 class Handling:
-    """Skills of the hand; each returns a remark, and raises `RefusedError` with its reason.
-
-    Args:
-        reach: the body, its log and the agent's memory.
-    """
+    """Skills of the hand; each returns a remark, and raises `RefusedError` with its reason."""
 
     def __init__(self, reach: Reach) -> None:
         self._reach, self._log, self._walker = reach, reach.log, reach.walker

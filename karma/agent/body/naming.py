@@ -15,11 +15,7 @@ _SAME_PLACE_M = 0.3  # a memory this near to where a thing was missed is the sam
 class Naming:
     """From names to things: the log and memory asked in order.
 
-    Args:
-        log: what was seen and done.
-        knowledge: the agent's memory.
-        gap_m: horizontal distance of a point from the agent.
-        before: what was seen here earlier, by id; no other name means such a thing.
+    `before` is what was seen here earlier, by id; no other name means such a thing.
     """
 
     def __init__(
@@ -41,10 +37,8 @@ class Naming:
         In this order: the id itself; what is held; what a skill last turned to, if in view; what
         memory knows; the nearest in view; the nearest seen before.
 
-        Args:
-            name: object id or type.
-            state: a word that is to be preferred among several of a type in view.
-            held: whether the thing in the hand may be meant.
+        `state` is preferred among several of a type in view; `held`: the thing in the hand may be
+        meant.
         """
         if held and self._log.held and means(name, self._log.held):
             return known(self._log.held, "held")

@@ -36,15 +36,7 @@ class SkillLimits:
 
 
 class Reach:
-    """The agent's body, eyes and memory together: from a name to a thing within reach.
-
-    Args:
-        world: a world that has been reset.
-        knowledge: the agent's memory.
-        limits: how hard to try.
-        eyes: how it sees.
-        before: what was seen here earlier, by id.
-    """
+    """The agent's body, eyes and memory together: from a name to a thing within reach."""
 
     def __init__(
         self,
@@ -97,9 +89,7 @@ class Reach:
     def approach(self, target: Known, *, closed_will_do: bool = False) -> bool:
         """Go where a thing is within reach.
 
-        Args:
-            target: the thing, where it is believed to be.
-            closed_will_do: whether a closed container that holds it is far enough.
+        `closed_will_do`: a closed container that holds it is far enough.
 
         Returns:
             True with the thing within reach; False with its closed container in view.
@@ -216,13 +206,9 @@ class Reach:
     ) -> bool:
         """Go to the best place not yet tried to see a thing from, and look.
 
-        Args:
-            target: the thing, where it is believed to be.
-            tried: places and looks so far.
-            least_gap_m: nearer places come later.
-            past: a point; places from which it lies in the direction that it had from one before,
-                or nearly so, come later.
-            nearest: whether the places nearest to the thing come first, however far the way.
+        Places nearer than `least_gap_m` come later, and those from which the point `past` lies in
+        the direction that it had from one before, or nearly so. `nearest` ranks by the distance to
+        the thing, however far the way.
 
         Returns:
             False when there is no such place left; otherwise `tried` has one more.
@@ -246,10 +232,7 @@ class Reach:
     ) -> list[Vec3]:
         """Return the points that no look has shown.
 
-        Args:
-            points: metres.
-            things: that hide what is behind them.
-            since: how many looks do not count.
+        The first `since` looks do not count.
         """
         return unseen(points, self.log.looks[since:], things, reach_m=self.limits.reach_m)
 
@@ -258,10 +241,7 @@ class Reach:
     ) -> bool:
         """Go to where a point comes into view, and look.
 
-        Args:
-            point: metres.
-            things: that hide what is behind them.
-            nearest: go to the nearest place, else to the cheapest.
+        To the place nearest to the point, or else to the cheapest, past what `things` hide.
 
         Returns:
             False where there is no such place.
@@ -311,12 +291,8 @@ class Reach:
     ) -> Observation:
         """Do one action on a thing, going there first, and again from elsewhere if that may help.
 
-        Args:
-            target: what to act on.
-            action: AI2-THOR's action with an objectId.
-            also: another thing that it handles.
-            in_passing: not worth remembering.
-            from_here: it is within reach, and the agent stays where it is.
+        `also` is another thing that it handles; what is done `in_passing` is not remembered; with
+        `from_here` the agent stays where it is.
 
         Raises:
             RefusedError: with the world's reason.

@@ -22,11 +22,7 @@ _HORIZONS = (30.0, 0.0)  # tables and the floor, then shelves
 
 
 class Search:
-    """Looks for things, and counts the places it looked at.
-
-    Args:
-        reach: the body, its log and the agent's memory.
-    """
+    """Looks for things, and counts the places it looked at."""
 
     def __init__(self, reach: Reach) -> None:
         self._reach, self._log, self._walker = reach, reach.log, reach.walker
@@ -34,9 +30,7 @@ class Search:
     def explore(self, name: str, positions: Sequence[str | Vec3]) -> Known:
         """Go to a thing where it is believed to be, opening what it is shut in, or look for it.
 
-        Args:
-            name: of the thing.
-            positions: where to look first, once nothing is believed of it any more.
+        `positions` come first, once nothing is believed of it any more.
 
         Raises:
             RefusedError: it is nowhere.
@@ -281,11 +275,7 @@ class Search:
         First one look whence nothing at all hides a point, then past what surely does; what is
         hidden from everywhere is looked for from near.
 
-        Args:
-            name: of the thing.
-            space: what holds things.
-            inside: it has an inside; else its top is looked at.
-            since: looks before that do not count: it was closed.
+        Looks before `since` do not count: it was closed.
         """
         hidden = spots(space, inside=inside)
         for surely, most in ((False, int(inside)), (True, len(hidden))):

@@ -78,10 +78,7 @@ class Sightings:
     def acted(self, action: str, object_id: str, place: str | None) -> None:
         """Note a deed that went well, where another one undoes it.
 
-        Args:
-            action: AI2-THOR's.
-            object_id: of what it was done to.
-            place: where that was before.
+        `action` is AI2-THOR's; `place` is where the thing was before.
         """
         if action in UNDONE_BY:
             self.left[object_id] = UNDONE_BY[action]

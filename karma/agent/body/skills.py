@@ -38,12 +38,8 @@ _ARITY = {s.name: (len(s.arguments) - s.optional, s.arguments) for s in (*SKILLS
 class Skills:
     """Runs skill calls in a world and keeps the log that the agent's memory is fed from.
 
-    Args:
-        world: a world that has been reset.
-        knowledge: the agent's memory.
-        limits: how hard a skill tries.
-        eyes: how the agent sees; None: by the simulator's metadata.
-        before: what was seen here earlier, by id; only its id means such a thing.
+    Without `eyes` the agent sees by the simulator's metadata. Of what was seen here `before` only
+    the id means such a thing.
     """
 
     def __init__(
@@ -92,10 +88,7 @@ class Skills:
     def look_from(self, name: str, area: Area, *, max_actions: int | None = None) -> SkillResult:
         """Walk near one place and look around for a thing; ok if it is in view then.
 
-        Args:
-            name: what is looked for; "" only looks.
-            area: the place.
-            max_actions: for the way and the look; None for the limits' own.
+        Without a name it only looks; `max_actions` None: the limits' own.
         """
         explore = SkillCall(skill="Explore", objects=(name,), positions=(area.name,))
         call = explore if name else SkillCall(skill="GoToObject", objects=(area.name,))
@@ -118,10 +111,7 @@ class Skills:
     ) -> SkillResult:
         """Open a closed container and look; it is closed again if the thing is not there.
 
-        Args:
-            name: what is looked for; "" only looks.
-            container: as it was seen.
-            max_actions: for all of it; None for the limits' own.
+        Without a name it only looks; `max_actions` None: the limits' own.
         """
         explore = SkillCall(skill="Explore", objects=(name,), positions=(container.object_id,))
         call = explore if name else SkillCall(skill="GoToObject", objects=(container.object_id,))
@@ -154,10 +144,6 @@ class Skills:
 
         Of two things that a program calls by one name the second is another one than the first;
         where no other is found, the first.
-
-        Args:
-            call: what to do.
-            max_actions: how many world actions it may take; None for the limits' own.
 
         Returns:
             ok, or a refusal with its reason; what the names resolved to; what it cost.

@@ -18,12 +18,7 @@ _TAP_OVER_M = 1.0  # a tap this near to what was put down last is the one that i
 
 
 class Switching:
-    """The skills SwitchOn, SwitchOff, ToggleOn, ToggleOff.
-
-    Args:
-        reach: the body, its log and the agent's memory.
-        search: looks around for a tap.
-    """
+    """The skills SwitchOn, SwitchOff, ToggleOn, ToggleOff."""
 
     def __init__(self, reach: Reach, search: Search) -> None:
         self._reach, self._log, self._walker = reach, reach.log, reach.walker

@@ -52,9 +52,7 @@ class Stance:
 class FloorMap:
     """The cells that can be stood on, on a grid through where the agent was.
 
-    Args:
-        found: the cells; () leaves the one that the agent stands on.
-        here: where the agent stands.
+    Without cells it has the one that the agent stands on.
     """
 
     def __init__(self, found: Sequence[Vec3], here: Vec3) -> None:
@@ -123,10 +121,7 @@ class FloorMap:
 class Routes:
     """The shortest ways from one state to all others, in steps ahead and quarter turns.
 
-    Args:
-        floor: where the agent can stand.
-        start: on it.
-        walls: moves that the world refused.
+    `walls` are moves that the world refused.
     """
 
     def __init__(
@@ -172,9 +167,7 @@ class Routes:
 class Walker:
     """The agent's body: walks, turns, looks, and counts the world's actions.
 
-    Args:
-        world: that has been reset.
-        max_actions: of one skill; then `OutOfActionsError`.
+    After `max_actions` of one skill comes `OutOfActionsError`.
     """
 
     def __init__(self, world: Stage, *, max_actions: int) -> None:

@@ -52,10 +52,7 @@ class RememberedDeeds:
     def done(self, object_id: str, deed: str, *, itself: bool = False) -> bool:
         """Return whether a deed was done to a thing, or to the whole before it was cut off.
 
-        Args:
-            object_id: of the thing.
-            deed: one of `DEEDS`.
-            itself: what was done to the whole does not count.
+        With `itself` what was done to the whole does not count.
         """
         inherited = not itself and deed in self._inherited.get(object_id, ())
         return inherited or object_id in self._done[deed]

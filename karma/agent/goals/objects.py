@@ -9,11 +9,7 @@ from karma.household.uses import covers
 
 
 class ObjectIndex:
-    """Finds the objects of one moment.
-
-    Args:
-        truth: everything in the scene.
-    """
+    """Finds the objects of one moment."""
 
     def __init__(self, truth: Truth) -> None:
         self.by_id = {thing.object_id: thing for thing in truth.objects}

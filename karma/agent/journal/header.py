@@ -83,10 +83,7 @@ class Header:
     ) -> list[str]:
         """Return what tells another header apart, in words.
 
-        Args:
-            new: of another run.
-            told: what this one was told, if that is known; then options that differ are named.
-            now: what the other was told, likewise.
+        Where both configurations are known, options that differ are named.
         """
         options = all_apart(told, now) if told is not None and now is not None else []
         found = [

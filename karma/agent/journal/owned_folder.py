@@ -57,12 +57,7 @@ class _Mark(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class OwnedFolder:
-    """The files of one run.
-
-    Args:
-        path: of the folder.
-        kind: of run.
-    """
+    """The files of one run."""
 
     def __init__(self, path: Path, kind: Kind) -> None:
         self.path = path
@@ -95,9 +90,8 @@ class OwnedFolder:
     def begin(self, names: Iterable[str], header: bytes = b"") -> None:
         """Make the folder the run's.
 
-        Args:
-            names: what it will write, for sure or perhaps.
-            header: content of `HEADER`, where that never changes.
+        `names` it will write, for sure or perhaps; `header` is the content of `HEADER`, where that
+        never changes.
 
         Raises:
             FileError: somebody's file has such a name.
@@ -110,9 +104,7 @@ class OwnedFolder:
     def adopt(self, names: Iterable[str], header: bytes = b"") -> None:
         """Take over the folder of an earlier version's run, which left no mark.
 
-        Args:
-            names: what that run has written.
-            header: see `begin`; it must have been seen to be this run's.
+        Its header must have been seen to be this run's.
         """
         for name in (names := frozenset(names)):
             self._keep_inside(name)
@@ -148,10 +140,7 @@ class OwnedFolder:
 
         The mark's lines are put in order, so equal runs leave equal files.
 
-        Args:
-            sealed: names of files that do not change any more.
-            by: name of the last one, whose presence says that the seal holds.
-            data: its content.
+        The presence of `by`, the last file, says that the seal holds.
         """
         last = self.own(by)
         hashes = {name: sha256_of(self.path / name) for name in sealed} | {by: _hash(data)}

@@ -44,14 +44,7 @@ def header_of(
 ) -> Header:
     """Return what a run depends on.
 
-    Args:
-        name: of the run.
-        told: all that was said of it, as plain values; where files lie changes nothing.
-        models: that plan, recall and see.
-        rows: methods with their options.
-        tasks: what is done.
-        scenes: imported floor plans, by name.
-        steps: whether step logs are kept.
+    `told` is all that was said of it, as plain values; `scenes` are imported floor plans.
 
     Raises:
         ModelError: a model's file is missing.

@@ -106,14 +106,7 @@ def read_run(folder: str | Path) -> RunData:
 
 
 class RunFolder:
-    """The folder that a run writes.
-
-    Args:
-        path: of the folder.
-        steps: whether episodes leave step logs.
-        kind: of run.
-        records: of what its records are.
-    """
+    """The folder that a run writes."""
 
     def __init__(
         self,
@@ -151,11 +144,8 @@ class RunFolder:
     ) -> None:
         """Make the folder that run's, or see that it is; a run without an episode is no obstacle.
 
-        Args:
-            header: what the run depends on.
-            config: what it was told, which is kept beside it; None: the header says all.
-            fix: what helps where the folder holds another run.
-            scenes: rooms that the tasks bring along, path below the folder -> content.
+        Without `config` the header says all; `scenes` are rooms that the tasks bring along, by
+        their path below the folder.
 
         Raises:
             FileError: it holds another run, and what differs is named; or it is somebody else's.
@@ -199,8 +189,7 @@ class RunFolder:
     ) -> tuple[list[Any], dict[Key, EpisodeTiming | PlayedTiming]]:
         """Return the episodes that are done; traces of those that are not are swept away.
 
-        Args:
-            together: episodes that count only if all of them are done.
+        Episodes that stand `together` count only if all of them are done.
 
         Raises:
             FileError: a line that is not the last is damaged.
@@ -266,10 +255,9 @@ class RunFolder:
     ) -> None:
         """Put all lines in their final order, and write what they add up to.
 
-        Args:
-            order: the keys of all episodes, as they stand at the end.
-            add_up: makes the results of the records, as they are written, and what else there is to
-                write, by name; without seconds, since no run repeats those.
+        `order` has the keys of all episodes. `add_up` makes the results of the records, as they are
+        written, and what else there is to write, by name; without seconds, since no run repeats
+        those.
         """
         records, timings = self.done()
         rank = {key: number for number, key in enumerate(order)}

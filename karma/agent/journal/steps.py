@@ -215,12 +215,7 @@ class StepLog:
 
 
 class LoggedWorld:
-    """A world whose actions are written to a log; it changes nothing.
-
-    Args:
-        world: any world.
-        log: takes the actions.
-    """
+    """A world whose actions are written to a log; it changes nothing."""
 
     def __init__(self, world: World, log: StepLog) -> None:
         self._world, self._log = world, log

@@ -159,10 +159,8 @@ def truth_of(trial: Mapping[str, Any]) -> GoalFacts:
 def goals_of(facts: GoalFacts, thing: str, text: str) -> tuple[Goal, ...]:
     """Return what is to hold in the end.
 
-    Args:
-        facts: what the sentence asks for.
-        thing: the short name of the object, if memory holds it, else its type.
-        text: the sentence; what is to be cooked is cooked, not only heated.
+    `thing` is the object's short name, if memory holds it, else its type. What the text says to
+    cook is cooked, not only heated.
     """
     count = 2 if facts.task == "two" else 1
     goals = [replace(_goal("STATE", thing, "sliced"), count=count)] if facts.sliced else []

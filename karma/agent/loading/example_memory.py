@@ -11,10 +11,7 @@ from karma.contracts import Embedder, Vectors, WorkedExample
 class ExampleMemory:
     """Finds worked examples by their instructions; examples are added, never removed.
 
-    Args:
-        embedder: of instructions.
-        seeds: what it begins with.
-        vectors: of their instructions, where they are known, shape (n, dimension).
+    `vectors` of the seeds' instructions, shape (n, dimension), where they are known.
     """
 
     def __init__(

@@ -32,9 +32,7 @@ def bank_file(named: str = "") -> Path:
 def read_bank(path: Path, *, goals: bool = False) -> Iterator[WorkedExample]:
     """Yield sentences with their programs; those to be refused are left out.
 
-    Args:
-        path: of requests, as `eval/requests/written.jsonl`; or of ALFRED's demonstrations, gzipped.
-        goals: their goals as lines, in place of programs.
+    Of requests as `eval/requests/written.jsonl`, or of ALFRED's demonstrations, gzipped.
 
     Raises:
         FileError: a line is none, or there is no sentence to be done.
@@ -85,11 +83,7 @@ def examples_for(
 ) -> Examples | None:
     """Return what finds a planner's examples, the nearest last; None for none.
 
-    Args:
-        count: examples told.
-        named: a file of sentences in place of the one that ships.
-        embedder: that is loaded already; another one is not used.
-        goals: as lines of goals, not as programs.
+    `named` is a file of sentences in place of the one that ships.
 
     Raises:
         FileError: the file is missing or torn.

@@ -214,11 +214,7 @@ def for_row(
 ) -> Resources:
     """Return what a row's method is built from: the run's, save for what the row names itself.
 
-    Args:
-        resources: of the run.
-        row: of the experiment.
-        loaded: vision models by name; takes those that the row adds, so that each is loaded once.
-        models: of the run; say on what they are computed.
+    `loaded` takes the vision models that rows add, so that each is loaded once.
 
     Raises:
         ModelError: its vision model is missing, damaged or of the wrong kind.

@@ -41,12 +41,7 @@ def opened_as(role: str, entry: ModelEntry, place: str = "") -> str:
 
 
 def whole_name(key: str, name: str) -> str:
-    """Return the name of what fills a role with what opens it, where only the model was named.
-
-    Args:
-        key: of [models].
-        name: of a registered implementation, or of a model of the manifest: "mysmol".
-    """
+    """Return the name of what fills a role with what opens it, where only the model was named."""
     role = _PLURALS[key]
     if not name or ":" in name or "/" in name or name in registry.names(role):
         return name
@@ -57,9 +52,7 @@ def whole_name(key: str, name: str) -> str:
 def check_models(named: Mapping[str, str], prefix: str = "") -> None:
     """Check which models fill the roles: that their names stand for something.
 
-    Args:
-        named: key of [models] -> its value; "" is none.
-        prefix: of a key in messages.
+    `named`: key of [models] -> its value, "" for none; `prefix` stands before the key in messages.
 
     Raises:
         KarmaError: a name stands for nothing; says under which key.

@@ -52,10 +52,7 @@ def doubt_path(planner: str) -> Path | None:
 def hints_for(planner: str, words: str = "", embedder: Embedder | None = None) -> Hints | None:
     """Return what gives a planner its hints; None where it has not learnt to read them.
 
-    Args:
-        planner: a name of the manifest or a GGUF's path.
-        words: a words file in place of the planner's own; "none" for no hints.
-        embedder: that is loaded already; another one is not used.
+    `words` is a words file in place of the planner's own, "none" for no hints.
 
     Raises:
         ModelError: the words file of the manifest is not as it should be.

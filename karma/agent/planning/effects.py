@@ -72,12 +72,7 @@ class ProgramEffects:
 
 
 def effects_of(calls: Sequence[SkillCall], held: str | None = None) -> ProgramEffects:
-    """Return what a program brings about.
-
-    Args:
-        calls: with names or ids.
-        held: what is in the hand before.
-    """
+    """Return what a program brings about."""
     found = ProgramEffects(held=(held, 0) if held else None)
     found.began = found.held
     if found.held is not None:

@@ -202,10 +202,8 @@ class _Draft:
 def solve(goals: Sequence[Goal], view: ExpertView) -> tuple[SkillCall, ...]:
     """Write the program that makes the goals true, one subject after another.
 
-    Args:
-        goals: in the order in which they are to come true; arguments are names of `view.things`
-            or AI2-THOR types.
-        view: what is known.
+    The goals are in the order in which they are to come true; arguments are names of `view.things`
+    or AI2-THOR types.
 
     Returns:
         The calls; () when there is nothing to do.

@@ -71,10 +71,7 @@ def program_for(
 ) -> tuple[SkillCall, ...]:
     """Return the plain program that makes goals true, which the inspector then sees through.
 
-    Args:
-        lines: of an answer.
-        units: that the prompt told of.
-        names: the prompt's short names, and their ids.
+    `units` are those that the prompt told of, `names` its short names (-> id).
 
     Returns:
         The calls; () where nothing is left to do.
@@ -150,10 +147,8 @@ def _line_of(goal: Goal, *, brews: bool) -> SkillCall | None:
 def asked_lines(asked: Request, here: Collection[str]) -> tuple[SkillCall, ...]:
     """Return the goals of a request as its words were read, for want of a planner's answer.
 
-    Args:
-        asked: each thing of it has to be one whole of a type, not one of several, a piece, or known
-            by its past, its state or what lies in it.
-        here: types that the agent knows of in this room.
+    Each thing of it has to be one whole of a type, not one of several, a piece, or known by its
+    past, its state or what lies in it.
 
     Returns:
         The lines in the order of the deeds; () where one has no line.
@@ -195,10 +190,7 @@ def _asked_line(deed: SaidDeed, thing: Mention | None, here: Collection[str]) ->
 def _asked_type(one: Mention | None, here: Collection[str], need: str) -> str:
     """Return the one type that a mention means here; "" where words alone do not tell.
 
-    Args:
-        one: a thing or place.
-        here: types that the agent knows of in this room.
-        need: what it has to be, "" for anything.
+    It has to be what `need` says, "" for anything.
     """
     if one is None or one.told or one.anything or one.every or one.other or one.holding:
         return ""

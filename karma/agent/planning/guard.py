@@ -38,9 +38,7 @@ from karma.language.request_words import deed_states, request_words
 def cannot_serve(request: Request, here: Collection[str]) -> RefusedRequest | None:
     """Return why a request cannot be carried out, whatever the planner; None if it may be.
 
-    Args:
-        request: what was asked.
-        here: types that the agent knows of in this room.
+    `here`: types that the agent knows of in this room.
     """
     if not request.english:
         return _refused("language", ())
@@ -168,13 +166,8 @@ def stopped(
 ) -> str:  # fmt: skip
     """Return why a program is not what was asked; "" where it is.
 
-    Args:
-        calls: of the program, with names or ids.
-        request: what was asked.
-        here: types that the agent knows of in this room.
-        held: what is in the hand before.
-        exact: what people call so as well will not do: no mug for a cup.
-        begun: some of it was done before, and need not be done again.
+    `held` is in the hand before. With `exact` what people call so as well will not do: no mug for a
+    cup. What was `begun` need not be done again.
     """
     found = effects_of(with_turns(calls), held)
     request = _told_apart(_exactly(request, here) if exact else request)
@@ -189,13 +182,7 @@ def stopped(
 def put_near(
     calls: Sequence[SkillCall], request: Request, here: Collection[str]
 ) -> tuple[SkillCall, ...]:
-    """Return a program that puts near a place what was to be put there: planners put it on it.
-
-    Args:
-        calls: of the program, with short names.
-        request: what was asked.
-        here: types that the agent knows of in this room.
-    """
+    """Return a program that puts near a place what was to be put there: planners put it on it."""
     found = list(calls)
     for deed in request.deeds:
         places = here_of(deed.place.types, here) if deed.place and deed.near else ()
@@ -214,13 +201,7 @@ def put_near(
 def kept_open(
     calls: Sequence[SkillCall], request: Request, here: Collection[str]
 ) -> tuple[SkillCall, ...]:
-    """Return a program that does not close what the same sentence asks to open.
-
-    Args:
-        calls: of the program, with short names.
-        request: what was asked, with the rest of its sentence.
-        here: types that the agent knows of in this room.
-    """
+    """Return a program that does not close what the same sentence asks to open."""
     deeds = [*request.rest, *(one for one in request.deeds if one not in request.rest)]
     last = {kind: one.deed for one in deeds if one.deed in ("open", "close")
             for kind in _of_things(one, here)}  # fmt: skip
@@ -533,13 +514,8 @@ def _misplaced(
 ) -> Iterator[str]:  # fmt: skip
     """Yield that a named thing comes to a place that nobody spoke of.
 
-    Args:
-        found: what the program brings about.
-        thing: that it moves.
-        own: what is to be done now.
-        whole: the same with what the sentence asks besides, which may be done as well.
-        here: types that the agent knows of in this room.
-        help_: where things may be put on the way.
+    `own` is to be done now; `whole` has what the sentence asks besides, which may be done as well;
+    `help_` are kinds of places where things may be put on the way.
     """
     kind, place = kind_of(thing[0]), found.at[thing]
     wanted, besides = _goes_to(kind, own, here), _goes_to(kind, whole, here)

@@ -44,14 +44,9 @@ def mend(
       known surface.
     * What runs is switched off before its door or lid is moved.
 
-    Args:
-        calls: the program, with the prompt's short names.
-        known: names and types whose place the agent knows.
-        shut: names of things that memory has in something closed.
-        cut: names of things that memory has as sliced.
-        running: types of things that were seen to run.
-        held: the short name of what is in the hand.
-        areas: long-term memory, for the order of searches.
+    All names are the prompt's short names: `known` are those and types whose place the agent knows,
+    `shut` those that memory has in something closed, `cut` as sliced; `running` are types of things
+    that were seen to run.
     """
     found, mended, hand = set(known), list[SkillCall](), held
     for call in _without_cuts(calls, cut):
@@ -163,10 +158,7 @@ def objection(
 ) -> Objection | None:
     """Return what is wrong with the first line that cannot work, None if nothing is.
 
-    Args:
-        calls: the program, with the prompt's short names.
-        held: the short name of what is in the hand.
-        known: names and types whose place the agent knows; what would help is one of them.
+    What would help is `known`.
     """
     hand = _Hand(held=held)
     for number, call in enumerate(calls):
@@ -257,10 +249,7 @@ def narrowed(
 def hand_of(request: PlanRequest, names: Mapping[str, str], admitted: Sequence[str]) -> HandSpec:
     """Return how hand and doors are before a program.
 
-    Args:
-        request: says what is held, and which doors were seen open.
-        names: the prompt's short names, and their ids.
-        admitted: the names that a program may say.
+    `admitted` are the names that a program may say.
     """
     known: tuple[MemoryUnit | SeenObject, ...] = (*request.units, *request.seen)
     stands_open = {one.object_id for one in known if "opened" in one.states}
@@ -318,10 +307,7 @@ def takers(object_type: str, known: Iterable[str]) -> list[str]:
 def goes_where(object_type: str, receptacle: str, known: Sequence[str]) -> str:
     """Say where a thing goes that a receptacle does not take, and what would bring it there.
 
-    Args:
-        object_type: of the thing.
-        receptacle: its name, type or id.
-        known: names and types of what the agent knows of, the best first.
+    `known` are names and types, the best first.
 
     >>> goes_where("Laptop", "Cabinet_2", ["Fridge", "Desk", "Box"])
     'of what is known here it goes in or on Desk, Box; in Box it can be carried to Cabinet_2'

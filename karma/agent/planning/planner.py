@@ -44,14 +44,8 @@ _LOOSE_AFTER = 2  # answers after which a mug will do for a cup
 class Planner:
     """One model with its prompt profile.
 
-    Args:
-        model: any `LanguageModel`.
-        profile: of its prompts, see `karma.agent.planning.prompt.PROFILES`.
-        decoding: how answers are drawn.
-        hints: of an instruction; None: the planner reads none.
-        examples: for an instruction; None: the prompt has none but its own.
-        doubt: decides by the first answer whether a request is refused; None: the answer does.
-        listen: hears answers as they come.
+    Without `hints` the planner reads none, without `examples` its prompt has but its own. `doubt`
+    decides by the first answer whether a request is refused; None: the answer does.
     """
 
     def __init__(

@@ -168,11 +168,8 @@ def astray(
 ) -> tuple[int, str] | None:
     """Return the line of a later program that acts on another thing or place, and what is wrong.
 
-    Args:
-        first: the program that was carried out first; () where none was.
-        later: one that would be tried now.
-        instruction: what was asked for.
-        done: what went well of the programs before: what holds a thing by now may go in its place.
+    `first` is the program that was carried out first, () for none; `done` is what went well before:
+    what holds a thing by now may go in its place.
     """
     asked, now = reading_of(first), reading_of(later)
     if not asked.things or not now.handled or put_right(first, later, instruction):
@@ -196,10 +193,7 @@ def left_undone(
 ) -> tuple[str, ...]:
     """Return the things of a reading that what was done since has not brought to their ends.
 
-    Args:
-        first: the program that was carried out first.
-        done: the calls of all programs that went well, in order.
-        instruction: a place that it names is meant, also where no such thing goes.
+    A place that the instruction names is meant, also where no such thing goes.
     """
     asked, now = reading_of(first), reading_of(done)
     did = {(_DEEDS.get(call.skill, call.skill), kind_of(call.objects[-1])) for call in done}

@@ -47,11 +47,6 @@ def program_of(
 ) -> Recovered:
     """Return the program of an answer; one that a grammar held is taken by its word.
 
-    Args:
-        completion: the answer.
-        skills: that it may call.
-        refusing: whether it may refuse the request instead.
-
     Raises:
         ProgramError: it is none, or the model says itself that it cannot be one.
     """

@@ -24,11 +24,8 @@ def short_names(
 ) -> dict[str, str]:
     """Give every recalled unit and its place a short name: the last used Apple is `Apple`.
 
-    Args:
-        units: the last used last.
-        held: (object id, object type) of what is in the hand.
-        fixtures: names that furniture has already.
-        seen: more things, called by what names are left.
+    `held`: id and type of what is in the hand; `fixtures`: names that furniture has already; what
+    is `seen` is called by what names are left.
 
     Returns:
         name -> object id; older things of the same type become `Apple_2`, `Apple_3`, ...
@@ -68,10 +65,7 @@ def fixture_names(
     the basins of sinks have no names of their own; where there is only a basin, it is the sink.
     Nor has a tap or burner of which there is one: skills find it.
 
-    Args:
-        areas: the map.
-        seen: what was seen besides; furniture that the map lacks is named after it.
-        before: names that furniture has already, and keeps.
+    Furniture that was `seen` and the map lacks is named after it; `before` are names that it keeps.
 
     Returns:
         name -> object id.
@@ -115,9 +109,7 @@ def stand_ins(
 ) -> dict[str, str]:
     """Return what stands for each thing: of the slices of a thing in one place one for all.
 
-    Args:
-        seen: the things.
-        told: (id, place) of things that are told of elsewhere, and stand for slices beside them.
+    `told`: (id, place) of things that are told of elsewhere, and stand for slices beside them.
 
     Returns:
         id -> id.

@@ -19,10 +19,6 @@ def trimmed(
     """Return a program less the fewest lines without which there is no objection; () for none.
 
     What is cut leaves nothing in the hand that the whole would have put down.
-
-    Args:
-        calls: of the program.
-        objection: why a program cannot work or is not what was asked; "" where neither is so.
     """
     numbered = with_turns(calls)
     hands = (None, effects_of(numbered).held)

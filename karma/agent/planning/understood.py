@@ -75,12 +75,7 @@ def understood(
 ) -> Understanding:
     """Return what a planner's answer makes of a request.
 
-    Args:
-        instruction: as it was said.
-        plan: the answer, a program or a refusal.
-        where: the agent's beliefs.
-        lexicon: which types a phrase comes near to.
-        here: the types that the agent knows of in this room.
+    `here`: types that the agent knows of in this room.
     """
     sure = sureness(plan)
     if plan.refused is not None:

@@ -16,10 +16,7 @@ Box = tuple[Vec3, Vec3]  # centre and size, metres
 def points_in(depth_m: NDArray[np.float32], mask: NDArray[np.bool_], camera: CameraPose) -> Points:
     """Return where in the world the pixels of a mask are, shape (n, 3), metres.
 
-    Args:
-        depth_m: shape (H, W), metres along the camera's forward axis.
-        mask: shape (H, W).
-        camera: that took the picture.
+    `depth_m`, along the camera's forward axis, and `mask` have the shape (H, W).
     """
     rows, columns = np.nonzero(mask)
     forward = depth_m[rows, columns].astype(np.float64)

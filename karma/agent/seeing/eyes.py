@@ -92,13 +92,7 @@ class Boxes(Protocol):
     name: str
 
     def find(self, capture: Capture, camera: CameraPose, held: str | None) -> Iterable[Instance]:
-        """Return the things in view, each under the id that it had before.
-
-        Args:
-            capture: the picture.
-            camera: that took it.
-            held: the id of what is in the hand.
-        """
+        """Return the things in view, each under the id that it had before."""
 
     def aim(self, object_id: str) -> Mapping[str, Any]:
         """Return the arguments by which an action means a thing in view."""
@@ -139,9 +133,7 @@ class _Look:
 class PictureEyes:
     """Sees by pictures alone; one for each room, as it keeps what it knows of it.
 
-    Args:
-        vision: reads states; one that needs no pictures is asked at once, with the true states.
-        boxes: finds things.
+    A vision model that needs no pictures is asked at once, with the true states.
     """
 
     def __init__(self, vision: VisionModel, boxes: Boxes) -> None:

@@ -68,10 +68,8 @@ def observe(
 ) -> Observation:
     """Return what the agent learns from one action.
 
-    Args:
-        event: of AI2-THOR or of the embedded world.
-        touched: ids that the action was done to; the agent knows of them out of view too.
-        known: ids that the agent has seen before; of them it learns what a tap or an oven did.
+    The action was done to `touched`, of which the agent knows out of view too; of `known` ids it
+    learns what a tap or an oven did.
     """
     things = event.metadata["objects"]
     inventory = _inventory(event)
@@ -372,11 +370,7 @@ def _contents(receptacles: Iterable[_Object], things: Sequence[_Object]) -> Iter
 
 
 def reason_of(words: str) -> Reason:
-    """Return what a refusal means.
-
-    Args:
-        words: the world's.
-    """
+    """Return what a refusal means."""
     text = words.split(". trace:")[0].strip()
     text = re.sub(r"^\w+Exception: ", "", text)
     text = re.sub(r"\b([A-Z][A-Za-z]+)_[0-9a-f]{8}\b", r"\1", text) or _UNKNOWN

@@ -14,10 +14,7 @@ BoxSource = Literal["given", "detector"]
 class Perception:
     """The eyes of one episode, a pair for each room.
 
-    Args:
-        kind: by what the agent sees.
-        vision: reads states out of pictures.
-        detector: finds things in them; None: the simulator's boxes are given.
+    Without a detector the simulator's boxes are given.
     """
 
     def __init__(self, kind: Kind, vision: VisionModel, detector: Detector | None) -> None:

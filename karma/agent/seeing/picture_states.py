@@ -38,12 +38,8 @@ def look_at(
 
     A model that needs no pictures is asked without.
 
-    Args:
-        vision: the model.
-        instruction: what was asked for.
-        sights: the objects of interest.
-        views: in which each id was last in view; ids without one are not asked about.
-        folder: the run folder; None keeps no pictures.
+    `views` are those in which each id was last in view; ids without one are not asked about.
+    Without `folder`, the run's, no pictures are kept.
 
     Raises:
         FileError: a picture cannot be written.
@@ -77,11 +73,7 @@ def picture_name(data: bytes) -> str:
 
 
 def png(frame: Frame) -> bytes:
-    """Return a picture as a PNG file; equal pictures give equal bytes.
-
-    Args:
-        frame: uint8 (H, W, 3).
-    """
+    """Return a picture as a PNG file; equal pictures give equal bytes."""
     height, width, _ = frame.shape
     rows = np.zeros((height, 1 + width * 3), dtype=np.uint8)  # each row begins with its filter, 0
     rows[:, 1:] = frame.reshape(height, -1)

@@ -19,10 +19,7 @@ _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b).bit_count
 def placed(sight: SeenObject, camera: CameraPose, box: SeenObject | None = None) -> SeenObject:
     """Return a sight with its region and silhouette in the camera's frame.
 
-    Args:
-        sight: of an object.
-        camera: that took the frame.
-        box: the sight whose box is projected, if it is another one.
+    `box` is the sight whose box is projected, if it is another one.
     """
     center_m, size_m = (box or sight).box_center_m, (box or sight).box_size_m
     return replace(

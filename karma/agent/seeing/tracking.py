@@ -40,11 +40,7 @@ def words_by_type() -> Mapping[str, str]:
 
 
 class TrackedBoxes:
-    """A detector's boxes, of which each thing keeps its name from look to look.
-
-    Args:
-        detector: asked for every type of a household.
-    """
+    """A detector's boxes, of which each thing keeps its name from look to look."""
 
     def __init__(self, detector: Detector) -> None:
         self.name = detector.name
