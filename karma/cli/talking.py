@@ -16,7 +16,7 @@ from karma.cli.shared import STOPPED, Json, console, readable, tell, write_json
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
-    from karma.agent.loading.presets import Preset
+    from karma.agent.loading.models import Preset
     from karma.contracts import Mention, Request, SaidDeed
     from karma.talk.agent import Agent
 
@@ -215,7 +215,7 @@ def _close(agent: "Agent") -> None:
 
 
 def _preset(name: str) -> "Preset":
-    from karma.agent.loading.presets import preset
+    from karma.agent.loading.models import preset
 
     try:
         return preset(name)

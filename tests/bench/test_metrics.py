@@ -21,7 +21,7 @@ from support.made_records import (
 
 from karma.agent.journal.records import AnswerTiming, EpisodeTiming, SubTaskTiming
 from karma.agent.journal.run_folder import read_run
-from karma.agent.journal.steps import Ended, Enter, Instruction, Start, Unit
+from karma.agent.journal.steps import Ended, Enter, Instruction, Start
 from karma.bench.figures.columns import figures
 from karma.bench.figures.columns import plain as plain_figures
 from karma.bench.figures.counterfactual import LOTA_ROW, OFF_ROW, paired, reduced, reductions
@@ -29,7 +29,7 @@ from karma.bench.figures.failures import CAUSES, count, failures
 from karma.bench.figures.metrics import METRICS, actions, episodes_of, explorations
 from karma.bench.figures.needs import needs, related_needs
 from karma.bench.figures.results import result_of
-from karma.contracts import RefusedRequest, Tour
+from karma.contracts import MemoryUnit, RefusedRequest, Tour
 from karma.infer.hosted.cost import Spent
 
 CUT, KEEP = "STATE(Apple, sliced): 1", "INSIDE(Apple, Fridge): 1"
@@ -345,7 +345,7 @@ def cause(*subtasks, steps=None, error=""):
 
 
 def unit(object_id):
-    return Unit(
+    return MemoryUnit(
         object_id=object_id, object_type=object_id.split("|")[0], states=(), place_id=None,
         handled=True, position_m=(0.0, 0.0, 0.0), image=None,
     )  # fmt: skip

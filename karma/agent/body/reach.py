@@ -5,9 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from karma.agent.body.coverage import unseen
-from karma.agent.body.naming import Naming
 from karma.agent.body.refusals import RefusedError, explained, of_its_kind
-from karma.agent.body.sightings import Sightings, known
+from karma.agent.body.sightings import Naming, Sightings, known
 from karma.agent.body.walk import Stance, Target, Walker
 from karma.agent.seeing.eyes import Eyes
 from karma.agent.seeing.perceive import place_of, refusal

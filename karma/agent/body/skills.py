@@ -10,11 +10,10 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
-from karma.agent.body.handling import Handling
+from karma.agent.body.handling import Handling, Switching
 from karma.agent.body.reach import Reach, SkillLimits
 from karma.agent.body.refusals import RefusedError
 from karma.agent.body.search import Search, best_next
-from karma.agent.body.switching import Switching
 from karma.agent.body.walk import OutOfActionsError
 from karma.agent.planning.program import OUR_SKILLS, SKILLS
 from karma.agent.seeing.eyes import Eyes, MetadataEyes

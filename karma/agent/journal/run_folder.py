@@ -36,7 +36,6 @@ from karma.agent.journal.records import (
     PlayedTiming,
     key_of,
     read_records,
-    read_timings,
 )
 from karma.agent.journal.steps import packed, steps_path
 from karma.agent.journal.told import CONFIG, Config, read_config
@@ -99,7 +98,7 @@ def read_run(folder: str | Path) -> RunData:
         folder=folder,
         header=header,
         records=tuple({r.key: r for r in read_records(folder / EPISODES)}.values()),
-        timings={timing.key: timing for timing in read_timings(folder / TIMINGS)},
+        timings={timing.key: timing for timing in read_lines(folder / TIMINGS, EpisodeTiming)},
         finished=(folder / RESULTS).exists(),
         not_run=read_not_run(folder),
     )

@@ -20,38 +20,11 @@ import msgspec
 from karma.agent.journal.owned_folder import STEPS
 from karma.agent.planning.refused_requests import sentence
 from karma.agent.seeing.perceive import refusal
-from karma.contracts import Event, MemoryUnit, Outcome, Plan, SkillResult, SubTask, Vec3, World
+from karma.contracts import Event, MemoryUnit, Outcome, Plan, SkillResult, SubTask, World
 from karma.errors import FileError
 from karma.files import read_bytes, to_json, unpack
 
 _LONGEST_SLUG = 80  # characters
-
-
-class Unit(msgspec.Struct, frozen=True, kw_only=True):
-    """One line of short-term memory."""
-
-    object_id: str
-    object_type: str
-    states: tuple[str, ...]
-    place_id: str | None
-    handled: bool
-    position_m: Vec3
-    image: str | None
-    scene: str = ""  # name of the room that the object is in
-
-    @classmethod
-    def of(cls, unit: MemoryUnit) -> "Unit":
-        """Return what the log keeps of a unit."""
-        return cls(
-            object_id=unit.object_id,
-            object_type=unit.object_type,
-            states=unit.states,
-            place_id=unit.place_id,
-            handled=unit.handled,
-            position_m=unit.position_m,
-            image=unit.image,
-            scene=unit.scene,
-        )
 
 
 class Start(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="start"):
@@ -75,7 +48,7 @@ class Instruction(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", t
 
     number: int  # from 0
     instruction: str
-    memory: tuple[Unit, ...]  # short-term memory before it
+    memory: tuple[MemoryUnit, ...]  # short-term memory before it
 
 
 class Map(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="map"):
@@ -117,7 +90,7 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="ou
     """The instruction has ended."""
 
     finished: bool
-    memory: tuple[Unit, ...]  # short-term memory after it
+    memory: tuple[MemoryUnit, ...]  # short-term memory after it
     unmet: tuple[str, ...]  # goals that do not hold
 
 
@@ -137,7 +110,7 @@ class StepLog:
         self._given = 0  # where the last instruction stands among them
         self.actions: list[Action] = []  # since it was given, but for what only asks
         self._map: str | None = None
-        self._memory: tuple[Unit, ...] = ()
+        self._memory: tuple[MemoryUnit, ...] = ()
 
     def reset(self) -> None:
         """The world is reset; what was done to it before `start` no longer counts."""
@@ -193,11 +166,10 @@ class StepLog:
 
     def outcome(self, outcome: Outcome, unmet: Sequence[str]) -> None:
         """Write how the instruction ended, and what memory held when it was given."""
-        before = tuple(Unit.of(unit) for unit in outcome.resident)
         given = self._steps[self._given]
         if isinstance(given, Instruction):
-            self._steps[self._given] = msgspec.structs.replace(given, memory=before)
-        self._memory = tuple(Unit.of(unit) for unit in outcome.kept)
+            self._steps[self._given] = msgspec.structs.replace(given, memory=outcome.resident)
+        self._memory = outcome.kept
         self.add(Ended(finished=outcome.finished, memory=self._memory, unmet=tuple(unmet)))
         self._written += self._lines()
         self._steps.clear()

@@ -1,7 +1,8 @@
 """The models of a run: what is said of them, and how each is opened, once."""
 
-from collections.abc import Mapping
-from dataclasses import fields, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from inspect import signature
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -13,7 +14,6 @@ from karma import registry
 from karma.agent.loading.examples import EXAMPLES, examples_for
 from karma.agent.loading.names import MODELS, check_models, whole_name
 from karma.agent.loading.planner_files import NO_WORDS, doubt_of, hints_for, may_refuse
-from karma.agent.loading.presets import PRESETS, preset
 from karma.agent.planning.prompt import GOALS, render
 from karma.contracts import (
     Constraint,
@@ -25,14 +25,54 @@ from karma.contracts import (
     Resources,
     Thinking,
     VisionModel,
+    World,
 )
-from karma.errors import KarmaError, ModelError, RequestRefused
+from karma.errors import KarmaError, ModelError, RequestRefused, did_you_mean
 from karma.infer.hosted.planner import open_planner
 from karma.infer.hosted.session import Endpoint, Hosted, Session
 from karma.infer.llama.options import KvType, LlamaOptions, Switch
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.manifest import default_planner, resolve_planner
 from karma.infer.torch_load import DType, TorchOptions
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Preset:
+    """One setting of the agent."""
+
+    recall: str  # which units come into the prompt
+    recall_text: str  # how a unit is put in words for recall
+    options: Mapping[str, Any] = field(default_factory=dict)  # of the row, where not the default
+
+
+PRESETS = {
+    "": Preset(recall="stateful", recall_text="sentence"),  # what the tables measure
+    "paper": Preset(  # §3.5; it gives no K, so all units
+        recall="cosine",
+        recall_text="listing",
+        options={
+            "recall_k": 10,
+            "query": "instruction",
+            "whole_memory": False,
+            "map_form": "paper",
+            "seen_listed": False,
+        },
+    ),
+}
+
+
+def preset(name: str) -> Preset:
+    """Return a preset.
+
+    Raises:
+        ValueError: there is none of that name.
+    """
+    if name not in PRESETS:
+        there = [*filter(None, PRESETS)]
+        hint = did_you_mean(name, there)
+        raise ValueError(f"preset = {name!r}; there is {', '.join(there)!r}.{hint}")
+    return PRESETS[name]
+
 
 _HOTTEST = 100.0
 
@@ -312,3 +352,13 @@ def language_model(
         thinking_tokens=models.thinking_tokens,
     )
     return local, models.profile or file.prompt_profile
+
+
+PICTURES = {"renderDepthImage": True, "renderInstanceSegmentation": True}  # AI2-THOR's flags
+
+
+def world_maker(name: str, options: Iterable[Mapping[str, Any]]) -> Callable[[], World]:
+    """Return what makes a run's worlds: with depth and instance masks where a row looks at them."""
+    make: Callable[..., World] = registry.load("worlds", name)
+    looks = any(one.get("perception") == "pictures" for one in options)
+    return partial(make, **PICTURES) if looks else make

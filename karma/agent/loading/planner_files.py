@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Literal
 
 from karma import registry
-from karma.agent.planning.doubt import LogisticDoubt, read_doubt
+from karma.agent.planning.refused_requests import LogisticDoubt, read_doubt
 from karma.contracts import Embedder, Hints
 from karma.infer.manifest.manifest import (
     check_file,

@@ -8,9 +8,8 @@ word speaks of. What the words ask for is in a `Request`, what the program bring
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 
-from karma.agent.planning.effects import ProgramEffects, Thing, effects_of
+from karma.agent.planning.effects import ProgramEffects, Thing, effects_of, with_turns
 from karma.agent.planning.reading import kind_of
-from karma.agent.planning.several import with_turns
 from karma.contracts import Mention, RefusalKind, RefusedRequest, Request, SaidDeed, SkillCall
 from karma.household.deeds import FOR_GOOD, able_to, deed_kind
 from karma.household.pieces import EGG

@@ -4,6 +4,7 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
+from karma.agent.planning.effects import trimmed, with_turns
 from karma.agent.planning.goal_lines import asked_lines, program_for
 from karma.agent.planning.guard import kept_open, put_near, stopped
 from karma.agent.planning.inspector import Objection, hand_of, mend, narrowed, objection
@@ -12,8 +13,6 @@ from karma.agent.planning.prompt import GOALS, render, skills_of
 from karma.agent.planning.reading import astray
 from karma.agent.planning.recovery import program_of
 from karma.agent.planning.refused_requests import KNOWN, cannot_be, doubted, with_words
-from karma.agent.planning.several import with_turns
-from karma.agent.planning.trimming import trimmed
 from karma.contracts import (
     REFUSAL_KINDS,
     Completion,

@@ -4,7 +4,7 @@ By pictures the agent knows of the world what boxes, depth and a vision model te
 
 * which things are in view: the simulator's own instance masks with types and ids (`GivenBoxes`),
   or a detector's boxes (`karma.agent.seeing.tracking`);
-* where they are and how big: their pixels and the depth there (`karma.agent.seeing.depth`);
+* where they are and how big: their pixels and the depth there (`karma.agent.seeing.projection`);
 * in which state: the vision model, asked when somebody wants to know, once per view and thing;
 * what lies in what: the boxes, or that the agent put it there itself.
 
@@ -21,8 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.agent.seeing import perceive
-from karma.agent.seeing.depth import Box, box_round, gap_m, joined, points_in
-from karma.agent.seeing.projection import region_of, silhouette_of
+from karma.agent.seeing.projection import (
+    Box,
+    box_round,
+    gap_m,
+    joined,
+    points_in,
+    region_of,
+    silhouette_of,
+)
 from karma.contracts import (
     CameraPose,
     Capture,

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.agent.seeing.depth import box_round, core_of, points_in
 from karma.agent.seeing.eyes import LEAST_PIXELS, Instance
+from karma.agent.seeing.projection import box_round, core_of, points_in
 from karma.contracts import CameraPose, Capture, Detection, Detector, Region, Vec3
 from karma.household.places import FLOOR
 from karma.household.types import object_types

@@ -9,9 +9,8 @@ from karma import registry
 from karma.agent.journal.header import Header
 from karma.agent.journal.provenance import header_of as journal_header
 from karma.agent.journal.told import Config
-from karma.agent.loading.models import Models, Row
+from karma.agent.loading.models import PRESETS, Models, Row, preset
 from karma.agent.loading.planner_files import NO_WORDS, chosen_words, may_refuse
-from karma.agent.loading.presets import PRESETS, preset
 from karma.bench.engine.experiment import Experiment, RunOptions
 from karma.contracts import Task
 from karma.infer.manifest.manifest import resolve_planner

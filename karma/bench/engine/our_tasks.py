@@ -15,8 +15,7 @@ from karma.agent.journal.records import EpisodeRecord
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.journal.steps import StepLog
 from karma.agent.journal.told import Config
-from karma.agent.loading.models import Models, Row, for_row, load_resources
-from karma.agent.loading.worlds import world_maker
+from karma.agent.loading.models import Models, Row, for_row, load_resources, world_maker
 from karma.agent.tour import explore_room
 from karma.bench.engine.configuration import configuration, header_of
 from karma.bench.engine.episode import run_episode

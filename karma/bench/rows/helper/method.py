@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from karma.agent.body.skills import Skills
-from karma.agent.loading.example_memory import ExampleMemory
+from karma.agent.loading.examples import ExampleMemory
 from karma.agent.options import settings_of
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
