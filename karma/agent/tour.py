@@ -40,7 +40,7 @@ def explore_room(
     skills = Skills(world, KnownFloor(lookouts), eyes=eyes)
     skills.look_around()
     for area in tour(lookouts, position_of(world)):
-        skills.run(SkillCall(skill="GoToObject", objects=(area.name,)))
+        skills.run(SkillCall.of("GoToObject", area.name))
         skills.look_around()
         graph.observe(skills.experience.seen.values())
     graph.tour = Tour(scene=scene.name, places=len(lookouts), actions=skills.actions)

@@ -315,9 +315,7 @@ def best_next(places: Iterable[Place], rank: Callable[[Place], Any]) -> Iterator
 
 
 def cover(
-    cells: Iterable[tuple[float, float]],
-    near: Iterable[tuple[float, float]],
-    within_m: float,
+    cells: Iterable[tuple[float, float]], near: Iterable[tuple[float, float]], within_m: float
 ) -> list[Vec3]:
     """Return cells so that every cell (x, z) is near one of them, or near one of the others."""
     chosen: list[Vec3] = []

@@ -90,7 +90,7 @@ class Skills:
         Without a name it only looks; `max_actions` None: the limits' own.
         """
         explore = SkillCall(skill="Explore", objects=(name,), positions=(area.name,))
-        call = explore if name else SkillCall(skill="GoToObject", objects=(area.name,))
+        call = explore if name else SkillCall.of("GoToObject", area.name)
 
         def look() -> str:
             return self._take_note(name, self._search.look_from(name, area.position_m))
@@ -113,7 +113,7 @@ class Skills:
         Without a name it only looks; `max_actions` None: the limits' own.
         """
         explore = SkillCall(skill="Explore", objects=(name,), positions=(container.object_id,))
-        call = explore if name else SkillCall(skill="GoToObject", objects=(container.object_id,))
+        call = explore if name else SkillCall.of("GoToObject", container.object_id)
 
         def look() -> str:
             return self._take_note(name, self._search.look_into(name, container))
@@ -127,13 +127,13 @@ class Skills:
             self._search.look_over(place)
             return ""
 
-        return self._counted(SkillCall(skill="GoToObject", objects=(place.object_id,)), look, None)
+        return self._counted(SkillCall.of("GoToObject", place.object_id), look, None)
 
     def find_another(self, name: str, aside: Collection[str]) -> SkillResult:
         """Search for a thing of a type that is none of some ids."""
         log = self._reach.log
         log.aside = frozenset(aside)
-        call = SkillCall(skill="Explore", objects=(name,))
+        call = SkillCall.of("Explore", name)
         result = self._counted(call, lambda: self._carry_out(call), None)
         log.aside = frozenset()
         return result

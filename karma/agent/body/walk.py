@@ -91,10 +91,7 @@ class FloorMap:
 
     def metres(self, cell: tuple[int, ...]) -> tuple[float, float]:
         """Return the x and z of a cell."""
-        return (
-            self._origin[0] + cell[0] * self.grid_m,
-            self._origin[1] + cell[1] * self.grid_m,
-        )
+        return (self._origin[0] + cell[0] * self.grid_m, self._origin[1] + cell[1] * self.grid_m)
 
     def gap_m(self, cell: tuple[int, ...], point: Vec3) -> float:
         """Return the horizontal distance of a point from a cell."""

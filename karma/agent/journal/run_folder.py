@@ -11,13 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol, Self
 
 from karma.agent.journal.folder import read_lines, refuse_other
-from karma.agent.journal.header import (
-    EPISODES,
-    RESULTS,
-    TABLE,
-    TIMINGS,
-    Header,
-)
+from karma.agent.journal.header import EPISODES, RESULTS, TABLE, TIMINGS, Header
 from karma.agent.journal.not_run import FILE as NOT_RUN
 from karma.agent.journal.not_run import NotRun, read_not_run
 from karma.agent.journal.owned_folder import (
@@ -108,12 +102,7 @@ class RunFolder:
     """The folder that a run writes."""
 
     def __init__(
-        self,
-        path: Path,
-        *,
-        steps: bool,
-        kind: Kind = "run",
-        records: type[Any] = EpisodeRecord,
+        self, path: Path, *, steps: bool, kind: Kind = "run", records: type[Any] = EpisodeRecord
     ) -> None:
         self.path, self._steps, self._records = path, steps, records
         self._timings: type[Any] = EpisodeTiming if records is EpisodeRecord else PlayedTiming

@@ -43,8 +43,8 @@ def with_turns(calls: Sequence[SkillCall]) -> tuple[SkillCall, ...]:
     second pen from the first, but a plan puts no thing twice into the same place.
     A line of a later turn searches where it would only go: the other thing may be anywhere.
 
-    >>> lines = [SkillCall(skill="PickupObject", objects=("Pen",)),
-    ...          SkillCall(skill="PutObject", objects=("Pen", "Desk"))]
+    >>> lines = [SkillCall.of("PickupObject", "Pen"),
+    ...          SkillCall.of("PutObject", "Pen", "Desk")]
     >>> [call.turn for call in with_turns([*lines, *lines])]
     [0, 0, 1, 1]
     """

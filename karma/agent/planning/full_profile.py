@@ -42,10 +42,7 @@ def area_line(area: Area, names: Mapping[str, str]) -> AreaLine:
     spoken |= {*_UNSAID, *(basin for basin, whole in WHOLE_OF.items() if whole in area.contains)}
     rest = [kind for kind in area.contains if kind not in spoken]
     return AreaLine(
-        name=area.name,
-        position_m=area.position_m,
-        adjacent=area.adjacent,
-        things=(*named, *rest),
+        name=area.name, position_m=area.position_m, adjacent=area.adjacent, things=(*named, *rest)
     )
 
 

@@ -122,20 +122,13 @@ def _put_down(hand: str | None, name: str, known: Collection[str]) -> list[Skill
     fitting = [name for name in SURFACES if fits_whole_or_cut(kind.name, name)]
     there = [name for name in fitting if name in known]
     for surface in (there or fitting)[:1]:
-        search = [] if there else [SkillCall(skill="Explore", objects=(surface,))]
-        return [*search, SkillCall(skill="PutObject", objects=(hand, surface))]
+        search = [] if there else [SkillCall.of("Explore", surface)]
+        return [*search, SkillCall.of("PutObject", hand, surface)]
     return []
 
 
 def _placed(name: str, found: Collection[str], held: str | None) -> bool:
     return name in found or short_type(name) in found or name == held or name.startswith("node_")
-
-
-@dataclass(slots=True)
-class _Hand:
-    """What would be held at a line."""
-
-    held: str | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,16 +153,11 @@ def objection(
 
     What would help is `known`.
     """
-    hand = _Hand(held=held)
     for number, call in enumerate(calls):
-        if reason := _refused(call, hand):
-            return Objection(
-                line=number,
-                call=call,
-                reason=reason,
-                help=_help(call, known),
-                lasting=_lasts(reason, call),
-            )
+        reason, held = _refused(call, held)
+        if reason:
+            lasting, advice = _lasts(reason, call), _help(call, known)
+            return Objection(line=number, call=call, reason=reason, help=advice, lasting=lasting)
     return None
 
 
@@ -182,35 +170,32 @@ def _help(call: SkillCall, known: Collection[str]) -> str:
     return goes_where(thing, call.objects[1], places) if asked and known else ""
 
 
-def _refused(call: SkillCall, hand: _Hand) -> str:
+def _refused(call: SkillCall, held: str | None) -> tuple[str, str | None]:
+    """Return why a call cannot work, "" where it can, and what is held after it."""
     name = call.objects[-1]
     if call.skill == "ThrowObject":
-        hand.held = None
-        return ""
+        return "", None
     if reason := _incapable(call):
-        return reason
+        return reason, held
     if call.skill == "PickupObject":
-        if hand.held is not None and hand.held != name:
-            return f"the hand holds {hand.held}; put it down first"
-        hand.held = name
-    elif call.skill in PUTS:
-        return _put(call, hand)
-    return ""
+        full = held is not None and held != name
+        return (f"the hand holds {held}; put it down first", held) if full else ("", name)
+    if call.skill in PUTS:
+        reason = _put_refused(call, held)
+        return reason, held if reason else None
+    return "", held
 
 
-def _put(call: SkillCall, hand: _Hand) -> str:
-    name = call.objects[0] if len(call.objects) == 2 else (hand.held or "")
+def _put_refused(call: SkillCall, held: str | None) -> str:
+    name = call.objects[0] if len(call.objects) == 2 else (held or "")
     place = call.objects[-1]
-    if hand.held is None:
+    if held is None:
         return f"the hand is empty; PickupObject(robot, '{name}') first"
-    if short_type(hand.held) != short_type(name):
-        return f"the hand holds {hand.held}, not {name}"
+    if short_type(held) != short_type(name):
+        return f"the hand holds {held}, not {name}"
     if reason := _misplaced(replace(call, objects=(name, place))):
         return reason
-    if name == place:
-        return f"{name} cannot be placed in itself"
-    hand.held = None
-    return ""
+    return f"{name} cannot be placed in itself" if name == place else ""
 
 
 def _incapable(call: SkillCall) -> str:
@@ -223,7 +208,10 @@ def _incapable(call: SkillCall) -> str:
 def _may_take(skill: Skill, name: str) -> bool:
     """Return whether a skill can be done with what goes by a name; what is unknown may be."""
     kind = object_types().get(short_type(name))
-    return not skill.takes or kind is None or _can(kind, skill.takes)
+    if not skill.takes or kind is None or skill.takes in kind.capabilities:
+        return True
+    by_part = skill.takes == "toggleable" and kind.name in SWITCHED_BY_A_PART
+    return by_part or (skill.takes == "sliceable" and bool(kind.slices_into))
 
 
 def narrowed(
@@ -233,8 +221,11 @@ def narrowed(
 
     Skills that take anything are left out.
     """
-    held = tuple(name for name in names if _can_be(name, "pickupable"))
-    places = tuple(name for name in names if _can_be(name, "receptacle"))
+    kinds = {name: object_types().get(short_type(name)) for name in names}
+    held, places = (
+        tuple(name for name, kind in kinds.items() if kind is None or capability in kind.capabilities)
+        for capability in ("pickupable", "receptacle")
+    )
     found: list[tuple[str, tuple[tuple[str, ...], ...]]] = []
     for skill in skills:
         if skill.name in ("PutNear", "Near"):
@@ -261,11 +252,6 @@ def hand_of(request: PlanRequest, names: Mapping[str, str], admitted: Sequence[s
     )
 
 
-def _can_be(name: str, capability: str) -> bool:
-    kind = object_types().get(short_type(name))
-    return kind is None or capability in kind.capabilities
-
-
 def _misplaced(call: SkillCall) -> str:
     """Return why no thing of this type is put into such a receptacle."""
     if call.skill != "PutObject" or len(call.objects) < 2:
@@ -282,14 +268,6 @@ def _lasts(reason: str, call: SkillCall) -> bool:
         return reason == _incapable(call)
     thing, receptacle = map(short_type, call.objects)
     return not any(vessels(object_types(), thing, receptacle))
-
-
-def _can(kind: ObjectType, capability: str) -> bool:
-    if capability == "toggleable" and kind.name in SWITCHED_BY_A_PART:
-        return True
-    if capability == "sliceable" and kind.slices_into:
-        return True
-    return capability in kind.capabilities
 
 
 def takers(object_type: str, known: Iterable[str]) -> list[str]:
