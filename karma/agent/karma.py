@@ -107,11 +107,7 @@ class KarmaMethod:
 
     @classmethod
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
-        """Make a row from its options (the fields of `KarmaSettings`).
-
-        Raises:
-            KarmaError: an option is unknown or of the wrong type, or a detector is missing.
-        """
+        """Make a row from its options, the fields of `KarmaSettings`."""
         settings = settings_of(KarmaSettings, options)
         return cls(
             Planner.of(resources),

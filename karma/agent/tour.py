@@ -17,16 +17,11 @@ LOOKOUT_M = 0.75  # every cell is this near to a place looked around from; the e
 def explore_room(
     world: World, scene: SceneRef, saved: Path | None, eyes: Eyes | None = None
 ) -> tuple[SceneGraph, bool]:
-    """Return long-term memory of a scene and whether it was made just now.
+    """Return long-term memory of a scene and whether it was made just now, not `saved` before.
 
     A saved map is of this room only if its fixed things are where they were when it was made:
     another file of the same name, or the same file edited, has another. The world is back at the
     scene's start afterwards, whether the map was loaded or explored.
-
-    The map of an earlier visit may be `saved`.
-
-    Raises:
-        FileError: the saved map is damaged.
     """
     cells, room = floor_of(world), contents_of(world)
     graph = SceneGraph.over(cells, height_m=position_of(world)[1], room=room)

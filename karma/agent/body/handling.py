@@ -96,11 +96,7 @@ class Handling:
         return False
 
     def _spot(self, name: str) -> Known:
-        """Return what a thing is to be near; a place is as good as a thing.
-
-        Raises:
-            RefusedError: it is not known, or no place.
-        """
+        """Return what a thing is to be near, a thing or a place; refuses what is neither."""
         if not name.startswith("("):
             other = self._reach.resolve(name, held=False)
             self._reach.approach(other)
@@ -226,11 +222,7 @@ class Switching:
         self._search = search
 
     def toggle(self, name: str, word: Literal["on", "off"]) -> str:
-        """Switch a thing, or what switches it, on or off; returns a remark.
-
-        Raises:
-            RefusedError: it is not known, not within reach, or the world refuses.
-        """
+        """Switch a thing, or what switches it, on or off; returns a remark, or refuses."""
         target = self._switch_of(name, word)
         self._reach.approach(target)
         sight = self._log.seen[target.object_id]

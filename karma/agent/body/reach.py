@@ -70,11 +70,7 @@ class Reach:
     # ------------------------------------------------------------- which object
 
     def resolve(self, name: str, *, state: str = "", held: bool = True) -> Known:
-        """Return what a name means; a basin and its sink stand for each other.
-
-        Raises:
-            RefusedError: the agent knows of no such thing.
-        """
+        """Return what a name means, a basin for its sink and back; refuses what is not known."""
         found = self.names.find(name, state=state, held=held)
         for sink, basin in BASIN_OF.items():
             if found is None and name in (sink, basin):
@@ -86,15 +82,9 @@ class Reach:
     # ------------------------------------------------------------- getting there, and acting
 
     def approach(self, target: Known, *, closed_will_do: bool = False) -> bool:
-        """Go where a thing is within reach.
+        """Go where a thing is within reach; refuses what is not there, or is shut in.
 
-        `closed_will_do`: a closed container that holds it is far enough.
-
-        Returns:
-            True with the thing within reach; False with its closed container in view.
-
-        Raises:
-            RefusedError: it is not there, or its container is closed.
+        Where `closed_will_do`, its closed container in view is far enough: then it returns False.
         """
         self.use(target)
         if self._at_hand(target):
@@ -203,14 +193,11 @@ class Reach:
         past: Vec3 | None = None,
         nearest: bool = False,
     ) -> bool:
-        """Go to the best place not yet tried to see a thing from, and look.
+        """Go to the best place not yet tried to see a thing from, and look; False for none left.
 
         Places nearer than `least_gap_m` come later, and those from which the point `past` lies in
         the direction that it had from one before, or nearly so. `nearest` ranks by the distance to
         the thing, however far the way.
-
-        Returns:
-            False when there is no such place left; otherwise `tried` has one more.
         """
         views = self._untried(target, tried, least_gap_m, past)
         for view in sorted(views, key=lambda view: view.gap_m) if nearest else views:
@@ -238,12 +225,9 @@ class Reach:
     def look_at_point(
         self, point: Vec3, things: Sequence[SeenObject], *, nearest: bool = False
     ) -> bool:
-        """Go to where a point comes into view, and look.
+        """Go to where a point comes into view past things, and look; False where that is nowhere.
 
-        To the place nearest to the point, or else to the cheapest, past what `things` hide.
-
-        Returns:
-            False where there is no such place.
+        To the place nearest to the point, or else to the cheapest.
         """
         reach_m = self.limits.reach_m
         views = self.walker.views(Target(center_m=point), reach_m=reach_m)
@@ -291,10 +275,7 @@ class Reach:
         """Do one action on a thing, going there first, and again from elsewhere if that may help.
 
         `also` is another thing that it handles; what is done `in_passing` is not remembered; with
-        `from_here` the agent stays where it is.
-
-        Raises:
-            RefusedError: with the world's reason.
+        `from_here` the agent stays where it is. Refuses with the world's reason.
         """
         self.approach(target)
         before = self.log.seen.get(target.object_id)

@@ -77,11 +77,8 @@ def put_refused(
 ) -> str:
     """Return why a receptacle did not take a thing, what is in it, and where the thing would go.
 
-    `others` are of the receptacle's type, `places` types that the agent knows of, the nearest
-    first.
-
-    Returns:
-        "" where the receptacle is not to blame.
+    "" where it is not to blame. `others` are of its type, `places` types that the agent knows of,
+    the nearest first.
     """
     it, thing, kind = target.object_id, held.object_id, held.object_type
     if refusal.is_for("misplaced"):

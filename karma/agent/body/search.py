@@ -30,10 +30,7 @@ class Search:
     def explore(self, name: str, positions: Sequence[str | Vec3]) -> Known:
         """Go to a thing where it is believed to be, opening what it is shut in, or look for it.
 
-        `positions` come first, once nothing is believed of it any more.
-
-        Raises:
-            RefusedError: it is nowhere.
+        `positions` come first once nothing is believed of it any more; refuses what is nowhere.
         """
         passed: set[str] = set()  # a belief that proves wrong gives way to the next one
         while (

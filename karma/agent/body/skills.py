@@ -139,16 +139,10 @@ class Skills:
         return result
 
     def run(self, call: SkillCall, *, max_actions: int | None = None) -> SkillResult:
-        """Carry out one skill call.
+        """Carry out one skill call; ValueError for no such skill, or a wrong number of objects.
 
         Of two things that a program calls by one name the second is another one than the first;
         where no other is found, the first.
-
-        Returns:
-            ok, or a refusal with its reason; what the names resolved to; what it cost.
-
-        Raises:
-            ValueError: no such skill, or a wrong number of objects.
         """
         least, kinds = _ARITY.get(call.skill, (0, ()))
         most = kinds.count("object")

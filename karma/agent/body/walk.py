@@ -188,11 +188,7 @@ class Walker:
         self._locate()
 
     def do(self, action: str, **arguments: Any) -> Event:
-        """Do one counted action; the event is true if it happened, at no cost of its metadata.
-
-        Raises:
-            OutOfActionsError: the skill has used up its actions.
-        """
+        """Do one counted action, or raise OutOfActionsError; the event is true if it happened."""
         if self.actions >= self.max_actions:
             raise OutOfActionsError
         self.actions += 1

@@ -53,11 +53,7 @@ class Header:
 
     @classmethod
     def read(cls, folder: Path) -> Self:
-        """Read what a run depends on.
-
-        Raises:
-            FileError: there is none, it is of an earlier form, or of another kind of run.
-        """
+        """Read a header; FileError for none, one of an earlier form or of another kind of run."""
         _refuse_others(folder)
         path = folder / HEADER
         if not path.exists():

@@ -65,11 +65,7 @@ class OwnedFolder:
         self.names: frozenset[str] = frozenset()  # below the folder, that were written or may be
 
     def look(self) -> bool:
-        """Return whether the folder is such a run's; else it is free.
-
-        Raises:
-            FileError: it is somebody else's, or a link leads out of it.
-        """
+        """Return whether the folder is such a run's, or free; FileError for somebody else's."""
         begun, self.names = read_mark(self.path)
         if begun is None:
             if there := next(_strangers(self.path), ""):
@@ -88,13 +84,10 @@ class OwnedFolder:
         return True
 
     def begin(self, names: Iterable[str], header: bytes = b"") -> None:
-        """Make the folder the run's.
+        """Make the folder the run's; FileError where somebody's file has one of the names.
 
-        `names` it will write, for sure or perhaps; `header` is the content of `HEADER`, where that
-        never changes.
-
-        Raises:
-            FileError: somebody's file has such a name.
+        Of `names` it writes all or some; `header` is the content of `HEADER`, where that never
+        changes.
         """
         names = frozenset(names)
         for name in names - self.names:
@@ -111,11 +104,7 @@ class OwnedFolder:
         self._write_mark(names, header)
 
     def own(self, name: str) -> Path:
-        """Return the path of a file that is to be written.
-
-        Raises:
-            FileError: somebody's file stands there.
-        """
+        """Return the path of a file to be written; FileError where somebody's file stands there."""
         if name not in self.names:
             self._take(name)
             append_line(self.path / MARK, b"\n" + to_json(name))  # the last line may be torn
@@ -191,11 +180,7 @@ class OwnedFolder:
 
 
 def read_mark(folder: Path) -> tuple[_Mark | None, frozenset[str]]:
-    """Return what a folder's mark says, None where there is none, and the files that it names.
-
-    Raises:
-        FileError: it is no mark.
-    """
+    """Return what a folder's mark says, or None, and the files it names; FileError for no mark."""
     path = folder / MARK
     if not os.path.lexists(path):
         return None, frozenset()
@@ -214,12 +199,9 @@ class _Headed(msgspec.Struct, frozen=True):
 
 
 def kind_in(folder: Path) -> Kind | None:
-    """Return what kind of run a folder holds; None where it holds none.
+    """Return what kind of run a folder holds, None for none; FileError where its mark is damaged.
 
     Its mark says so; of an earlier version's folder, which has none, its header or list of cells.
-
-    Raises:
-        FileError: the mark is damaged.
     """
     begun, _ = read_mark(folder)
     if begun is not None:
@@ -241,12 +223,9 @@ def benchmark_in(folder: Path) -> str:
 
 
 def check_sealed(folder: Path) -> None:
-    """See that what a finished run has sealed is as it was then.
+    """See that what a finished run has sealed is as it was then; FileError where it is not.
 
     A step log that is gone is none: that episode is done again.
-
-    Raises:
-        FileError: a file is another: edited, cut, damaged or gone.
     """
     begun, _ = read_mark(folder)
     if begun is None or not begun.sealed or not (folder / begun.by).exists():
@@ -268,13 +247,10 @@ def _name_in(line: bytes) -> str:
 
 
 def write_beside(folder: Path, name: str, data: bytes) -> Path:
-    """Write what a command makes of a run, such as its page, under a name of ours; returns where.
+    """Write what a command makes of a run under a name of ours; FileError for another file there.
 
     `.karma-made` beside it keeps the SHA-256 of what was written: such a file, and one that the
     folder's run has written, is replaced.
-
-    Raises:
-        FileError: another file has that name.
     """
     path, list_ = folder / name, folder / MADE
     made = read_json(list_, dict[str, str], fix=_MOVE) if list_.exists() else {}

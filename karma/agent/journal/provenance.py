@@ -42,13 +42,9 @@ def header_of(
     scenes: Mapping[str, bytes],
     steps: bool,
 ) -> Header:
-    """Return what a run depends on.
+    """Return what a run depends on; errors as `model_hashes`.
 
     `told` is all that was said of it, as plain values; `scenes` are imported floor plans.
-
-    Raises:
-        ModelError: a model's file is missing.
-        UnknownNameError: there is no such model.
     """
     tasks = list(tasks)
     return Header(

@@ -80,11 +80,7 @@ class RunData:
 
 
 def read_run(folder: str | Path) -> RunData:
-    """Read a run's folder; changes nothing in it.
-
-    Raises:
-        FileError: there is no run, it is of an earlier form, or a line is damaged.
-    """
+    """Read a run's folder, and change nothing in it; errors as `Header.read` and `read_lines`."""
     folder = Path(folder)
     header = Header.read(folder)
     check_sealed(folder)
@@ -110,11 +106,7 @@ class RunFolder:
         self._owned = OwnedFolder(path, kind)
 
     def clear(self) -> None:
-        """Throw away what an earlier run left.
-
-        Raises:
-            FileError: what is there is no run's.
-        """
+        """Throw away what an earlier run left; FileError where what is there is no run's."""
         if self._owned.look():
             for picture in (self.path / PICTURES).glob("*.png"):
                 if picture.stem == picture_name(picture.read_bytes()):
@@ -133,10 +125,7 @@ class RunFolder:
         """Make the folder that run's, or see that it is; a run without an episode is no obstacle.
 
         Without `config` the header says all; `scenes` are rooms that the tasks bring along, by
-        their path below the folder.
-
-        Raises:
-            FileError: it holds another run, and what differs is named; or it is somebody else's.
+        their path below the folder. FileError names what differs, or whose it is.
         """
         path, data = self.path / HEADER, to_json(header, indent=2)
         self._adopt(header, config)
@@ -158,11 +147,7 @@ class RunFolder:
             self._owned.write(name, content)
 
     def reserve(self) -> None:
-        """Make a folder in which nothing was written yet this run's.
-
-        Raises:
-            FileError: something is in it.
-        """
+        """Make a folder in which nothing was written this run's; FileError where something was."""
         if self._owned.look() and any((self.path / name).exists() for name in self._owned.names):
             raise FileError(self.path, "holds another conversation", fix="--out another folder")
         self._owned.begin(())
@@ -178,9 +163,6 @@ class RunFolder:
         """Return the episodes that are done; traces of those that are not are swept away.
 
         Episodes that stand `together` count only if all of them are done.
-
-        Raises:
-            FileError: a line that is not the last is damaged.
         """
         self._owned.sweep()
         for left in (self.path / PICTURES).glob(f".*{TEMPORARY}"):
@@ -207,11 +189,7 @@ class RunFolder:
         append_line(self.path / NOT_RUN, to_json(one))
 
     def commit(self, one: Finished) -> None:
-        """See an episode to the disk; it is done when this returns.
-
-        Raises:
-            FileError: the disk is full.
-        """
+        """See an episode to the disk; it is done when this returns."""
         for name, data in one.files.items():
             if not (self.path / name).exists():
                 write_atomic(self.path / name, data)
@@ -221,11 +199,7 @@ class RunFolder:
         append_line(self.path / EPISODES, to_json(one.record))
 
     def put_only(self, header: Header, one: Finished) -> None:
-        """Have one episode that nobody judges in the folder, in place of itself before.
-
-        Raises:
-            FileError: the disk is full, or somebody's file is in the way.
-        """
+        """Have one episode that nobody judges in the folder, in place of itself before."""
         self.reopen()
         for name, data in one.files.items():
             self._owned.write(name, data)
@@ -261,11 +235,7 @@ class RunFolder:
     # ------------------------------------------------------------- parts
 
     def _adopt(self, header: Header | OwnHeader, config: Config | None) -> None:
-        """Take over the same run as an earlier version left it, without a mark.
-
-        Raises:
-            FileError: it is another run.
-        """
+        """Take over the run that an earlier version left without a mark; FileError for another."""
         path = self.path / HEADER
         if (self.path / MARK).exists() or kind_in(self.path) != self._kind:
             return

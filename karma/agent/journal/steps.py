@@ -267,11 +267,7 @@ def packed(data: bytes) -> bytes:
 
 
 def read_steps(path: Path) -> list[Step]:
-    """Read one episode's log.
-
-    Raises:
-        FileError: it is missing or damaged; says in which line.
-    """
+    """Read one episode's log; FileError where it is missing, or names the damaged line."""
     fix = "run it again: karma eval"
     lines = unpack(read_bytes(path, fix=fix), path=path, fix=fix).splitlines()
     decoder: msgspec.json.Decoder[Step] = msgspec.json.Decoder(Step)

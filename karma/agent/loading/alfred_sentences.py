@@ -68,11 +68,7 @@ class StepSentence:
 
 
 def read_sentences(path: Path) -> tuple[Sentence, ...]:
-    """Return every goal sentence of a file of demonstrations, in order.
-
-    Raises:
-        FileError: the file is missing or torn.
-    """
+    """Return every goal sentence of a file, in order; errors as `read_demonstrations`."""
     return tuple(
         Sentence(
             text=annotation["task_desc"],
@@ -105,9 +101,6 @@ def read_steps(path: Path) -> tuple[StepSentence, ...]:
 
     Sentences of few words, about slices, or about "the other one" are left out: what they mean
     depends on what was said before.
-
-    Raises:
-        FileError: the file is missing or torn.
     """
     return tuple(
         StepSentence(text=text, goals=goals, held=held)

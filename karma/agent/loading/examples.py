@@ -71,12 +71,9 @@ def bank_file(named: str = "") -> Path:
 
 
 def read_bank(path: Path, *, goals: bool = False) -> Iterator[WorkedExample]:
-    """Yield sentences with their programs; those to be refused are left out.
+    """Yield sentences with their programs, less those to be refused; FileError for none.
 
     Of requests as `eval/requests/written.jsonl`, or of ALFRED's demonstrations, gzipped.
-
-    Raises:
-        FileError: a line is none, or there is no sentence to be done.
     """
     if path.suffix == ".gz":
         people = filter(names_its_place, read_sentences(path))
@@ -125,9 +122,6 @@ def examples_for(
     """Return what finds a planner's examples, the nearest last; None for none.
 
     `named` is a file of sentences in place of the one that ships.
-
-    Raises:
-        FileError: the file is missing or torn.
     """
     if not count:
         return None

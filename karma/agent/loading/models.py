@@ -62,11 +62,7 @@ PRESETS = {
 
 
 def preset(name: str) -> Preset:
-    """Return a preset.
-
-    Raises:
-        ValueError: there is none of that name.
-    """
+    """Return a preset; ValueError where there is none of that name."""
     if name not in PRESETS:
         there = [*filter(None, PRESETS)]
         hint = did_you_mean(name, there)
@@ -166,11 +162,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             raise ValueError(str(error)) from error
 
     def computed_by(self, options: Mapping[str, Any]) -> Self:
-        """Return the same with some keys said otherwise, as a command line does.
-
-        Raises:
-            KarmaError: a value is none that the key may have.
-        """
+        """Return the same with some keys said otherwise; KarmaError for a value it may not have."""
         try:
             return msgspec.convert({**msgspec.structs.asdict(self), **options}, type(self))
         except (msgspec.ValidationError, ValueError) as error:
@@ -255,9 +247,6 @@ def for_row(
     """Return what a row's method is built from: the run's, save for what the row names itself.
 
     `loaded` takes the vision models that rows add, so that each is loaded once.
-
-    Raises:
-        ModelError: its vision model is missing, damaged or of the wrong kind.
     """
     recall, vision = resources.recall, resources.vision
     if row.preset:
@@ -301,11 +290,7 @@ def filled(
 
 
 def check_asked(model: LanguageModel, profile: str) -> None:
-    """Refuse a local model that no prompt of a profile can be put to: all of them would fail.
-
-    Raises:
-        ModelError: its chat template cannot render one, or its context holds none.
-    """
+    """Refuse, as a ModelError, a local model that no prompt of a profile can be put to."""
     from karma.infer.llama.model import LlamaModel
 
     if not isinstance(model, LlamaModel):

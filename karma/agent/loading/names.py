@@ -50,12 +50,9 @@ def whole_name(key: str, name: str) -> str:
 
 
 def check_models(named: Mapping[str, str], prefix: str = "") -> None:
-    """Check which models fill the roles: that their names stand for something.
+    """Check that the names of models stand for something; KarmaError says under which key.
 
     `named`: key of [models] -> its value, "" for none; `prefix` stands before the key in messages.
-
-    Raises:
-        KarmaError: a name stands for nothing; says under which key.
     """
     for key, name in named.items():
         with _at(f"{prefix}{key}"):
@@ -70,22 +67,14 @@ def check_models(named: Mapping[str, str], prefix: str = "") -> None:
 
 
 def check_row(name: str, method: str, options: Mapping[str, Any], named: Mapping[str, str]) -> None:
-    """Check a row's method, its options down to the policy, and what it puts in the run's place.
-
-    Raises:
-        KarmaError: a name stands for nothing, or an option is unknown or has a value of no use.
-    """
+    """Check a row's method, its options down to the policy, and what it puts in the run's place."""
     with _at(f"row {name!r}"):
         check_options(method, options)
         check_models(named)
 
 
 def check_options(method: str, options: Mapping[str, Any]) -> None:
-    """Check the options of a method that says which it takes (`settings_kind`).
-
-    Raises:
-        KarmaError: no such method, or an option that it does not take.
-    """
+    """Check the options of a method that says which it takes (`settings_kind`)."""
     kind = getattr(registry.load("methods", method), "settings_kind", None)
     if kind is not None:
         settings_of(kind, options)

@@ -69,12 +69,9 @@ GOAL_LINES: tuple[Skill, ...] = (
 def program_for(
     lines: Sequence[SkillCall], units: Sequence[MemoryUnit], names: Mapping[str, str]
 ) -> tuple[SkillCall, ...]:
-    """Return the plain program that makes goals true, which the inspector then sees through.
+    """Return the plain program that makes goals true; () where nothing is left to do.
 
     `units` are those that the prompt told of, `names` its short names (-> id).
-
-    Returns:
-        The calls; () where nothing is left to do.
     """
     unit_of = {unit.object_id: unit for unit in units}
     near = {line.objects[1] for line in lines if line.skill == _NEAR}
@@ -147,11 +144,8 @@ def _line_of(goal: Goal, *, brews: bool) -> SkillCall | None:
 def asked_lines(asked: Request, here: Collection[str]) -> tuple[SkillCall, ...]:
     """Return the goals of a request as its words were read, for want of a planner's answer.
 
-    Each thing of it has to be one whole of a type, not one of several, a piece, or known by its
-    past, its state or what lies in it.
-
-    Returns:
-        The lines in the order of the deeds; () where one has no line.
+    In the order of the deeds; () where one has no line. Each thing has to be one whole of a type,
+    not one of several, a piece, or known by its past, its state or what lies in it.
     """
     found: list[SkillCall] = []
     if in_pieces(asked, here):

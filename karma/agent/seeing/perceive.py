@@ -109,11 +109,7 @@ def observe(
 
 
 def pixels_of(event: Event) -> Capture:
-    """Return the picture of an event with its depth and the simulator's instance masks.
-
-    Raises:
-        KarmaError: the world draws none.
-    """
+    """Return the picture of an event, with depth and instance masks; KarmaError for none."""
     frame = event.frame
     depth: Any = getattr(event, "depth_frame", None)
     masks: Any = getattr(event, "instance_masks", None)

@@ -51,11 +51,7 @@ class Perception:
 
 
 def detector_of(kind: Kind, boxes: BoxSource, resources: Resources) -> Detector | None:
-    """Return the detector that a row sees by, None if it needs none.
-
-    Raises:
-        KarmaError: there is none, or the row asks for what it does not use.
-    """
+    """Return the detector that a row sees by, None for none needed; KarmaError for none loaded."""
     if kind == "metadata" or boxes == "given":
         if boxes == "detector":
             raise KarmaError("boxes = 'detector' goes with perception = 'pictures'")

@@ -36,13 +36,8 @@ def look_at(
 ) -> Looked:
     """Ask a vision model about the last picture of each sight, one question per picture.
 
-    A model that needs no pictures is asked without.
-
-    `views` are those in which each id was last in view; ids without one are not asked about.
-    Without `folder`, the run's, no pictures are kept.
-
-    Raises:
-        FileError: a picture cannot be written.
+    A model that needs no pictures is asked without. `views` are those in which each id was last in
+    view; ids without one are not asked about. Without `folder`, the run's, no pictures are kept.
     """
     if not vision.needs_pictures:
         return Looked(states=vision.read_states(None, instruction, sights), images={})
