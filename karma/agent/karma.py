@@ -342,7 +342,8 @@ class KarmaEpisode:
         if not again:
             return request
         before = as_left(request.units, experience)
-        fresh = self._units(experience, before, request.instruction)
+        task, scene = request.instruction, self._scene
+        fresh = units_of(experience, before, self._vision, task, scene=scene, seen_kept=0)
         new = {unit.object_id for unit in (*fresh, *lost(request.units, experience))}
         kept = (unit for unit in before if unit.object_id not in new)
         return replace(request, units=(*kept, *fresh))
@@ -358,10 +359,13 @@ class KarmaEpisode:
         """Write what was seen, then what was handled in the order of use; forget what is gone."""
         remembered = self.short_term.units(self._scene)
         away, before = lost(remembered, experience), as_left(remembered, experience)
-        kept, folder = self.settings.seen_kept, self._folder
-        units = self._units(experience, away, instruction, seen_kept=kept, folder=folder)
+        kept, scene = self.settings.seen_kept, self._scene
+        units = units_of(
+            experience, away, self._vision, instruction,
+            scene=scene, seen_kept=kept, folder=self._folder,
+        )  # fmt: skip
         change = MemoryChange(
-            scene=self._scene,
+            scene=scene,
             at_s=at_s,
             corrected=tuple(unit for unit in before if unit not in remembered),
             forgotten=tuple(unit.object_id for unit in away),
@@ -401,25 +405,6 @@ class KarmaEpisode:
         if self.graph is not None and self._learn and (path := self._map_path()) is not None:
             self.graph.save(path)
 
-    def _units(
-        self,
-        experience: Experience,
-        before: Sequence[MemoryUnit],
-        instruction: str,
-        *,
-        seen_kept: int = 0,
-        folder: Path | None = None,
-    ) -> list[MemoryUnit]:
-        return units_of(
-            experience,
-            before,
-            self._vision,
-            instruction,
-            scene=self._scene,
-            seen_kept=seen_kept,
-            folder=folder,
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class Remembered:
@@ -451,19 +436,11 @@ class _Beliefs:
                 )
         near = position_of(self._world)
         found = self._graph.known(name, near=near) if self._graph else None
-        return found or self._holder(name)
-
-    def _holder(self, name: str) -> Known | None:
-        """Return the receptacle of that id as known from what memory has in it."""
-        for unit in self.units:
-            if unit.place_id == name and name != HAND:
-                return Known(
-                    object_id=name,
-                    object_type=type_of(name),
-                    position_m=unit.position_m,
-                    source="memory",
-                )
-        return None
+        inside = next((unit for unit in self.units if unit.place_id == name != HAND), None)
+        if found or inside is None:
+            return found
+        at = inside.position_m
+        return Known(object_id=name, object_type=type_of(name), position_m=at, source="memory")
 
     def areas(self) -> tuple[Area, ...]:
         """Return the area nodes; () without long-term memory."""
@@ -472,9 +449,6 @@ class _Beliefs:
 
 def _name(settings: KarmaSettings) -> str:
     """Return the row's name as the paper writes it."""
-    missing = [
-        word
-        for word, there in (("long", settings.long_term), ("short", settings.short_term))
-        if not there
-    ]
+    kinds = {"long": settings.long_term, "short": settings.short_term}
+    missing = [word for word, there in kinds.items() if not there]
     return "KARMA" + (f" (w/o {' and '.join(missing)} term memory)" if missing else "")

@@ -1,7 +1,7 @@
 """Getting a known thing within reach and acting on it, with the world's refusals as words."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from karma.agent.body.coverage import unseen
@@ -18,7 +18,6 @@ from karma.household.uses import BASIN_OF, without_basin
 _CURES = {"open": "CloseObject", "on": "ToggleOff", "closed": "OpenObject"}  # what would help
 _SMALL_M = 1.0  # furniture up to this long is seen whole from its edge
 _ON_TOP_M = 0.01  # a thing whose height is no lower than that below the top stands on it
-_ASIDE_DEG = 20.0  # seen from so much more to one side, a thing hides other things
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,16 +189,14 @@ class Reach:
         tried: list[Stance],
         *,
         least_gap_m: float = 0.0,
-        past: Vec3 | None = None,
         nearest: bool = False,
     ) -> bool:
         """Go to the best place not yet tried to see a thing from, and look; False for none left.
 
-        Places nearer than `least_gap_m` come later, and those from which the point `past` lies in
-        the direction that it had from one before, or nearly so. `nearest` ranks by the distance to
-        the thing, however far the way.
+        Places nearer than `least_gap_m` come later; `nearest` ranks by the distance to the thing,
+        however far the way.
         """
-        views = self._untried(target, tried, least_gap_m, past)
+        views = self._untried(target, tried, least_gap_m)
         for view in sorted(views, key=lambda view: view.gap_m) if nearest else views:
             tried.append(view)
             if self.stand(view):
@@ -241,9 +238,7 @@ class Reach:
                 return True
         return False
 
-    def _untried(
-        self, target: Known, tried: list[Stance], least_gap_m: float, past: Vec3 | None
-    ) -> list[Stance]:
+    def _untried(self, target: Known, tried: list[Stance], least_gap_m: float) -> list[Stance]:
         """Return the views to try next: after a failure, the one it was last seen from first."""
         sight = self.log.seen.get(target.object_id)
         box = _room_of(target)
@@ -256,12 +251,7 @@ class Reach:
         ranked = self.walker.views(box, reach_m=self.limits.reach_m, least_gap_m=least_gap_m)
         used = {(view.state, view.horizon_deg) for view in tried}
         fresh = [v for v in (*before, *ranked) if (v.state, v.horizon_deg) not in used]
-        fresh.sort(key=lambda view: any(_alike(view, other) for other in tried))
-        if past is not None:
-            bearing = self.walker.bearing_deg
-            before_deg = [bearing(view, past) for view in tried]
-            fresh.sort(key=lambda view: _turn(bearing(view, past), before_deg) < _ASIDE_DEG)
-        return fresh
+        return sorted(fresh, key=lambda view: any(_alike(view, other) for other in tried))
 
     def act(
         self,
@@ -336,11 +326,6 @@ def _is_round(container: SeenObject, point: Vec3) -> bool:
     box = zip(point, container.box_center_m, container.box_size_m, strict=True)
     inside = all(abs(at - center) <= size / 2 for at, center, size in box)
     return inside and bool(kind and kind.can("receptacle"))
-
-
-def _turn(bearing_deg: float, others_deg: Iterable[float]) -> float:
-    """Return the least angle between one direction and the others."""
-    return min(abs((bearing_deg - other + 180.0) % 360.0 - 180.0) for other in others_deg)
 
 
 def _alike(one: Stance, other: Stance) -> bool:

@@ -265,11 +265,6 @@ class Walker:
         yaw = 90.0 * view.state[2]
         return replace(now, position_m=at, yaw_deg=yaw, horizon_deg=view.horizon_deg)
 
-    def bearing_deg(self, view: Stance, point: Vec3) -> float:
-        """Return in which direction a point lies from a view, 0 = +z, 90 = +x."""
-        x, z = self._floor.metres(view.state)
-        return math.degrees(math.atan2(point[0] - x, point[2] - z))
-
     def cell_near(self, point: Vec3) -> tuple[float, float]:
         """Return the cell of the map nearest to a point: x, z in metres."""
         x, _, z = point

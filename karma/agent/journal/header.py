@@ -109,12 +109,9 @@ def _refuse_others(folder: Path) -> None:
             fix = f"karma report {folder}"
             raise FileError(folder, "a figure of policies, which has no episodes", fix=fix)
         case "benchmark":
-            raise FileError(
-                folder / HEADER,
-                f"a run of the benchmark {benchmark_in(folder)}, which has records of its own: they"
-                " are not read here",
-                fix=f"karma table {folder}",
-            )
+            what = f"a run of the benchmark {benchmark_in(folder)}, which has records of its own"
+            fix = f"karma table {folder}"
+            raise FileError(folder / HEADER, f"{what}: they are not read here", fix=fix)
 
 
 class BenchmarkHeader(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

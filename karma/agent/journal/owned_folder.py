@@ -41,10 +41,7 @@ _BESIDE = frozenset({"exchanges.jsonl", "recording.lock"})  # a cassette may lie
 _FIX = "--out another folder"
 _MOVE = "move it away, or --out another place"
 _AGAIN = "bring it back, or karma eval FILE --fresh"
-_BACK: Mapping[Kind, str] = {
-    "run": _AGAIN, "sweep": _AGAIN, "benchmark": _AGAIN, "figure": _AGAIN,
-    "talk": "bring it back; karma chat --out another folder begins a conversation",
-}  # fmt: skip
+_TALK_AGAIN = "bring it back; karma chat --out another folder begins a conversation"
 
 
 class _Mark(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -164,11 +161,9 @@ class OwnedFolder:
 
     def _keep_inside(self, name: str) -> None:
         """Raise FileError where a link is on the way to a file."""
-        parts = Path(name).parts
-        for count in range(1, len(parts) + 1):
-            place = self.path.joinpath(*parts[:count])
-            if place.is_symlink():
-                raise FileError(place, "is a link, and a run keeps to its own folder", fix=_FIX)
+        place = self.path
+        for part in Path(name).parts:
+            _refuse_link(place := place / part)
 
     def _write_mark(self, names: frozenset[str], header: bytes) -> None:
         self.names = names
@@ -184,11 +179,15 @@ def read_mark(folder: Path) -> tuple[_Mark | None, frozenset[str]]:
     path = folder / MARK
     if not os.path.lexists(path):
         return None, frozenset()
-    if path.is_symlink():
-        raise FileError(path, "is a link, and a run keeps to its own folder", fix=_FIX)
+    _refuse_link(path)
     first, *lines = read_bytes(path, most=LARGEST_LOG).split(b"\n")[:-1] or [b""]
     begun = decode_json(first, _Mark, path=path, fix=_FIX)
     return begun, frozenset(name for line in lines if (name := _name_in(line)))
+
+
+def _refuse_link(path: Path) -> None:
+    if path.is_symlink():
+        raise FileError(path, "is a link, and a run keeps to its own folder", fix=_FIX)
 
 
 class _Headed(msgspec.Struct, frozen=True):
@@ -230,10 +229,11 @@ def check_sealed(folder: Path) -> None:
     begun, _ = read_mark(folder)
     if begun is None or not begun.sealed or not (folder / begun.by).exists():
         return
+    fix = _TALK_AGAIN if begun.kind == "talk" else _AGAIN
     for name, sha256 in begun.sealed.items():
         if name.startswith(f"{STEPS}/") and not (folder / name).exists():
             continue
-        check_sealed_file(folder / name, sha256, fix=_BACK[begun.kind])
+        check_sealed_file(folder / name, sha256, fix=fix)
 
 
 def _name_in(line: bytes) -> str:
@@ -254,10 +254,9 @@ def write_beside(folder: Path, name: str, data: bytes) -> Path:
     """
     path, list_ = folder / name, folder / MADE
     made = read_json(list_, dict[str, str], fix=_MOVE) if list_.exists() else {}
-    if os.path.lexists(path):
-        known = name in read_mark(folder)[1] or made.get(name) == _hash(read_bytes(path))
-        if not known:
-            raise FileError(path, "is there, and no such command has written it", fix=_MOVE)
+    ours = not os.path.lexists(path) or name in read_mark(folder)[1]
+    if not ours and made.get(name) != _hash(read_bytes(path)):
+        raise FileError(path, "is there, and no such command has written it", fix=_MOVE)
     write_atomic(path, data)
     replace_file(list_, to_json({**made, name: _hash(data)}, indent=2))
     return path

@@ -1,7 +1,7 @@
 """Check every name that a run is told, before a model loads: the nearest known one is suggested."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from inspect import signature
 from pathlib import Path
 from typing import Any
@@ -59,7 +59,8 @@ def check_models(named: Mapping[str, str], prefix: str = "") -> None:
             if not name or name == _HOSTED:
                 continue
             if key == "planner":
-                _check_planner(name)
+                if not is_gguf_path(name):
+                    _check_role(name, ("planner",))
             elif key == "profile":
                 check_profile(name)
             else:
@@ -80,11 +81,6 @@ def check_options(method: str, options: Mapping[str, Any]) -> None:
         settings_of(kind, options)
 
 
-def _check_planner(name: str) -> None:
-    if not is_gguf_path(name):
-        _check_role(name, ("planner",))
-
-
 def _check_filled(role: str, name: str) -> None:
     kind, _, model = name.partition(":")
     if kind not in registry.names(role) and not model:
@@ -100,11 +96,10 @@ def _check_filled(role: str, name: str) -> None:
 def _takes_model(made: Any) -> bool:
     """Return whether an implementation is made of a model's name."""
     try:
-        signature(made).bind("")
+        with suppress(ValueError):  # what is written in C need not say
+            signature(made).bind("")
     except TypeError:
         return False
-    except ValueError:  # what is written in C need not say
-        return True
     return True
 
 

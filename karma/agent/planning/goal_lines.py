@@ -8,6 +8,7 @@ and recovery are those of programs.
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Literal
 
 from karma.agent.planning.expert import ExpertView, NamedThing
 from karma.agent.planning.guard import in_pieces, meant_by, switch_of
@@ -30,38 +31,29 @@ _STATES = {
     "Fill": ("filled", "canFillWithLiquid", "it is full of water"),
     "Empty": ("empty", "", "nothing is in it"),
     "Break": ("broken", "breakable", "it is broken"),
-}  # line -> state, what a thing must be, words
-_SWITCHES = {
     "Open": ("OPEN", "openable", "it is open"),
     "Close": ("CLOSED", "openable", "it is closed"),
     "TurnOn": ("TOGGLEON", "toggleable", "it is on; the Faucet is a tap"),
     "TurnOff": ("TOGGLEOFF", "toggleable", "it is off"),
-}  # line -> predicate, likewise
+}  # line -> state, or the predicate that ends in one; what a thing must be; words
+_BY_END = {end: line for line, (end, _, _) in _STATES.items()}
 _PUT, _NEAR, _HOLD, _COFFEE = "Put", "Near", "Hold", "MakeCoffee"
 _MOVES = ("put", "throw")
 _BY_DEED = {"put": _PUT, "throw": _PUT, "take": _HOLD, "coffee": _COFFEE}
-_BY_STATE = {
-    **{state: line for line, (state, _, _) in _STATES.items()},
-    **{END_STATES[ends]: line for line, (ends, _, _) in _SWITCHES.items()},
-}  # how a thing is to be -> line
+_BY_STATE = {END_STATES.get(end, end): line for end, line in _BY_END.items()}
 _BREWING = Goal(predicate="TOGGLEON", arguments=(uses.COFFEE_MACHINE,))
-
-
-def _line(name: str, doc: str, takes: str = "") -> Skill:
-    return Skill(name=name, arguments=("object",), doc=doc, takes=takes)
-
-
-def _two(name: str, doc: str) -> Skill:
-    return Skill(name=name, arguments=("object", "object"), doc=doc)
-
-
+_TWO: tuple[Literal["object"], ...] = ("object", "object")
 GOAL_LINES: tuple[Skill, ...] = (
-    _two(_PUT, "the first thing lies in or on the second"),
-    _two(_NEAR, "the first thing lies near the second"),
-    _line(_HOLD, "the robot has it in its hand", "pickupable"),
-    *(_line(name, doc, takes) for name, (_, takes, doc) in _STATES.items()),
-    *(_line(name, doc, takes) for name, (_, takes, doc) in _SWITCHES.items()),
-    _line(_COFFEE, "this mug or cup is full of coffee", "canFillWithLiquid"),
+    Skill(name=_PUT, arguments=_TWO, doc="the first thing lies in or on the second"),
+    Skill(name=_NEAR, arguments=_TWO, doc="the first thing lies near the second"),
+    *(
+        Skill(name=name, arguments=("object",), doc=doc, takes=takes)
+        for name, (_, takes, doc) in {
+            _HOLD: ("", "pickupable", "the robot has it in its hand"),
+            **_STATES,
+            _COFFEE: ("", "canFillWithLiquid", "this mug or cup is full of coffee"),
+        }.items()
+    ),
 )
 """What may be said to be so; `doc` is what the prompt says of a line."""
 
@@ -100,10 +92,10 @@ def _goals(line: SkillCall) -> Iterator[Goal]:
     elif line.skill == _COFFEE:
         yield Goal(predicate="STATE", arguments=(thing, "filled"))
         yield _BREWING
-    elif line.skill in _STATES:
-        yield Goal(predicate="STATE", arguments=(thing, _STATES[line.skill][0]))
+    elif (end := _STATES[line.skill][0]) in END_STATES:
+        yield Goal(predicate=end, arguments=(thing,))
     else:
-        yield Goal(predicate=_SWITCHES[line.skill][0], arguments=(thing,))
+        yield Goal(predicate="STATE", arguments=(thing, end))
 
 
 def as_lines(goals: Sequence[Goal]) -> tuple[SkillCall, ...]:
@@ -132,12 +124,10 @@ def _line_of(goal: Goal, *, brews: bool) -> SkillCall | None:
         case "HOLDON":
             name, objects = _HOLD, tuple(others)
         case "STATE":
-            names = {state: line for line, (state, _, _) in _STATES.items()}
-            name = names.get(DONE_BY.get(others[0], others[0]), "")
-            name, objects = _COFFEE if brews and name == "Fill" else name, (first,)
+            name, objects = _BY_END.get(DONE_BY.get(others[0], others[0]), ""), (first,)
+            name = _COFFEE if brews and name == "Fill" else name
         case predicate:
-            names = {one: line for line, (one, _, _) in _SWITCHES.items()}
-            name, objects = names.get(predicate, ""), (first,)
+            name, objects = _BY_END.get(predicate, ""), (first,)
     return SkillCall(skill=name, objects=objects) if name else None
 
 

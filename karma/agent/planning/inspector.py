@@ -15,7 +15,7 @@ from karma.contracts import Area, HandSpec, MemoryUnit, PlanRequest, SeenObject,
 from karma.household.containment import fits_whole_or_cut, goes_in, has_door, vessels
 from karma.household.ids import short_type, type_of
 from karma.household.places import FLOOR, LIKELY, SURFACES
-from karma.household.types import WIDEST, ObjectType, object_types
+from karma.household.types import WIDEST, object_types
 from karma.household.uses import KNIVES, SWITCHED_BY_A_PART
 
 TOLD = 12  # receptacles in one sentence: as many types as a room has
@@ -223,8 +223,8 @@ def narrowed(
     """
     kinds = {name: object_types().get(short_type(name)) for name in names}
     held, places = (
-        tuple(name for name, kind in kinds.items() if kind is None or capability in kind.capabilities)
-        for capability in ("pickupable", "receptacle")
+        tuple(one for one, kind in kinds.items() if kind is None or need in kind.capabilities)
+        for need in ("pickupable", "receptacle")
     )
     found: list[tuple[str, tuple[tuple[str, ...], ...]]] = []
     for skill in skills:
