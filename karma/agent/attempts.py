@@ -109,13 +109,6 @@ def _of_one(call: SkillCall, only: Mapping[str, str]) -> SkillCall:
     return replace(call, objects=(first, *call.objects[1:]), turn=0)
 
 
-def after_answer(request: PlanRequest, plan: Plan) -> PlanRequest:
-    """Return the request after an answer: one that was refused is told of."""
-    if plan.failure is None:
-        return request
-    return replace(request, failures=(*request.failures, plan.failure))
-
-
 def after_run(request: PlanRequest, programs: Programs) -> PlanRequest:
     """Return the request after a failure: told of, and not searched for again what is not there.
 

@@ -39,13 +39,9 @@ def units_of(
     found = []
     for sight in sights:
         name = sight.object_id
-        unit = unit_of(
-            sight,
-            (*experience.effects.get(name, ()), *looked.states.get(name, ())),
-            handled=name in handled,
-            image=looked.images.get(name),
-            scene=scene,
-        )
+        states = (*experience.effects.get(name, ()), *looked.states.get(name, ()))
+        image = looked.images.get(name)
+        unit = unit_of(sight, states, handled=name in handled, image=image, scene=scene)
         whole = whole_id(name) if whole_id(name) in experience.cut else ""
         old = by_id.get(name) or by_id.get(whole)
         found.append(merged(old, unit) if old is not None else unit)

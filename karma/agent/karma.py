@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from msgspec import Meta
 
-from karma.agent.attempts import Programs, after_answer, after_run, as_left, carried_out, lost
+from karma.agent.attempts import Programs, after_run, as_left, carried_out, lost
 from karma.agent.body.skills import Skills
 from karma.agent.experience import shut_away, units_of
 from karma.agent.guarded import guarded, joined, reader_of
@@ -228,7 +228,8 @@ class KarmaEpisode:
             for plan in self._planner.plan(updated):
                 yield plan
                 self._named.setdefault(self._scene, {}).update(furniture(plan.names))
-                request = after_answer(request, plan)
+                if plan.failure is not None:
+                    request = replace(request, failures=(*request.failures, plan.failure))
             if plan is None or not plan.calls:
                 break
             results = yield from carried_out(plan, skills, only)
@@ -275,7 +276,9 @@ class KarmaEpisode:
         """Return what the planner is told at first: the map, and what was recalled by last use."""
         chosen = {item.unit.object_id for item in recalled}
         units = self.short_term.units(self._scene) if self.settings.short_term else ()
-        if not self._tells_all:
+        whole = self.settings.whole_memory
+        tells_all = self._planner.profile != "compact" if whole is None else whole
+        if not tells_all:
             units = tuple(unit for unit in units if unit.object_id in chosen)
         papers = self.graph is not None and self.settings.map_form == "paper"
         if self.settings.means == "recalled":  # the last of a type has its bare name
@@ -311,12 +314,6 @@ class KarmaEpisode:
     def handled(self) -> list[str]:
         """Return the ids of what was handled in this room and is remembered, the last one last."""
         return [one.object_id for one in self.short_term.units(self._scene) if one.handled]
-
-    @property
-    def _tells_all(self) -> bool:
-        """Whether all of short-term memory stands in the prompt."""
-        told = self.settings.whole_memory
-        return self._planner.profile != "compact" if told is None else told
 
     def _found_by_name(self, recalled: Sequence[MemoryUnit]) -> tuple[MemoryUnit, ...]:
         """Return the units that a name may mean: the recalled ones first, the last used first."""

@@ -27,9 +27,8 @@ def explore_room(
     graph = SceneGraph.over(cells, height_m=position_of(world)[1], room=room)
     if saved is not None and saved.exists():
         known = SceneGraph.load(saved)
-        if known.room == room and [area.position_m for area in known.areas()] == [
-            a.position_m for a in graph.areas()
-        ]:
+        places, ours = ([area.position_m for area in one.areas()] for one in (known, graph))
+        if known.room == room and places == ours:
             return known, False
     lookouts = SceneGraph.over(cells, spacing_m=LOOKOUT_M).areas()
     skills = Skills(world, KnownFloor(lookouts), eyes=eyes)

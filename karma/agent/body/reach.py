@@ -100,7 +100,7 @@ class Reach:
                 return self._closed(target, place, closed_will_do)
         if not movable:
             if tried:
-                self.log.miss(target.object_id, target.position_m)
+                self.log.missed[target.object_id] = target.position_m
             raise RefusedError(
                 f"could not get {target.object_type} into view and reach",
                 f"{target.object_id} could not be got into view and reach"
@@ -108,7 +108,7 @@ class Reach:
             )
         if (place := self.shut_in(target)) is not None:
             return self._closed(target, place, closed_will_do)
-        self.log.miss(target.object_id, target.position_m)
+        self.log.missed[target.object_id] = target.position_m
         where = f", in or on {target.place_id}" if target.place_id else ""
         raise RefusedError(
             f"{target.object_type} is not at its remembered place; "

@@ -155,10 +155,6 @@ class Sightings:
         """Id of what is in the hand."""
         return self.held.object_id if self.held else None
 
-    def miss(self, object_id: str, position: Vec3) -> None:
-        """Note that a thing is not where it was believed to be."""
-        self.missed[object_id] = position
-
     def changed(self, object_id: str, position: Vec3) -> None:
         """Note that something was done to a thing: there may be more to see around it now."""
         self.looked_into.discard(object_id)

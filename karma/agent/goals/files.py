@@ -101,9 +101,8 @@ def _task(row: _Task) -> Task:
     _check_scene(row.scene, "scene")
     subtasks = tuple(_subtask(sub, f"subtasks[{i}]") for i, sub in enumerate(row.subtasks))
     _check_rooms(row)
-    return with_whole(
-        Task(id=row.id, kind=row.kind, scene=SceneRef.of(row.scene), subtasks=subtasks)
-    )
+    scene = SceneRef.of(row.scene)
+    return with_whole(Task(id=row.id, kind=row.kind, scene=scene, subtasks=subtasks))
 
 
 def with_whole(task: Task, said: str = "") -> Task:

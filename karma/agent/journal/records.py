@@ -51,13 +51,8 @@ class Call:
     @classmethod
     def of(cls, result: SkillResult) -> "Call":
         """Return the record of a result."""
-        return cls(
-            text=str(result.call),
-            ok=result.ok,
-            reason=result.reason,
-            actions=result.actions,
-            explorations=result.explorations,
-        )
+        costs = {"actions": result.actions, "explorations": result.explorations}
+        return cls(text=str(result.call), ok=result.ok, reason=result.reason, **costs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

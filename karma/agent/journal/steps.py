@@ -13,7 +13,7 @@ from copy import deepcopy
 from hashlib import blake2b
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import msgspec
 
@@ -66,6 +66,18 @@ class Planned(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="
     error: str  # why the answer was refused
     examples: tuple[str, ...] = ()  # instructions of the worked examples that were retrieved
     refused: str = ""  # what people are told where the request is not carried out
+
+    @classmethod
+    def of(cls, plan: Plan) -> Self:
+        """Return what the log keeps of a plan."""
+        return cls(
+            recalled=tuple(unit.object_id for unit in plan.units),
+            prompt=plan.prompt.changing,
+            program=plan.completion.text,
+            error=plan.error,
+            refused=sentence(plan.refused) if plan.refused else "",
+            examples=plan.examples,
+        )
 
 
 class Action(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="action"):
@@ -134,35 +146,19 @@ class StepLog:
         """An instruction is given; memory before it is what it was, until the outcome tells."""
         self._given = len(self._steps)
         self.actions = []
-        self.add(
-            Instruction(number=number, instruction=subtask.instruction, memory=self._memory)
-        )  # fmt: skip
+        text = subtask.instruction
+        self.add(Instruction(number=number, instruction=text, memory=self._memory))
 
     def moment(self, moment: Plan | SkillResult) -> None:
         """Write what a method yields on its way."""
-        if isinstance(moment, SkillResult):
-            self.add(
-                SkillStep(
-                    call=str(moment.call),
-                    ok=moment.ok,
-                    reason=moment.reason,
-                    object_ids=moment.object_ids,
-                )
-            )
-            return
-        if moment.prompt.stable != self._map:
-            self._map = moment.prompt.stable
-            self.add(Map(text=self._map))
-        self.add(
-            Planned(
-                recalled=tuple(unit.object_id for unit in moment.units),
-                prompt=moment.prompt.changing,
-                program=moment.completion.text,
-                error=moment.error,
-                refused=sentence(moment.refused) if moment.refused else "",
-                examples=moment.examples,
-            )
-        )
+        if isinstance(moment, Plan):
+            if moment.prompt.stable != self._map:
+                self._map = moment.prompt.stable
+                self.add(Map(text=self._map))
+            self.add(Planned.of(moment))
+        else:
+            ids, ok, call = moment.object_ids, moment.ok, str(moment.call)
+            self.add(SkillStep(call=call, ok=ok, reason=moment.reason, object_ids=ids))
 
     def outcome(self, outcome: Outcome, unmet: Sequence[str]) -> None:
         """Write how the instruction ended, and what memory held when it was given."""
@@ -205,15 +201,9 @@ class LoggedWorld:
     def step(self, action: str, **arguments: Any) -> Event:
         """Do one action and write it down."""
         event = self._world.step(action, **arguments)
-        ok = bool(event)
-        self._log.add(
-            Action(
-                action=action,
-                arguments=_plain(arguments),
-                ok=ok,
-                error=why.words if (why := refusal(event)) is not None else "",
-            )
-        )
+        ok, why = bool(event), refusal(event)
+        error = why.words if why is not None else ""
+        self._log.add(Action(action=action, arguments=_plain(arguments), ok=ok, error=error))
         return event
 
     def stop(self) -> None:

@@ -107,33 +107,25 @@ def read_steps(path: Path) -> tuple[StepSentence, ...]:
         for trial in read_demonstrations(path, dict[str, Any])
         for annotation in trial["turk_annotations"]
         for text, step in zip(annotation["high_descs"], trial["plan"]["high_pddl"], strict=False)
-        if (found := _step_goals(step, trial)) is not None and _says_enough(text)
-        for goals, held in (found,)
+        if len(words := re.findall(r"[a-z]+", text.lower())) > 3 and _DEPENDS.isdisjoint(words)
+        for goals, held in _step_goals(step, trial)
     )
 
 
 def _step_goals(
     step: Mapping[str, Any], trial: Mapping[str, Any]
-) -> tuple[tuple[Goal, ...], str] | None:
-    """Return what a step brings about, and the type of what is in the hand before."""
+) -> Iterator[tuple[tuple[Goal, ...], str]]:
+    """Yield what a step brings about, if it can be said, and the type of what is held before."""
     action, names = step["discrete_action"]["action"], step["discrete_action"]["args"]
-    if is_piece(type_of(step["planner_action"].get("objectId", ""))):
-        return None
     types = [uses.without_basin(_BY_LOWER.get(one, "")) for one in names]
-    if not all(types):
-        return None
+    if is_piece(type_of(step["planner_action"].get("objectId", ""))) or not all(types):
+        return
     if action == "PickupObject":
-        return (_goal("HOLDON", "robot", types[0]),), ""
-    if action == "PutObject" and len(types) == 2:
-        return (_goal("ON", *types),), types[0]
-    if action == "ToggleObject" and types[0] in uses.LAMPS:
-        return (_goal("TOGGLEON", types[0]),), trial["pddl_params"]["object_target"]
-    return None
-
-
-def _says_enough(text: str) -> bool:
-    words = re.findall(r"[a-z]+", text.lower())
-    return len(words) > 3 and not _DEPENDS & set(words)
+        yield (_goal("HOLDON", "robot", types[0]),), ""
+    elif action == "PutObject" and len(types) == 2:
+        yield (_goal("ON", *types),), types[0]
+    elif action == "ToggleObject" and types[0] in uses.LAMPS:
+        yield (_goal("TOGGLEON", types[0]),), trial["pddl_params"]["object_target"]
 
 
 def truth_of(trial: Mapping[str, Any]) -> GoalFacts:

@@ -1,7 +1,7 @@
 """Worked examples, found by their instruction's vector: of the written bank, or another."""
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from copy import copy
 from functools import lru_cache, partial
@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from karma.agent.loading.alfred_sentences import names_its_place, read_sentences
+from karma.agent.loading.alfred_sentences import Sentence, names_its_place, read_sentences
 from karma.agent.loading.planner_files import learnt_embedder
-from karma.agent.loading.said_requests import load_said
+from karma.agent.loading.said_requests import SaidRequest, load_said
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.goal_lines import as_lines
 from karma.agent.planning.plain_programs import plain_program
@@ -75,17 +75,17 @@ def read_bank(path: Path, *, goals: bool = False) -> Iterator[WorkedExample]:
 
     Of requests as `eval/requests/written.jsonl`, or of ALFRED's demonstrations, gzipped.
     """
+    said: Iterable[Sentence | SaidRequest]
     if path.suffix == ".gz":
-        people = filter(names_its_place, read_sentences(path))
-        said = ((one.text, one.wanted) for one in people)
+        said = (one for one in read_sentences(path) if names_its_place(one))
     else:
-        said = ((one.text, one.wanted) for one in load_said(path) if one.goals)
+        said = (one for one in load_said(path) if one.goals)
     write = as_lines if goals else partial(plain_program, view=ExpertView())
     count = 0
-    for text, wanted in said:
-        if calls := write(wanted):
+    for one in said:
+        if calls := write(one.wanted):
             count += 1
-            yield WorkedExample(instruction=text, program="\n".join(map(str, calls)))
+            yield WorkedExample(instruction=one.text, program="\n".join(map(str, calls)))
     if not count:
         raise FileError(path, "holds no sentence with goals", fix="see eval/requests/README.md")
 

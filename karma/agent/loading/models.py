@@ -109,9 +109,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """Which models fill the roles."""
 
     planner: str = "karma-nano"  # of models/manifest.toml, a GGUF's path, "openai", "default"
-    profile: str = (
-        ""  # "compact", "full", "goals" or a folder of templates; "" = what the manifest says
-    )
+    profile: str = ""  # "compact", "full", "goals", a folder of templates; "": as in the manifest
     chat: bool | None = None  # through the GGUF's own chat template; None: if it has one
     words: str = ""  # a words file, for hints; "": as the manifest says, "none": no hints
     refusing: bool | None = None  # requests may be refused; None: by who has learnt it (manifest)
@@ -123,9 +121,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     vision: str = "metadata"
     detector: str = ""  # a plug-in of karma.detectors, for rows with boxes = "detector"
     constraint: Constraint = "types"  # what answers may say; a server must prove that it holds them
-    examples: int | None = (
-        None  # told to the planner, 0 to 8; None: 4 if local, with the full prompt
-    )
+    examples: int | None = None  # told, 0 to 8; None: 4 to a local planner with the full prompt
     examples_from: str = ""  # a file of sentences; "": those that were written for it
     max_tokens: int = 512  # of an answer, a thought not counted
     temperature: float = 0.0
@@ -198,9 +194,9 @@ def load_resources(
     session = session or Session()
     model, profile = language_model(models, session, states, seed)
     check_asked(model, profile)
-    refusing = bool(models.refusing)
-    if models.hosted.planner is None:
-        refusing = may_refuse(models.planner, models.refusing)
+    is_hosted = models.hosted.planner is not None
+    asked = models.refusing
+    refusing = bool(asked) if is_hosted else may_refuse(models.planner, asked)
     decoding = Decoding(
         refusing=refusing,
         constraint=models.constraint,
@@ -209,23 +205,21 @@ def load_resources(
         max_tokens=models.max_tokens,
     )
     embedder = filled("embedders", models.embedder, models.hosted.embedder, session, models)
-    hosted = NO_WORDS if models.hosted.planner is not None else ""
+    words = models.words or (NO_WORDS if is_hosted else "")
+    count, named, goals = _count(models, profile), models.examples_from, profile == GOALS
+    detected = bool(models.detector)
     return Resources(
         model=model,
         profile=profile,
         decoding=decoding,
-        hints=hints_for(models.planner, models.words or hosted, embedder),
-        examples=examples_for(
-            _count(models, profile), models.examples_from, embedder, goals=profile == GOALS
-        ),
-        doubt=doubt_of(models.planner) if refusing and not hosted else None,
+        hints=hints_for(models.planner, words, embedder),
+        examples=examples_for(count, named, embedder, goals=goals),
+        doubt=doubt_of(models.planner) if refusing and not is_hosted else None,
         recall=_recall(models.recall, models.recall_text, embedder, maps),
         vision=filled("vision_models", models.vision, models.hosted.vision, session, models),
         maps=maps,
         learn=learn,
-        detector=filled("detectors", models.detector, None, session, models)
-        if models.detector
-        else None,
+        detector=filled("detectors", models.detector, None, session, models) if detected else None,
         embedder=embedder,
     )
 
@@ -265,9 +259,8 @@ def for_row(
 def _recall(name: str, text: str, embedder: Embedder | None, maps: Path | None) -> Recall:
     """Return a recall; one that looks at kept pictures is told the run folder, which has `maps`."""
     kind = registry.load("recalls", name)
-    looks = (
-        {"folder": maps.parent if maps else None} if "folder" in signature(kind).parameters else {}
-    )
+    folder = {"folder": maps.parent if maps else None}
+    looks = folder if "folder" in signature(kind).parameters else {}
     made: Recall = kind(embedder, text=text, **looks)
     return made
 

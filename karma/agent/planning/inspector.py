@@ -9,6 +9,7 @@ Source: ours; the idea of repairing preconditions is HELPER's (Sarch et al. 2023
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 from karma.agent.planning.program import DOOR_AFTER, PUTS, SKILL_OF, SWITCH_AFTER, WAYS
 from karma.contracts import Area, HandSpec, MemoryUnit, PlanRequest, SeenObject, Skill, SkillCall
@@ -104,14 +105,10 @@ def _without_cuts(calls: Sequence[SkillCall], cut: Collection[str]) -> Sequence[
 def likely_areas(object_type: str, areas: Sequence[Area]) -> tuple[str, ...]:
     """Return the area node to search first: the first with the likeliest place for a type."""
     kind = object_types().get(object_type)
-    fits = kind.goes_in if kind is not None else None
-    for place in LIKELY:
-        if fits is None or place not in fits:
-            continue
-        for area in areas:
-            if place in area.contains:
-                return (area.name,)
-    return ()
+    fits = kind.goes_in if kind is not None else ()
+    likely = (place for place in LIKELY if place in fits)
+    found = (area.name for place in likely for area in areas if place in area.contains)
+    return tuple(islice(found, 1))
 
 
 def _put_down(hand: str | None, name: str, known: Collection[str]) -> list[SkillCall]:

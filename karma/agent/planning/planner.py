@@ -329,7 +329,8 @@ def _asked_again(request: PlanRequest, answer: Plan) -> tuple[bool | None, Plan]
 def known_here(request: PlanRequest) -> frozenset[str]:
     """Return the types that the agent knows of in this room."""
     kinds = {kind for area in request.areas for kind in area.contains}
-    return frozenset(kinds | {one.object_type for one in (*request.units, *request.seen)})
+    kinds |= {unit.object_type for unit in request.units}
+    return frozenset(kinds | {one.object_type for one in request.seen})
 
 
 def program_spec(

@@ -77,7 +77,7 @@ def observe(
     for thing in things:
         object_id = thing["objectId"]
         if object_id in inventory:
-            held = _seen(thing, (HAND,))
+            held = sight_of(thing, (HAND,))
         elif thing["visible"]:
             seen.append(sight_of(thing))
             if thing["isInteractable"]:
@@ -202,9 +202,10 @@ def refusal(event: Event) -> Reason | None:
     return None if event else reason_of(str(event.metadata["errorMessage"] or ""))
 
 
-def sight_of(thing: _Object) -> SeenObject:
-    """Return one object's metadata as a sight of it."""
-    return _seen(thing, tuple(thing["parentReceptacles"] or ()))
+def sight_of(thing: _Object, parents: tuple[str, ...] | None = None) -> SeenObject:
+    """Return one object's metadata as a sight of it, in or on other things than it says."""
+    fields = _sight_fields(thing)
+    return SeenObject(**(fields if parents is None else {**fields, "parent_ids": parents}))
 
 
 def place_of(seen: SeenObject) -> str | None:
@@ -215,14 +216,8 @@ def place_of(seen: SeenObject) -> str | None:
 
 def lying(seen: SeenObject) -> Lying:
     """Return a thing as water meets it."""
-    return Lying(
-        seen.object_id,
-        seen.object_type,
-        seen.box_center_m,
-        seen.box_size_m,
-        seen.parent_ids,
-        "closed" in seen.states,
-    )
+    box, closed = (seen.box_center_m, seen.box_size_m), "closed" in seen.states
+    return Lying(seen.object_id, seen.object_type, *box, seen.parent_ids, closed)
 
 
 # ----------------------------------------------------------------- the whole truth
@@ -261,7 +256,7 @@ def _vector(point: Mapping[str, float]) -> Vec3:
     return float(point["x"]), float(point["y"]), float(point["z"])
 
 
-def _sight_fields(thing: _Object, parents: tuple[str, ...]) -> dict[str, Any]:
+def _sight_fields(thing: _Object) -> dict[str, Any]:
     box = thing["axisAlignedBoundingBox"]
     return {
         "object_id": _id(thing),
@@ -270,19 +265,15 @@ def _sight_fields(thing: _Object, parents: tuple[str, ...]) -> dict[str, Any]:
         "box_center_m": _vector(box["center"]),
         "box_size_m": _vector(box["size"]),
         "pickupable": bool(thing["pickupable"]),
-        "parent_ids": parents,
+        "parent_ids": tuple(thing["parentReceptacles"] or ()),
         "states": _states(thing),
         "controls": tuple(thing["controlledObjects"] or ()),
     }
 
 
-def _seen(thing: _Object, parents: tuple[str, ...]) -> SeenObject:
-    return SeenObject(**_sight_fields(thing, parents))
-
-
 def _true(thing: _Object) -> TrueObject:
     return TrueObject(
-        **_sight_fields(thing, tuple(thing["parentReceptacles"] or ())),
+        **_sight_fields(thing),
         distance_m=float(thing["distance"]),
         visible=bool(thing["visible"]),
         child_ids=tuple(thing["receptacleObjectIds"] or ()),

@@ -87,8 +87,7 @@ def _by_view(
     """Return the sights grouped by where they were last in view, in the order of the sights."""
     groups: dict[int, tuple[Observation, list[SeenObject]]] = {}
     for sight in sights:
-        view = views.get(sight.object_id)
-        if view is not None:
+        if view := views.get(sight.object_id):
             groups.setdefault(id(view), (view, []))[1].append(sight)
     return list(groups.values())
 

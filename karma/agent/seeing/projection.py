@@ -42,12 +42,8 @@ def region_of(camera: CameraPose, center_m: Vec3, size_m: Vec3) -> Region | None
     top, bottom = np.clip([points[:, 1].min(), points[:, 1].max()], 0, float(camera.height_px))
     if right - left < 1 or bottom - top < 1:
         return None
-    return (
-        round(float(left), 1),
-        round(float(top), 1),
-        round(float(right), 1),
-        round(float(bottom), 1),
-    )
+    left, top, right, bottom = (round(float(side), 1) for side in (left, top, right, bottom))
+    return left, top, right, bottom
 
 
 def silhouette_of(camera: CameraPose, center_m: Vec3, size_m: Vec3) -> tuple[Point, ...]:
