@@ -105,7 +105,7 @@ def _without_cuts(calls: Sequence[SkillCall], cut: Collection[str]) -> Sequence[
 def likely_areas(object_type: str, areas: Sequence[Area]) -> tuple[str, ...]:
     """Return the area node to search first: the first with the likeliest place for a type."""
     kind = object_types().get(object_type)
-    fits = kind.goes_in if kind is not None else ()
+    fits = (kind.goes_in if kind is not None else None) or ()
     likely = (place for place in LIKELY if place in fits)
     found = (area.name for place in likely for area in areas if place in area.contains)
     return tuple(islice(found, 1))
