@@ -10,6 +10,7 @@ from karma.agent.body.search import Search
 from karma.agent.body.sightings import known, means
 from karma.agent.body.walk import Stance
 from karma.agent.planning.program import CHANGES, DOOR_AFTER, SKILL_OF
+from karma.agent.seeing.eyes import SWITCH_M, nearest
 from karma.contracts import Known, SeenObject, Vec3
 from karma.household.containment import goes_in
 from karma.household.ids import part_id, root_id, type_of
@@ -211,7 +212,6 @@ def _is_one_of(name: str, target: Known) -> bool:
 
 
 _ON, _OFF = SKILL_OF["ToggleOn"].action, SKILL_OF["ToggleOff"].action
-_TAP_OVER_M = 1.0  # a tap this near to what was put down last is the one that is meant
 
 
 class Switching:
@@ -258,23 +258,14 @@ class Switching:
         if last is None:
             return None
         believed = self._reach.names.find(kind)
-        if believed and math.dist(believed.position_m, last.box_center_m) <= _TAP_OVER_M:
+        if believed and math.dist(believed.position_m, last.box_center_m) <= SWITCH_M:
             return believed
-        near = self._nearest_tap(kind, last)
+        near = nearest(last, kind, self._log.seen.values())
         if near is None:
             self._walker.walk_near(last.box_center_m)
             self._search.look_around()
-            near = self._nearest_tap(kind, last)
-        return near
-
-    def _nearest_tap(self, kind: str, last: SeenObject) -> Known | None:
-        taps = [
-            (math.dist(sight.box_center_m, last.box_center_m), sight.object_id, sight)
-            for sight in self._log.seen.values()
-            if sight.object_type == kind
-        ]
-        gap, _, tap = min(taps, default=(math.inf, "", last))
-        return known(tap, "seen") if gap <= _TAP_OVER_M else None
+            near = nearest(last, kind, self._log.seen.values())
+        return known(near, "seen") if near is not None else None
 
     def _knob(self, name: str, word: Literal["on", "off"]) -> Known:
         """Return the knob of a burner: the named one; else one that is on, or has a pan on it."""

@@ -205,8 +205,7 @@ class Search:
             if goes_in(wanted.name, sight.object_type) and not self._may_open(sight)
         ]
         gap = self._walker.gap
-        near = [(gap(one.box_center_m), one.object_id, one) for one in surfaces]
-        return min(near, default=(0.0, "", None), key=lambda one: one[:2])[2]
+        return min(surfaces, key=lambda s: (gap(s.box_center_m), s.object_id), default=None)
 
     def _look_on(self, name: str, surface: SeenObject) -> Known | None:
         """Look at all of a surface that was not in view before."""

@@ -169,7 +169,11 @@ class RunFolder:
             left.unlink(missing_ok=True)
         timings = {one.key: one for one in read_lines(self.path / TIMINGS, self._timings)}
         found = {key_of(one): one for one in read_lines(self.path / EPISODES, self._records)}
-        kept = {key: found[key] for key in found if key in timings and self._has_steps(key)}
+
+        def there(key: Key) -> bool:
+            return all((self.path / name).exists() for name in self._logs([key]))
+
+        kept = {key: found[key] for key in found if key in timings and there(key)}
         for keys in together:
             if not kept.keys() >= {*keys}:
                 kept = {key: kept[key] for key in kept if key not in keys}
@@ -258,17 +262,11 @@ class RunFolder:
         return list(kind.read(self.path).apart(header))
 
     def _write_steps(self, one: Finished) -> None:
-        path = steps_path(self.path, *one.record.key)
-        self._owned.write(path.relative_to(self.path).as_posix(), packed(one.steps))
+        self._owned.write(steps_path(Path(), *one.record.key).as_posix(), packed(one.steps))
 
     def _logs(self, keys: Iterable[Key]) -> list[str]:
         """Return the names of the step logs of episodes; none where none are kept."""
-        if not self._steps:
-            return []
-        return [steps_path(self.path, *key).relative_to(self.path).as_posix() for key in keys]
-
-    def _has_steps(self, key: Key) -> bool:
-        return not self._steps or steps_path(self.path, *key).exists()
+        return [steps_path(Path(), *key).as_posix() for key in keys if self._steps]
 
     def _rewrite(
         self, records: Mapping[Key, Any], timings: Mapping[Key, EpisodeTiming | PlayedTiming]

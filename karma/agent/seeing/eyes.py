@@ -56,7 +56,7 @@ _TELLING: frozenset[Capability] = frozenset(
 )  # a type with none of them has no state that a picture could show  # fmt: skip
 _ASIDE_M = 0.05  # how far a thing's centre may be outside what holds it
 _ON_M = 0.1  # between the underside of a thing and the top that it stands on
-_NEAR_M = 1.0  # how far a switch may be from what it switches
+SWITCH_M = 1.0  # how far a switch may be from what it switches, and a tap from what it is over
 
 
 class Eyes(Protocol):
@@ -364,7 +364,7 @@ def nearest(one: SeenObject, kind: str, others: Iterable[SeenObject]) -> SeenObj
         if other.object_type == kind
     ]
     gap, _, found = min(near, default=(math.inf, "", one))
-    return found if gap <= _NEAR_M else None
+    return found if gap <= SWITCH_M else None
 
 
 def contents(place: str, things: Iterable[SeenObject]) -> set[str]:
