@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -404,7 +403,7 @@ def test_cause_of_a_thing_that_memory_lost_is_that_and_the_log_tells_whether_it_
 
 
 def in_room(scene, *object_ids):
-    return tuple(msgspec.structs.replace(unit(one), scene=scene) for one in object_ids)
+    return tuple(replace(unit(one), scene=scene) for one in object_ids)
 
 
 @pytest.mark.parametrize(("room", "expected"), [("kitchen", "recall"), ("bedroom", "evicted")])
