@@ -14,7 +14,7 @@ import typer
 
 from karma import registry
 from karma.agent.loading.planner_files import hints_for
-from karma.agent.planning.doubt import FEATURES
+from karma.agent.planning.refused_requests import FEATURES
 from karma.bench.drawing.memories import generated_rooms
 from karma.bench.drawing.phrases import our_book
 from karma.files import to_json, write_atomic

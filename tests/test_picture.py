@@ -14,7 +14,7 @@ import karma.contracts as contracts
 NODES = {
     "world": ["world/sim.py", "world/event.py"],
     "perceive": [f"agent/seeing/{name}.py" for name in (
-        "perceive", "eyes", "depth", "tracking", "projection")],
+        "perceive", "eyes", "perception", "projection")],
     "skills": ["agent/body"],
     "memory": ["memory"],
     "method": [*(f"agent/{name}.py" for name in ("karma", "attempts", "experience", "tour")),

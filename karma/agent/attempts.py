@@ -1,12 +1,16 @@
-"""Programs that are tried: carried out until a line is refused, and told of in the next request."""
+"""Programs that are tried: carried out until a line is refused, and told of in the next request.
 
-from collections.abc import Generator, Iterable, Mapping, Sequence
+What an errand changed besides is put back: doors are shut, what ran is off, tools lie again.
+"""
+
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from karma.agent.body.afterwards import checked
 from karma.agent.body.refusals import NOT_FOUND
 from karma.agent.body.sightings import offset, shifted
 from karma.agent.body.skills import Skills
+from karma.agent.planning.guard import switch_of
 from karma.agent.planning.planner import grounded
 from karma.agent.planning.program import PUTS
 from karma.agent.planning.reading import kind_of, left_undone, put_right
@@ -18,9 +22,15 @@ from karma.contracts import (
     MemoryUnit,
     Plan,
     PlanRequest,
+    Request,
+    SaidDeed,
     SkillCall,
     SkillResult,
 )
+from karma.household.deeds import deed_kind
+from karma.household.ids import type_of
+from karma.household.places import HAND
+from karma.household.uses import LAMPS
 from karma.memory.short_term import merged_states
 
 
@@ -75,10 +85,7 @@ def carried_out(
 ) -> Generator[SkillResult, None, list[SkillResult]]:
     """Run a program until a call is refused; returns what came of each call that was tried.
 
-    Args:
-        plan: with the program.
-        skills: the body.
-        only: type -> id of the one thing of the type that is meant.
+    `only`: type -> id of the one thing of the type that is meant.
     """
     results: list[SkillResult] = []
     skills.begin_program()
@@ -102,19 +109,10 @@ def _of_one(call: SkillCall, only: Mapping[str, str]) -> SkillCall:
     return replace(call, objects=(first, *call.objects[1:]), turn=0)
 
 
-def after_answer(request: PlanRequest, plan: Plan) -> PlanRequest:
-    """Return the request after an answer: one that was refused is told of."""
-    if plan.failure is None:
-        return request
-    return replace(request, failures=(*request.failures, plan.failure))
-
-
 def after_run(request: PlanRequest, programs: Programs) -> PlanRequest:
     """Return the request after a failure: told of, and not searched for again what is not there.
 
-    Args:
-        request: the one before.
-        programs: the last one failed; the last of its results is the refusal.
+    The last of the programs' results is the refusal.
     """
     result = programs.results[-1]
     in_vain = result.call.skill == "Explore" and result.reason.startswith(NOT_FOUND)
@@ -188,3 +186,52 @@ def _placed(
             return replace(unit, position_m=at)
         holder = then.place_id if then is not None else None
     return unit
+
+
+# ----------------------------------------------------------------- what is put back
+
+
+def put_back(asked: Request, skills: Skills) -> Iterator[SkillResult]:
+    """Undo what nobody asked for, as far as the world lets it; what it refuses is left."""
+    for call in _tool_put_down(asked, skills.experience):
+        yield skills.run(call)
+    for name, skill in reversed(list(skills.experience.left.items())):
+        if not _is_wanted(asked, name, skill):
+            yield skills.run(SkillCall.of(skill, name))
+
+
+def _tool_put_down(asked: Request, experience: Experience) -> Iterator[SkillCall]:
+    """Yield what puts a tool that is still held back to where it was taken from."""
+    held = experience.held
+    place = experience.taken.get(held.object_id) if held is not None else None
+    if held is None or place is None or place == HAND:
+        return
+    deeds = {deed.deed for deed in asked.deeds}
+    tools = {one for deed in deeds for one in deed_kind(deed).tools}
+    named = {kind_of(one) for thing in asked.mentions for one in thing.types}
+    if kind_of(held.object_type) not in tools - named:
+        return
+    sight = experience.seen.get(place)
+    if sight is not None and "closed" in sight.states:
+        yield SkillCall.of("OpenObject", place)
+    yield SkillCall.of("PutObject", held.object_id, place)
+
+
+def _is_wanted(asked: Request, name: str, skill: str) -> bool:
+    """Return whether a door was to be open, or something to run."""
+    deeds = ("open",) if skill == "CloseObject" else ("on", "look")
+    against = "close" if skill == "CloseObject" else "off"
+    kept = [deed for deed in asked.forbidden if deed.deed == against]
+    kind, about = kind_of(type_of(name)), _kinds(kept)
+    if kept and (kind in about or not about):
+        return True  # "but don't close the door"
+    said = [deed for deed in (*asked.deeds, *asked.rest) if deed.deed in deeds]
+    if any(not deed.things or any(t.anything or t.told for t in deed.things) for deed in said):
+        return True
+    lit = kind in LAMPS and any(deed.deed == "look" for deed in said)
+    return lit or switch_of(kind) in map(switch_of, _kinds(said))
+
+
+def _kinds(deeds: Iterable[SaidDeed]) -> set[str]:
+    """Return the kinds of things that some deeds are about."""
+    return {kind_of(kind) for deed in deeds for thing in deed.things for kind in thing.types}

@@ -27,14 +27,8 @@ def units_of(
     Only what can be carried; immovable things belong to long-term memory. A thing that was cut is
     represented by one slice, the one handled last, which inherits the history of the whole.
 
-    Args:
-        experience: of the instruction.
-        before: units whose history goes on in these.
-        vision: reads states of the things of interest.
-        instruction: what was asked for.
-        scene: name of the room.
-        seen_kept: how many things that were only seen to keep, the last seen ones.
-        folder: the run folder, which takes the pictures that were looked at.
+    `before` are units whose history goes on in these. Of what was only seen the last `seen_kept`
+    things are kept; `folder` takes the pictures that were looked at.
     """
     handled = _handled(experience)
     others = _only_seen(experience, handled)
@@ -45,13 +39,9 @@ def units_of(
     found = []
     for sight in sights:
         name = sight.object_id
-        unit = unit_of(
-            sight,
-            (*experience.effects.get(name, ()), *looked.states.get(name, ())),
-            handled=name in handled,
-            image=looked.images.get(name),
-            scene=scene,
-        )
+        states = (*experience.effects.get(name, ()), *looked.states.get(name, ()))
+        image = looked.images.get(name)
+        unit = unit_of(sight, states, handled=name in handled, image=image, scene=scene)
         whole = whole_id(name) if whole_id(name) in experience.cut else ""
         old = by_id.get(name) or by_id.get(whole)
         found.append(merged(old, unit) if old is not None else unit)
@@ -61,9 +51,7 @@ def units_of(
 def shut_away(units: Iterable[MemoryUnit], among: Iterable[MemoryUnit]) -> tuple[MemoryUnit, ...]:
     """Return units as they are told: what lies in a thing behind a door lies behind that door.
 
-    Args:
-        units: to be told.
-        among: what is remembered of the room, these among it.
+    `among` is what is remembered of the room.
     """
     places = {unit.object_id: unit.place_id for unit in among}
     found = []
@@ -82,12 +70,8 @@ def unit_of(
 ) -> MemoryUnit:
     """Return the line of short-term memory for one sight of an object.
 
-    Args:
-        sight: of the object.
-        states: words that hold, in the order they came about; "none" is dropped.
-        handled: the agent manipulated it.
-        image: path of the picture below the run folder.
-        scene: name of the room.
+    `states` are in the order they came about, "none" is dropped; `image` is a path below the run
+    folder.
     """
     return MemoryUnit(
         object_id=sight.object_id,

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from msgspec import Meta
 
-from karma.agent.attempts import Programs, after_answer, after_run, as_left, carried_out, lost
+from karma.agent.attempts import Programs, after_run, as_left, carried_out, lost
 from karma.agent.body.skills import Skills
 from karma.agent.experience import shut_away, units_of
 from karma.agent.guarded import guarded, joined, reader_of
@@ -80,16 +80,8 @@ class KarmaSettings:
 class KarmaMethod:
     """The agent of the paper's Fig. 1.
 
-    Args:
-        planner: model and prompt profile.
-        recall: chooses units for the prompt.
-        vision: reads object states.
-        settings: the row.
-        maps: folder of long-term memories, one file a scene, made on the first visit and never
-            changed by an episode; None to explore each time.
-        learn: write what an episode learnt about a scene back to `maps`.
-        detector: finds things in pictures; None: the simulator's boxes are given.
-        reader: of requests, for a row with a guard.
+    `maps` is a folder of long-term memories, one file a scene, made on the first visit and never
+    changed by an episode, save where it is to `learn`; None: each explores.
     """
 
     settings_kind: ClassVar[type] = KarmaSettings
@@ -115,11 +107,7 @@ class KarmaMethod:
 
     @classmethod
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
-        """Make a row from its options (the fields of `KarmaSettings`).
-
-        Raises:
-            KarmaError: an option is unknown or of the wrong type, or a detector is missing.
-        """
+        """Make a row from its options, the fields of `KarmaSettings`."""
         settings = settings_of(KarmaSettings, options)
         return cls(
             Planner.of(resources),
@@ -138,15 +126,7 @@ class KarmaMethod:
 
 
 class KarmaEpisode:
-    """One sequence of instructions, with short-term memory and a map of each room entered.
-
-    Args:
-        method: models and settings.
-        world: has been reset to `scene`.
-        scene: the first room.
-        folder: takes the pictures that were looked at.
-        seed: of the episode.
-    """
+    """One sequence of instructions, with short-term memory and a map of each room entered."""
 
     def __init__(
         self, method: KarmaMethod, world: World, scene: SceneRef, folder: Path, seed: int = 0
@@ -237,11 +217,7 @@ class KarmaEpisode:
     ) -> Iterator[Plan | SkillResult]:
         """Plan and act until a program succeeds or the attempts are used up.
 
-        Args:
-            subtask: what to do; a program is held against what it asks.
-            skills: the body.
-            came: takes what came of it.
-            only: type -> id of the one thing of the type that is meant.
+        `only`: type -> id of the one thing of the type that is meant.
         """
         request = self._request(subtask, self._recalled(subtask))
         self._beliefs.units = self._found_by_name(request.units)
@@ -252,7 +228,8 @@ class KarmaEpisode:
             for plan in self._planner.plan(updated):
                 yield plan
                 self._named.setdefault(self._scene, {}).update(furniture(plan.names))
-                request = after_answer(request, plan)
+                if plan.failure is not None:
+                    request = replace(request, failures=(*request.failures, plan.failure))
             if plan is None or not plan.calls:
                 break
             results = yield from carried_out(plan, skills, only)
@@ -299,7 +276,9 @@ class KarmaEpisode:
         """Return what the planner is told at first: the map, and what was recalled by last use."""
         chosen = {item.unit.object_id for item in recalled}
         units = self.short_term.units(self._scene) if self.settings.short_term else ()
-        if not self._tells_all:
+        whole = self.settings.whole_memory
+        tells_all = self._planner.profile != "compact" if whole is None else whole
+        if not tells_all:
             units = tuple(unit for unit in units if unit.object_id in chosen)
         papers = self.graph is not None and self.settings.map_form == "paper"
         if self.settings.means == "recalled":  # the last of a type has its bare name
@@ -336,12 +315,6 @@ class KarmaEpisode:
         """Return the ids of what was handled in this room and is remembered, the last one last."""
         return [one.object_id for one in self.short_term.units(self._scene) if one.handled]
 
-    @property
-    def _tells_all(self) -> bool:
-        """Whether all of short-term memory stands in the prompt."""
-        told = self.settings.whole_memory
-        return self._planner.profile != "compact" if told is None else told
-
     def _found_by_name(self, recalled: Sequence[MemoryUnit]) -> tuple[MemoryUnit, ...]:
         """Return the units that a name may mean: the recalled ones first, the last used first."""
         by_name = self.settings.short_term and self.settings.by_name
@@ -366,7 +339,8 @@ class KarmaEpisode:
         if not again:
             return request
         before = as_left(request.units, experience)
-        fresh = self._units(experience, before, request.instruction)
+        task, scene = request.instruction, self._scene
+        fresh = units_of(experience, before, self._vision, task, scene=scene, seen_kept=0)
         new = {unit.object_id for unit in (*fresh, *lost(request.units, experience))}
         kept = (unit for unit in before if unit.object_id not in new)
         return replace(request, units=(*kept, *fresh))
@@ -382,10 +356,13 @@ class KarmaEpisode:
         """Write what was seen, then what was handled in the order of use; forget what is gone."""
         remembered = self.short_term.units(self._scene)
         away, before = lost(remembered, experience), as_left(remembered, experience)
-        kept, folder = self.settings.seen_kept, self._folder
-        units = self._units(experience, away, instruction, seen_kept=kept, folder=folder)
+        kept, scene = self.settings.seen_kept, self._scene
+        units = units_of(
+            experience, away, self._vision, instruction,
+            scene=scene, seen_kept=kept, folder=self._folder,
+        )  # fmt: skip
         change = MemoryChange(
-            scene=self._scene,
+            scene=scene,
             at_s=at_s,
             corrected=tuple(unit for unit in before if unit not in remembered),
             forgotten=tuple(unit.object_id for unit in away),
@@ -425,25 +402,6 @@ class KarmaEpisode:
         if self.graph is not None and self._learn and (path := self._map_path()) is not None:
             self.graph.save(path)
 
-    def _units(
-        self,
-        experience: Experience,
-        before: Sequence[MemoryUnit],
-        instruction: str,
-        *,
-        seen_kept: int = 0,
-        folder: Path | None = None,
-    ) -> list[MemoryUnit]:
-        return units_of(
-            experience,
-            before,
-            self._vision,
-            instruction,
-            scene=self._scene,
-            seen_kept=seen_kept,
-            folder=folder,
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class Remembered:
@@ -457,13 +415,7 @@ class Remembered:
 
 
 class _Beliefs:
-    """What skills may ask of memory: units by name, then the map, then what holds a unit.
-
-    Args:
-        world: where.
-        graph: long-term memory of the room.
-        units: of the room, the most likely meant first.
-    """
+    """What skills may ask of memory: units by name, then the map, then what holds a unit."""
 
     def __init__(self, world: World, graph: SceneGraph | None, units: Sequence[MemoryUnit]) -> None:
         self._world, self._graph, self.units = world, graph, units
@@ -481,19 +433,11 @@ class _Beliefs:
                 )
         near = position_of(self._world)
         found = self._graph.known(name, near=near) if self._graph else None
-        return found or self._holder(name)
-
-    def _holder(self, name: str) -> Known | None:
-        """Return the receptacle of that id as known from what memory has in it."""
-        for unit in self.units:
-            if unit.place_id == name and name != HAND:
-                return Known(
-                    object_id=name,
-                    object_type=type_of(name),
-                    position_m=unit.position_m,
-                    source="memory",
-                )
-        return None
+        inside = next((unit for unit in self.units if unit.place_id == name != HAND), None)
+        if found or inside is None:
+            return found
+        at = inside.position_m
+        return Known(object_id=name, object_type=type_of(name), position_m=at, source="memory")
 
     def areas(self) -> tuple[Area, ...]:
         """Return the area nodes; () without long-term memory."""
@@ -502,9 +446,6 @@ class _Beliefs:
 
 def _name(settings: KarmaSettings) -> str:
     """Return the row's name as the paper writes it."""
-    missing = [
-        word
-        for word, there in (("long", settings.long_term), ("short", settings.short_term))
-        if not there
-    ]
+    kinds = {"long": settings.long_term, "short": settings.short_term}
+    missing = [word for word, there in kinds.items() if not there]
     return "KARMA" + (f" (w/o {' and '.join(missing)} term memory)" if missing else "")

@@ -12,11 +12,7 @@ T = TypeVar("T")
 
 
 def settings_of(kind: type[T], options: Mapping[str, Any]) -> T:
-    """Return a settings dataclass from a row's options, refusing what it does not know.
-
-    Raises:
-        KarmaError: an option is unknown or of the wrong type; names it and the known ones.
-    """
+    """Read a row's options into its settings; KarmaError names one that is unknown or wrong."""
     known = [field.name for field in fields(kind)]  # type: ignore[arg-type]
     if extra := sorted(set(options) - set(known)):
         hint = did_you_mean(extra[0], known)

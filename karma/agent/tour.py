@@ -17,34 +17,24 @@ LOOKOUT_M = 0.75  # every cell is this near to a place looked around from; the e
 def explore_room(
     world: World, scene: SceneRef, saved: Path | None, eyes: Eyes | None = None
 ) -> tuple[SceneGraph, bool]:
-    """Return long-term memory of a scene and whether it was made just now.
+    """Return long-term memory of a scene and whether it was made just now, not `saved` before.
 
     A saved map is of this room only if its fixed things are where they were when it was made:
     another file of the same name, or the same file edited, has another. The world is back at the
     scene's start afterwards, whether the map was loaded or explored.
-
-    Args:
-        world: a world that has been reset to `scene`.
-        scene: what to reset it to again.
-        saved: where the map of an earlier visit may lie.
-        eyes: how the agent sees; None: by the simulator's metadata.
-
-    Raises:
-        FileError: the saved map is damaged.
     """
     cells, room = floor_of(world), contents_of(world)
     graph = SceneGraph.over(cells, height_m=position_of(world)[1], room=room)
     if saved is not None and saved.exists():
         known = SceneGraph.load(saved)
-        if known.room == room and [area.position_m for area in known.areas()] == [
-            a.position_m for a in graph.areas()
-        ]:
+        places, ours = ([area.position_m for area in one.areas()] for one in (known, graph))
+        if known.room == room and places == ours:
             return known, False
     lookouts = SceneGraph.over(cells, spacing_m=LOOKOUT_M).areas()
     skills = Skills(world, KnownFloor(lookouts), eyes=eyes)
     skills.look_around()
     for area in tour(lookouts, position_of(world)):
-        skills.run(SkillCall(skill="GoToObject", objects=(area.name,)))
+        skills.run(SkillCall.of("GoToObject", area.name))
         skills.look_around()
         graph.observe(skills.experience.seen.values())
     graph.tour = Tour(scene=scene.name, places=len(lookouts), actions=skills.actions)

@@ -105,8 +105,7 @@ class ChatCommand(Computed, Kept, RequestOptions):
 
     def agent(self, view: AnswerView, home: str) -> "Agent":
         """Return the agent of these options; `view` hears its answers."""
-        from karma.agent.loading.models import Models
-        from karma.agent.loading.presets import preset
+        from karma.agent.loading.models import Models, preset
         from karma.infer.hosted.session import Session
         from karma.infer.llama.room_states import StateOptions
         from karma.infer.manifest.manifest import default_planner

@@ -25,10 +25,9 @@ from karma.agent.journal.part import EpisodePart, TimeLog
 from karma.agent.journal.records import SubTaskRecord
 from karma.agent.journal.steps import LoggedWorld, StepLog
 from karma.agent.karma import KarmaMethod, Remembered
-from karma.agent.loading.models import Models, Row, load_resources
+from karma.agent.loading.models import Models, Row, load_resources, world_maker
+from karma.agent.loading.models import preset as preset_of
 from karma.agent.loading.names import check_options
-from karma.agent.loading.presets import preset as preset_of
-from karma.agent.loading.worlds import world_maker
 from karma.agent.planning.prompt import GOALS
 from karma.agent.planning.understood import Understanding, misspelt, understood
 from karma.contracts import (

@@ -16,9 +16,8 @@ from karma.agent.journal.folder import locked
 from karma.agent.journal.header import Header
 from karma.agent.journal.part import EpisodePart
 from karma.agent.journal.provenance import header_of
-from karma.agent.journal.records import EpisodeRecord, SubTaskRecord
+from karma.agent.journal.records import SAID, EpisodeRecord, SubTaskRecord, Turn, turns_file
 from karma.agent.journal.run_folder import Finished, RunFolder
-from karma.agent.journal.turns import SAID, Turn, turns_file
 from karma.agent.loading.models import Models, Row
 from karma.contracts import Resources, SceneRef, SubTask, Task
 from karma.errors import FileError

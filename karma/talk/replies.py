@@ -12,8 +12,7 @@ from textwrap import wrap
 from typing import Literal
 
 from karma.agent.body.afterwards import taken_back
-from karma.agent.journal.records import SubTaskRecord
-from karma.agent.journal.turns import Turn
+from karma.agent.journal.records import SubTaskRecord, Turn
 from karma.agent.planning.understood import Understanding
 from karma.contracts import Check, Found, Plan, Request, SkillResult
 from karma.household.pieces import base_type

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from karma.agent.seeing.depth import box_round, core_of, gap_m, joined, points_in
 from karma.agent.seeing.perceive import camera_of, pixels_of, truth_of
+from karma.agent.seeing.projection import box_round, core_of, gap_m, joined, points_in
 from karma.errors import KarmaError
 from karma.world.sim import EmbeddedWorld
 

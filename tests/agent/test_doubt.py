@@ -6,8 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from karma.agent.planning.doubt import FEATURES, LogisticDoubt, far_words, read_doubt, weakest_hint
 from karma.agent.planning.planner import Planner
+from karma.agent.planning.refused_requests import (
+    FEATURES,
+    LogisticDoubt,
+    far_words,
+    read_doubt,
+    weakest_hint,
+)
 from karma.contracts import (
     Certainty,
     Completion,

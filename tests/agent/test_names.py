@@ -6,9 +6,8 @@ import sys
 import pytest
 
 from karma import registry
-from karma.agent.loading.models import Models
+from karma.agent.loading.models import Models, preset
 from karma.agent.loading.names import MODELS, check_models, check_options, check_row
-from karma.agent.loading.presets import preset
 from karma.errors import FileError, KarmaError, ModelError, UnknownNameError
 from karma.world.core.scene import SCENES, find
 

@@ -5,8 +5,7 @@ from support import tiny_models
 from support.household import kitchen
 
 from karma.agent.karma import KarmaMethod, KarmaSettings
-from karma.agent.loading.models import Models, load_resources
-from karma.agent.loading.worlds import world_maker
+from karma.agent.loading.models import Models, load_resources, world_maker
 from karma.agent.planning.planner import Planner
 from karma.contracts import Decoding, SceneRef, SubTask
 from karma.errors import KarmaError

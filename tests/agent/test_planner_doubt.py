@@ -5,7 +5,7 @@ import hashlib
 import pytest
 
 from karma.agent.loading.planner_files import doubt_of, may_refuse
-from karma.agent.planning.doubt import LogisticDoubt
+from karma.agent.planning.refused_requests import LogisticDoubt
 from karma.errors import ModelError
 from karma.files import to_json
 from karma.infer.manifest.manifest import ModelEntry, ModelFile

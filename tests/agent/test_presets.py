@@ -11,8 +11,7 @@ from typer.testing import CliRunner
 
 from karma import registry
 from karma.agent.karma import KarmaSettings
-from karma.agent.loading.models import Models, Row, for_row
-from karma.agent.loading.presets import PRESETS
+from karma.agent.loading.models import PRESETS, Models, Row, for_row
 from karma.agent.options import settings_of
 from karma.bench.engine.experiment_file import kind_of, read_experiment
 from karma.cli import app

@@ -6,7 +6,7 @@ import pytest
 from karma.agent.body.skills import Skills
 from karma.agent.seeing.eyes import PictureEyes
 from karma.agent.seeing.perceive import camera_of, pixels_of
-from karma.agent.seeing.tracking import TrackedBoxes, words_by_type
+from karma.agent.seeing.perception import TrackedBoxes, words_by_type
 from karma.contracts import Detection, SkillCall
 from karma.household.ids import type_of
 from karma.household.types import object_types

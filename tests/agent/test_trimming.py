@@ -5,10 +5,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from karma.agent.guarded import reader_of
+from karma.agent.planning.effects import trimmed
 from karma.agent.planning.guard import stopped
 from karma.agent.planning.inspector import objection
 from karma.agent.planning.program import parse_program
-from karma.agent.planning.trimming import trimmed
 from karma.contracts import SkillCall
 from karma.language.clauses import clauses_of
 

@@ -6,7 +6,7 @@ import pytest
 from support.talking import STORE, TAKE, agent_saying
 
 from karma import registry
-from karma.agent.planning.doubt import LogisticDoubt
+from karma.agent.planning.refused_requests import LogisticDoubt
 from karma.agent.planning.understood import Understanding, question
 from karma.contracts import REFUSAL_KINDS, Certainty, RefusedRequest, SkillResult
 from karma.infer.scripted import ScriptedModel

@@ -13,13 +13,13 @@ from support.paths import ROOT
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
+from karma.agent.journal.folder import read_lines
 from karma.agent.journal.records import (
     AnswerTiming,
     EpisodeRecord,
     EpisodeTiming,
     SubTaskTiming,
     read_records,
-    read_timings,
     spent_by,
     untimed,
     waited,
@@ -112,7 +112,7 @@ def test_only_line_torn_is_no_record(tmp_path):
     path.write_bytes(to_json(episode())[:40])
     assert read_records(path) == []
     path.write_bytes(to_json(timing(episode()))[:40])
-    assert read_timings(path) == []
+    assert read_lines(path, EpisodeTiming) == []
 
 
 def test_record_holds_nothing_that_two_equal_runs_do_not_share():

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -21,7 +20,7 @@ from support.made_records import (
 
 from karma.agent.journal.records import AnswerTiming, EpisodeTiming, SubTaskTiming
 from karma.agent.journal.run_folder import read_run
-from karma.agent.journal.steps import Ended, Enter, Instruction, Start, Unit
+from karma.agent.journal.steps import Ended, Enter, Instruction, Start
 from karma.bench.figures.columns import figures
 from karma.bench.figures.columns import plain as plain_figures
 from karma.bench.figures.counterfactual import LOTA_ROW, OFF_ROW, paired, reduced, reductions
@@ -29,7 +28,7 @@ from karma.bench.figures.failures import CAUSES, count, failures
 from karma.bench.figures.metrics import METRICS, actions, episodes_of, explorations
 from karma.bench.figures.needs import needs, related_needs
 from karma.bench.figures.results import result_of
-from karma.contracts import RefusedRequest, Tour
+from karma.contracts import MemoryUnit, RefusedRequest, Tour
 from karma.infer.hosted.cost import Spent
 
 CUT, KEEP = "STATE(Apple, sliced): 1", "INSIDE(Apple, Fridge): 1"
@@ -345,7 +344,7 @@ def cause(*subtasks, steps=None, error=""):
 
 
 def unit(object_id):
-    return Unit(
+    return MemoryUnit(
         object_id=object_id, object_type=object_id.split("|")[0], states=(), place_id=None,
         handled=True, position_m=(0.0, 0.0, 0.0), image=None,
     )  # fmt: skip
@@ -404,7 +403,7 @@ def test_cause_of_a_thing_that_memory_lost_is_that_and_the_log_tells_whether_it_
 
 
 def in_room(scene, *object_ids):
-    return tuple(msgspec.structs.replace(unit(one), scene=scene) for one in object_ids)
+    return tuple(replace(unit(one), scene=scene) for one in object_ids)
 
 
 @pytest.mark.parametrize(("room", "expected"), [("kitchen", "recall"), ("bedroom", "evicted")])

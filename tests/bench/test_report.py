@@ -33,7 +33,6 @@ from karma.agent.journal.steps import (
     Ended,
     Instruction,
     Start,
-    Unit,
     packed,
     read_steps,
     steps_path,
@@ -50,6 +49,7 @@ from karma.bench.report.replay import SIZE_PX, Rooms, frame_choice
 from karma.bench.report.room import plan_of
 from karma.bench.report.story import changes, told
 from karma.cli import app
+from karma.contracts import MemoryUnit
 from karma.errors import KarmaError
 from karma.world.core import scene as scenes
 
@@ -117,7 +117,7 @@ class Text(HTMLParser):
 
 def unit(name, **fields):
     usual = {"states": (), "place_id": None, "handled": False, "position_m": (0.0, 0.0, 0.0)}
-    return Unit(object_id=name, object_type=name, image=None, **(usual | fields))
+    return MemoryUnit(object_id=name, object_type=name, image=None, **(usual | fields))
 
 
 def test_changes_name_what_came_changed_and_left():

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from karma.agent.journal.records import EpisodeRecord
 from karma.agent.journal.run_folder import read_run
-from karma.agent.journal.steps import Ended, Enter, Instruction, Start, Unit, read_steps, steps_path
+from karma.agent.journal.steps import Ended, Enter, Instruction, Start, read_steps, steps_path
 from karma.bench.figures.results import result_of
 from karma.bench.report.choice import LEAST, SHORT, TOGETHER, choose, choose_instructions
 from karma.bench.report.episodes import Replayer
@@ -26,6 +26,7 @@ from karma.bench.report.page import page_of, render
 from karma.bench.report.replay import Rooms
 from karma.bench.report.story import changes, told
 from karma.cli import app
+from karma.contracts import MemoryUnit
 from karma.errors import KarmaError
 
 ROOMS = ("kitchen_1", "bedroom_1", "kitchen_1", "bedroom_1")  # of the sequence of four
@@ -100,7 +101,7 @@ def test_replay_without_its_doors_leaves_the_log(run):
 
 def test_changes_tell_equal_ids_of_two_rooms_apart():
     def unit(scene, handled=False):
-        return Unit(
+        return MemoryUnit(
             object_id="Mug|1", object_type="Mug", states=(), place_id=None, handled=handled,
             position_m=(0.0, 0.0, 0.0), image=None, scene=scene,
         )  # fmt: skip

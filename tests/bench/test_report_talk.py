@@ -9,8 +9,8 @@ from support.run_files import write_experiment
 from support.talking import STORE, agent_saying
 from typer.testing import CliRunner
 
+from karma.agent.journal.records import TURNS, read_turns
 from karma.agent.journal.run_folder import read_run
-from karma.agent.journal.turns import TURNS, read_turns
 from karma.bench.engine.run import Run
 from karma.bench.figures.results import result_of
 from karma.bench.report.html import Frames

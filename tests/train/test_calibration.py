@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.linear_model import LogisticRegression
 
-from karma.agent.planning.doubt import FEATURES
+from karma.agent.planning.refused_requests import FEATURES
 from karma.bench.drawing.memories import generated_rooms
 from karma.bench.drawing.phrases import our_book
 from karma.contracts import REFUSAL_KINDS, Certainty, Completion, PlanRequest

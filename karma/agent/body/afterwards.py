@@ -34,20 +34,17 @@ def checked(
 ) -> tuple[Check, ...]:
     """Return what a program was to bring about, thing by thing in the order of its deeds.
 
-    Args:
-        calls: of the program, with ids where a thing was known.
-        results: of those calls that were tried.
-        experience: of the whole instruction.
+    `calls` have ids where a thing was known; `results` are of those that were tried.
     """
     ends = _Ends()
     for number, call in enumerate(calls):
         ends.add(call, results[number] if number < len(results) else None)
     eyes = _Eyes(experience)
-    found = [_moved(one, eyes) for one in ends.moved.values()]
-    found += [_changed(one, eyes) for one in ends.changed.values()]
-    found += [_switched(one, eyes) for one in ends.switched.values() if not ends.is_a_means(one)]
-    found += [_door(one, eyes) for one in ends.doors.values() if not ends.is_a_means(one)]
-    return tuple(found)
+    judged = [(one, _moved(one, eyes)) for one in ends.moved.values()]
+    judged += [(one, _changed(one, eyes)) for one in ends.changed.values()]
+    left = (*ends.switched.values(), *ends.doors.values())
+    judged += [(one, _left(one, eyes)) for one in left if not ends.is_a_means(one)]
+    return tuple(Check(text=_text(one), found=found, note=note) for one, (found, note) in judged)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,58 +167,47 @@ class _Eyes:
         return ("done", known) if holds(known) else ("otherwise", known)
 
 
-def _moved(end: _End, eyes: _Eyes) -> Check:
-    text = _text(end)
+def _moved(end: _End, eyes: _Eyes) -> tuple[Found, str]:
+    """Return how it stands with a thing that was to be elsewhere, and a note."""
+    held = eyes.experience.held
     if end.word == "away":
-        held = eyes.experience.held
         gone = end.happened and (held is None or held.object_id != end.thing)
-        return Check(text=text, found="done" if gone else "unseen")
+        return "done" if gone else "unseen", ""
     if end.word == HAND:
-        held = eyes.experience.held
         has = held is not None and goes_by(end.thing, held.object_id, held.object_type)
-        return Check(text=text, found="seen" if has else "unseen")
+        return "seen" if has else "unseen", ""
     if end.word == "near":
         found, sight = eyes.judged(end, lambda one: place_of(one) != HAND)
     else:
         found, sight = eyes.judged(end, lambda one: _lies_in(one, end.place))
-    note = f"it is {told_place(place_of(sight))}" if found == "otherwise" and sight else ""
-    return _check(text, found, note)
+    return found, f"it is {told_place(place_of(sight))}" if found == "otherwise" and sight else ""
 
 
-def _changed(end: _End, eyes: _Eyes) -> Check:
+def _changed(end: _End, eyes: _Eyes) -> tuple[Found, str]:
+    """Return how it stands with a thing that was to be in another state, and a note."""
     thing, word = end.thing, end.word
-    text = _text(end)
     if not end.happened:
-        return Check(text=text, found="unseen")
+        return "unseen", ""
     gone = eyes.experience.effects.get(eyes.now(thing), ())
     pieces = [name for name in eyes.experience.seen if is_part(name, thing)]
     if word in ("sliced", "broken") and pieces:
         shown = any(eyes.in_view(name) is not None for name in pieces)
-        return Check(text=text, found="seen" if shown else "done")
+        return "seen" if shown else "done", ""
     sight = eyes.in_view(thing)
     if word == "cleaned" and sight is not None and "dirty" in sight.states:
-        return Check(text=text, found="otherwise", note="it looks dirty")
+        return "otherwise", "it looks dirty"
     if word == "empty" and sight is not None:
-        return _check(text, "otherwise" if "filled" in sight.states else "seen")
+        return "otherwise" if "filled" in sight.states else "seen", ""
     if sight is not None and word in sight.states:
-        return Check(text=text, found="seen")
-    return Check(text=text, found="done" if word in gone or word == "broken" else "unseen")
+        return "seen", ""
+    return "done" if word in gone or word == "broken" else "unseen", ""
 
 
-def _switched(end: _End, eyes: _Eyes) -> Check:
-    text = _text(end)
+def _left(end: _End, eyes: _Eyes) -> tuple[Found, str]:
+    """Return how it stands with what was to be on, off, open or shut, and no note."""
     if type_of(end.thing) in (BURNER, STOVE):
-        return Check(text=text, found="done" if end.happened else "unseen")
-    return _check(text, eyes.judged(end, lambda one: end.word in one.states)[0])
-
-
-def _door(end: _End, eyes: _Eyes) -> Check:
-    text = _text(end)
-    return _check(text, eyes.judged(end, lambda one: end.word in one.states)[0])
-
-
-def _check(text: str, found: Found, note: str = "") -> Check:
-    return Check(text=text, found=found, note=note)
+        return "done" if end.happened else "unseen", ""
+    return eyes.judged(end, lambda one: end.word in one.states)[0], ""
 
 
 def taken_back(
@@ -232,11 +218,8 @@ def taken_back(
 ) -> tuple[Check, ...]:
     """Return what later calls undid of earlier ones.
 
-    Args:
-        earlier: calls of one request.
-        later: those of the requests after it.
-        own: deed and kind of thing of the first request: what was only on its way is no matter.
-        asked: those of the later requests: what they undo so is meant.
+    `own` and `asked` are deeds with kinds of things, of the first request and of the later ones:
+    what was only on its way is no matter, and what a later request undoes so is meant.
     """
     before, after = _Ends(), _Ends()
     for ends, results in ((before, earlier), (after, later)):
@@ -250,16 +233,12 @@ def taken_back(
         (before.doors, after.doors, ("open", "close")),
     ):
         for thing, end in old.items():
-            now, kind = new.get(thing), _kind(thing)
+            now, kind = new.get(thing), base_type(type_of(thing))
             wanted, meant = (any((deed, kind) in some for deed in deeds) for some in (own, asked))
             if wanted and not meant and now and _text(now) != _text(end):
                 text, note = _text(end), _text(now).partition(" is ")[2]
                 found.append(Check(text=text, found="otherwise", note=f"now it is {note}"))
     return tuple(found)
-
-
-def _kind(thing: str) -> str:
-    return base_type(type_of(thing))
 
 
 def _text(end: _End) -> str:

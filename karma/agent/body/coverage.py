@@ -43,11 +43,7 @@ def unseen(
 ) -> list[Vec3]:
     """Return the points that no camera showed.
 
-    Args:
-        points: metres.
-        cameras: that looked.
-        things: that may hide what is behind them.
-        reach_m: how far across the floor a thing is seen.
+    Behind a thing nothing shows; `reach_m` is across the floor.
     """
     rest = np.array(points, dtype=np.float64).reshape(-1, 3)
     boxes = [(one.box_center_m, one.box_size_m) for one in things]
@@ -67,12 +63,8 @@ def before(
 ) -> list[SeenObject]:
     """Return which things may hide a part of what holds things, or of its inside.
 
-    Args:
-        space: what holds things.
-        things: that were seen.
-        inside: whether its inside is looked at, not its top.
-        surely: leave out what is built in beside an inside, whose front is open, whatever its box
-            says, and what may be bent, whose box is free in a corner.
+    `surely` leaves out what is built in beside an inside, whose front is open, whatever its box
+    says, and what may be bent, whose box is free in a corner.
     """
     others = [one for one in things if one.object_id != space.object_id]
     if not surely:

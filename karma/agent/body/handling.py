@@ -1,33 +1,32 @@
-"""What the hand does: pick up, put down, throw, pour out, slice, open, close, break."""
+"""What the hand does: pick up, put down, throw, pour out, slice, open, close, break, switch."""
 
 import math
 from contextlib import suppress
+from typing import Literal
 
 from karma.agent.body.reach import Reach
 from karma.agent.body.refusals import RefusedError, hand_full, put_refused
+from karma.agent.body.search import Search
 from karma.agent.body.sightings import known, means
 from karma.agent.body.walk import Stance
 from karma.agent.planning.program import CHANGES, DOOR_AFTER, SKILL_OF
+from karma.agent.seeing.eyes import SWITCH_M, nearest
 from karma.contracts import Known, SeenObject, Vec3
 from karma.household.containment import goes_in
-from karma.household.ids import part_id, root_id
+from karma.household.ids import part_id, root_id, type_of
 from karma.household.pieces import is_piece
 from karma.household.places import NEAR_M
 from karma.household.saying import preposition
 from karma.household.states import OPPOSITES
 from karma.household.types import object_types
-from karma.household.uses import BASIN_OF
+from karma.household.uses import BASIN_OF, BURNER, KNOB, STOVE, TAP_OF, TAPS
 
 THROW_FORCE = 100.0  # AI2-THOR's moveMagnitude
 _OTHER_RECEPTACLES = 3  # tried when the one that was meant is full
 
 
 class Handling:
-    """Skills of the hand; each returns a remark, and raises `RefusedError` with its reason.
-
-    Args:
-        reach: the body, its log and the agent's memory.
-    """
+    """Skills of the hand; each returns a remark, and raises `RefusedError` with its reason."""
 
     def __init__(self, reach: Reach) -> None:
         self._reach, self._log, self._walker = reach, reach.log, reach.walker
@@ -98,11 +97,7 @@ class Handling:
         return False
 
     def _spot(self, name: str) -> Known:
-        """Return what a thing is to be near; a place is as good as a thing.
-
-        Raises:
-            RefusedError: it is not known, or no place.
-        """
+        """Return what a thing is to be near, a thing or a place; refuses what is neither."""
         if not name.startswith("("):
             other = self._reach.resolve(name, held=False)
             self._reach.approach(other)
@@ -214,3 +209,87 @@ def _is_one_of(name: str, target: Known) -> bool:
     """Return whether a receptacle was named by its type, or is furniture."""
     kind = object_types().get(target.object_type)
     return name == target.object_type or (kind is not None and not kind.can("pickupable"))
+
+
+_ON, _OFF = SKILL_OF["ToggleOn"].action, SKILL_OF["ToggleOff"].action
+
+
+class Switching:
+    """The skills SwitchOn, SwitchOff, ToggleOn, ToggleOff."""
+
+    def __init__(self, reach: Reach, search: Search) -> None:
+        self._reach, self._log, self._walker = reach, reach.log, reach.walker
+        self._search = search
+
+    def toggle(self, name: str, word: Literal["on", "off"]) -> str:
+        """Switch a thing, or what switches it, on or off; returns a remark, or refuses."""
+        target = self._switch_of(name, word)
+        self._reach.approach(target)
+        sight = self._log.seen[target.object_id]
+        if word in self._log.states(sight):
+            if word == "off" or sight.object_type not in TAPS:
+                return f"it is {word} already"
+            self._reach.act(target, _OFF)  # and on again: what lies there gets water
+        observation = self._reach.act(target, _ON if word == "on" else _OFF)
+        if word == "on":
+            self._log.switched(observation)
+        return ""
+
+    def _switch_of(self, name: str, word: Literal["on", "off"]) -> Known:
+        """Return what has to be toggled: a stove's knob, a sink's tap, or the thing itself."""
+        name = BURNER if name == STOVE else name
+        kind, before = type_of(name), OPPOSITES[word]
+        if kind == BURNER or name == KNOB:
+            return self._knob(name, word)
+        if kind in TAP_OF:
+            if name != kind:
+                self._reach.approach(self._reach.resolve(name))  # its own tap is nearest then
+            return self._reach.resolve(TAP_OF[kind], state=before)
+        if name in TAPS and (tap := self._tap_over_last(name)) is not None:
+            return tap
+        return self._reach.resolve(name, state=before)
+
+    def _tap_over_last(self, kind: str) -> Known | None:
+        """Return the tap over what was put down last (a room may have several), or None.
+
+        The believed one is taken if it is near enough; else the agent steps up and looks around.
+        """
+        last = next((self._log.seen.get(name) for name in reversed(self._log.handled)), None)
+        if last is None:
+            return None
+        believed = self._reach.names.find(kind)
+        if believed and math.dist(believed.position_m, last.box_center_m) <= SWITCH_M:
+            return believed
+        near = nearest(last, kind, self._log.seen.values())
+        if near is None:
+            self._walker.walk_near(last.box_center_m)
+            self._search.look_around()
+            near = nearest(last, kind, self._log.seen.values())
+        return known(near, "seen") if near is not None else None
+
+    def _knob(self, name: str, word: Literal["on", "off"]) -> Known:
+        """Return the knob of a burner: the named one; else one that is on, or has a pan on it."""
+        knobs = self._knobs()
+        if not knobs:
+            self._reach.approach(self._reach.names.find(KNOB) or self._reach.resolve(name))
+            knobs = self._knobs()
+        if knobs and name != type_of(name) and not any(name in knob.controls for knob in knobs):
+            self._reach.approach(self._reach.resolve(name))
+            self._search.look_around()
+            knobs = [knob for knob in self._knobs() if name in knob.controls]
+            if not knobs:
+                raise RefusedError(f"its knob is not in sight: {name}")
+        movable = (sight for sight in self._log.seen.values() if sight.pickupable)
+        laden = {parent for sight in movable for parent in sight.parent_ids}
+
+        def rank(knob: SeenObject) -> tuple[bool, bool, bool, float, str]:
+            burners = knob.controls
+            cold = word == "off" and "on" not in self._log.states(knob)
+            gap = self._walker.gap(knob.position_m)
+            return name not in burners, cold, not laden & set(burners), gap, knob.object_id
+
+        return self._reach.resolve(min(knobs, key=rank).object_id if knobs else KNOB)
+
+    def _knobs(self) -> list[SeenObject]:
+        sights = self._log.seen.values()
+        return [sight for sight in sights if sight.object_type == KNOB and sight.controls]

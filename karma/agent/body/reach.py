@@ -1,13 +1,12 @@
 """Getting a known thing within reach and acting on it, with the world's refusals as words."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from karma.agent.body.coverage import unseen
-from karma.agent.body.naming import Naming
 from karma.agent.body.refusals import RefusedError, explained, of_its_kind
-from karma.agent.body.sightings import Sightings, known
+from karma.agent.body.sightings import Naming, Sightings, known
 from karma.agent.body.walk import Stance, Target, Walker
 from karma.agent.seeing.eyes import Eyes
 from karma.agent.seeing.perceive import place_of, refusal
@@ -19,7 +18,6 @@ from karma.household.uses import BASIN_OF, without_basin
 _CURES = {"open": "CloseObject", "on": "ToggleOff", "closed": "OpenObject"}  # what would help
 _SMALL_M = 1.0  # furniture up to this long is seen whole from its edge
 _ON_TOP_M = 0.01  # a thing whose height is no lower than that below the top stands on it
-_ASIDE_DEG = 20.0  # seen from so much more to one side, a thing hides other things
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,15 +34,7 @@ class SkillLimits:
 
 
 class Reach:
-    """The agent's body, eyes and memory together: from a name to a thing within reach.
-
-    Args:
-        world: a world that has been reset.
-        knowledge: the agent's memory.
-        limits: how hard to try.
-        eyes: how it sees.
-        before: what was seen here earlier, by id.
-    """
+    """The agent's body, eyes and memory together: from a name to a thing within reach."""
 
     def __init__(
         self,
@@ -79,11 +69,7 @@ class Reach:
     # ------------------------------------------------------------- which object
 
     def resolve(self, name: str, *, state: str = "", held: bool = True) -> Known:
-        """Return what a name means; a basin and its sink stand for each other.
-
-        Raises:
-            RefusedError: the agent knows of no such thing.
-        """
+        """Return what a name means, a basin for its sink and back; refuses what is not known."""
         found = self.names.find(name, state=state, held=held)
         for sink, basin in BASIN_OF.items():
             if found is None and name in (sink, basin):
@@ -95,17 +81,9 @@ class Reach:
     # ------------------------------------------------------------- getting there, and acting
 
     def approach(self, target: Known, *, closed_will_do: bool = False) -> bool:
-        """Go where a thing is within reach.
+        """Go where a thing is within reach; refuses what is not there, or is shut in.
 
-        Args:
-            target: the thing, where it is believed to be.
-            closed_will_do: whether a closed container that holds it is far enough.
-
-        Returns:
-            True with the thing within reach; False with its closed container in view.
-
-        Raises:
-            RefusedError: it is not there, or its container is closed.
+        Where `closed_will_do`, its closed container in view is far enough: then it returns False.
         """
         self.use(target)
         if self._at_hand(target):
@@ -122,7 +100,7 @@ class Reach:
                 return self._closed(target, place, closed_will_do)
         if not movable:
             if tried:
-                self.log.miss(target.object_id, target.position_m)
+                self.log.missed[target.object_id] = target.position_m
             raise RefusedError(
                 f"could not get {target.object_type} into view and reach",
                 f"{target.object_id} could not be got into view and reach"
@@ -130,7 +108,7 @@ class Reach:
             )
         if (place := self.shut_in(target)) is not None:
             return self._closed(target, place, closed_will_do)
-        self.log.miss(target.object_id, target.position_m)
+        self.log.missed[target.object_id] = target.position_m
         where = f", in or on {target.place_id}" if target.place_id else ""
         raise RefusedError(
             f"{target.object_type} is not at its remembered place; "
@@ -211,23 +189,14 @@ class Reach:
         tried: list[Stance],
         *,
         least_gap_m: float = 0.0,
-        past: Vec3 | None = None,
         nearest: bool = False,
     ) -> bool:
-        """Go to the best place not yet tried to see a thing from, and look.
+        """Go to the best place not yet tried to see a thing from, and look; False for none left.
 
-        Args:
-            target: the thing, where it is believed to be.
-            tried: places and looks so far.
-            least_gap_m: nearer places come later.
-            past: a point; places from which it lies in the direction that it had from one before,
-                or nearly so, come later.
-            nearest: whether the places nearest to the thing come first, however far the way.
-
-        Returns:
-            False when there is no such place left; otherwise `tried` has one more.
+        Places nearer than `least_gap_m` come later; `nearest` ranks by the distance to the thing,
+        however far the way.
         """
-        views = self._untried(target, tried, least_gap_m, past)
+        views = self._untried(target, tried, least_gap_m)
         for view in sorted(views, key=lambda view: view.gap_m) if nearest else views:
             tried.append(view)
             if self.stand(view):
@@ -246,25 +215,16 @@ class Reach:
     ) -> list[Vec3]:
         """Return the points that no look has shown.
 
-        Args:
-            points: metres.
-            things: that hide what is behind them.
-            since: how many looks do not count.
+        The first `since` looks do not count.
         """
         return unseen(points, self.log.looks[since:], things, reach_m=self.limits.reach_m)
 
     def look_at_point(
         self, point: Vec3, things: Sequence[SeenObject], *, nearest: bool = False
     ) -> bool:
-        """Go to where a point comes into view, and look.
+        """Go to where a point comes into view past things, and look; False where that is nowhere.
 
-        Args:
-            point: metres.
-            things: that hide what is behind them.
-            nearest: go to the nearest place, else to the cheapest.
-
-        Returns:
-            False where there is no such place.
+        To the place nearest to the point, or else to the cheapest.
         """
         reach_m = self.limits.reach_m
         views = self.walker.views(Target(center_m=point), reach_m=reach_m)
@@ -278,9 +238,7 @@ class Reach:
                 return True
         return False
 
-    def _untried(
-        self, target: Known, tried: list[Stance], least_gap_m: float, past: Vec3 | None
-    ) -> list[Stance]:
+    def _untried(self, target: Known, tried: list[Stance], least_gap_m: float) -> list[Stance]:
         """Return the views to try next: after a failure, the one it was last seen from first."""
         sight = self.log.seen.get(target.object_id)
         box = _room_of(target)
@@ -293,12 +251,7 @@ class Reach:
         ranked = self.walker.views(box, reach_m=self.limits.reach_m, least_gap_m=least_gap_m)
         used = {(view.state, view.horizon_deg) for view in tried}
         fresh = [v for v in (*before, *ranked) if (v.state, v.horizon_deg) not in used]
-        fresh.sort(key=lambda view: any(_alike(view, other) for other in tried))
-        if past is not None:
-            bearing = self.walker.bearing_deg
-            before_deg = [bearing(view, past) for view in tried]
-            fresh.sort(key=lambda view: _turn(bearing(view, past), before_deg) < _ASIDE_DEG)
-        return fresh
+        return sorted(fresh, key=lambda view: any(_alike(view, other) for other in tried))
 
     def act(
         self,
@@ -311,15 +264,8 @@ class Reach:
     ) -> Observation:
         """Do one action on a thing, going there first, and again from elsewhere if that may help.
 
-        Args:
-            target: what to act on.
-            action: AI2-THOR's action with an objectId.
-            also: another thing that it handles.
-            in_passing: not worth remembering.
-            from_here: it is within reach, and the agent stays where it is.
-
-        Raises:
-            RefusedError: with the world's reason.
+        `also` is another thing that it handles; what is done `in_passing` is not remembered; with
+        `from_here` the agent stays where it is. Refuses with the world's reason.
         """
         self.approach(target)
         before = self.log.seen.get(target.object_id)
@@ -380,11 +326,6 @@ def _is_round(container: SeenObject, point: Vec3) -> bool:
     box = zip(point, container.box_center_m, container.box_size_m, strict=True)
     inside = all(abs(at - center) <= size / 2 for at, center, size in box)
     return inside and bool(kind and kind.can("receptacle"))
-
-
-def _turn(bearing_deg: float, others_deg: Iterable[float]) -> float:
-    """Return the least angle between one direction and the others."""
-    return min(abs((bearing_deg - other + 180.0) % 360.0 - 180.0) for other in others_deg)
 
 
 def _alike(one: Stance, other: Stance) -> bool:

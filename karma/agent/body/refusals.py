@@ -27,10 +27,7 @@ _CANNOT = {one.takes: one.cannot for one in reversed(SKILL_OF.values()) if one.t
 class RefusedError(Exception):
     """Why a skill cannot go on; becomes the reason of its result.
 
-    Args:
-        reason: in short.
-        detail: in full, with ids; the reason where there is no more to say.
-        why: the world's reason, where it is the world's.
+    `detail` says the reason in full, with ids; `why` is the world's, where it is the world's.
     """
 
     def __init__(self, reason: str, detail: str = "", why: Reason | None = None) -> None:
@@ -47,11 +44,7 @@ def explained(
 ) -> str:
     """Return the world's refusal of an action on a thing as a planner can use it.
 
-    Args:
-        why: the world's reason.
-        target: the thing.
-        others: ids of more of its type, the nearest first.
-        places: types of what the agent knows of, the nearest first.
+    `others` are ids of its type, `places` types that the agent knows of, the nearest first.
     """
     it = target.object_id
     if why.kind == "held":
@@ -84,16 +77,8 @@ def put_refused(
 ) -> str:
     """Return why a receptacle did not take a thing, what is in it, and where the thing would go.
 
-    Args:
-        refusal: of putting it there.
-        held: the thing.
-        target: the receptacle.
-        others: more of its type, the nearest first.
-        log: says what was seen in it.
-        places: types of what the agent knows of, the nearest first.
-
-    Returns:
-        "" where the receptacle is not to blame.
+    "" where it is not to blame. `others` are of its type, `places` types that the agent knows of,
+    the nearest first.
     """
     it, thing, kind = target.object_id, held.object_id, held.object_type
     if refusal.is_for("misplaced"):
@@ -110,12 +95,7 @@ def put_refused(
 
 
 def hand_full(held: SeenObject, places: Sequence[str]) -> str:
-    """Return what to do with what is in the hand before another thing is picked up.
-
-    Args:
-        held: the thing.
-        places: types of what the agent knows of, the nearest first.
-    """
+    """Return what to do with what is in the hand before another thing is picked up."""
     it = held.object_id
     down = _put_down(it, held.object_type, places)
     return f"the hand holds {it}; put it down first{down}"

@@ -18,15 +18,12 @@ from karma.household.types import object_types
 
 Place = TypeVar("Place")
 _LEFT_TO_CLOSE = 30  # actions; with fewer nothing is opened that would be left standing open
+_ALL_SEARCHED = "and all of this room was searched; do not search for it again"
 _HORIZONS = (30.0, 0.0)  # tables and the floor, then shelves
 
 
 class Search:
-    """Looks for things, and counts the places it looked at.
-
-    Args:
-        reach: the body, its log and the agent's memory.
-    """
+    """Looks for things, and counts the places it looked at."""
 
     def __init__(self, reach: Reach) -> None:
         self._reach, self._log, self._walker = reach, reach.log, reach.walker
@@ -34,24 +31,15 @@ class Search:
     def explore(self, name: str, positions: Sequence[str | Vec3]) -> Known:
         """Go to a thing where it is believed to be, opening what it is shut in, or look for it.
 
-        Args:
-            name: of the thing.
-            positions: where to look first, once nothing is believed of it any more.
-
-        Raises:
-            RefusedError: it is nowhere.
+        `positions` come first once nothing is believed of it any more; refuses what is nowhere.
         """
         passed: set[str] = set()  # a belief that proves wrong gives way to the next one
-        while (
-            target := self._reach.names.find(name)
-        ) is not None and target.object_id not in passed:
+        while (target := self._reach.names.find(name)) and target.object_id not in passed:
             passed.add(target.object_id)
-            try:
+            with suppress(RefusedError):
                 if not self._reach.approach(target, closed_will_do=True):
                     self._open_round(target)
                 return target
-            except RefusedError:
-                continue
         found = self.find(name, positions)
         self._reach.used = []  # not the places searched on the way
         self._reach.use(found)
@@ -80,23 +68,20 @@ class Search:
             RefusedError: it is nowhere.
         """
         found = self._in_view(name)
+        in_vain = f"{NOT_FOUND} {name}, {_ALL_SEARCHED}"
         if found is None and self._is_searched(name):
-            before = f"{NOT_FOUND} {name}; everything was searched before"
-            raise RefusedError(before, _not_here(name))
+            raise RefusedError(f"{NOT_FOUND} {name}; everything was searched before", in_vain)
         for place in self._places(name, positions):
             if found is not None:
                 return found
             if isinstance(place, SeenObject):
-                found = (
-                    self.look_into(name, place)
-                    if self._may_open(place)
-                    else self._look_on(name, place)
-                )
+                look = self.look_into if self._may_open(place) else self._look_on
+                found = look(name, place)
             else:
                 found = self.look_from(name, place)
         if found is None:
             places = self._reach.explorations
-            raise RefusedError(f"{NOT_FOUND} {name}; searched {places} places", _not_here(name))
+            raise RefusedError(f"{NOT_FOUND} {name}; searched {places} places", in_vain)
         return found
 
     def _places(self, name: str, positions: Sequence[str | Vec3]) -> Iterator[Vec3 | SeenObject]:
@@ -220,8 +205,7 @@ class Search:
             if goes_in(wanted.name, sight.object_type) and not self._may_open(sight)
         ]
         gap = self._walker.gap
-        near = [(gap(one.box_center_m), one.object_id, one) for one in surfaces]
-        return min(near, default=(0.0, "", None), key=lambda one: one[:2])[2]
+        return min(surfaces, key=lambda s: (gap(s.box_center_m), s.object_id), default=None)
 
     def _look_on(self, name: str, surface: SeenObject) -> Known | None:
         """Look at all of a surface that was not in view before."""
@@ -232,18 +216,16 @@ class Search:
         self._reach.explorations += len(self._log.looks) > before
         return found
 
-    def look_over(self, place: SeenObject) -> None:
-        """Look at all that is on a surface, or in a container, which is open then."""
-        if self._may_open(place):
-            target = known(place, "seen")
-            if "opened" not in self._log.states(place):
-                self._reach.act(target, "OpenObject")
-            else:
-                self._reach.approach(target)
-            self._look_over("", place, inside=True)
-        else:
-            self._look_over("", place, inside=False)
+    def look_over(self, place: SeenObject) -> str:
+        """Look at all that is on a surface, or in a container, which is open then; no remark."""
+        opens = self._may_open(place)
+        if opens and "opened" not in self._log.states(place):
+            self._reach.act(known(place, "seen"), "OpenObject")
+        elif opens:
+            self._reach.approach(known(place, "seen"))
+        self._look_over("", place, inside=opens)
         self._reach.explorations += 1
+        return ""
 
     def look_into(self, name: str, container: SeenObject) -> Known | None:
         """Open a container and look; what was closed is closed again if the thing is not there."""
@@ -281,11 +263,7 @@ class Search:
         First one look whence nothing at all hides a point, then past what surely does; what is
         hidden from everywhere is looked for from near.
 
-        Args:
-            name: of the thing.
-            space: what holds things.
-            inside: it has an inside; else its top is looked at.
-            since: looks before that do not count: it was closed.
+        Looks before `since` do not count: it was closed.
         """
         hidden = spots(space, inside=inside)
         for surely, most in ((False, int(inside)), (True, len(hidden))):
@@ -325,9 +303,7 @@ def best_next(places: Iterable[Place], rank: Callable[[Place], Any]) -> Iterator
 
 
 def cover(
-    cells: Iterable[tuple[float, float]],
-    near: Iterable[tuple[float, float]],
-    within_m: float,
+    cells: Iterable[tuple[float, float]], near: Iterable[tuple[float, float]], within_m: float
 ) -> list[Vec3]:
     """Return cells so that every cell (x, z) is near one of them, or near one of the others."""
     chosen: list[Vec3] = []
@@ -338,8 +314,3 @@ def cover(
         chosen.append((x, 0.0, z))
         gaps = {cell: min(gap, math.dist(cell, (x, z))) for cell, gap in gaps.items()}
     return chosen
-
-
-def _not_here(name: str) -> str:
-    """Return what a search in vain means for the next program."""
-    return f"{NOT_FOUND} {name}, and all of this room was searched; do not search for it again"

@@ -8,13 +8,13 @@ reach and acts on it, `search` looks for things, `handling` and `switching` are 
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 
-from karma.agent.body.handling import Handling
+from karma.agent.body.handling import Handling, Switching
 from karma.agent.body.reach import Reach, SkillLimits
 from karma.agent.body.refusals import RefusedError
 from karma.agent.body.search import Search, best_next
-from karma.agent.body.switching import Switching
 from karma.agent.body.walk import OutOfActionsError
 from karma.agent.planning.program import OUR_SKILLS, SKILLS
 from karma.agent.seeing.eyes import Eyes, MetadataEyes
@@ -38,12 +38,8 @@ _ARITY = {s.name: (len(s.arguments) - s.optional, s.arguments) for s in (*SKILLS
 class Skills:
     """Runs skill calls in a world and keeps the log that the agent's memory is fed from.
 
-    Args:
-        world: a world that has been reset.
-        knowledge: the agent's memory.
-        limits: how hard a skill tries.
-        eyes: how the agent sees; None: by the simulator's metadata.
-        before: what was seen here earlier, by id; only its id means such a thing.
+    Without `eyes` the agent sees by the simulator's metadata. Of what was seen here `before` only
+    the id means such a thing.
     """
 
     def __init__(
@@ -92,18 +88,10 @@ class Skills:
     def look_from(self, name: str, area: Area, *, max_actions: int | None = None) -> SkillResult:
         """Walk near one place and look around for a thing; ok if it is in view then.
 
-        Args:
-            name: what is looked for; "" only looks.
-            area: the place.
-            max_actions: for the way and the look; None for the limits' own.
+        Without a name it only looks; `max_actions` None: the limits' own.
         """
-        explore = SkillCall(skill="Explore", objects=(name,), positions=(area.name,))
-        call = explore if name else SkillCall(skill="GoToObject", objects=(area.name,))
-
-        def look() -> str:
-            return self._take_note(name, self._search.look_from(name, area.position_m))
-
-        return self._counted(call, look, max_actions)
+        look = partial(self._search.look_from, name, area.position_m)
+        return self._looked(name, area.name, look, max_actions)
 
     def look_everywhere(self) -> Iterator[SkillResult]:
         """Look around from every place of the map, the nearest next; nothing is opened."""
@@ -116,54 +104,47 @@ class Skills:
     def look_into(
         self, name: str, container: SeenObject, *, max_actions: int | None = None
     ) -> SkillResult:
-        """Open a closed container and look; it is closed again if the thing is not there.
-
-        Args:
-            name: what is looked for; "" only looks.
-            container: as it was seen.
-            max_actions: for all of it; None for the limits' own.
-        """
-        explore = SkillCall(skill="Explore", objects=(name,), positions=(container.object_id,))
-        call = explore if name else SkillCall(skill="GoToObject", objects=(container.object_id,))
-
-        def look() -> str:
-            return self._take_note(name, self._search.look_into(name, container))
-
-        return self._counted(call, look, max_actions)
+        """Open a closed container and look, as `look_from`; it is closed again if that was vain."""
+        look = partial(self._search.look_into, name, container)
+        return self._looked(name, container.object_id, look, max_actions)
 
     def look_over(self, place: SeenObject) -> SkillResult:
         """Look at all that is on a surface, or in a container, which is open afterwards."""
+        call = SkillCall.of("GoToObject", place.object_id)
+        return self._counted(call, partial(self._search.look_over, place), None)
 
-        def look() -> str:
-            self._search.look_over(place)
+    def _looked(
+        self, name: str, at: str, look: Callable[[], Known | None], max_actions: int | None
+    ) -> SkillResult:
+        """Look somewhere; keep what was found, and not the places searched on the way."""
+        explore = SkillCall(skill="Explore", objects=(name,), positions=(at,))
+
+        def found() -> str:
+            target = look()
+            if name and target is None:
+                raise RefusedError(f"no {name} there")
+            self._reach.used = []
+            if target is not None:
+                self._reach.use(target)
             return ""
 
-        return self._counted(SkillCall(skill="GoToObject", objects=(place.object_id,)), look, None)
+        call = explore if name else SkillCall.of("GoToObject", at)
+        return self._counted(call, found, max_actions)
 
     def find_another(self, name: str, aside: Collection[str]) -> SkillResult:
         """Search for a thing of a type that is none of some ids."""
         log = self._reach.log
         log.aside = frozenset(aside)
-        call = SkillCall(skill="Explore", objects=(name,))
-        result = self._counted(call, lambda: self._carry_out(call), None)
+        call = SkillCall.of("Explore", name)
+        result = self._counted(call, partial(self._carry_out, call), None)
         log.aside = frozenset()
         return result
 
     def run(self, call: SkillCall, *, max_actions: int | None = None) -> SkillResult:
-        """Carry out one skill call.
+        """Carry out one skill call; ValueError for no such skill, or a wrong number of objects.
 
         Of two things that a program calls by one name the second is another one than the first;
         where no other is found, the first.
-
-        Args:
-            call: what to do.
-            max_actions: how many world actions it may take; None for the limits' own.
-
-        Returns:
-            ok, or a refusal with its reason; what the names resolved to; what it cost.
-
-        Raises:
-            ValueError: no such skill, or a wrong number of objects.
         """
         least, kinds = _ARITY.get(call.skill, (0, ()))
         most = kinds.count("object")
@@ -175,12 +156,13 @@ class Skills:
             raise ValueError(f"{call.skill} takes no positions: {call}")
         log = self._reach.log
         log.aside = frozenset(one for one, turn in self._taken if turn < call.turn)
-        result = self._counted(call, lambda: self._carry_out(call), max_actions)
+        do = partial(self._carry_out, call)
+        result = self._counted(call, do, max_actions)
         if log.aside and not result.ok:
             log.aside = frozenset()
-            result = _together(
-                result, self._counted(call, lambda: self._carry_out(call), max_actions)
-            )
+            first, result = result, self._counted(call, do, max_actions)
+            both = first.explorations + result.explorations
+            result = replace(result, actions=first.actions + result.actions, explorations=both)
         if result.ok and call.skill == "PickupObject":
             self._taken += [(one, call.turn) for one in result.object_ids[:1]]
         return result
@@ -217,15 +199,6 @@ class Skills:
                 return ""
         return "" if reach.approach(reach.resolve(name), closed_will_do=True) else _SHUT_IN
 
-    def _take_note(self, name: str, found: Known | None) -> str:
-        """Keep what a search found, and not the places searched on the way."""
-        if name and found is None:
-            raise RefusedError(f"no {name} there")
-        self._reach.used = []
-        if found is not None:
-            self._reach.use(found)
-        return ""
-
     def _counted(
         self, call: SkillCall, do: Callable[[], str], max_actions: int | None
     ) -> SkillResult:
@@ -254,12 +227,3 @@ class Skills:
             explorations=reach.explorations,
             object_ids=tuple(dict.fromkeys(reach.used)),
         )
-
-
-def _together(before: SkillResult, after: SkillResult) -> SkillResult:
-    """Return the outcome of the later try with what both have cost."""
-    return replace(
-        after,
-        actions=before.actions + after.actions,
-        explorations=before.explorations + after.explorations,
-    )

@@ -52,9 +52,7 @@ class Stance:
 class FloorMap:
     """The cells that can be stood on, on a grid through where the agent was.
 
-    Args:
-        found: the cells; () leaves the one that the agent stands on.
-        here: where the agent stands.
+    Without cells it has the one that the agent stands on.
     """
 
     def __init__(self, found: Sequence[Vec3], here: Vec3) -> None:
@@ -93,10 +91,7 @@ class FloorMap:
 
     def metres(self, cell: tuple[int, ...]) -> tuple[float, float]:
         """Return the x and z of a cell."""
-        return (
-            self._origin[0] + cell[0] * self.grid_m,
-            self._origin[1] + cell[1] * self.grid_m,
-        )
+        return (self._origin[0] + cell[0] * self.grid_m, self._origin[1] + cell[1] * self.grid_m)
 
     def gap_m(self, cell: tuple[int, ...], point: Vec3) -> float:
         """Return the horizontal distance of a point from a cell."""
@@ -123,10 +118,7 @@ class FloorMap:
 class Routes:
     """The shortest ways from one state to all others, in steps ahead and quarter turns.
 
-    Args:
-        floor: where the agent can stand.
-        start: on it.
-        walls: moves that the world refused.
+    `walls` are moves that the world refused.
     """
 
     def __init__(
@@ -172,9 +164,7 @@ class Routes:
 class Walker:
     """The agent's body: walks, turns, looks, and counts the world's actions.
 
-    Args:
-        world: that has been reset.
-        max_actions: of one skill; then `OutOfActionsError`.
+    After `max_actions` of one skill comes `OutOfActionsError`.
     """
 
     def __init__(self, world: Stage, *, max_actions: int) -> None:
@@ -198,11 +188,7 @@ class Walker:
         self._locate()
 
     def do(self, action: str, **arguments: Any) -> Event:
-        """Do one counted action; the event is true if it happened, at no cost of its metadata.
-
-        Raises:
-            OutOfActionsError: the skill has used up its actions.
-        """
+        """Do one counted action, or raise OutOfActionsError; the event is true if it happened."""
         if self.actions >= self.max_actions:
             raise OutOfActionsError
         self.actions += 1
@@ -278,11 +264,6 @@ class Walker:
         at = (x, now.position_m[1], z)
         yaw = 90.0 * view.state[2]
         return replace(now, position_m=at, yaw_deg=yaw, horizon_deg=view.horizon_deg)
-
-    def bearing_deg(self, view: Stance, point: Vec3) -> float:
-        """Return in which direction a point lies from a view, 0 = +z, 90 = +x."""
-        x, z = self._floor.metres(view.state)
-        return math.degrees(math.atan2(point[0] - x, point[2] - z))
 
     def cell_near(self, point: Vec3) -> tuple[float, float]:
         """Return the cell of the map nearest to a point: x, z in metres."""

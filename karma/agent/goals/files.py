@@ -39,8 +39,7 @@ class _Task(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 def load_tasks(path: str | Path) -> tuple[Task, ...]:
     """Read a task file.
 
-    Args:
-        path: the file; rooms that it names by a file lie beside it, or in the current folder.
+    Rooms that it names by a file lie beside it, or in the current folder.
 
     Raises:
         FileError: a line is no task: unknown key, kind, scene, predicate, state or object type, no
@@ -102,17 +101,14 @@ def _task(row: _Task) -> Task:
     _check_scene(row.scene, "scene")
     subtasks = tuple(_subtask(sub, f"subtasks[{i}]") for i, sub in enumerate(row.subtasks))
     _check_rooms(row)
-    return with_whole(
-        Task(id=row.id, kind=row.kind, scene=SceneRef.of(row.scene), subtasks=subtasks)
-    )
+    scene = SceneRef.of(row.scene)
+    return with_whole(Task(id=row.id, kind=row.kind, scene=scene, subtasks=subtasks))
 
 
 def with_whole(task: Task, said: str = "") -> Task:
     """Tell every sub-task the whole text that it is a part of: its own in a sequence.
 
-    Args:
-        task: any.
-        said: the text, where the instructions were cut out of one; "" joins them.
+    `said` is the text that the instructions were cut out of; "" joins them.
     """
     whole = " ".join(said.split()) or " ".join(sub.instruction for sub in task.subtasks)
     alone = task.kind == "sequence"
@@ -121,12 +117,7 @@ def with_whole(task: Task, said: str = "") -> Task:
 
 
 def in_rooms(task: Task, place: Callable[[SceneRef], SceneRef]) -> Task:
-    """Return a task whose rooms lie elsewhere.
-
-    Args:
-        task: any.
-        place: says where a room lies.
-    """
+    """Return a task whose rooms lie elsewhere."""
     subtasks = (replace(sub, scene=sub.scene and place(sub.scene)) for sub in task.subtasks)
     return replace(task, scene=place(task.scene), subtasks=tuple(subtasks))
 

@@ -23,9 +23,8 @@ from functools import partial
 from itertools import product
 from typing import Any, NamedTuple, Self
 
-from karma.agent.goals.deeds import DEEDS, TEMPERATURES, RememberedDeeds
 from karma.agent.goals.matching import fewest_missed, linked, suited
-from karma.agent.goals.objects import ObjectIndex
+from karma.agent.goals.objects import DEEDS, TEMPERATURES, ObjectIndex, RememberedDeeds
 from karma.agent.seeing.perceive import truth_of
 from karma.contracts import Event, Goal, SubTask, TrueObject, Truth, World
 from karma.errors import KarmaError
@@ -287,12 +286,7 @@ class GoalTracker:
 
 
 class WatchedWorld:
-    """A world whose events a tracker sees; it changes nothing.
-
-    Args:
-        world: any world.
-        tracker: told every event of an action that can change a goal.
-    """
+    """A world whose events a tracker sees; it changes nothing."""
 
     def __init__(self, world: World, tracker: GoalTracker) -> None:
         self._world, self._tracker = world, tracker
@@ -360,9 +354,7 @@ class Standing:
     def look(self, now: Collection[Fact], is_carried: Callable[[str], bool]) -> None:
         """Take in one event.
 
-        Args:
-            now: what holds after it.
-            is_carried: says of an id whether it is in the hand, or in what is there.
+        `is_carried` says of an id whether it is in the hand, or in what is there.
         """
         kept = (one for one in self._facts if one[0] in self.passing or not is_carried(one[1][0]))
         self._facts = frozenset((*now, *kept))

@@ -32,13 +32,7 @@ def linked(names_of: NamesOf) -> Iterator[list[Goal]]:
 
 
 def suited(goal: Goal, chosen: Sequence[Things], true: True_) -> int:
-    """Return of how many things a goal is true, with the place that suits most of them.
-
-    Args:
-        goal: about one or two names.
-        chosen: the objects that may stand for each name.
-        true: says whether a goal is true of one object per name.
-    """
+    """Return of how many things a goal is true, with the place that suits most of them."""
     things, *places = chosen
     return max(
         (sum(true(goal, (one, *place)) for one in things) for place in product(*places)), default=0
@@ -46,13 +40,7 @@ def suited(goal: Goal, chosen: Sequence[Things], true: True_) -> int:
 
 
 def fewest_missed(names_of: NamesOf, named: Mapping[str, Things], true: True_) -> frozenset[Goal]:
-    """Search the choices of objects, depth first, for the fewest missed goals; () for none.
-
-    Args:
-        names_of: linked goals and their names.
-        named: the objects that each name may mean.
-        true: as for `suited`.
-    """
+    """Search the choices of objects, depth first, for the fewest missed goals; () for none."""
     names = _in_order(names_of)
     sizes = {name: _size(name, names_of) for name in names}
     due: dict[str, list[Goal]] = {name: [] for name in names}  # by the name chosen last

@@ -18,9 +18,7 @@ T = TypeVar("T")
 def locked(path: Path, fix: str = "wait for it, or --out another folder") -> Iterator[None]:
     """Keep every other run out of a folder, which is made; a run that dies gives it free.
 
-    Raises:
-        FileError: it cannot be a folder.
-        KarmaError: another run is at work in it.
+    FileError where it cannot be a folder, KarmaError where another run is at work in it.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -43,11 +41,7 @@ def locked(path: Path, fix: str = "wait for it, or --out another folder") -> Ite
 
 
 def read_lines(path: Path, kind: type[T]) -> list[T]:
-    """Read a file of JSON lines; a torn last line, left by a killed run, is passed over.
-
-    Raises:
-        FileError: a line before the last is damaged; names it.
-    """
+    """Read JSON lines; a torn last one, of a killed run, is none; one damaged before is named."""
     if not path.exists():
         return []
     found = []

@@ -53,11 +53,7 @@ class Header:
 
     @classmethod
     def read(cls, folder: Path) -> Self:
-        """Read what a run depends on.
-
-        Raises:
-            FileError: there is none, it is of an earlier form, or of another kind of run.
-        """
+        """Read a header; FileError for none, one of an earlier form or of another kind of run."""
         _refuse_others(folder)
         path = folder / HEADER
         if not path.exists():
@@ -83,10 +79,7 @@ class Header:
     ) -> list[str]:
         """Return what tells another header apart, in words.
 
-        Args:
-            new: of another run.
-            told: what this one was told, if that is known; then options that differ are named.
-            now: what the other was told, likewise.
+        Where both configurations are known, options that differ are named.
         """
         options = all_apart(told, now) if told is not None and now is not None else []
         found = [
@@ -116,12 +109,9 @@ def _refuse_others(folder: Path) -> None:
             fix = f"karma report {folder}"
             raise FileError(folder, "a figure of policies, which has no episodes", fix=fix)
         case "benchmark":
-            raise FileError(
-                folder / HEADER,
-                f"a run of the benchmark {benchmark_in(folder)}, which has records of its own: they"
-                " are not read here",
-                fix=f"karma table {folder}",
-            )
+            what = f"a run of the benchmark {benchmark_in(folder)}, which has records of its own"
+            fix = f"karma table {folder}"
+            raise FileError(folder / HEADER, f"{what}: they are not read here", fix=fix)
 
 
 class BenchmarkHeader(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

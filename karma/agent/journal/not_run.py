@@ -9,34 +9,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from karma.agent.journal.folder import read_lines
-from karma.agent.journal.records import Key
+from karma.agent.journal.records import OfEpisode
 
 FILE = "not_run.jsonl"  # of a run's folder
 IN_A_ROW = 3  # after which a run ends
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NotRun:
+class NotRun(OfEpisode):
     """One of them, and why."""
 
-    row: str
-    task: str
-    seed: int
     reason: str
     alone: bool = False  # others need not fail as it did
 
-    @property
-    def key(self) -> Key:
-        """What names the episode."""
-        return self.row, self.task, self.seed
-
 
 def read_not_run(folder: Path) -> tuple[NotRun, ...]:
-    """Read which episodes of a run were not run when it was last at work.
-
-    Raises:
-        FileError: a line is damaged.
-    """
+    """Read which episodes of a run were not run when it was last at work."""
     return tuple({one.key: one for one in read_lines(folder / FILE, NotRun)}.values())
 
 
@@ -53,8 +41,6 @@ def in_words(found: Sequence[NotRun]) -> str:
     counts = ", ".join(f"{row} {rows.count(row)}" for row in dict.fromkeys(rows))
     first = {one.reason: one for one in reversed(found)}
     them = "them" if len(found) > 1 else "it"
-    said = [f"{len(found)} not run, in no rate ({counts}); the same command does {them} again"]
-    return "\n".join(
-        said
-        + [f"  {'/'.join(map(str, one.key))}: {reason}" for reason, one in reversed(first.items())]
-    )
+    head = f"{len(found)} not run, in no rate ({counts}); the same command does {them} again"
+    reasons = (f"  {'/'.join(map(str, one.key))}: {one.reason}" for one in reversed(first.values()))
+    return "\n".join([head, *reasons])

@@ -41,10 +41,7 @@ _BESIDE = frozenset({"exchanges.jsonl", "recording.lock"})  # a cassette may lie
 _FIX = "--out another folder"
 _MOVE = "move it away, or --out another place"
 _AGAIN = "bring it back, or karma eval FILE --fresh"
-_BACK: Mapping[Kind, str] = {
-    "run": _AGAIN, "sweep": _AGAIN, "benchmark": _AGAIN, "figure": _AGAIN,
-    "talk": "bring it back; karma chat --out another folder begins a conversation",
-}  # fmt: skip
+_TALK_AGAIN = "bring it back; karma chat --out another folder begins a conversation"
 
 
 class _Mark(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -57,12 +54,7 @@ class _Mark(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class OwnedFolder:
-    """The files of one run.
-
-    Args:
-        path: of the folder.
-        kind: of run.
-    """
+    """The files of one run."""
 
     def __init__(self, path: Path, kind: Kind) -> None:
         self.path = path
@@ -70,11 +62,7 @@ class OwnedFolder:
         self.names: frozenset[str] = frozenset()  # below the folder, that were written or may be
 
     def look(self) -> bool:
-        """Return whether the folder is such a run's; else it is free.
-
-        Raises:
-            FileError: it is somebody else's, or a link leads out of it.
-        """
+        """Return whether the folder is such a run's, or free; FileError for somebody else's."""
         begun, self.names = read_mark(self.path)
         if begun is None:
             if there := next(_strangers(self.path), ""):
@@ -93,14 +81,10 @@ class OwnedFolder:
         return True
 
     def begin(self, names: Iterable[str], header: bytes = b"") -> None:
-        """Make the folder the run's.
+        """Make the folder the run's; FileError where somebody's file has one of the names.
 
-        Args:
-            names: what it will write, for sure or perhaps.
-            header: content of `HEADER`, where that never changes.
-
-        Raises:
-            FileError: somebody's file has such a name.
+        Of `names` it writes all or some; `header` is the content of `HEADER`, where that never
+        changes.
         """
         names = frozenset(names)
         for name in names - self.names:
@@ -110,20 +94,14 @@ class OwnedFolder:
     def adopt(self, names: Iterable[str], header: bytes = b"") -> None:
         """Take over the folder of an earlier version's run, which left no mark.
 
-        Args:
-            names: what that run has written.
-            header: see `begin`; it must have been seen to be this run's.
+        Its header must have been seen to be this run's.
         """
         for name in (names := frozenset(names)):
             self._keep_inside(name)
         self._write_mark(names, header)
 
     def own(self, name: str) -> Path:
-        """Return the path of a file that is to be written.
-
-        Raises:
-            FileError: somebody's file stands there.
-        """
+        """Return the path of a file to be written; FileError where somebody's file stands there."""
         if name not in self.names:
             self._take(name)
             append_line(self.path / MARK, b"\n" + to_json(name))  # the last line may be torn
@@ -148,10 +126,7 @@ class OwnedFolder:
 
         The mark's lines are put in order, so equal runs leave equal files.
 
-        Args:
-            sealed: names of files that do not change any more.
-            by: name of the last one, whose presence says that the seal holds.
-            data: its content.
+        The presence of `by`, the last file, says that the seal holds.
         """
         last = self.own(by)
         hashes = {name: sha256_of(self.path / name) for name in sealed} | {by: _hash(data)}
@@ -186,11 +161,9 @@ class OwnedFolder:
 
     def _keep_inside(self, name: str) -> None:
         """Raise FileError where a link is on the way to a file."""
-        parts = Path(name).parts
-        for count in range(1, len(parts) + 1):
-            place = self.path.joinpath(*parts[:count])
-            if place.is_symlink():
-                raise FileError(place, "is a link, and a run keeps to its own folder", fix=_FIX)
+        place = self.path
+        for part in Path(name).parts:
+            _refuse_link(place := place / part)
 
     def _write_mark(self, names: frozenset[str], header: bytes) -> None:
         self.names = names
@@ -202,19 +175,19 @@ class OwnedFolder:
 
 
 def read_mark(folder: Path) -> tuple[_Mark | None, frozenset[str]]:
-    """Return what a folder's mark says, None where there is none, and the files that it names.
-
-    Raises:
-        FileError: it is no mark.
-    """
+    """Return what a folder's mark says, or None, and the files it names; FileError for no mark."""
     path = folder / MARK
     if not os.path.lexists(path):
         return None, frozenset()
-    if path.is_symlink():
-        raise FileError(path, "is a link, and a run keeps to its own folder", fix=_FIX)
+    _refuse_link(path)
     first, *lines = read_bytes(path, most=LARGEST_LOG).split(b"\n")[:-1] or [b""]
     begun = decode_json(first, _Mark, path=path, fix=_FIX)
     return begun, frozenset(name for line in lines if (name := _name_in(line)))
+
+
+def _refuse_link(path: Path) -> None:
+    if path.is_symlink():
+        raise FileError(path, "is a link, and a run keeps to its own folder", fix=_FIX)
 
 
 class _Headed(msgspec.Struct, frozen=True):
@@ -225,12 +198,9 @@ class _Headed(msgspec.Struct, frozen=True):
 
 
 def kind_in(folder: Path) -> Kind | None:
-    """Return what kind of run a folder holds; None where it holds none.
+    """Return what kind of run a folder holds, None for none; FileError where its mark is damaged.
 
     Its mark says so; of an earlier version's folder, which has none, its header or list of cells.
-
-    Raises:
-        FileError: the mark is damaged.
     """
     begun, _ = read_mark(folder)
     if begun is not None:
@@ -252,20 +222,18 @@ def benchmark_in(folder: Path) -> str:
 
 
 def check_sealed(folder: Path) -> None:
-    """See that what a finished run has sealed is as it was then.
+    """See that what a finished run has sealed is as it was then; FileError where it is not.
 
     A step log that is gone is none: that episode is done again.
-
-    Raises:
-        FileError: a file is another: edited, cut, damaged or gone.
     """
     begun, _ = read_mark(folder)
     if begun is None or not begun.sealed or not (folder / begun.by).exists():
         return
+    fix = _TALK_AGAIN if begun.kind == "talk" else _AGAIN
     for name, sha256 in begun.sealed.items():
         if name.startswith(f"{STEPS}/") and not (folder / name).exists():
             continue
-        check_sealed_file(folder / name, sha256, fix=_BACK[begun.kind])
+        check_sealed_file(folder / name, sha256, fix=fix)
 
 
 def _name_in(line: bytes) -> str:
@@ -279,20 +247,16 @@ def _name_in(line: bytes) -> str:
 
 
 def write_beside(folder: Path, name: str, data: bytes) -> Path:
-    """Write what a command makes of a run, such as its page, under a name of ours; returns where.
+    """Write what a command makes of a run under a name of ours; FileError for another file there.
 
     `.karma-made` beside it keeps the SHA-256 of what was written: such a file, and one that the
     folder's run has written, is replaced.
-
-    Raises:
-        FileError: another file has that name.
     """
     path, list_ = folder / name, folder / MADE
     made = read_json(list_, dict[str, str], fix=_MOVE) if list_.exists() else {}
-    if os.path.lexists(path):
-        known = name in read_mark(folder)[1] or made.get(name) == _hash(read_bytes(path))
-        if not known:
-            raise FileError(path, "is there, and no such command has written it", fix=_MOVE)
+    ours = not os.path.lexists(path) or name in read_mark(folder)[1]
+    if not ours and made.get(name) != _hash(read_bytes(path)):
+        raise FileError(path, "is there, and no such command has written it", fix=_MOVE)
     write_atomic(path, data)
     replace_file(list_, to_json({**made, name: _hash(data)}, indent=2))
     return path

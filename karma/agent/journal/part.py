@@ -19,7 +19,6 @@ from karma.agent.journal.records import (
 from karma.agent.journal.steps import Enter, StepLog
 from karma.contracts import (
     Episode,
-    MemoryUnit,
     Outcome,
     Plan,
     SceneRef,
@@ -122,8 +121,9 @@ class EpisodePart:
             )
         )
         yield outcome
-        wanted = required_types(subtask)
-        here = tuple(unit for unit in outcome.resident if unit.scene in ("", room))
+        wanted = [base_type(name) for name in required_types(subtask)]
+        units = (unit for unit in outcome.resident if unit.scene in ("", room))
+        here = {base_type(unit.object_type) for unit in units}
         return SubTaskRecord(
             instruction=subtask.instruction,
             goals=tuple(str(goal) for goal in subtask.goals),
@@ -133,13 +133,9 @@ class EpisodePart:
             calls=tuple(Call.of(result) for result in results),
             recalled=tuple(unit.object_id for unit in plans[0].units) if plans else (),
             queries=len(wanted),
-            hits=sum(_resident(name, here) for name in wanted),
+            hits=sum(name in here for name in wanted),
             hosted=untimed(spent),
         )
-
-
-def _resident(name: str, units: tuple[MemoryUnit, ...]) -> bool:
-    return any(base_type(unit.object_type) == base_type(name) for unit in units)
 
 
 def _timing(plan: Plan, cassette: Cassette) -> AnswerTiming:

@@ -4,6 +4,8 @@ import hashlib
 import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,12 @@ from karma.infer.manifest.manifest import find_model, resolve_planner
 from karma.offline.guard import network_allowed
 from karma.world.core.scene import find
 
+_DEFAULT_MODELS = {  # of what is named without one: a model, or the constant that names it
+    "sentence": "bge-small-en",
+    "clip": "karma.infer.embed.clip:DEFAULT",
+    "nano-vlm": "karma.infer.vision.transformers:NANO",
+    "transformers": "karma.infer.vision.transformers:NANO",
+}
 PACKAGE = Path(__file__).parents[2]
 COMPUTING = (  # packages whose next version may give other bits
     "faiss-cpu", "llama-cpp-python", "numpy", "sentence-transformers", "tokenizers", "torch",
@@ -42,20 +50,9 @@ def header_of(
     scenes: Mapping[str, bytes],
     steps: bool,
 ) -> Header:
-    """Return what a run depends on.
+    """Return what a run depends on; errors as `model_hashes`.
 
-    Args:
-        name: of the run.
-        told: all that was said of it, as plain values; where files lie changes nothing.
-        models: that plan, recall and see.
-        rows: methods with their options.
-        tasks: what is done.
-        scenes: imported floor plans, by name.
-        steps: whether step logs are kept.
-
-    Raises:
-        ModelError: a model's file is missing.
-        UnknownNameError: there is no such model.
+    `told` is all that was said of it, as plain values; `scenes` are imported floor plans.
     """
     tasks = list(tasks)
     return Header(
@@ -150,23 +147,10 @@ def _named(name: str) -> str:
         from karma.infer.embed.minilm import FILES
 
         return f"{name} {_sha(to_json(FILES))}"
-    model = model or _default_model(kind)
+    if not model and kind in _DEFAULT_MODELS:
+        module, _, constant = _DEFAULT_MODELS[kind].partition(":")
+        model = str(getattr(import_module(module), constant)) if constant else module
     return f"{name} {_model_sha(model)}" if model else name
-
-
-def _default_model(kind: str) -> str:
-    """Return the model of an implementation that is named without one; "" where it has none."""
-    if kind == "sentence":
-        return "bge-small-en"
-    if kind == "clip":
-        from karma.infer.embed.clip import DEFAULT
-
-        return str(DEFAULT)
-    if kind in ("nano-vlm", "transformers"):
-        from karma.infer.vision.transformers import NANO
-
-        return str(NANO)
-    return ""
 
 
 def _model_sha(model: str) -> str:
@@ -222,15 +206,14 @@ def _cpu() -> str:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
         return platform.processor() or platform.machine()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, platform.machine())
 
 
 def _memory_mb() -> int | None:
-    try:
+    with suppress(OSError, ValueError, IndexError):
         return int(MEMINFO.read_text().split()[1]) * 1024 // 1_000_000
-    except (OSError, ValueError, IndexError):
-        return None
+    return None
 
 
 def _sha(data: bytes) -> str:

@@ -9,13 +9,33 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
+import msgspec
+
 from karma.agent.journal.folder import read_lines
 from karma.contracts import Engine, Kind, KvState, Plan, RefusedRequest, SkillResult, Tour
+from karma.errors import FileError
+from karma.files import read_bytes, to_json
 from karma.infer.hosted.cost import Spent
 
 KINDS: tuple[str, ...] = get_args(Kind)
 ALL, TRAINED, NOT_TRAINED = "all", "in training", "not in training"  # beside kinds
 Key = tuple[str, str, int]  # row, task, seed: what names an episode of a run
+TURNS = "turns.json"
+SAID = "said"  # the task of a conversation, and its kind
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OfEpisode:
+    """A line about one episode of a run."""
+
+    row: str
+    task: str
+    seed: int
+
+    @property
+    def key(self) -> Key:
+        """What names the episode."""
+        return self.row, self.task, self.seed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,13 +51,8 @@ class Call:
     @classmethod
     def of(cls, result: SkillResult) -> "Call":
         """Return the record of a result."""
-        return cls(
-            text=str(result.call),
-            ok=result.ok,
-            reason=result.reason,
-            actions=result.actions,
-            explorations=result.explorations,
-        )
+        costs = {"actions": result.actions, "explorations": result.explorations}
+        return cls(text=str(result.call), ok=result.ok, reason=result.reason, **costs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,15 +126,12 @@ class SubTaskRecord:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EpisodeRecord:
+class EpisodeRecord(OfEpisode):
     """One task done once by one row."""
 
-    row: str
     method: str = ""  # its own name, which tells its form too; "" where none came to act
-    task: str
     kind: str  # of the task, or its group in a benchmark of others
     scene: str
-    seed: int
     notes: tuple[str, ...]  # what the task's loader could not resolve
     trained: bool | None = None  # its sentences stand in training data; None: not known
     subtasks: tuple[SubTaskRecord, ...]
@@ -128,11 +140,6 @@ class EpisodeRecord:
     draw: int = 0  # starts of the seed that were passed over, as something was done in them
     hosted: tuple[Spent, ...] = ()  # by the instruction that the error ended, see `SubTaskRecord`
     tours: tuple[Tour, ...] = ()  # that made the maps it used, one a room; no part of its calls
-
-    @property
-    def key(self) -> Key:
-        """What names it among the episodes of its run."""
-        return self.row, self.task, self.seed
 
     @property
     def success(self) -> bool:
@@ -194,19 +201,11 @@ class SubTaskTiming:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EpisodeTiming:
+class EpisodeTiming(OfEpisode):
     """What one episode took; the same order as its record."""
 
-    row: str
-    task: str
-    seed: int
     subtasks: tuple[SubTaskTiming, ...]
     hosted_s: tuple[float, ...] = ()  # of the instruction that an error ended
-
-    @property
-    def key(self) -> Key:
-        """What names the episode."""
-        return self.row, self.task, self.seed
 
     @property
     def seconds(self) -> float:
@@ -215,18 +214,10 @@ class EpisodeTiming:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlayedTiming:
+class PlayedTiming(OfEpisode):
     """What one episode of a benchmark took."""
 
-    row: str
-    task: str
-    seed: int
     seconds: float
-
-    @property
-    def key(self) -> Key:
-        """What names the episode."""
-        return self.row, self.task, self.seed
 
 
 def key_of(record: Any) -> Key:
@@ -254,14 +245,31 @@ def spent_by(record: EpisodeRecord, timing: EpisodeTiming | None) -> tuple[Spent
 
 
 def read_records(path: Path) -> list[EpisodeRecord]:
-    """Read the records of a run; a torn last line, left by a killed run, is passed over.
-
-    Raises:
-        FileError: a line before the last is damaged; names it.
-    """
+    """Read the records of a run, as `read_lines` does."""
     return read_lines(path, EpisodeRecord)
 
 
-def read_timings(path: Path) -> list[EpisodeTiming]:
-    """Read the timings of a run, as `read_records` does; the last of each episode holds."""
-    return read_lines(path, EpisodeTiming)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Turn:
+    """One request or question, and what was said to it."""
+
+    said: str
+    status: str  # what became of it: "done", "answered", "refused" ...
+    lines: tuple[tuple[str, str], ...]  # of the answer: what kind of line, and its words
+    instruction: int | None = None  # which of the episode it is; None: nothing was tried for it
+
+
+def turns_file(turns: Iterable[Turn]) -> dict[str, bytes]:
+    """Return the file that holds a conversation, by its path in the run's folder."""
+    return {TURNS: to_json(list(turns), indent=2)}
+
+
+def read_turns(folder: Path) -> tuple[Turn, ...]:
+    """Return the conversation of a run, () where it is none; FileError where it is damaged."""
+    path = folder / TURNS
+    if not path.exists():
+        return ()
+    try:
+        return msgspec.json.decode(read_bytes(path), type=tuple[Turn, ...])
+    except msgspec.MsgspecError as error:
+        raise FileError(path, f"is damaged: {error}", fix="talk again") from error

@@ -11,13 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol, Self
 
 from karma.agent.journal.folder import read_lines, refuse_other
-from karma.agent.journal.header import (
-    EPISODES,
-    RESULTS,
-    TABLE,
-    TIMINGS,
-    Header,
-)
+from karma.agent.journal.header import EPISODES, RESULTS, TABLE, TIMINGS, Header
 from karma.agent.journal.not_run import FILE as NOT_RUN
 from karma.agent.journal.not_run import NotRun, read_not_run
 from karma.agent.journal.owned_folder import (
@@ -36,7 +30,6 @@ from karma.agent.journal.records import (
     PlayedTiming,
     key_of,
     read_records,
-    read_timings,
 )
 from karma.agent.journal.steps import packed, steps_path
 from karma.agent.journal.told import CONFIG, Config, read_config
@@ -87,11 +80,7 @@ class RunData:
 
 
 def read_run(folder: str | Path) -> RunData:
-    """Read a run's folder; changes nothing in it.
-
-    Raises:
-        FileError: there is no run, it is of an earlier form, or a line is damaged.
-    """
+    """Read a run's folder, and change nothing in it; errors as `Header.read` and `read_lines`."""
     folder = Path(folder)
     header = Header.read(folder)
     check_sealed(folder)
@@ -99,29 +88,17 @@ def read_run(folder: str | Path) -> RunData:
         folder=folder,
         header=header,
         records=tuple({r.key: r for r in read_records(folder / EPISODES)}.values()),
-        timings={timing.key: timing for timing in read_timings(folder / TIMINGS)},
+        timings={timing.key: timing for timing in read_lines(folder / TIMINGS, EpisodeTiming)},
         finished=(folder / RESULTS).exists(),
         not_run=read_not_run(folder),
     )
 
 
 class RunFolder:
-    """The folder that a run writes.
-
-    Args:
-        path: of the folder.
-        steps: whether episodes leave step logs.
-        kind: of run.
-        records: of what its records are.
-    """
+    """The folder that a run writes."""
 
     def __init__(
-        self,
-        path: Path,
-        *,
-        steps: bool,
-        kind: Kind = "run",
-        records: type[Any] = EpisodeRecord,
+        self, path: Path, *, steps: bool, kind: Kind = "run", records: type[Any] = EpisodeRecord
     ) -> None:
         self.path, self._steps, self._records = path, steps, records
         self._timings: type[Any] = EpisodeTiming if records is EpisodeRecord else PlayedTiming
@@ -129,11 +106,7 @@ class RunFolder:
         self._owned = OwnedFolder(path, kind)
 
     def clear(self) -> None:
-        """Throw away what an earlier run left.
-
-        Raises:
-            FileError: what is there is no run's.
-        """
+        """Throw away what an earlier run left; FileError where what is there is no run's."""
         if self._owned.look():
             for picture in (self.path / PICTURES).glob("*.png"):
                 if picture.stem == picture_name(picture.read_bytes()):
@@ -151,14 +124,8 @@ class RunFolder:
     ) -> None:
         """Make the folder that run's, or see that it is; a run without an episode is no obstacle.
 
-        Args:
-            header: what the run depends on.
-            config: what it was told, which is kept beside it; None: the header says all.
-            fix: what helps where the folder holds another run.
-            scenes: rooms that the tasks bring along, path below the folder -> content.
-
-        Raises:
-            FileError: it holds another run, and what differs is named; or it is somebody else's.
+        Without `config` the header says all; `scenes` are rooms that the tasks bring along, by
+        their path below the folder. FileError names what differs, or whose it is.
         """
         path, data = self.path / HEADER, to_json(header, indent=2)
         self._adopt(header, config)
@@ -180,11 +147,7 @@ class RunFolder:
             self._owned.write(name, content)
 
     def reserve(self) -> None:
-        """Make a folder in which nothing was written yet this run's.
-
-        Raises:
-            FileError: something is in it.
-        """
+        """Make a folder in which nothing was written this run's; FileError where something was."""
         if self._owned.look() and any((self.path / name).exists() for name in self._owned.names):
             raise FileError(self.path, "holds another conversation", fix="--out another folder")
         self._owned.begin(())
@@ -199,18 +162,18 @@ class RunFolder:
     ) -> tuple[list[Any], dict[Key, EpisodeTiming | PlayedTiming]]:
         """Return the episodes that are done; traces of those that are not are swept away.
 
-        Args:
-            together: episodes that count only if all of them are done.
-
-        Raises:
-            FileError: a line that is not the last is damaged.
+        Episodes that stand `together` count only if all of them are done.
         """
         self._owned.sweep()
         for left in (self.path / PICTURES).glob(f".*{TEMPORARY}"):
             left.unlink(missing_ok=True)
         timings = {one.key: one for one in read_lines(self.path / TIMINGS, self._timings)}
         found = {key_of(one): one for one in read_lines(self.path / EPISODES, self._records)}
-        kept = {key: found[key] for key in found if key in timings and self._has_steps(key)}
+
+        def there(key: Key) -> bool:
+            return all((self.path / name).exists() for name in self._logs([key]))
+
+        kept = {key: found[key] for key in found if key in timings and there(key)}
         for keys in together:
             if not kept.keys() >= {*keys}:
                 kept = {key: kept[key] for key in kept if key not in keys}
@@ -230,11 +193,7 @@ class RunFolder:
         append_line(self.path / NOT_RUN, to_json(one))
 
     def commit(self, one: Finished) -> None:
-        """See an episode to the disk; it is done when this returns.
-
-        Raises:
-            FileError: the disk is full.
-        """
+        """See an episode to the disk; it is done when this returns."""
         for name, data in one.files.items():
             if not (self.path / name).exists():
                 write_atomic(self.path / name, data)
@@ -244,11 +203,7 @@ class RunFolder:
         append_line(self.path / EPISODES, to_json(one.record))
 
     def put_only(self, header: Header, one: Finished) -> None:
-        """Have one episode that nobody judges in the folder, in place of itself before.
-
-        Raises:
-            FileError: the disk is full, or somebody's file is in the way.
-        """
+        """Have one episode that nobody judges in the folder, in place of itself before."""
         self.reopen()
         for name, data in one.files.items():
             self._owned.write(name, data)
@@ -266,10 +221,9 @@ class RunFolder:
     ) -> None:
         """Put all lines in their final order, and write what they add up to.
 
-        Args:
-            order: the keys of all episodes, as they stand at the end.
-            add_up: makes the results of the records, as they are written, and what else there is to
-                write, by name; without seconds, since no run repeats those.
+        `order` has the keys of all episodes. `add_up` makes the results of the records, as they are
+        written, and what else there is to write, by name; without seconds, since no run repeats
+        those.
         """
         records, timings = self.done()
         rank = {key: number for number, key in enumerate(order)}
@@ -285,11 +239,7 @@ class RunFolder:
     # ------------------------------------------------------------- parts
 
     def _adopt(self, header: Header | OwnHeader, config: Config | None) -> None:
-        """Take over the same run as an earlier version left it, without a mark.
-
-        Raises:
-            FileError: it is another run.
-        """
+        """Take over the run that an earlier version left without a mark; FileError for another."""
         path = self.path / HEADER
         if (self.path / MARK).exists() or kind_in(self.path) != self._kind:
             return
@@ -312,17 +262,11 @@ class RunFolder:
         return list(kind.read(self.path).apart(header))
 
     def _write_steps(self, one: Finished) -> None:
-        path = steps_path(self.path, *one.record.key)
-        self._owned.write(path.relative_to(self.path).as_posix(), packed(one.steps))
+        self._owned.write(steps_path(Path(), *one.record.key).as_posix(), packed(one.steps))
 
     def _logs(self, keys: Iterable[Key]) -> list[str]:
         """Return the names of the step logs of episodes; none where none are kept."""
-        if not self._steps:
-            return []
-        return [steps_path(self.path, *key).relative_to(self.path).as_posix() for key in keys]
-
-    def _has_steps(self, key: Key) -> bool:
-        return not self._steps or steps_path(self.path, *key).exists()
+        return [steps_path(Path(), *key).as_posix() for key in keys if self._steps]
 
     def _rewrite(
         self, records: Mapping[Key, Any], timings: Mapping[Key, EpisodeTiming | PlayedTiming]

@@ -13,45 +13,18 @@ from copy import deepcopy
 from hashlib import blake2b
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import msgspec
 
 from karma.agent.journal.owned_folder import STEPS
 from karma.agent.planning.refused_requests import sentence
 from karma.agent.seeing.perceive import refusal
-from karma.contracts import Event, MemoryUnit, Outcome, Plan, SkillResult, SubTask, Vec3, World
+from karma.contracts import Event, MemoryUnit, Outcome, Plan, SkillResult, SubTask, World
 from karma.errors import FileError
 from karma.files import read_bytes, to_json, unpack
 
 _LONGEST_SLUG = 80  # characters
-
-
-class Unit(msgspec.Struct, frozen=True, kw_only=True):
-    """One line of short-term memory."""
-
-    object_id: str
-    object_type: str
-    states: tuple[str, ...]
-    place_id: str | None
-    handled: bool
-    position_m: Vec3
-    image: str | None
-    scene: str = ""  # name of the room that the object is in
-
-    @classmethod
-    def of(cls, unit: MemoryUnit) -> "Unit":
-        """Return what the log keeps of a unit."""
-        return cls(
-            object_id=unit.object_id,
-            object_type=unit.object_type,
-            states=unit.states,
-            place_id=unit.place_id,
-            handled=unit.handled,
-            position_m=unit.position_m,
-            image=unit.image,
-            scene=unit.scene,
-        )
 
 
 class Start(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="start"):
@@ -75,7 +48,7 @@ class Instruction(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", t
 
     number: int  # from 0
     instruction: str
-    memory: tuple[Unit, ...]  # short-term memory before it
+    memory: tuple[MemoryUnit, ...]  # short-term memory before it
 
 
 class Map(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="map"):
@@ -93,6 +66,18 @@ class Planned(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="
     error: str  # why the answer was refused
     examples: tuple[str, ...] = ()  # instructions of the worked examples that were retrieved
     refused: str = ""  # what people are told where the request is not carried out
+
+    @classmethod
+    def of(cls, plan: Plan) -> Self:
+        """Return what the log keeps of a plan."""
+        return cls(
+            recalled=tuple(unit.object_id for unit in plan.units),
+            prompt=plan.prompt.changing,
+            program=plan.completion.text,
+            error=plan.error,
+            refused=sentence(plan.refused) if plan.refused else "",
+            examples=plan.examples,
+        )
 
 
 class Action(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="action"):
@@ -117,7 +102,7 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="ou
     """The instruction has ended."""
 
     finished: bool
-    memory: tuple[Unit, ...]  # short-term memory after it
+    memory: tuple[MemoryUnit, ...]  # short-term memory after it
     unmet: tuple[str, ...]  # goals that do not hold
 
 
@@ -137,7 +122,7 @@ class StepLog:
         self._given = 0  # where the last instruction stands among them
         self.actions: list[Action] = []  # since it was given, but for what only asks
         self._map: str | None = None
-        self._memory: tuple[Unit, ...] = ()
+        self._memory: tuple[MemoryUnit, ...] = ()
 
     def reset(self) -> None:
         """The world is reset; what was done to it before `start` no longer counts."""
@@ -161,43 +146,26 @@ class StepLog:
         """An instruction is given; memory before it is what it was, until the outcome tells."""
         self._given = len(self._steps)
         self.actions = []
-        self.add(
-            Instruction(number=number, instruction=subtask.instruction, memory=self._memory)
-        )  # fmt: skip
+        text = subtask.instruction
+        self.add(Instruction(number=number, instruction=text, memory=self._memory))
 
     def moment(self, moment: Plan | SkillResult) -> None:
         """Write what a method yields on its way."""
-        if isinstance(moment, SkillResult):
-            self.add(
-                SkillStep(
-                    call=str(moment.call),
-                    ok=moment.ok,
-                    reason=moment.reason,
-                    object_ids=moment.object_ids,
-                )
-            )
-            return
-        if moment.prompt.stable != self._map:
-            self._map = moment.prompt.stable
-            self.add(Map(text=self._map))
-        self.add(
-            Planned(
-                recalled=tuple(unit.object_id for unit in moment.units),
-                prompt=moment.prompt.changing,
-                program=moment.completion.text,
-                error=moment.error,
-                refused=sentence(moment.refused) if moment.refused else "",
-                examples=moment.examples,
-            )
-        )
+        if isinstance(moment, Plan):
+            if moment.prompt.stable != self._map:
+                self._map = moment.prompt.stable
+                self.add(Map(text=self._map))
+            self.add(Planned.of(moment))
+        else:
+            ids, ok, call = moment.object_ids, moment.ok, str(moment.call)
+            self.add(SkillStep(call=call, ok=ok, reason=moment.reason, object_ids=ids))
 
     def outcome(self, outcome: Outcome, unmet: Sequence[str]) -> None:
         """Write how the instruction ended, and what memory held when it was given."""
-        before = tuple(Unit.of(unit) for unit in outcome.resident)
         given = self._steps[self._given]
         if isinstance(given, Instruction):
-            self._steps[self._given] = msgspec.structs.replace(given, memory=before)
-        self._memory = tuple(Unit.of(unit) for unit in outcome.kept)
+            self._steps[self._given] = msgspec.structs.replace(given, memory=outcome.resident)
+        self._memory = outcome.kept
         self.add(Ended(finished=outcome.finished, memory=self._memory, unmet=tuple(unmet)))
         self._written += self._lines()
         self._steps.clear()
@@ -215,12 +183,7 @@ class StepLog:
 
 
 class LoggedWorld:
-    """A world whose actions are written to a log; it changes nothing.
-
-    Args:
-        world: any world.
-        log: takes the actions.
-    """
+    """A world whose actions are written to a log; it changes nothing."""
 
     def __init__(self, world: World, log: StepLog) -> None:
         self._world, self._log = world, log
@@ -238,15 +201,9 @@ class LoggedWorld:
     def step(self, action: str, **arguments: Any) -> Event:
         """Do one action and write it down."""
         event = self._world.step(action, **arguments)
-        ok = bool(event)
-        self._log.add(
-            Action(
-                action=action,
-                arguments=_plain(arguments),
-                ok=ok,
-                error=why.words if (why := refusal(event)) is not None else "",
-            )
-        )
+        ok, why = bool(event), refusal(event)
+        error = why.words if why is not None else ""
+        self._log.add(Action(action=action, arguments=_plain(arguments), ok=ok, error=error))
         return event
 
     def stop(self) -> None:
@@ -300,11 +257,7 @@ def packed(data: bytes) -> bytes:
 
 
 def read_steps(path: Path) -> list[Step]:
-    """Read one episode's log.
-
-    Raises:
-        FileError: it is missing or damaged; says in which line.
-    """
+    """Read one episode's log; FileError where it is missing, or names the damaged line."""
     fix = "run it again: karma eval"
     lines = unpack(read_bytes(path, fix=fix), path=path, fix=fix).splitlines()
     decoder: msgspec.json.Decoder[Step] = msgspec.json.Decoder(Step)

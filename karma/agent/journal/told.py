@@ -23,11 +23,7 @@ _NAMES = (  # and names or paths, after "KIND:" if any, "+" between several
 
 
 def read_config(folder: Path) -> Config | None:
-    """Return what a run was told; None where its folder does not say.
-
-    Raises:
-        FileError: the file is torn.
-    """
+    """Return what a run was told, None where its folder does not say; FileError for a torn file."""
     path = folder / CONFIG
     if not path.exists():
         return None

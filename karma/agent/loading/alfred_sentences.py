@@ -68,11 +68,7 @@ class StepSentence:
 
 
 def read_sentences(path: Path) -> tuple[Sentence, ...]:
-    """Return every goal sentence of a file of demonstrations, in order.
-
-    Raises:
-        FileError: the file is missing or torn.
-    """
+    """Return every goal sentence of a file, in order; errors as `read_demonstrations`."""
     return tuple(
         Sentence(
             text=annotation["task_desc"],
@@ -105,42 +101,31 @@ def read_steps(path: Path) -> tuple[StepSentence, ...]:
 
     Sentences of few words, about slices, or about "the other one" are left out: what they mean
     depends on what was said before.
-
-    Raises:
-        FileError: the file is missing or torn.
     """
     return tuple(
         StepSentence(text=text, goals=goals, held=held)
         for trial in read_demonstrations(path, dict[str, Any])
         for annotation in trial["turk_annotations"]
         for text, step in zip(annotation["high_descs"], trial["plan"]["high_pddl"], strict=False)
-        if (found := _step_goals(step, trial)) is not None and _says_enough(text)
-        for goals, held in (found,)
+        if len(words := re.findall(r"[a-z]+", text.lower())) > 3 and _DEPENDS.isdisjoint(words)
+        for goals, held in _step_goals(step, trial)
     )
 
 
 def _step_goals(
     step: Mapping[str, Any], trial: Mapping[str, Any]
-) -> tuple[tuple[Goal, ...], str] | None:
-    """Return what a step brings about, and the type of what is in the hand before."""
+) -> Iterator[tuple[tuple[Goal, ...], str]]:
+    """Yield what a step brings about, if it can be said, and the type of what is held before."""
     action, names = step["discrete_action"]["action"], step["discrete_action"]["args"]
-    if is_piece(type_of(step["planner_action"].get("objectId", ""))):
-        return None
     types = [uses.without_basin(_BY_LOWER.get(one, "")) for one in names]
-    if not all(types):
-        return None
+    if is_piece(type_of(step["planner_action"].get("objectId", ""))) or not all(types):
+        return
     if action == "PickupObject":
-        return (_goal("HOLDON", "robot", types[0]),), ""
-    if action == "PutObject" and len(types) == 2:
-        return (_goal("ON", *types),), types[0]
-    if action == "ToggleObject" and types[0] in uses.LAMPS:
-        return (_goal("TOGGLEON", types[0]),), trial["pddl_params"]["object_target"]
-    return None
-
-
-def _says_enough(text: str) -> bool:
-    words = re.findall(r"[a-z]+", text.lower())
-    return len(words) > 3 and not _DEPENDS & set(words)
+        yield (_goal("HOLDON", "robot", types[0]),), ""
+    elif action == "PutObject" and len(types) == 2:
+        yield (_goal("ON", *types),), types[0]
+    elif action == "ToggleObject" and types[0] in uses.LAMPS:
+        yield (_goal("TOGGLEON", types[0]),), trial["pddl_params"]["object_target"]
 
 
 def truth_of(trial: Mapping[str, Any]) -> GoalFacts:
@@ -159,10 +144,8 @@ def truth_of(trial: Mapping[str, Any]) -> GoalFacts:
 def goals_of(facts: GoalFacts, thing: str, text: str) -> tuple[Goal, ...]:
     """Return what is to hold in the end.
 
-    Args:
-        facts: what the sentence asks for.
-        thing: the short name of the object, if memory holds it, else its type.
-        text: the sentence; what is to be cooked is cooked, not only heated.
+    `thing` is the object's short name, if memory holds it, else its type. What the text says to
+    cook is cooked, not only heated.
     """
     count = 2 if facts.task == "two" else 1
     goals = [replace(_goal("STATE", thing, "sliced"), count=count)] if facts.sliced else []

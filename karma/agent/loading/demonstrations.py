@@ -31,11 +31,7 @@ def plain(sentence: str) -> str:
 
 
 def sentences_in(path: Path) -> frozenset[str]:
-    """Return all that people said in a file, of goals and of single steps, as `plain` has it.
-
-    Raises:
-        FileError: the file is missing or torn, or a record lacks what people said.
-    """
+    """Return all that people said in a file, of goals and of single steps, as `plain` has it."""
     return frozenset(
         plain(text)
         for record in read_demonstrations(path, _Described)

@@ -1,17 +1,17 @@
-"""The examples that a planner is told, nearest to the request: of the written bank, or another."""
+"""Worked examples, found by their instruction's vector: of the written bank, or another."""
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from copy import copy
 from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
 
-from karma.agent.loading.alfred_sentences import names_its_place, read_sentences
-from karma.agent.loading.example_memory import ExampleMemory
+from karma.agent.loading.alfred_sentences import Sentence, names_its_place, read_sentences
 from karma.agent.loading.planner_files import learnt_embedder
-from karma.agent.loading.said_requests import load_said
+from karma.agent.loading.said_requests import SaidRequest, load_said
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.goal_lines import as_lines
 from karma.agent.planning.plain_programs import plain_program
@@ -19,6 +19,47 @@ from karma.contracts import Embedder, Examples, Vectors, WorkedExample
 from karma.errors import FileError, KarmaError
 from karma.files import cache, read_bytes, shipped, write_atomic
 from karma.infer.embed.minilm import FILES
+
+
+class ExampleMemory:
+    """Finds worked examples by their instructions; examples are added, never removed.
+
+    `vectors` of the seeds' instructions, shape (n, dimension), where they are known.
+    """
+
+    def __init__(
+        self, embedder: Embedder, seeds: Sequence[WorkedExample], vectors: Vectors | None = None
+    ) -> None:
+        self._embedder, self._examples = embedder, list(seeds)
+        if vectors is None:
+            vectors = embedder.embed([example.instruction for example in seeds])
+        self._vectors = vectors
+
+    def __len__(self) -> int:
+        return len(self._examples)
+
+    def copy(self) -> "ExampleMemory":
+        """Return an independent memory with the same examples."""
+        twin = copy(self)
+        twin._examples = list(self._examples)
+        return twin
+
+    def add(self, example: WorkedExample) -> None:
+        """Remember one more example."""
+        vector = self._embedder.embed([example.instruction])
+        self._examples.append(example)
+        self._vectors = np.concatenate([self._vectors, vector])
+
+    def nearest(self, text: str, k: int) -> tuple[WorkedExample, ...]:
+        """Return the k examples whose instructions are nearest to a text, the nearest first.
+
+        By L2 distance, which orders vectors of length 1 as the cosine does; equals by age.
+        """
+        query = self._embedder.embed([text])[0]
+        gaps = np.round(((self._vectors - query) ** 2).sum(axis=1), 6)
+        order = sorted(range(len(self)), key=lambda row: (gaps[row], row))
+        return tuple(self._examples[row] for row in order[:k])
+
 
 EXAMPLES = 4  # told to a planner with the full prompt, if nothing else is said
 _HASH = 32  # bytes of SHA-256 before what is kept
@@ -30,26 +71,21 @@ def bank_file(named: str = "") -> Path:
 
 
 def read_bank(path: Path, *, goals: bool = False) -> Iterator[WorkedExample]:
-    """Yield sentences with their programs; those to be refused are left out.
+    """Yield sentences with their programs, less those to be refused; FileError for none.
 
-    Args:
-        path: of requests, as `eval/requests/written.jsonl`; or of ALFRED's demonstrations, gzipped.
-        goals: their goals as lines, in place of programs.
-
-    Raises:
-        FileError: a line is none, or there is no sentence to be done.
+    Of requests as `eval/requests/written.jsonl`, or of ALFRED's demonstrations, gzipped.
     """
+    said: Iterable[Sentence | SaidRequest]
     if path.suffix == ".gz":
-        people = filter(names_its_place, read_sentences(path))
-        said = ((one.text, one.wanted) for one in people)
+        said = (one for one in read_sentences(path) if names_its_place(one))
     else:
-        said = ((one.text, one.wanted) for one in load_said(path) if one.goals)
+        said = (one for one in load_said(path) if one.goals)
     write = as_lines if goals else partial(plain_program, view=ExpertView())
     count = 0
-    for text, wanted in said:
-        if calls := write(wanted):
+    for one in said:
+        if calls := write(one.wanted):
             count += 1
-            yield WorkedExample(instruction=text, program="\n".join(map(str, calls)))
+            yield WorkedExample(instruction=one.text, program="\n".join(map(str, calls)))
     if not count:
         raise FileError(path, "holds no sentence with goals", fix="see eval/requests/README.md")
 
@@ -85,14 +121,7 @@ def examples_for(
 ) -> Examples | None:
     """Return what finds a planner's examples, the nearest last; None for none.
 
-    Args:
-        count: examples told.
-        named: a file of sentences in place of the one that ships.
-        embedder: that is loaded already; another one is not used.
-        goals: as lines of goals, not as programs.
-
-    Raises:
-        FileError: the file is missing or torn.
+    `named` is a file of sentences in place of the one that ships.
     """
     if not count:
         return None

@@ -1,7 +1,8 @@
 """The models of a run: what is said of them, and how each is opened, once."""
 
-from collections.abc import Mapping
-from dataclasses import fields, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from inspect import signature
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -13,7 +14,6 @@ from karma import registry
 from karma.agent.loading.examples import EXAMPLES, examples_for
 from karma.agent.loading.names import MODELS, check_models, whole_name
 from karma.agent.loading.planner_files import NO_WORDS, doubt_of, hints_for, may_refuse
-from karma.agent.loading.presets import PRESETS, preset
 from karma.agent.planning.prompt import GOALS, render
 from karma.contracts import (
     Constraint,
@@ -25,14 +25,50 @@ from karma.contracts import (
     Resources,
     Thinking,
     VisionModel,
+    World,
 )
-from karma.errors import KarmaError, ModelError, RequestRefused
+from karma.errors import KarmaError, ModelError, RequestRefused, did_you_mean
 from karma.infer.hosted.planner import open_planner
 from karma.infer.hosted.session import Endpoint, Hosted, Session
 from karma.infer.llama.options import KvType, LlamaOptions, Switch
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.manifest import default_planner, resolve_planner
 from karma.infer.torch_load import DType, TorchOptions
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Preset:
+    """One setting of the agent."""
+
+    recall: str  # which units come into the prompt
+    recall_text: str  # how a unit is put in words for recall
+    options: Mapping[str, Any] = field(default_factory=dict)  # of the row, where not the default
+
+
+PRESETS = {
+    "": Preset(recall="stateful", recall_text="sentence"),  # what the tables measure
+    "paper": Preset(  # §3.5; it gives no K, so all units
+        recall="cosine",
+        recall_text="listing",
+        options={
+            "recall_k": 10,
+            "query": "instruction",
+            "whole_memory": False,
+            "map_form": "paper",
+            "seen_listed": False,
+        },
+    ),
+}
+
+
+def preset(name: str) -> Preset:
+    """Return a preset; ValueError where there is none of that name."""
+    if name not in PRESETS:
+        there = [*filter(None, PRESETS)]
+        hint = did_you_mean(name, there)
+        raise ValueError(f"preset = {name!r}; there is {', '.join(there)!r}.{hint}")
+    return PRESETS[name]
+
 
 _HOTTEST = 100.0
 
@@ -73,9 +109,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """Which models fill the roles."""
 
     planner: str = "karma-nano"  # of models/manifest.toml, a GGUF's path, "openai", "default"
-    profile: str = (
-        ""  # "compact", "full", "goals" or a folder of templates; "" = what the manifest says
-    )
+    profile: str = ""  # "compact", "full", "goals", a folder of templates; "": as in the manifest
     chat: bool | None = None  # through the GGUF's own chat template; None: if it has one
     words: str = ""  # a words file, for hints; "": as the manifest says, "none": no hints
     refusing: bool | None = None  # requests may be refused; None: by who has learnt it (manifest)
@@ -87,9 +121,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     vision: str = "metadata"
     detector: str = ""  # a plug-in of karma.detectors, for rows with boxes = "detector"
     constraint: Constraint = "types"  # what answers may say; a server must prove that it holds them
-    examples: int | None = (
-        None  # told to the planner, 0 to 8; None: 4 if local, with the full prompt
-    )
+    examples: int | None = None  # told, 0 to 8; None: 4 to a local planner with the full prompt
     examples_from: str = ""  # a file of sentences; "": those that were written for it
     max_tokens: int = 512  # of an answer, a thought not counted
     temperature: float = 0.0
@@ -126,11 +158,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             raise ValueError(str(error)) from error
 
     def computed_by(self, options: Mapping[str, Any]) -> Self:
-        """Return the same with some keys said otherwise, as a command line does.
-
-        Raises:
-            KarmaError: a value is none that the key may have.
-        """
+        """Return the same with some keys said otherwise; KarmaError for a value it may not have."""
         try:
             return msgspec.convert({**msgspec.structs.asdict(self), **options}, type(self))
         except (msgspec.ValidationError, ValueError) as error:
@@ -166,9 +194,9 @@ def load_resources(
     session = session or Session()
     model, profile = language_model(models, session, states, seed)
     check_asked(model, profile)
-    refusing = bool(models.refusing)
-    if models.hosted.planner is None:
-        refusing = may_refuse(models.planner, models.refusing)
+    is_hosted = models.hosted.planner is not None
+    asked = models.refusing
+    refusing = bool(asked) if is_hosted else may_refuse(models.planner, asked)
     decoding = Decoding(
         refusing=refusing,
         constraint=models.constraint,
@@ -177,23 +205,21 @@ def load_resources(
         max_tokens=models.max_tokens,
     )
     embedder = filled("embedders", models.embedder, models.hosted.embedder, session, models)
-    hosted = NO_WORDS if models.hosted.planner is not None else ""
+    words = models.words or (NO_WORDS if is_hosted else "")
+    count, named, goals = _count(models, profile), models.examples_from, profile == GOALS
+    detected = bool(models.detector)
     return Resources(
         model=model,
         profile=profile,
         decoding=decoding,
-        hints=hints_for(models.planner, models.words or hosted, embedder),
-        examples=examples_for(
-            _count(models, profile), models.examples_from, embedder, goals=profile == GOALS
-        ),
-        doubt=doubt_of(models.planner) if refusing and not hosted else None,
+        hints=hints_for(models.planner, words, embedder),
+        examples=examples_for(count, named, embedder, goals=goals),
+        doubt=doubt_of(models.planner) if refusing and not is_hosted else None,
         recall=_recall(models.recall, models.recall_text, embedder, maps),
         vision=filled("vision_models", models.vision, models.hosted.vision, session, models),
         maps=maps,
         learn=learn,
-        detector=filled("detectors", models.detector, None, session, models)
-        if models.detector
-        else None,
+        detector=filled("detectors", models.detector, None, session, models) if detected else None,
         embedder=embedder,
     )
 
@@ -214,14 +240,7 @@ def for_row(
 ) -> Resources:
     """Return what a row's method is built from: the run's, save for what the row names itself.
 
-    Args:
-        resources: of the run.
-        row: of the experiment.
-        loaded: vision models by name; takes those that the row adds, so that each is loaded once.
-        models: of the run; say on what they are computed.
-
-    Raises:
-        ModelError: its vision model is missing, damaged or of the wrong kind.
+    `loaded` takes the vision models that rows add, so that each is loaded once.
     """
     recall, vision = resources.recall, resources.vision
     if row.preset:
@@ -240,9 +259,8 @@ def for_row(
 def _recall(name: str, text: str, embedder: Embedder | None, maps: Path | None) -> Recall:
     """Return a recall; one that looks at kept pictures is told the run folder, which has `maps`."""
     kind = registry.load("recalls", name)
-    looks = (
-        {"folder": maps.parent if maps else None} if "folder" in signature(kind).parameters else {}
-    )
+    folder = {"folder": maps.parent if maps else None}
+    looks = folder if "folder" in signature(kind).parameters else {}
     made: Recall = kind(embedder, text=text, **looks)
     return made
 
@@ -265,11 +283,7 @@ def filled(
 
 
 def check_asked(model: LanguageModel, profile: str) -> None:
-    """Refuse a local model that no prompt of a profile can be put to: all of them would fail.
-
-    Raises:
-        ModelError: its chat template cannot render one, or its context holds none.
-    """
+    """Refuse, as a ModelError, a local model that no prompt of a profile can be put to."""
     from karma.infer.llama.model import LlamaModel
 
     if not isinstance(model, LlamaModel):
@@ -316,3 +330,13 @@ def language_model(
         thinking_tokens=models.thinking_tokens,
     )
     return local, models.profile or file.prompt_profile
+
+
+PICTURES = {"renderDepthImage": True, "renderInstanceSegmentation": True}  # AI2-THOR's flags
+
+
+def world_maker(name: str, options: Iterable[Mapping[str, Any]]) -> Callable[[], World]:
+    """Return what makes a run's worlds: with depth and instance masks where a row looks at them."""
+    make: Callable[..., World] = registry.load("worlds", name)
+    looks = any(one.get("perception") == "pictures" for one in options)
+    return partial(make, **PICTURES) if looks else make

@@ -1,7 +1,7 @@
 """Check every name that a run is told, before a model loads: the nearest known one is suggested."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from inspect import signature
 from pathlib import Path
 from typing import Any
@@ -41,12 +41,7 @@ def opened_as(role: str, entry: ModelEntry, place: str = "") -> str:
 
 
 def whole_name(key: str, name: str) -> str:
-    """Return the name of what fills a role with what opens it, where only the model was named.
-
-    Args:
-        key: of [models].
-        name: of a registered implementation, or of a model of the manifest: "mysmol".
-    """
+    """Return the name of what fills a role with what opens it, where only the model was named."""
     role = _PLURALS[key]
     if not name or ":" in name or "/" in name or name in registry.names(role):
         return name
@@ -55,21 +50,17 @@ def whole_name(key: str, name: str) -> str:
 
 
 def check_models(named: Mapping[str, str], prefix: str = "") -> None:
-    """Check which models fill the roles: that their names stand for something.
+    """Check that the names of models stand for something; KarmaError says under which key.
 
-    Args:
-        named: key of [models] -> its value; "" is none.
-        prefix: of a key in messages.
-
-    Raises:
-        KarmaError: a name stands for nothing; says under which key.
+    `named`: key of [models] -> its value, "" for none; `prefix` stands before the key in messages.
     """
     for key, name in named.items():
         with _at(f"{prefix}{key}"):
             if not name or name == _HOSTED:
                 continue
             if key == "planner":
-                _check_planner(name)
+                if not is_gguf_path(name):
+                    _check_role(name, ("planner",))
             elif key == "profile":
                 check_profile(name)
             else:
@@ -77,30 +68,17 @@ def check_models(named: Mapping[str, str], prefix: str = "") -> None:
 
 
 def check_row(name: str, method: str, options: Mapping[str, Any], named: Mapping[str, str]) -> None:
-    """Check a row's method, its options down to the policy, and what it puts in the run's place.
-
-    Raises:
-        KarmaError: a name stands for nothing, or an option is unknown or has a value of no use.
-    """
+    """Check a row's method, its options down to the policy, and what it puts in the run's place."""
     with _at(f"row {name!r}"):
         check_options(method, options)
         check_models(named)
 
 
 def check_options(method: str, options: Mapping[str, Any]) -> None:
-    """Check the options of a method that says which it takes (`settings_kind`).
-
-    Raises:
-        KarmaError: no such method, or an option that it does not take.
-    """
+    """Check the options of a method that says which it takes (`settings_kind`)."""
     kind = getattr(registry.load("methods", method), "settings_kind", None)
     if kind is not None:
         settings_of(kind, options)
-
-
-def _check_planner(name: str) -> None:
-    if not is_gguf_path(name):
-        _check_role(name, ("planner",))
 
 
 def _check_filled(role: str, name: str) -> None:
@@ -118,11 +96,10 @@ def _check_filled(role: str, name: str) -> None:
 def _takes_model(made: Any) -> bool:
     """Return whether an implementation is made of a model's name."""
     try:
-        signature(made).bind("")
+        with suppress(ValueError):  # what is written in C need not say
+            signature(made).bind("")
     except TypeError:
         return False
-    except ValueError:  # what is written in C need not say
-        return True
     return True
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Literal
 
 from karma import registry
-from karma.agent.planning.doubt import LogisticDoubt, read_doubt
+from karma.agent.planning.refused_requests import LogisticDoubt, read_doubt
 from karma.contracts import Embedder, Hints
 from karma.infer.manifest.manifest import (
     check_file,
@@ -21,11 +21,7 @@ _EMBEDDER = "minilm"  # whatever recall uses: planners have learnt its similarit
 
 
 def may_refuse(planner: str, said: bool | None = None) -> bool:
-    """Return whether a local planner may refuse: as said, else where it has learnt to.
-
-    Raises:
-        ModelError: there is no such planner.
-    """
+    """Return whether a local planner may refuse: as said, else where it has learnt to."""
     if said is not None:
         return said
     return resolve_planner(planner).refuses or (
@@ -34,12 +30,7 @@ def may_refuse(planner: str, said: bool | None = None) -> bool:
 
 
 def doubt_of(planner: str) -> LogisticDoubt | None:
-    """Return what was fitted for a planner, by its name in the manifest or its path; None: nothing.
-
-    Raises:
-        ModelError: the manifest's file is not as it should be.
-        FileError: it is missing or torn.
-    """
+    """Return what was fitted for a planner, by its name in the manifest or its path, if any."""
     path = doubt_path(planner)
     return read_doubt(path) if path is not None else None
 
@@ -52,14 +43,7 @@ def doubt_path(planner: str) -> Path | None:
 def hints_for(planner: str, words: str = "", embedder: Embedder | None = None) -> Hints | None:
     """Return what gives a planner its hints; None where it has not learnt to read them.
 
-    Args:
-        planner: a name of the manifest or a GGUF's path.
-        words: a words file in place of the planner's own; "none" for no hints.
-        embedder: that is loaded already; another one is not used.
-
-    Raises:
-        ModelError: the words file of the manifest is not as it should be.
-        FileError: it is missing or torn.
+    `words` is a words file in place of the planner's own, "none" for no hints.
     """
     path = chosen_words(planner, words)
     if path is None:

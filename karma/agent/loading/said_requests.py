@@ -43,20 +43,12 @@ _Row = TypeVar("_Row", bound=SaidLine)
 
 
 def load_said(path: str | Path) -> tuple[SaidRequest, ...]:
-    """Read requests of one thing each, one a line.
-
-    Raises:
-        FileError: a line is none, or has a goal that cannot be read; names the line.
-    """
+    """Read requests of one thing each; FileError names a line that is none."""
     return load_lines(path, SaidRequest)
 
 
 def load_texts(path: str | Path) -> tuple[str, ...]:
-    """Read what is said in a file of requests of either kind, one a line.
-
-    Raises:
-        FileError: a line has no text; names the line.
-    """
+    """Read what is said in a file of requests of either kind; errors as `load_said`."""
     return tuple(one.text for one in load_lines(path, SaidLine))
 
 

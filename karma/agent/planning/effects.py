@@ -1,14 +1,17 @@
 """What a program brings about if all of it goes well, by types: for a check before its first step.
 
+Which of its lines are about another thing of the same name, and which part of it is what was asked.
 Not what the agent knows afterwards: that is in `afterwards`, by its own eyes.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
 
-from karma.agent.planning.program import CHANGES, DEEDS, DOOR_AFTER, PUTS, SWITCH_AFTER
+from karma.agent.planning.program import CHANGES, DEEDS, DOOR_AFTER, PUTS, SWITCH_AFTER, WAYS
 from karma.agent.planning.reading import kind_of
 from karma.contracts import SkillCall
+from karma.household.ids import short_type
 from karma.household.places import FLOOR, HAND
 from karma.household.uses import (
     BIN,
@@ -21,6 +24,56 @@ from karma.household.uses import (
     TAPS,
     TOASTER,
 )
+
+
+@dataclass(slots=True)
+class _Chain:
+    """What a program has done so far with the things of one name."""
+
+    turn: int = 0  # things of the name that are put away
+    places: set[str] = field(default_factory=set)  # where this turn's thing was put
+    since: int = 0  # the line after it was last put down
+    cuts: bool = False  # it is carried to cut with: a tool may go back to its place
+
+
+def with_turns(calls: Sequence[SkillCall]) -> tuple[SkillCall, ...]:
+    """Return a program whose lines say how many things of their name were put away before.
+
+    A small planner asks for two pens by saying the same lines twice. Nothing in them tells the
+    second pen from the first, but a plan puts no thing twice into the same place.
+    A line of a later turn searches where it would only go: the other thing may be anywhere.
+
+    >>> lines = [SkillCall.of("PickupObject", "Pen"),
+    ...          SkillCall.of("PutObject", "Pen", "Desk")]
+    >>> [call.turn for call in with_turns([*lines, *lines])]
+    [0, 0, 1, 1]
+    """
+    found, chains = list(calls), dict[str, _Chain]()
+    for number, call in enumerate(calls):
+        name = call.objects[0]
+        chain = chains.setdefault(name, _Chain(since=number))
+        if call.skill == "SliceObject":
+            for other in chains.values():
+                other.cuts = True
+        if call.skill == "PutObject" and call.objects[1:]:
+            place = call.objects[1]
+            if place in chain.places and not chain.cuts and name == short_type(name):
+                chain.turn, chain.places = chain.turn + 1, set()
+                _turn(found, range(chain.since, number + 1), name, chain.turn)
+            chain.places.add(place)
+            chain.since, chain.cuts = number + 1, False
+        if chain.turn:
+            _turn(found, range(number, number + 1), name, chain.turn)
+    return tuple(found)
+
+
+def _turn(found: list[SkillCall], lines: range, name: str, turn: int) -> None:
+    for line in lines:
+        call = found[line]
+        if call.objects[0] == name:
+            searched = call.skill == "GoToObject" and call.turn != turn
+            found[line] = replace(call, turn=turn, skill="Explore" if searched else call.skill)
+
 
 _BY_RUNNING: Mapping[str, tuple[str, ...]] = {
     MICROWAVE: ("heat", "cook"), BURNER: ("heat", "cook"), TOASTER: ("toast", "heat", "cook"),
@@ -72,12 +125,7 @@ class ProgramEffects:
 
 
 def effects_of(calls: Sequence[SkillCall], held: str | None = None) -> ProgramEffects:
-    """Return what a program brings about.
-
-    Args:
-        calls: with names or ids.
-        held: what is in the hand before.
-    """
+    """Return what a program brings about."""
     found = ProgramEffects(held=(held, 0) if held else None)
     found.began = found.held
     if found.held is not None:
@@ -144,3 +192,59 @@ def _switch(found: ProgramEffects, kind: str, word: str) -> None:
             found.deeds.discard(("cool", thing))
         elif kind == BURNER and places & set(COOKWARE):
             found.deeds |= {("heat", thing), ("cook", thing)}
+
+
+def trimmed(
+    calls: Sequence[SkillCall], objection: Callable[[Sequence[SkillCall]], str]
+) -> tuple[SkillCall, ...]:
+    """Return a program less the fewest lines without which there is no objection; () for none.
+
+    Planners bring a pen to a lamp, shut a door that was to stay open, say the same twice. What
+    is cut leaves nothing in the hand that the whole would have put down.
+    """
+    numbered = with_turns(calls)
+    hands = (None, effects_of(numbered).held)
+    for left_out in _parts(numbered):
+        rest = _without(calls, left_out)
+        if rest and effects_of(with_turns(rest)).held in hands and not objection(rest):
+            also = _ways_to_nothing(calls, left_out)
+            less = _without(calls, left_out | also)
+            rest = less if less and not objection(less) else rest
+            while rest[-1].skill in WAYS and rest[1:] and not objection(rest[:-1]):
+                rest = rest[:-1]
+            return rest
+    return ()
+
+
+def _without(calls: Sequence[SkillCall], left_out: frozenset[int]) -> tuple[SkillCall, ...]:
+    return tuple(call for number, call in enumerate(calls) if number not in left_out)
+
+
+def _ways_to_nothing(calls: Sequence[SkillCall], left_out: frozenset[int]) -> frozenset[int]:
+    """Return the lines that only look for or go to a thing to which nothing is done any more."""
+    used = {
+        kind_of(name) for number, call in enumerate(calls) if number not in left_out
+        if call.skill not in WAYS for name in call.objects
+    }  # fmt: skip
+    gone = {kind_of(calls[number].objects[0]) for number in left_out} - used
+    return frozenset(
+        number for number, call in enumerate(calls)
+        if call.skill in WAYS and kind_of(call.objects[0]) in gone
+    )  # fmt: skip
+
+
+def _parts(calls: Sequence[SkillCall]) -> Iterator[frozenset[int]]:
+    """Yield what may be left out: the end, one line, all about a thing or a turn of it, or two."""
+    things: dict[tuple[str, int], set[int]] = {}
+    for number, call in enumerate(calls):
+        things.setdefault((kind_of(call.objects[0]), call.turn), set()).add(number)
+    lines = [frozenset((number,)) for number in range(len(calls))]
+    groups = [frozenset(one) for one in things.values()]
+    turned = frozenset(n for n, call in enumerate(calls) if call.turn)
+    pairs = [one | other for one, other in combinations(groups, 2)]
+    if turned:  # the same lines said twice
+        yield turned
+    yield from (frozenset(range(n, len(calls))) for n in range(len(calls) - 1, 0, -1))
+    yield from lines
+    yield from sorted(groups, key=len)
+    yield from sorted(pairs, key=len)

@@ -114,9 +114,8 @@ class _Draft:
             self.open(self.thing(place[0]))
             return place[0]
         if not self.knows(thing):
-            self.say(
-                "Explore", thing.name, positions=likely_areas(thing.object_type, self.view.areas)
-            )
+            areas = likely_areas(thing.object_type, self.view.areas)
+            self.say("Explore", thing.name, positions=areas)
             self.found.add(thing.name)
         self.say("GoToObject", thing.name)
         return None
@@ -124,6 +123,18 @@ class _Draft:
     def _is_shut(self, place: NamedThing, kind: str) -> bool:
         """Return whether a receptacle has to be opened: those that stand closed are, to be sure."""
         return kind in STAND_CLOSED or "closed" in place.now
+
+    def do_at(self, thing: NamedThing, skill: str, *objects: str) -> None:
+        """Write the way to a thing and what is done there, and shut what was opened for it."""
+        opened = self.reach(thing)
+        self.say(skill, *objects)
+        if opened is not None:
+            self.say("CloseObject", opened)
+
+    def run(self, appliance: str) -> None:
+        """Write the lines that let an appliance run for a moment."""
+        self.say("ToggleOn", appliance)
+        self.say("ToggleOff", appliance)
 
     def open(self, place: NamedThing) -> None:
         """Write the lines that open a receptacle where the robot stands before it."""
@@ -146,10 +157,7 @@ class _Draft:
         self.free(thing.name)
         if self.held is not None:
             self.put_down()
-        opened = self.reach(thing)
-        self.say("PickupObject", thing.name)
-        if opened is not None:
-            self.say("CloseObject", opened)
+        self.do_at(thing, "PickupObject", thing.name)
         self.held = thing
         self.places.pop(thing.name, None)
 
@@ -179,10 +187,10 @@ class _Draft:
         """Write the lines that put a thing into a receptacle, opening and closing what must be."""
         if not receptacle.holds:
             self.take(thing)
-            opened = None if is_position(receptacle.name) else self.reach(receptacle)
-            self.say("PutNear", thing.name, receptacle.name)
-            if opened is not None:
-                self.say("CloseObject", opened)
+            if is_position(receptacle.name):
+                self.say("PutNear", thing.name, receptacle.name)
+            else:
+                self.do_at(receptacle, "PutNear", thing.name, receptacle.name)
             self.held = None
             return
         self.free(receptacle.name)
@@ -200,15 +208,9 @@ class _Draft:
 
 
 def solve(goals: Sequence[Goal], view: ExpertView) -> tuple[SkillCall, ...]:
-    """Write the program that makes the goals true, one subject after another.
+    """Write the program that makes the goals true, one subject after another; () for nothing to do.
 
-    Args:
-        goals: in the order in which they are to come true; arguments are names of `view.things`
-            or AI2-THOR types.
-        view: what is known.
-
-    Returns:
-        The calls; () when there is nothing to do.
+    They come true in their order; arguments are names of `view.things` or AI2-THOR types.
     """
     draft = _Draft(view=view, held=view.held)
     for subject, mine in _in_order(list(_by_subject(goals))):
@@ -340,10 +342,7 @@ def _slice(draft: _Draft, thing: NamedThing) -> None:
     held_knife = draft.held is not None and draft.held.object_type in uses.KNIVES
     if not held_knife:
         draft.take(next((knife for knife in knives if draft.knows(knife)), knives[0]))
-    opened = draft.reach(thing)
-    draft.say("SliceObject", thing.name)
-    if opened is not None:
-        draft.say("CloseObject", opened)
+    draft.do_at(thing, "SliceObject", thing.name)
 
 
 def _empty(draft: _Draft, thing: NamedThing) -> None:
@@ -354,17 +353,13 @@ def _empty(draft: _Draft, thing: NamedThing) -> None:
     kind = object_types().get(thing.object_type)
     vessel = kind is not None and kind.can("canFillWithLiquid")
     if vessel and (not thing.now or "filled" in thing.now):
-        opened = draft.reach(thing)
-        draft.say("EmptyObject", thing.name)
-        if opened is not None:
-            draft.say("CloseObject", opened)
+        draft.do_at(thing, "EmptyObject", thing.name)
 
 
 def _rinse(draft: _Draft, thing: NamedThing) -> str:
     """Write the lines that rinse a thing, which cleans it, and fills it if it can be filled."""
     draft.put(thing, draft.thing(uses.SINK))
-    draft.say("ToggleOn", uses.FAUCET)
-    draft.say("ToggleOff", uses.FAUCET)
+    draft.run(uses.FAUCET)
     return uses.SINK
 
 
@@ -380,29 +375,26 @@ def _heat(draft: _Draft, thing: NamedThing, state: str) -> str:
         if "sliced" not in thing.states and not is_piece(thing.object_type):
             _slice(draft, thing)
         draft.put(thing, draft.thing(uses.TOASTER))
-        draft.say("ToggleOn", uses.TOASTER)
-        draft.say("ToggleOff", uses.TOASTER)
+        draft.run(uses.TOASTER)
         return uses.TOASTER
     oven = draft.thing(uses.MICROWAVE)
     draft.put(thing, oven, close=False)
     if thing.object_type == EGG and state == "cooked":
         draft.say("BreakObject", thing.name)
     draft.say("CloseObject", oven.name)
-    draft.say("ToggleOn", oven.name)
-    draft.say("ToggleOff", oven.name)
+    draft.run(oven.name)
     return uses.MICROWAVE
 
 
 def _switch(draft: _Draft, goal: Goal) -> None:
     """Write the lines that switch or open a thing; what is in the hand stays there."""
     thing = draft.thing(goal.arguments[0])
-    opened = None if thing.object_type in STAND_CLOSED else draft.reach(thing)
-    if thing.object_type in STAND_CLOSED:
-        draft.say("GoToObject", thing.name)
     verb = {"OPEN": "OpenObject", "CLOSED": "CloseObject"}.get(goal.predicate)
     if verb is None:
         kind = "Switch" if thing.object_type == "LightSwitch" else "Toggle"
         verb = kind + ("On" if goal.predicate == "TOGGLEON" else "Off")
-    draft.say(verb, thing.name)
-    if opened is not None:
-        draft.say("CloseObject", opened)
+    if thing.object_type in STAND_CLOSED:
+        draft.say("GoToObject", thing.name)
+        draft.say(verb, thing.name)
+    else:
+        draft.do_at(thing, verb, thing.name)

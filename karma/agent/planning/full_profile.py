@@ -34,9 +34,7 @@ class AreaLine:
 def area_line(area: Area, names: Mapping[str, str]) -> AreaLine:
     """Return an area with its furniture.
 
-    Args:
-        area: the node; without fixtures its types are told.
-        names: name -> object id of furniture that has a name.
+    `names` are furniture's (-> id); an area without fixtures has its types told.
     """
     name_of = {object_id: name for name, object_id in names.items()}
     named = _placed(area.fixtures, name_of)
@@ -44,10 +42,7 @@ def area_line(area: Area, names: Mapping[str, str]) -> AreaLine:
     spoken |= {*_UNSAID, *(basin for basin, whole in WHOLE_OF.items() if whole in area.contains)}
     rest = [kind for kind in area.contains if kind not in spoken]
     return AreaLine(
-        name=area.name,
-        position_m=area.position_m,
-        adjacent=area.adjacent,
-        things=(*named, *rest),
+        name=area.name, position_m=area.position_m, adjacent=area.adjacent, things=(*named, *rest)
     )
 
 

@@ -8,6 +8,7 @@ and recovery are those of programs.
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Literal
 
 from karma.agent.planning.expert import ExpertView, NamedThing
 from karma.agent.planning.guard import in_pieces, meant_by, switch_of
@@ -30,38 +31,29 @@ _STATES = {
     "Fill": ("filled", "canFillWithLiquid", "it is full of water"),
     "Empty": ("empty", "", "nothing is in it"),
     "Break": ("broken", "breakable", "it is broken"),
-}  # line -> state, what a thing must be, words
-_SWITCHES = {
     "Open": ("OPEN", "openable", "it is open"),
     "Close": ("CLOSED", "openable", "it is closed"),
     "TurnOn": ("TOGGLEON", "toggleable", "it is on; the Faucet is a tap"),
     "TurnOff": ("TOGGLEOFF", "toggleable", "it is off"),
-}  # line -> predicate, likewise
+}  # line -> state, or the predicate that ends in one; what a thing must be; words
+_BY_END = {end: line for line, (end, _, _) in _STATES.items()}
 _PUT, _NEAR, _HOLD, _COFFEE = "Put", "Near", "Hold", "MakeCoffee"
 _MOVES = ("put", "throw")
 _BY_DEED = {"put": _PUT, "throw": _PUT, "take": _HOLD, "coffee": _COFFEE}
-_BY_STATE = {
-    **{state: line for line, (state, _, _) in _STATES.items()},
-    **{END_STATES[ends]: line for line, (ends, _, _) in _SWITCHES.items()},
-}  # how a thing is to be -> line
+_BY_STATE = {END_STATES.get(end, end): line for end, line in _BY_END.items()}
 _BREWING = Goal(predicate="TOGGLEON", arguments=(uses.COFFEE_MACHINE,))
-
-
-def _line(name: str, doc: str, takes: str = "") -> Skill:
-    return Skill(name=name, arguments=("object",), doc=doc, takes=takes)
-
-
-def _two(name: str, doc: str) -> Skill:
-    return Skill(name=name, arguments=("object", "object"), doc=doc)
-
-
+_TWO: tuple[Literal["object"], ...] = ("object", "object")
 GOAL_LINES: tuple[Skill, ...] = (
-    _two(_PUT, "the first thing lies in or on the second"),
-    _two(_NEAR, "the first thing lies near the second"),
-    _line(_HOLD, "the robot has it in its hand", "pickupable"),
-    *(_line(name, doc, takes) for name, (_, takes, doc) in _STATES.items()),
-    *(_line(name, doc, takes) for name, (_, takes, doc) in _SWITCHES.items()),
-    _line(_COFFEE, "this mug or cup is full of coffee", "canFillWithLiquid"),
+    Skill(name=_PUT, arguments=_TWO, doc="the first thing lies in or on the second"),
+    Skill(name=_NEAR, arguments=_TWO, doc="the first thing lies near the second"),
+    *(
+        Skill(name=name, arguments=("object",), doc=doc, takes=takes)
+        for name, (_, takes, doc) in {
+            _HOLD: ("", "pickupable", "the robot has it in its hand"),
+            **_STATES,
+            _COFFEE: ("", "canFillWithLiquid", "this mug or cup is full of coffee"),
+        }.items()
+    ),
 )
 """What may be said to be so; `doc` is what the prompt says of a line."""
 
@@ -69,15 +61,9 @@ GOAL_LINES: tuple[Skill, ...] = (
 def program_for(
     lines: Sequence[SkillCall], units: Sequence[MemoryUnit], names: Mapping[str, str]
 ) -> tuple[SkillCall, ...]:
-    """Return the plain program that makes goals true, which the inspector then sees through.
+    """Return the plain program that makes goals true; () where nothing is left to do.
 
-    Args:
-        lines: of an answer.
-        units: that the prompt told of.
-        names: the prompt's short names, and their ids.
-
-    Returns:
-        The calls; () where nothing is left to do.
+    `units` are those that the prompt told of, `names` its short names (-> id).
     """
     unit_of = {unit.object_id: unit for unit in units}
     near = {line.objects[1] for line in lines if line.skill == _NEAR}
@@ -106,10 +92,10 @@ def _goals(line: SkillCall) -> Iterator[Goal]:
     elif line.skill == _COFFEE:
         yield Goal(predicate="STATE", arguments=(thing, "filled"))
         yield _BREWING
-    elif line.skill in _STATES:
-        yield Goal(predicate="STATE", arguments=(thing, _STATES[line.skill][0]))
+    elif (end := _STATES[line.skill][0]) in END_STATES:
+        yield Goal(predicate=end, arguments=(thing,))
     else:
-        yield Goal(predicate=_SWITCHES[line.skill][0], arguments=(thing,))
+        yield Goal(predicate="STATE", arguments=(thing, end))
 
 
 def as_lines(goals: Sequence[Goal]) -> tuple[SkillCall, ...]:
@@ -138,25 +124,18 @@ def _line_of(goal: Goal, *, brews: bool) -> SkillCall | None:
         case "HOLDON":
             name, objects = _HOLD, tuple(others)
         case "STATE":
-            names = {state: line for line, (state, _, _) in _STATES.items()}
-            name = names.get(DONE_BY.get(others[0], others[0]), "")
-            name, objects = _COFFEE if brews and name == "Fill" else name, (first,)
+            name, objects = _BY_END.get(DONE_BY.get(others[0], others[0]), ""), (first,)
+            name = _COFFEE if brews and name == "Fill" else name
         case predicate:
-            names = {one: line for line, (one, _, _) in _SWITCHES.items()}
-            name, objects = names.get(predicate, ""), (first,)
+            name, objects = _BY_END.get(predicate, ""), (first,)
     return SkillCall(skill=name, objects=objects) if name else None
 
 
 def asked_lines(asked: Request, here: Collection[str]) -> tuple[SkillCall, ...]:
     """Return the goals of a request as its words were read, for want of a planner's answer.
 
-    Args:
-        asked: each thing of it has to be one whole of a type, not one of several, a piece, or known
-            by its past, its state or what lies in it.
-        here: types that the agent knows of in this room.
-
-    Returns:
-        The lines in the order of the deeds; () where one has no line.
+    In the order of the deeds; () where one has no line. Each thing has to be one whole of a type,
+    not one of several, a piece, or known by its past, its state or what lies in it.
     """
     found: list[SkillCall] = []
     if in_pieces(asked, here):
@@ -195,10 +174,7 @@ def _asked_line(deed: SaidDeed, thing: Mention | None, here: Collection[str]) ->
 def _asked_type(one: Mention | None, here: Collection[str], need: str) -> str:
     """Return the one type that a mention means here; "" where words alone do not tell.
 
-    Args:
-        one: a thing or place.
-        here: types that the agent knows of in this room.
-        need: what it has to be, "" for anything.
+    It has to be what `need` says, "" for anything.
     """
     if one is None or one.told or one.anything or one.every or one.other or one.holding:
         return ""

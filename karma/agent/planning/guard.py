@@ -8,9 +8,8 @@ word speaks of. What the words ask for is in a `Request`, what the program bring
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 
-from karma.agent.planning.effects import ProgramEffects, Thing, effects_of
+from karma.agent.planning.effects import ProgramEffects, Thing, effects_of, with_turns
 from karma.agent.planning.reading import kind_of
-from karma.agent.planning.several import with_turns
 from karma.contracts import Mention, RefusalKind, RefusedRequest, Request, SaidDeed, SkillCall
 from karma.household.deeds import FOR_GOOD, able_to, deed_kind
 from karma.household.pieces import EGG
@@ -38,36 +37,27 @@ from karma.language.request_words import deed_states, request_words
 def cannot_serve(request: Request, here: Collection[str]) -> RefusedRequest | None:
     """Return why a request cannot be carried out, whatever the planner; None if it may be.
 
-    Args:
-        request: what was asked.
-        here: types that the agent knows of in this room.
+    `here`: types that the agent knows of in this room.
     """
     if not request.english:
-        return _refused("language", ())
+        return _refused("language")
     if request.form != "errand":
         kinds: dict[str, RefusalKind] = {"question": "question", "incomplete": "incomplete"}
-        words = (request.lacking,) if request.lacking else ()
-        return _refused(kinds.get(request.form, "statement"), words)
+        return _refused(kinds.get(request.form, "statement"), *filter(None, [request.lacking]))
     if request.times:
-        return _refused("time", request.times)
+        return _refused("time", *request.times)
     if request.unread:
-        return _refused("deed" if _is_verb(request) else "unclear", request.unread)
+        verbs = {deed.verb for deed in request.deeds if not deed.deed}
+        kind: RefusalKind = "unclear" if verbs.isdisjoint(request.unread) else "deed"
+        return _refused(kind, *request.unread)
     if not request.deeds:
-        return _refused("negated", ())
-    if any(one.state == "" for one in request.conditions):
-        return _refused("unclear", tuple(one.text for one in request.conditions if not one.state))
-    for deed in request.deeds:
-        found = _unknown(deed, here)
-        if found is not None:
-            return found
-    return None
+        return _refused("negated")
+    if unclear := [one.text for one in request.conditions if not one.state]:
+        return _refused("unclear", *unclear)
+    return next(filter(None, (_unknown(deed, here) for deed in request.deeds)), None)
 
 
-def _is_verb(request: Request) -> bool:
-    return any(not deed.deed and deed.verb in request.unread for deed in request.deeds)
-
-
-def _refused(kind: RefusalKind, words: tuple[str, ...]) -> RefusedRequest:
+def _refused(kind: RefusalKind, *words: str) -> RefusedRequest:
     return RefusedRequest(kind=kind, by="guard", words=words)
 
 
@@ -78,25 +68,25 @@ def _unknown(deed: SaidDeed, here: Collection[str]) -> RefusedRequest | None:
             continue
         kinds = meant_by(one, here)
         if not kinds:
-            return _refused("place" if one.types else "thing", (one.text,))
+            return _refused("place" if one.types else "thing", one.text)
         needs = (deed_kind(deed.deed).takes, "pickupable" if deed.deed == "fill" else "")
         able = any(all(able_to(kind, need) for need in needs if need) for kind in kinds)
         if deed.deed == "coffee" and not {*kinds} & {COFFEE_CUP, "Cup"}:
-            return _refused("impossible", (f"fill the {one.text} with coffee",))
+            return _refused("impossible", f"fill the {one.text} with coffee")
         if not able:  # a plant cannot be brought to the tap
-            return _refused("impossible", (f"{deed.verb} the {one.text}",))
+            return _refused("impossible", f"{deed.verb} the {one.text}")
     return _unknown_place(deed, deed.place, here) if deed.place is not None else None
 
 
 def _unknown_place(deed: SaidDeed, place: Mention, here: Collection[str]) -> RefusedRequest | None:
     if place.told:
-        return _refused("unclear", (place.text,))
+        return _refused("unclear", place.text)
     kinds = meant_by(place, here)
     if not kinds:
-        return _refused("place", (place.text,))
+        return _refused("place", place.text)
     holds = any(able_to(kind, "receptacle") for kind in kinds)
     if deed.deed == "put" and not deed.near and not holds:
-        return _refused("impossible", (f"{deed.verb} something in or on the {place.text}",))
+        return _refused("impossible", f"{deed.verb} something in or on the {place.text}")
     return None
 
 
@@ -107,10 +97,11 @@ def here_of(types: Sequence[str], here: Collection[str]) -> tuple[str, ...]:
     """
     kinds = {kind_of(one) for one in here}
     seen = tuple(kind for kind in types if kind in here or kind_of(kind) in kinds)
-    if seen:
-        return seen
-    fixed = landmark_types() - OVERLOOKED
-    return tuple(kind for kind in types if not here or not (kind in fixed or _cannot_hide(kind)))
+    if seen or not here:
+        return seen or tuple(types)
+    fixed = landmark_types() - OVERLOOKED  # a tour shows what stands or hangs free
+    free = {one for one in types if not object_types()[one].can("pickupable")} - OVERLOOKED
+    return tuple(kind for kind in types if kind not in fixed | free)
 
 
 def meant_by(one: Mention, here: Collection[str]) -> tuple[str, ...]:
@@ -153,12 +144,6 @@ def _is_a(kind: str, one: Mention) -> bool:
     return spoken(kind).lower().split()[-1] == singular(one.text.lower().split()[-1])
 
 
-def _cannot_hide(kind: str) -> bool:
-    """Return whether a tour shows a thing where it is: it stands or hangs free."""
-    known = object_types()[kind]
-    return not known.can("pickupable") and kind not in OVERLOOKED
-
-
 # ----------------------------------------------------------------- a program
 
 
@@ -168,13 +153,8 @@ def stopped(
 ) -> str:  # fmt: skip
     """Return why a program is not what was asked; "" where it is.
 
-    Args:
-        calls: of the program, with names or ids.
-        request: what was asked.
-        here: types that the agent knows of in this room.
-        held: what is in the hand before.
-        exact: what people call so as well will not do: no mug for a cup.
-        begun: some of it was done before, and need not be done again.
+    `held` is in the hand before. With `exact` what people call so as well will not do: no mug for a
+    cup. What was `begun` need not be done again.
     """
     found = effects_of(with_turns(calls), held)
     request = _told_apart(_exactly(request, here) if exact else request)
@@ -189,13 +169,7 @@ def stopped(
 def put_near(
     calls: Sequence[SkillCall], request: Request, here: Collection[str]
 ) -> tuple[SkillCall, ...]:
-    """Return a program that puts near a place what was to be put there: planners put it on it.
-
-    Args:
-        calls: of the program, with short names.
-        request: what was asked.
-        here: types that the agent knows of in this room.
-    """
+    """Return a program that puts near a place what was to be put there: planners put it on it."""
     found = list(calls)
     for deed in request.deeds:
         places = here_of(deed.place.types, here) if deed.place and deed.near else ()
@@ -214,13 +188,7 @@ def put_near(
 def kept_open(
     calls: Sequence[SkillCall], request: Request, here: Collection[str]
 ) -> tuple[SkillCall, ...]:
-    """Return a program that does not close what the same sentence asks to open.
-
-    Args:
-        calls: of the program, with short names.
-        request: what was asked, with the rest of its sentence.
-        here: types that the agent knows of in this room.
-    """
+    """Return a program that does not close what the same sentence asks to open."""
     deeds = [*request.rest, *(one for one in request.deeds if one not in request.rest)]
     last = {kind: one.deed for one in deeds if one.deed in ("open", "close")
             for kind in _of_things(one, here)}  # fmt: skip
@@ -241,14 +209,13 @@ def _ruled_out(found: ProgramEffects, request: Request, here: Collection[str]) -
     asked = {kind for one in request.mentions for kind in _kinds(one, here)}
     for one in request.exclusions:
         for kind in sorted(_kinds(one, here) - asked):
-            used = kind in found.switched or kind in found.doors or found.of((kind,)) or any(
-                kind in (*places, found.at.get(thing)) for thing, places in found.passed.items()
-            ) or any(kind_of(thing[0]) == kind for _, thing in found.deeds)  # fmt: skip
-            if used:
+            touched = {kind_of(name) for name, _ in (*found.at, *(one for _, one in found.deeds))}
+            passed = {place for thing, places in found.passed.items()
+                      for place in (*places, found.at.get(thing))}  # fmt: skip
+            if kind in {*found.switched, *found.doors, *touched, *passed}:
                 yield f"it says not to use the {one.text}"
     for deed in request.forbidden:
-        kinds = {kind for one in deed.things for kind in _kinds(one, here)}
-        if _does(found, deed, kinds):
+        if _does(found, deed, _of_things(deed, here)):
             yield f"it says not to {deed.verb}"
 
 
@@ -256,19 +223,17 @@ def _does(found: ProgramEffects, deed: SaidDeed, kinds: Collection[str]) -> bool
     """Return whether a program does a deed to one of some kinds, to any if there are none."""
     every = not kinds
     match deed.deed:
-        case "on":
-            return any(every or kind in kinds for kind in found.ran)
-        case "off":
-            return any(
-                w == "off" and (every or kind in kinds) for kind, w in found.switched.items()
-            )
-        case "open":
-            return any(every or kind in kinds for kind in found.opened)
-        case "close":
-            return any(w == "close" and (every or kind in kinds) for kind, w in found.doors.items())
+        case "on" | "open" | "off" | "close":
+            done = {
+                "on": found.ran,
+                "open": found.opened,
+                "off": {kind for kind, word in found.switched.items() if word == "off"},
+                "close": {kind for kind, word in found.doors.items() if word == "close"},
+            }[deed.deed]
+            return any(every or kind in kinds for kind in done)
         case "put" | "take":
             things = [thing for thing in found.at if every or kind_of(thing[0]) in kinds]
-            places = {kind for kind in deed.place.types} if deed.place else None
+            places = {*deed.place.types} if deed.place else None
             return any(places is None or found.places(thing) & places for thing in things)
         case _:
             return any(
@@ -298,20 +263,15 @@ def _left_out(found: ProgramEffects, request: Request, here: Collection[str]) ->
                 kinds = frozenset((COFFEE_CUP, "Cup"))
             if not _done(found, deed, kinds, places, _after(request, deed, one)):
                 yield f"it does not {deed.verb} the {one.text}{_told_place(deed)}"
-        if (
-            deed.deed == "coffee"
-            and not deed.things
-            and not found.did("coffee", (COFFEE_CUP, "Cup"))
-        ):
+        coffee = deed.deed == "coffee" and not deed.things
+        if coffee and not found.did("coffee", (COFFEE_CUP, "Cup")):
             yield "it makes no coffee"
 
 
 def _after(request: Request, deed: SaidDeed, one: Mention) -> list[SaidDeed]:
     """Return the later deeds of the request that are about the same thing."""
-    later = request.deeds[request.deeds.index(deed) + 1 :]
-    return [
-        other for other in later if any(set(two.types) & set(one.types) for two in other.things)
-    ]
+    later, types = request.deeds[request.deeds.index(deed) + 1 :], {*one.types}
+    return [other for other in later if any(types & {*two.types} for two in other.things)]
 
 
 def _done(
@@ -322,7 +282,7 @@ def _done(
     things = found.of(kinds)
     match deed.deed:
         case "put":
-            if later and any(other.deed == "put" for other in later):
+            if any(other.deed == "put" for other in later):
                 return bool(things)
             if not places:
                 return any(found.at[thing] != HAND for thing in things)
@@ -336,15 +296,9 @@ def _done(
         case "find" | "go" | "look":
             return bool(found.visited & set(kinds))
         case "on" | "off":
-            return (
-                any(
-                    found.switched.get(switch_of(kind)) == deed.deed
-                    or (deed.deed == "on" and _momentary(kind) and switch_of(kind) in found.ran)
-                    for kind in kinds
-                )
-                if not later
-                else True
-            )
+            ran = {kind for kind in kinds if deed.deed == "on" and _momentary(kind)} & found.ran
+            left = (found.switched.get(switch_of(kind)) == deed.deed for kind in kinds)
+            return bool(later or ran) or any(left)
         case "open" | "close":
             if later:
                 return bool(found.visited & set(kinds))
@@ -383,7 +337,7 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
     deeds |= {"slice"} if pieces else set()
     named = {kind for one in request.mentions for kind in _kinds(one, here)}
     loose = any(one.anything or one.told for one in request.mentions)
-    things = {kind for deed in request.deeds for one in deed.things for kind in _kinds(one, here)}
+    things = {kind for deed in request.deeds for kind in _of_things(deed, here)}
     places = {kind for deed in request.deeds for kind in _kinds(deed.place, here)}
     along = {kind for deed in deeds for kind in deed_kind(deed).tools}
     help_ = {kind for deed in deeds for kind in deed_kind(deed).put_in} | places
@@ -391,42 +345,33 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
     help_ |= {kind_of(kind) for one in request.mentions for kind in one.at}
     for thing, place in found.at.items():
         kind = kind_of(thing[0])
-        if not (
-            kind in things
-            or kind in along
-            or loose
+        if kind in along or loose:
+            continue
+        if kind in things:
+            yield from _misplaced(found, thing, own_only, request, here, help_)
+        elif not (
+            (kind in named and place == HAND)
             or _goes_along(found, thing, request, here)
             or _bears(found, thing, request, here)
-            or (thing == found.began and (place == HAND or place in SURFACES))
+            or (thing == found.began and place in (HAND, *SURFACES))
         ):
-            if not (kind in named and place == HAND):
-                yield f"nobody asked for the {spoken(kind)} to be moved"
-        elif kind in things and kind not in along and not loose:
-            yield from _misplaced(found, thing, own_only, request, here, help_)
+            yield f"nobody asked for the {spoken(kind)} to be moved"
     for deed, thing in sorted(found.deeds):
         kind = kind_of(thing[0])
         own = {
-            d.deed
-            for d in request.deeds
-            if loose or not d.things or any(kind in _kinds(one, here) for one in d.things)
-        }
+            one.deed for one in request.deeds
+            if loose or not one.things or kind in _of_things(one, here)
+        }  # fmt: skip
         cut = deed == "slice" and (kind in pieces or (kind == TOASTED and "toast" in own))
         cracked = deed == "break" and kind == EGG and "cook" in own
-        if (
-            deed in FOR_GOOD
-            and deed not in own
-            and not (cut or cracked)
-            and not (deed == "throw" and BIN in places and kind in things)
-        ):
+        binned = deed == "throw" and BIN in places and kind in things
+        if deed in FOR_GOOD and not (deed in own or cut or cracked or binned):
             yield f"nobody asked to {deed} the {spoken(kind)}"
     runs = {kind for deed in deeds for kind in deed_kind(deed).runs}
     switched = {
-        switch_of(kind)
-        for deed in request.deeds
-        if deed.deed in ("on", "off")
-        for one in deed.things
-        for kind in _kinds(one, here)
-    }
+        switch_of(kind) for deed in request.deeds if deed.deed in ("on", "off")
+        for kind in _of_things(deed, here)
+    }  # fmt: skip
     for kind in sorted(found.switched):
         if kind not in runs | switched and not (loose and deeds & {"on", "off"}):
             word = found.switched[kind]
@@ -533,34 +478,21 @@ def _misplaced(
 ) -> Iterator[str]:  # fmt: skip
     """Yield that a named thing comes to a place that nobody spoke of.
 
-    Args:
-        found: what the program brings about.
-        thing: that it moves.
-        own: what is to be done now.
-        whole: the same with what the sentence asks besides, which may be done as well.
-        here: types that the agent knows of in this room.
-        help_: where things may be put on the way.
+    `own` is to be done now; `whole` has what the sentence asks besides, which may be done as well;
+    `help_` are kinds of places where things may be put on the way.
     """
     kind, place = kind_of(thing[0]), found.at[thing]
     wanted, besides = _goes_to(kind, own, here), _goes_to(kind, whole, here)
-    places = found.places(thing)
-    if places & (besides or set()):
+    rests = (BURNER,) if kind in COOKWARE else ()  # where it may be put that was to go nowhere
+    if found.places(thing) & (besides or set()):
         return
     if wanted:
         yield f"the {spoken(kind)} is to be elsewhere"
-    elif wanted is None and place != HAND and place not in (*help_, *_rests_on(kind)):
+    elif wanted is None and place not in (HAND, *help_, *SURFACES, *rests):
         yield f"nobody asked for the {spoken(kind)} to be put {spoken(place)}"
-
-
-def _rests_on(kind: str) -> Collection[str]:
-    """Return where a thing may be put down that was to be put nowhere."""
-    return (*SURFACES, BURNER) if kind in COOKWARE else SURFACES
 
 
 def _goes_to(kind: str, request: Request, here: Collection[str]) -> set[str] | None:
     """Return where a thing is to be put: kinds, none where any will do; None: nowhere."""
-    puts = [
-        deed for deed in request.deeds
-        if deed.deed == "put" and any(kind in _kinds(one, here) for one in deed.things)
-    ]  # fmt: skip
+    puts = [one for one in request.deeds if one.deed == "put" and kind in _of_things(one, here)]
     return {place for deed in puts for place in _kinds(deed.place, here)} if puts else None

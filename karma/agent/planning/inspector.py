@@ -9,13 +9,14 @@ Source: ours; the idea of repairing preconditions is HELPER's (Sarch et al. 2023
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 from karma.agent.planning.program import DOOR_AFTER, PUTS, SKILL_OF, SWITCH_AFTER, WAYS
 from karma.contracts import Area, HandSpec, MemoryUnit, PlanRequest, SeenObject, Skill, SkillCall
 from karma.household.containment import fits_whole_or_cut, goes_in, has_door, vessels
 from karma.household.ids import short_type, type_of
 from karma.household.places import FLOOR, LIKELY, SURFACES
-from karma.household.types import WIDEST, ObjectType, object_types
+from karma.household.types import WIDEST, object_types
 from karma.household.uses import KNIVES, SWITCHED_BY_A_PART
 
 TOLD = 12  # receptacles in one sentence: as many types as a room has
@@ -44,14 +45,9 @@ def mend(
       known surface.
     * What runs is switched off before its door or lid is moved.
 
-    Args:
-        calls: the program, with the prompt's short names.
-        known: names and types whose place the agent knows.
-        shut: names of things that memory has in something closed.
-        cut: names of things that memory has as sliced.
-        running: types of things that were seen to run.
-        held: the short name of what is in the hand.
-        areas: long-term memory, for the order of searches.
+    All names are the prompt's short names: `known` are those and types whose place the agent knows,
+    `shut` those that memory has in something closed, `cut` as sliced; `running` are types of things
+    that were seen to run.
     """
     found, mended, hand = set(known), list[SkillCall](), held
     for call in _without_cuts(calls, cut):
@@ -109,14 +105,10 @@ def _without_cuts(calls: Sequence[SkillCall], cut: Collection[str]) -> Sequence[
 def likely_areas(object_type: str, areas: Sequence[Area]) -> tuple[str, ...]:
     """Return the area node to search first: the first with the likeliest place for a type."""
     kind = object_types().get(object_type)
-    fits = kind.goes_in if kind is not None else None
-    for place in LIKELY:
-        if fits is None or place not in fits:
-            continue
-        for area in areas:
-            if place in area.contains:
-                return (area.name,)
-    return ()
+    fits = (kind.goes_in if kind is not None else None) or ()
+    likely = (place for place in LIKELY if place in fits)
+    found = (area.name for place in likely for area in areas if place in area.contains)
+    return tuple(islice(found, 1))
 
 
 def _put_down(hand: str | None, name: str, known: Collection[str]) -> list[SkillCall]:
@@ -127,20 +119,13 @@ def _put_down(hand: str | None, name: str, known: Collection[str]) -> list[Skill
     fitting = [name for name in SURFACES if fits_whole_or_cut(kind.name, name)]
     there = [name for name in fitting if name in known]
     for surface in (there or fitting)[:1]:
-        search = [] if there else [SkillCall(skill="Explore", objects=(surface,))]
-        return [*search, SkillCall(skill="PutObject", objects=(hand, surface))]
+        search = [] if there else [SkillCall.of("Explore", surface)]
+        return [*search, SkillCall.of("PutObject", hand, surface)]
     return []
 
 
 def _placed(name: str, found: Collection[str], held: str | None) -> bool:
     return name in found or short_type(name) in found or name == held or name.startswith("node_")
-
-
-@dataclass(slots=True)
-class _Hand:
-    """What would be held at a line."""
-
-    held: str | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,21 +148,13 @@ def objection(
 ) -> Objection | None:
     """Return what is wrong with the first line that cannot work, None if nothing is.
 
-    Args:
-        calls: the program, with the prompt's short names.
-        held: the short name of what is in the hand.
-        known: names and types whose place the agent knows; what would help is one of them.
+    What would help is `known`.
     """
-    hand = _Hand(held=held)
     for number, call in enumerate(calls):
-        if reason := _refused(call, hand):
-            return Objection(
-                line=number,
-                call=call,
-                reason=reason,
-                help=_help(call, known),
-                lasting=_lasts(reason, call),
-            )
+        reason, held = _refused(call, held)
+        if reason:
+            lasting, advice = _lasts(reason, call), _help(call, known)
+            return Objection(line=number, call=call, reason=reason, help=advice, lasting=lasting)
     return None
 
 
@@ -190,35 +167,32 @@ def _help(call: SkillCall, known: Collection[str]) -> str:
     return goes_where(thing, call.objects[1], places) if asked and known else ""
 
 
-def _refused(call: SkillCall, hand: _Hand) -> str:
+def _refused(call: SkillCall, held: str | None) -> tuple[str, str | None]:
+    """Return why a call cannot work, "" where it can, and what is held after it."""
     name = call.objects[-1]
     if call.skill == "ThrowObject":
-        hand.held = None
-        return ""
+        return "", None
     if reason := _incapable(call):
-        return reason
+        return reason, held
     if call.skill == "PickupObject":
-        if hand.held is not None and hand.held != name:
-            return f"the hand holds {hand.held}; put it down first"
-        hand.held = name
-    elif call.skill in PUTS:
-        return _put(call, hand)
-    return ""
+        full = held is not None and held != name
+        return (f"the hand holds {held}; put it down first", held) if full else ("", name)
+    if call.skill in PUTS:
+        reason = _put_refused(call, held)
+        return reason, held if reason else None
+    return "", held
 
 
-def _put(call: SkillCall, hand: _Hand) -> str:
-    name = call.objects[0] if len(call.objects) == 2 else (hand.held or "")
+def _put_refused(call: SkillCall, held: str | None) -> str:
+    name = call.objects[0] if len(call.objects) == 2 else (held or "")
     place = call.objects[-1]
-    if hand.held is None:
+    if held is None:
         return f"the hand is empty; PickupObject(robot, '{name}') first"
-    if short_type(hand.held) != short_type(name):
-        return f"the hand holds {hand.held}, not {name}"
+    if short_type(held) != short_type(name):
+        return f"the hand holds {held}, not {name}"
     if reason := _misplaced(replace(call, objects=(name, place))):
         return reason
-    if name == place:
-        return f"{name} cannot be placed in itself"
-    hand.held = None
-    return ""
+    return f"{name} cannot be placed in itself" if name == place else ""
 
 
 def _incapable(call: SkillCall) -> str:
@@ -231,7 +205,10 @@ def _incapable(call: SkillCall) -> str:
 def _may_take(skill: Skill, name: str) -> bool:
     """Return whether a skill can be done with what goes by a name; what is unknown may be."""
     kind = object_types().get(short_type(name))
-    return not skill.takes or kind is None or _can(kind, skill.takes)
+    if not skill.takes or kind is None or skill.takes in kind.capabilities:
+        return True
+    by_part = skill.takes == "toggleable" and kind.name in SWITCHED_BY_A_PART
+    return by_part or (skill.takes == "sliceable" and bool(kind.slices_into))
 
 
 def narrowed(
@@ -241,8 +218,11 @@ def narrowed(
 
     Skills that take anything are left out.
     """
-    held = tuple(name for name in names if _can_be(name, "pickupable"))
-    places = tuple(name for name in names if _can_be(name, "receptacle"))
+    kinds = {name: object_types().get(short_type(name)) for name in names}
+    held, places = (
+        tuple(one for one, kind in kinds.items() if kind is None or need in kind.capabilities)
+        for need in ("pickupable", "receptacle")
+    )
     found: list[tuple[str, tuple[tuple[str, ...], ...]]] = []
     for skill in skills:
         if skill.name in ("PutNear", "Near"):
@@ -257,10 +237,7 @@ def narrowed(
 def hand_of(request: PlanRequest, names: Mapping[str, str], admitted: Sequence[str]) -> HandSpec:
     """Return how hand and doors are before a program.
 
-    Args:
-        request: says what is held, and which doors were seen open.
-        names: the prompt's short names, and their ids.
-        admitted: the names that a program may say.
+    `admitted` are the names that a program may say.
     """
     known: tuple[MemoryUnit | SeenObject, ...] = (*request.units, *request.seen)
     stands_open = {one.object_id for one in known if "opened" in one.states}
@@ -270,11 +247,6 @@ def hand_of(request: PlanRequest, names: Mapping[str, str], admitted: Sequence[s
         held=next(held, None),
         shut=tuple(name for name in shut if names.get(name) not in stands_open),
     )
-
-
-def _can_be(name: str, capability: str) -> bool:
-    kind = object_types().get(short_type(name))
-    return kind is None or capability in kind.capabilities
 
 
 def _misplaced(call: SkillCall) -> str:
@@ -295,14 +267,6 @@ def _lasts(reason: str, call: SkillCall) -> bool:
     return not any(vessels(object_types(), thing, receptacle))
 
 
-def _can(kind: ObjectType, capability: str) -> bool:
-    if capability == "toggleable" and kind.name in SWITCHED_BY_A_PART:
-        return True
-    if capability == "sliceable" and kind.slices_into:
-        return True
-    return capability in kind.capabilities
-
-
 def takers(object_type: str, known: Iterable[str]) -> list[str]:
     """Return which known types of receptacles a thing goes in or on as it is, in the order given.
 
@@ -318,10 +282,7 @@ def takers(object_type: str, known: Iterable[str]) -> list[str]:
 def goes_where(object_type: str, receptacle: str, known: Sequence[str]) -> str:
     """Say where a thing goes that a receptacle does not take, and what would bring it there.
 
-    Args:
-        object_type: of the thing.
-        receptacle: its name, type or id.
-        known: names and types of what the agent knows of, the best first.
+    `known` are names and types, the best first.
 
     >>> goes_where("Laptop", "Cabinet_2", ["Fridge", "Desk", "Box"])
     'of what is known here it goes in or on Desk, Box; in Box it can be carried to Cabinet_2'

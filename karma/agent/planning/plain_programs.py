@@ -19,9 +19,7 @@ from karma.household.places import SURFACES, landmark_types
 def plain_program(goals: Sequence[Goal], view: ExpertView) -> tuple[SkillCall, ...]:
     """Return the expert's program as if every place was known and open and the hand free.
 
-    Args:
-        goals: in the order in which they are to come true.
-        view: only the things' names, types and states are looked at.
+    Only names, types and states of the view's things are looked at.
     """
     things = tuple(replace(thing, place=None, place_type=None) for thing in view.things)
     known = ExpertView(things=things, landmarks=frozenset(landmark_types()))

@@ -1,19 +1,18 @@
 """From what the agent knows to a program: prompt, model, parser, with bounded retries."""
 
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass, field, replace
+from typing import Literal, Self
 
+from karma.agent.planning.effects import trimmed, with_turns
 from karma.agent.planning.goal_lines import asked_lines, program_for
 from karma.agent.planning.guard import kept_open, put_near, stopped
 from karma.agent.planning.inspector import Objection, hand_of, mend, narrowed, objection
 from karma.agent.planning.program import SKILLS
 from karma.agent.planning.prompt import GOALS, render, skills_of
 from karma.agent.planning.reading import astray
-from karma.agent.planning.recovery import program_of
+from karma.agent.planning.recovery import Recovered, program_of
 from karma.agent.planning.refused_requests import KNOWN, cannot_be, doubted, with_words
-from karma.agent.planning.several import with_turns
-from karma.agent.planning.trimming import trimmed
 from karma.contracts import (
     REFUSAL_KINDS,
     Completion,
@@ -27,6 +26,7 @@ from karma.contracts import (
     Plan,
     PlanRequest,
     ProgramSpec,
+    RefusalKind,
     RefusedRequest,
     Request,
     Resources,
@@ -41,41 +41,21 @@ from karma.household.types import object_types
 _LOOSE_AFTER = 2  # answers after which a mug will do for a cup
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Planner:
-    """One model with its prompt profile.
+    """One model with its prompt profile, see `karma.agent.planning.prompt.PROFILES`."""
 
-    Args:
-        model: any `LanguageModel`.
-        profile: of its prompts, see `karma.agent.planning.prompt.PROFILES`.
-        decoding: how answers are drawn.
-        hints: of an instruction; None: the planner reads none.
-        examples: for an instruction; None: the prompt has none but its own.
-        doubt: decides by the first answer whether a request is refused; None: the answer does.
-        listen: hears answers as they come.
-    """
-
-    def __init__(
-        self,
-        model: LanguageModel,
-        profile: str,
-        decoding: Decoding | None = None,
-        hints: Hints | None = None,
-        doubt: Doubt | None = None,
-        listen: Listener | None = None,
-        examples: Examples | None = None,
-    ) -> None:
-        self.model = model
-        self.profile = profile
-        self.decoding = decoding or Decoding()
-        self.hints = hints
-        self.doubt = doubt
-        self.listen = listen
-        self.examples = examples
+    model: LanguageModel
+    profile: str
+    decoding: Decoding = field(default_factory=Decoding)
+    hints: Hints | None = None  # of an instruction; None: the planner reads none
+    doubt: Doubt | None = None  # by the first answer; None: the answer alone may refuse a request
+    listen: Listener | None = None  # hears answers as they come
+    examples: Examples | None = None  # for an instruction; None: the prompt has none but its own
 
     @classmethod
-    def of(cls, resources: Resources) -> Self:
+    def of(cls, given: Resources) -> Self:
         """Return the planner that a run has loaded."""
-        given = resources
         return cls(
             given.model, given.profile, given.decoding, given.hints, given.doubt, given.listen,
             given.examples,
@@ -83,9 +63,7 @@ class Planner:
 
     def drawn_by(self, decoding: Decoding) -> "Planner":
         """Return the same planner with its answers drawn otherwise."""
-        return Planner(
-            self.model, self.profile, decoding, self.hints, self.doubt, self.listen, self.examples
-        )
+        return replace(self, decoding=decoding)
 
     def plan(self, request: PlanRequest) -> Iterator[Plan]:
         """Ask until an answer parses and could work, at most `attempts` times; yields every answer.
@@ -130,17 +108,15 @@ class Planner:
         if own is not None:
             yield answer
             return own
-        return self._last(answer, held_back, reasons if attempt else set()) if is_last else answer
-
-    def _last(self, answer: Plan, held_back: str, reasons: set[str]) -> Plan:
-        """Return the last answer as it stands: carried out, or the request refused."""
+        if not is_last:
+            return answer
         if held_back:
-            return _refused_by_guard(answer, held_back)
+            return _refused(answer, "astray", "guard", held_back)
         if not answer.calls:
             return answer
-        answer = replace(answer, error="", failure=None)
-        lasting = self.decoding.refusing and len(reasons) == 1 and reasons != {""}
-        return _given_up(answer, *reasons) if lasting else answer
+        if self.decoding.refusing and attempt and len(reasons) == 1 and reasons != {""}:
+            return _refused(answer, "impossible", "inspector", *reasons)
+        return replace(answer, error="", failure=None)
 
     def _checked(self, request: PlanRequest, answer: Plan) -> tuple[Plan, str]:
         """Return an answer mended, or objected to; and why it could never work, "" otherwise."""
@@ -151,49 +127,46 @@ class Planner:
 
     def _weighed(self, request: PlanRequest, answer: Plan) -> Generator[Plan, None, Plan]:
         """Return the first answer as doubt has it: refused, or asked again what was refused."""
-        refusing, doubt = self.decoding.refusing, None
-        if self.doubt is not None and refusing:
-            doubt = self.doubt.of(answer.completion, request)
-        if self.doubt is None or doubt is None:
+        if self.doubt is None or not self.decoding.refusing:
+            return answer
+        doubt = self.doubt.of(answer.completion, request)
+        if doubt is None:
             return answer
         answer = replace(answer, doubt=doubt)
         if doubt >= self.doubt.threshold:
-            told = answer.refused or with_words(doubted(request), request)
-            return replace(answer, calls=(), error="", failure=None, refused=told)
+            refused = answer.refused or with_words(doubted(request), request)
+            return replace(answer, calls=(), error="", failure=None, refused=refused)
         if answer.refused is None:
             return answer
         yield answer
         return replace(self._ask(request, 0, refusing=False), doubt=doubt)
 
-    def _temperature(self, request: PlanRequest) -> float:
-        decoding = self.decoding
-        return max(decoding.temperature, decoding.retry_temperature if request.error else 0.0)
-
     def _ask(self, request: PlanRequest, attempt: int, *, refusing: bool | None = None) -> Plan:
-        refusing = self.decoding.refusing if refusing is None else refusing
+        decoding = self.decoding
+        refusing = decoding.refusing if refusing is None else refusing
         rendered = render(self.profile, request, refusing=refusing)
         skills = skills_of(self.profile)
         spec = program_spec(request, rendered.names, skills, refusing=refusing)
-        constraint = self.decoding.constraint
+        constraint = decoding.constraint
         if constraint not in ("free", "syntax"):
             spec = replace(spec, narrowed=narrowed(skills, spec.objects))
         if constraint not in ("free", "syntax", "types"):
             spec = replace(spec, hand=hand_of(request, rendered.names, spec.objects))
+        hotter = decoding.retry_temperature if request.error else 0.0
         completion = self.model.complete(
             rendered.prompt,
             spec=None if constraint == "free" else spec,
-            max_tokens=self.decoding.max_tokens,
-            max_seconds=self.decoding.answer_seconds,
-            temperature=self._temperature(request),
-            seed=self.decoding.seed + attempt,
+            max_tokens=decoding.max_tokens,
+            max_seconds=decoding.answer_seconds,
+            temperature=max(decoding.temperature, hotter),
+            seed=decoding.seed + attempt,
             listen=self.listen,
         )
         answer = _read(completion, skills, refusing=refusing)
         if self.profile == GOALS and answer.calls:
             answer = _done_for(answer, request, rendered.names)
         if answer.refused and (reason := cannot_be(answer.refused, request)):
-            failure = FailedProgram(lines=(completion.text.strip(),), failed=0, reason=reason)
-            answer = _Answer(error=reason, failure=failure)
+            answer = _no_program((completion.text.strip(),), 0, reason)
         return Plan(
             recalled=tuple(request.recalled),
             units=tuple(request.units),
@@ -209,45 +182,43 @@ class Planner:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Answer:
-    """An answer as it was read."""
-
-    calls: tuple[SkillCall, ...] = ()
-    refused: RefusedRequest | None = None
-    error: str = ""  # why it is refused
-    failure: FailedProgram | None = None
-    dropped: tuple[str, ...] = ()
-
-
-def _read(completion: Completion, skills: Sequence[Skill], *, refusing: bool) -> _Answer:
+def _read(completion: Completion, skills: Sequence[Skill], *, refusing: bool) -> Recovered:
     """Return the calls of an answer, that it refuses the request, or why it is refused itself."""
     lines = tuple(completion.text.rstrip().split("\n"))
     try:
         found = program_of(completion, skills, refusing=refusing)
     except ProgramError as refused:
         failure = FailedProgram(lines=lines, failed=refused.line - 1, reason=refused.reason)
-        return _Answer(error=str(refused), failure=failure)
+        return Recovered(error=str(refused), failure=failure)
     if found.calls or found.refused:
-        return _Answer(calls=found.calls, refused=found.refused, dropped=found.dropped)
-    reason = "the answer holds no skill call"
-    return _Answer(error=reason, failure=FailedProgram(lines=lines, failed=None, reason=reason))
+        return found
+    return _no_program(lines, None, "the answer holds no skill call")
 
 
-def _done_for(answer: _Answer, request: PlanRequest, names: Mapping[str, str]) -> _Answer:
+def _no_program(lines: tuple[str, ...], failed: int | None, reason: str) -> Recovered:
+    """Return that an answer is no program that can be carried out."""
+    failure = FailedProgram(lines=lines, failed=failed, reason=reason)
+    return Recovered(error=reason, failure=failure)
+
+
+def _done_for(answer: Recovered, request: PlanRequest, names: Mapping[str, str]) -> Recovered:
     """Return the program for an answer that says goals."""
     calls = program_for(answer.calls, request.units, names)
     if calls:
         return replace(answer, calls=calls)
-    lines, reason = tuple(map(str, answer.calls)), "these lines leave nothing to do"
-    failure = FailedProgram(lines=lines, failed=None, reason=reason)
-    return _Answer(error=reason, failure=failure)
+    return _no_program(tuple(map(str, answer.calls)), None, "these lines leave nothing to do")
 
 
-def _given_up(answer: Plan, reason: str) -> Plan:
-    """Return the refusal of a request whose programs all ended in what no type allows."""
-    refused = RefusedRequest(kind="impossible", by="inspector", words=(reason,))
-    return replace(answer, calls=(), refused=refused)
+def _refused(answer: Plan, kind: RefusalKind, by: Literal["guard", "inspector"], why: str) -> Plan:
+    """Return the refusal of a request that no program of an answer would carry out."""
+    refused = RefusedRequest(kind=kind, by=by, words=(why,))
+    return replace(answer, calls=(), error="", failure=None, refused=refused)
+
+
+def _objected(answer: Plan, line: int, reason: str, error: str = "") -> Plan:
+    """Return a plan with what is wrong with a line of its program."""
+    failure = FailedProgram(lines=tuple(map(str, answer.calls)), failed=line, reason=reason)
+    return replace(answer, error=error or reason, failure=failure)
 
 
 def _inspected(request: PlanRequest, answer: Plan) -> tuple[Plan, Objection | None]:
@@ -263,14 +234,15 @@ def _inspected(request: PlanRequest, answer: Plan) -> tuple[Plan, Objection | No
         answer.calls,
         known=known, shut=shut, cut=cut, running=running, held=held, areas=request.areas,
     )  # fmt: skip
+    answer = replace(answer, calls=calls)
     if (wrong := astray(request.first, calls, request.instruction, request.done)) is not None:
-        return _astray(replace(answer, calls=calls), *wrong), None
+        line, reason = wrong
+        return replace(_objected(answer, line, reason, f"{calls[line]}: {reason}"), calls=()), None
     found = objection(calls, held=held, known=known)
     if found is None:
-        return replace(answer, calls=calls), None
+        return answer, None
     reason = "; ".join(filter(None, [found.reason, found.help]))
-    failure = FailedProgram(lines=tuple(map(str, calls)), failed=found.line, reason=reason)
-    return replace(answer, calls=calls, error=str(found), failure=failure), found
+    return _objected(answer, found.line, reason, str(found)), found
 
 
 def _held_name(request: PlanRequest, answer: Plan) -> str | None:
@@ -301,10 +273,7 @@ def _held_back(request: PlanRequest, answer: Plan) -> tuple[Plan, str]:
     )  # fmt: skip
     if part:
         return replace(answer, calls=part), ""
-    failure = FailedProgram(
-        lines=tuple(map(str, answer.calls)), failed=max(len(answer.calls) - 1, 0), reason=why
-    )
-    return replace(answer, calls=(), error=why, failure=failure), why
+    return replace(_objected(answer, max(len(answer.calls) - 1, 0), why), calls=()), why
 
 
 def _by_the_words(request: PlanRequest, answer: Plan) -> Plan | None:
@@ -340,11 +309,6 @@ def _contradicted(refused: RefusedRequest, asked: Request) -> bool:
             return kind == "language"
 
 
-def _in_other_words(request: PlanRequest) -> bool:
-    """Return whether a request that was read can be said more plainly than it was."""
-    return request.asked is not None and request.plain not in ("", request.instruction)
-
-
 def _asked_again(request: PlanRequest, answer: Plan) -> tuple[bool | None, Plan] | None:
     """Return an answer whose refusal does not stand yet, and whether the next may refuse.
 
@@ -354,8 +318,8 @@ def _asked_again(request: PlanRequest, answer: Plan) -> tuple[bool | None, Plan]
     if request.asked is None or answer.refused is None:
         return None
     wrongly = _contradicted(answer.refused, request.asked)
-    if not (wrongly or _in_other_words(request)):
-        return None
+    if not wrongly and request.plain in ("", request.instruction):
+        return None  # it cannot be said more plainly than it was
     reason = "the request was read: it is said again in plain words"
     failure = FailedProgram(lines=(answer.completion.text.strip(),), failed=0, reason=reason)
     again = replace(answer, refused=None, error=reason, failure=failure)
@@ -365,22 +329,8 @@ def _asked_again(request: PlanRequest, answer: Plan) -> tuple[bool | None, Plan]
 def known_here(request: PlanRequest) -> frozenset[str]:
     """Return the types that the agent knows of in this room."""
     kinds = {kind for area in request.areas for kind in area.contains}
-    kinds |= {unit.object_type for unit in request.units} | {
-        one.object_type for one in request.seen
-    }
-    return frozenset(kinds)
-
-
-def _refused_by_guard(answer: Plan, why: str) -> Plan:
-    refused = RefusedRequest(kind="astray", by="guard", words=(why,))
-    return replace(answer, error="", failure=None, refused=refused)
-
-
-def _astray(answer: Plan, line: int, reason: str) -> Plan:
-    """Return a plan without its program, which is about another thing than the first one was."""
-    lines = tuple(map(str, answer.calls))
-    failure = FailedProgram(lines=lines, failed=line, reason=reason)
-    return replace(answer, calls=(), error=f"{lines[line]}: {reason}", failure=failure)
+    kinds |= {unit.object_type for unit in request.units}
+    return frozenset(kinds | {one.object_type for one in request.seen})
 
 
 def program_spec(

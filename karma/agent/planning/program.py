@@ -40,11 +40,13 @@ def _skill(
     needs: str = "",
     action: str = "",
     hand: Literal["", "fills", "empties"] = "",
+    arguments: tuple[Literal["object", "positions"], ...] = ("object",),
+    optional: int = 0,
 ) -> Skill:
     return Skill(
-        name=name, arguments=("object",), doc=doc, deed=deed, does=does, undone_by=undone_by,
-        takes=takes[0], cannot=takes[1], needs=needs, action=action or (name if deed else ""),
-        hand=hand,
+        name=name, arguments=arguments, optional=optional, doc=doc, deed=deed, does=does,
+        undone_by=undone_by, takes=takes[0], cannot=takes[1], needs=needs,
+        action=action or (name if deed else ""), hand=hand,
     )  # fmt: skip
 
 
@@ -57,17 +59,11 @@ SKILLS: tuple[Skill, ...] = (
         undone_by="PutObject", takes=_PICKUP,
         needs="The hand must be empty, and open what the thing is in.", hand="fills",
     ),
-    Skill(
-        name="PutObject",
-        arguments=("object", "object"),
-        optional=1,
-        doc="Put the held object (first) into or onto the receptacle (second).",
-        deed="put",
-        undone_by="PickupObject",
+    _skill(
+        "PutObject", "Put the held object (first) into or onto the receptacle (second).", "put",
+        undone_by="PickupObject", arguments=("object", "object"), optional=1, hand="empties",
         needs="Put what is held (first) into or onto a receptacle (second). Open a {shut} first. "
         "These take nothing else: {picky}.",
-        action="PutObject",
-        hand="empties",
     ),
     _skill(
         "SwitchOn", "Turn on a switch, lamp or tap.", "switch on", "on", "SwitchOff", _SWITCH,
@@ -101,11 +97,9 @@ SKILLS: tuple[Skill, ...] = (
         "GarbageCan.",
         hand="empties",
     ),
-    Skill(
-        name="Explore",
-        arguments=("object", "positions"),
-        optional=1,
-        doc="Search the positions in the given order until the object is visible.",
+    _skill(
+        "Explore", "Search the positions in the given order until the object is visible.",
+        arguments=("object", "positions"), optional=1,
         needs="Go to a thing if its place is known; else search these positions, then all "
         "others. What it opens stays open.",
     ),
@@ -128,14 +122,10 @@ OUR_SKILLS: tuple[Skill, ...] = (
         takes=("canFillWithLiquid", "holds no liquid"), needs="Pour out what is in it.",
         action="EmptyLiquidFromObject",
     ),
-    Skill(
-        name="PutNear",
-        arguments=("object", "object"),
-        doc="Put the held object (first) near another thing (second), on what that lies on.",
-        deed="put near",
-        undone_by="PickupObject",
+    _skill(
+        "PutNear", "Put the held object (first) near another thing (second), on what that lies on.",
+        "put near", undone_by="PickupObject", arguments=("object", "object"), action="PutObject",
         needs="Put what is held (first) within {near_m} m of a thing or '(x, y, z)' (second).",
-        action="PutObject",
         hand="empties",
     ),
 )  # fmt: skip

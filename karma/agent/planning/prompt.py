@@ -54,11 +54,7 @@ class Rendered:
 
 
 def skills_of(profile: str) -> tuple[Skill, ...]:
-    """Return the skills that a profile offers; a folder of own templates has those of "full".
-
-    Raises:
-        UnknownNameError: no such profile.
-    """
+    """Return the skills that a profile offers; a folder of own templates has those of "full"."""
     check_profile(profile)
     return PROFILES.get(profile, PROFILES["full"])
 
@@ -66,9 +62,7 @@ def skills_of(profile: str) -> tuple[Skill, ...]:
 def check_profile(profile: str) -> None:
     """See that a profile is one of ours, a folder with the templates of "full", or "".
 
-    Raises:
-        UnknownNameError: it is neither a name of ours nor a folder.
-        FileError: the folder has not both templates.
+    UnknownNameError where it is neither, FileError where a folder has not both templates.
     """
     if profile in ("", *PROFILES):
         return
@@ -91,11 +85,7 @@ def template_files(profile: str) -> dict[str, Path]:
 
 
 def render(profile: str, request: PlanRequest, *, refusing: bool = False) -> Rendered:
-    """Fill one profile; `refusing` tells a planner that has not learnt it that it may refuse.
-
-    Raises:
-        UnknownNameError: no such profile.
-    """
+    """Fill one profile; `refusing` tells a planner that has not learnt it that it may refuse."""
     skills = skills_of(profile)
     if profile == "compact":
         return compact(request)
@@ -240,11 +230,7 @@ def position_text(position_m: Vec3) -> str:
 
 
 def filled(path: Path, **given: object) -> str:
-    """Fill a prompt's template; what it names and is not given is an error.
-
-    Raises:
-        FileError: it is missing or no template, or asks for what it is not given.
-    """
+    """Fill a template; FileError where it is missing or none, or names what it is not given."""
     try:
         return template(path).render(**given)
     except jinja2.TemplateError as error:

@@ -66,7 +66,8 @@ def reading_of(calls: Iterable[SkillCall]) -> FirstReading:
         moved = {thing: places for thing, places in moved.items() if thing not in KNIVES}
     alone = {one for one in deeds - changed if not _is_means(one[1], moved)}
     if not moved and not changed and not alone:
-        alone = deeds or _doors(calls) or _sought(calls)
+        doors = {(one.skill, kind_of(one.objects[-1])) for one in calls if one.skill in DOOR_AFTER}
+        alone = deeds or doors or _sought(calls)
     return FirstReading(moved=moved, deeds=frozenset(changed | alone))
 
 
@@ -78,10 +79,6 @@ def kind_of(name: str) -> str:
     """
     kind = without_basin(base_type(short_type(type_of(name))))
     return BURNER if kind in (KNOB, STOVE) else kind
-
-
-def _doors(calls: Iterable[SkillCall]) -> set[tuple[str, str]]:
-    return {(call.skill, kind_of(call.objects[-1])) for call in calls if call.skill in DOOR_AFTER}
 
 
 def _sought(calls: Iterable[SkillCall]) -> set[tuple[str, str]]:
@@ -146,12 +143,16 @@ def put_right(first: Sequence[SkillCall], later: Sequence[SkillCall], instructio
 
 def _may_be_meant(thing: str, left: Collection[str], instruction: str) -> bool:
     """Return whether a phrase of the instruction is what people call a thing and one left out."""
-    for noun in phrases_of(instruction).nouns if left else ():
-        phrase = " ".join(bare_words(noun.text.split()))
+    for phrase in noun_phrases(instruction) if left else ():
         likeness = _lexicon().likeness(phrase, [thing, *left])
         if likeness[thing] == 1.0 and max(likeness[one] for one in left) == 1.0:
             return True
     return False
+
+
+def noun_phrases(text: str) -> list[str]:
+    """Return what a text names, each without articles and the like."""
+    return [" ".join(bare_words(noun.text.split())) for noun in phrases_of(text).nouns]
 
 
 @cache
@@ -168,11 +169,8 @@ def astray(
 ) -> tuple[int, str] | None:
     """Return the line of a later program that acts on another thing or place, and what is wrong.
 
-    Args:
-        first: the program that was carried out first; () where none was.
-        later: one that would be tried now.
-        instruction: what was asked for.
-        done: what went well of the programs before: what holds a thing by now may go in its place.
+    `first` is the program that was carried out first, () for none; `done` is what went well before:
+    what holds a thing by now may go in its place.
     """
     asked, now = reading_of(first), reading_of(later)
     if not asked.things or not now.handled or put_right(first, later, instruction):
@@ -196,10 +194,7 @@ def left_undone(
 ) -> tuple[str, ...]:
     """Return the things of a reading that what was done since has not brought to their ends.
 
-    Args:
-        first: the program that was carried out first.
-        done: the calls of all programs that went well, in order.
-        instruction: a place that it names is meant, also where no such thing goes.
+    A place that the instruction names is meant, also where no such thing goes.
     """
     asked, now = reading_of(first), reading_of(done)
     did = {(_DEEDS.get(call.skill, call.skill), kind_of(call.objects[-1])) for call in done}

@@ -9,10 +9,11 @@ its calls.
 import ast
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from karma.agent.planning.program import SKILLS, parse_program, parse_refusal
-from karma.contracts import Completion, RefusedRequest, Skill, SkillCall
+from karma.contracts import Completion, FailedProgram, RefusedRequest, Skill, SkillCall
 from karma.errors import ProgramError
 from karma.language.whole import going_round, in_plain_signs, own_text, repeated
 
@@ -35,22 +36,19 @@ _SAME = 2  # first calls of a draft with which a program begins anew
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recovered:
-    """A program that stood in an answer, and the lines of the answer that were no part of it."""
+    """What was read of an answer: its program, or why there is none."""
 
     calls: tuple[SkillCall, ...] = ()  # with line numbers of the answer
-    dropped: tuple[str, ...] = ()
+    dropped: tuple[str, ...] = ()  # lines of the answer that were no part of it
     refused: RefusedRequest | None = None  # in place of calls
+    error: str = ""  # why the answer is refused
+    failure: FailedProgram | None = None  # the same with its lines
 
 
 def program_of(
     completion: Completion, skills: Sequence[Skill] = SKILLS, *, refusing: bool = False
 ) -> Recovered:
     """Return the program of an answer; one that a grammar held is taken by its word.
-
-    Args:
-        completion: the answer.
-        skills: that it may call.
-        refusing: whether it may refuse the request instead.
 
     Raises:
         ProgramError: it is none, or the model says itself that it cannot be one.
@@ -159,8 +157,7 @@ def _refusal(text: str) -> Recovered | None:
 
 
 def _is_code(text: str) -> bool:
-    try:
+    with suppress(SyntaxError, ValueError, RecursionError, MemoryError):
         ast.parse(text)
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return False
-    return True
+        return True
+    return False

@@ -22,16 +22,10 @@ def short_names(
     fixtures: Mapping[str, str] | None = None,
     seen: Sequence[SeenObject] = (),
 ) -> dict[str, str]:
-    """Give every recalled unit and its place a short name: the last used Apple is `Apple`.
+    """Return names of every recalled unit and its place (-> id): the last used Apple is `Apple`.
 
-    Args:
-        units: the last used last.
-        held: (object id, object type) of what is in the hand.
-        fixtures: names that furniture has already.
-        seen: more things, called by what names are left.
-
-    Returns:
-        name -> object id; older things of the same type become `Apple_2`, `Apple_3`, ...
+    Older things of a type are `Apple_2`, `Apple_3`, ... `held`: id and type of what is in the hand;
+    `fixtures`: names that furniture has already; what is `seen` is called by what is left.
     """
     names = dict(fixtures or {})
     known = set(names.values())
@@ -62,19 +56,12 @@ def fixture_names(
     *,
     before: Mapping[str, str] | None = None,
 ) -> dict[str, str]:
-    """Name furniture: `Fridge`, but `Cabinet_1`, `Cabinet_2`, ... in order of areas.
+    """Return names of furniture (-> id): `Fridge`, but `Cabinet_1`, `Cabinet_2`, ... by areas.
 
     The bare type of what there are several of is no name: it means any of them. Floors, knobs and
-    the basins of sinks have no names of their own; where there is only a basin, it is the sink.
-    Nor has a tap or burner of which there is one: skills find it.
-
-    Args:
-        areas: the map.
-        seen: what was seen besides; furniture that the map lacks is named after it.
-        before: names that furniture has already, and keeps.
-
-    Returns:
-        name -> object id.
+    the basins of sinks have no names of their own; where there is only a basin, it is the sink. Nor
+    has a tap or burner of which there is one: skills find it. Furniture that was `seen` and the map
+    lacks is named after it; `before` are names that it keeps.
     """
     names = dict(before or {})
     things = {one.object_id: one.object_type for area in areas for one in area.fixtures}
@@ -113,14 +100,9 @@ def furniture(names: Mapping[str, str]) -> dict[str, str]:
 def stand_ins(
     seen: Iterable[SeenObject], told: Iterable[tuple[str, str | None]] = ()
 ) -> dict[str, str]:
-    """Return what stands for each thing: of the slices of a thing in one place one for all.
+    """Return id -> id of what stands for it: of the slices of a thing in one place one for all.
 
-    Args:
-        seen: the things.
-        told: (id, place) of things that are told of elsewhere, and stand for slices beside them.
-
-    Returns:
-        id -> id.
+    `told`: (id, place) of things that are told of elsewhere, and stand for slices beside them.
     """
     first: dict[tuple[str, str | None], str] = {}
     listed = dict(told)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from karma.agent.planning.planner import grounded
 from karma.agent.planning.program import DEEDS, WAYS
+from karma.agent.planning.reading import noun_phrases
 from karma.agent.planning.refused_requests import sentence
 from karma.contracts import Known, Plan, RefusalKind, RefusedRequest, SkillCall
 from karma.household.ids import is_id, type_of
@@ -19,7 +20,7 @@ from karma.household.places import HAND
 from karma.household.saying import name_of, spoken, told_place
 from karma.household.types import object_types
 from karma.household.uses import KNOB, TAPS, without_basin
-from karma.language.hints import bare_words, singular
+from karma.language.hints import singular
 from karma.language.lexicon import ALIKE, Lexicon
 from karma.language.phrases import phrases_of
 
@@ -37,6 +38,7 @@ _QUESTIONS: Mapping[RefusalKind, str] = {
     "astray": "Say it in other words, please, or one thing at a time.",
     "impossible": "Which other thing or place would do?",
 }
+_UNNAMED = ("thing", "place", "unclear")  # kinds of refusals whose words name nothing here
 _ABILITIES = {
     "on": "switch on", "off": "switch off", "throw": "throw away", "look": "look at under a lamp",
 }  # deeds of `karma.language`, in words  # fmt: skip
@@ -75,12 +77,7 @@ def understood(
 ) -> Understanding:
     """Return what a planner's answer makes of a request.
 
-    Args:
-        instruction: as it was said.
-        plan: the answer, a program or a refusal.
-        where: the agent's beliefs.
-        lexicon: which types a phrase comes near to.
-        here: the types that the agent knows of in this room.
+    `here`: types that the agent knows of in this room.
     """
     sure = sureness(plan)
     if plan.refused is not None:
@@ -136,7 +133,7 @@ def _meant(
 ) -> tuple[tuple[Meant, ...], tuple[str, ...]]:
     """Return the phrases with their things, and the types that no phrase stands for."""
     found = phrases_of(instruction)
-    phrases = [" ".join(bare_words(noun.text.split())) for noun in found.nouns]
+    phrases = noun_phrases(instruction)
     names = {_kind(name): name for call in calls for name in _objects(call)}
     kinds = list(names)
     taken: dict[str, str] = {}  # type -> phrase
@@ -150,15 +147,11 @@ def _meant(
     for kind in kinds if pronoun else ():
         if kind not in taken and object_types()[kind].can("pickupable"):
             taken[kind] = pronoun
-    said = dict.fromkeys([*phrases, *([pronoun] if pronoun in taken.values() else [])])
-    meant = tuple(
-        Meant(
-            phrase=phrase,
-            things=tuple(_told(names[kind], where) for kind in kinds if taken.get(kind) == phrase),
-        )
-        for phrase in said
-    )
-    return meant, tuple(spoken(kind) for kind in kinds if kind not in taken)
+    meant = {phrase: list[str]() for phrase in phrases}
+    for kind in (one for one in kinds if one in taken):
+        meant.setdefault(taken[kind], []).append(_told(names[kind], where))
+    found_meant = tuple(Meant(phrase=one, things=tuple(its)) for one, its in meant.items())
+    return found_meant, tuple(spoken(kind) for kind in kinds if kind not in taken)
 
 
 def _kind(name: str) -> str:
@@ -233,7 +226,7 @@ def misspelt(
     refused: RefusedRequest, lexicon: Lexicon, here: Sequence[str]
 ) -> tuple[str, str] | None:
     """Return a word that nothing is called by, and what it may be a slip of; None for none."""
-    words = refused.words if refused.kind in ("thing", "place", "unclear") else ()
+    words = refused.words if refused.kind in _UNNAMED else ()
     small = [name for name, kind in object_types().items() if kind.can("pickupable")]
     found = ((one, lexicon.misspelt(one, [*here, *small])) for one in words)
     return next((one for one in found if one[1]), None)
@@ -243,10 +236,12 @@ def offered(refused: RefusedRequest, lexicon: Lexicon, here: Sequence[str]) -> t
     """Return what may be meant: things alike, or the types nearest to the words of a refusal."""
     if refused.kind == "which":
         return refused.words
-    if refused.kind not in ("thing", "place", "unclear"):
-        return ()
-    near = (lexicon.nearest(one, [k for k in here if k not in TAPS]) for one in refused.words)
-    return next(filter(None, near), ())
+    words = refused.words if refused.kind in _UNNAMED else ()
+    return next(filter(None, (_nearest(one, lexicon, here) for one in words)), ())
+
+
+def _nearest(phrase: str, lexicon: Lexicon, here: Sequence[str]) -> tuple[str, ...]:
+    return lexicon.nearest(phrase, [kind for kind in here if kind not in TAPS])
 
 
 def _nearest_deeds(instruction: str, lexicon: Lexicon) -> str:
@@ -260,11 +255,8 @@ def _nearest_deeds(instruction: str, lexicon: Lexicon) -> str:
 def _nearest_things(
     refused: RefusedRequest, instruction: str, lexicon: Lexicon, here: Sequence[str]
 ) -> str:
-    phrases = refused.words or tuple(
-        " ".join(bare_words(noun.text.split())) for noun in phrases_of(instruction).nouns
-    )
-    for phrase in phrases:
-        near = lexicon.nearest(phrase, [kind for kind in here if kind not in TAPS])
+    for phrase in refused.words or noun_phrases(instruction):
+        near = _nearest(phrase, lexicon, here)
         if near and singular(phrase.lower()) not in (near[0].lower(), spoken(near[0]).lower()):
             words = " or ".join(f"the {spoken(kind)}" for kind in near)
             return f"Nearest to {phrase!r} here: {words}. Is one of them meant?"

@@ -3,8 +3,8 @@
 By pictures the agent knows of the world what boxes, depth and a vision model tell it:
 
 * which things are in view: the simulator's own instance masks with types and ids (`GivenBoxes`),
-  or a detector's boxes (`karma.agent.seeing.tracking`);
-* where they are and how big: their pixels and the depth there (`karma.agent.seeing.depth`);
+  or a detector's boxes (`karma.agent.seeing.perception`);
+* where they are and how big: their pixels and the depth there (`karma.agent.seeing.projection`);
 * in which state: the vision model, asked when somebody wants to know, once per view and thing;
 * what lies in what: the boxes, or that the agent put it there itself.
 
@@ -15,14 +15,22 @@ refused, in the world's words: what a robot's arm and wheels would tell.
 import math
 from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from karma.agent.seeing import perceive
-from karma.agent.seeing.depth import Box, box_round, gap_m, joined, points_in
-from karma.agent.seeing.projection import region_of, silhouette_of
+from karma.agent.seeing.projection import (
+    Box,
+    box_round,
+    gap_m,
+    joined,
+    points_in,
+    region_of,
+    silhouette_of,
+)
 from karma.contracts import (
     CameraPose,
     Capture,
@@ -48,7 +56,7 @@ _TELLING: frozenset[Capability] = frozenset(
 )  # a type with none of them has no state that a picture could show  # fmt: skip
 _ASIDE_M = 0.05  # how far a thing's centre may be outside what holds it
 _ON_M = 0.1  # between the underside of a thing and the top that it stands on
-_NEAR_M = 1.0  # how far a switch may be from what it switches
+SWITCH_M = 1.0  # how far a switch may be from what it switches, and a tap from what it is over
 
 
 class Eyes(Protocol):
@@ -92,13 +100,7 @@ class Boxes(Protocol):
     name: str
 
     def find(self, capture: Capture, camera: CameraPose, held: str | None) -> Iterable[Instance]:
-        """Return the things in view, each under the id that it had before.
-
-        Args:
-            capture: the picture.
-            camera: that took it.
-            held: the id of what is in the hand.
-        """
+        """Return the things in view, each under the id that it had before."""
 
     def aim(self, object_id: str) -> Mapping[str, Any]:
         """Return the arguments by which an action means a thing in view."""
@@ -139,9 +141,7 @@ class _Look:
 class PictureEyes:
     """Sees by pictures alone; one for each room, as it keeps what it knows of it.
 
-    Args:
-        vision: reads states; one that needs no pictures is asked at once, with the true states.
-        boxes: finds things.
+    A vision model that needs no pictures is asked at once, with the true states.
     """
 
     def __init__(self, vision: VisionModel, boxes: Boxes) -> None:
@@ -254,15 +254,12 @@ class PictureEyes:
         """Return sights with what they lie in or on, and what a knob switches."""
         found = {}
         for name, sight in sights.items():
-            place = self._put.get(name) or holder_of(sight, self._known.values())
-            burner = (
-                nearest(sight, BURNER, self._known.values()) if sight.object_type == KNOB else None
-            )
-            found[name] = replace(
-                sight,
-                parent_ids=() if place is None else (place,),
-                controls=() if burner is None else (burner.object_id,),
-            )
+            known = self._known.values()
+            place = self._put.get(name) or holder_of(sight, known)
+            burner = nearest(sight, BURNER, known) if sight.object_type == KNOB else None
+            parents = () if place is None else (place,)
+            controls = () if burner is None else (burner.object_id,)
+            found[name] = replace(sight, parent_ids=parents, controls=controls)
         self._known.update(found)
         return found
 
@@ -277,22 +274,15 @@ class PictureEyes:
         """Return what reads the states of things in one picture, each once."""
         if not self._vision.needs_pictures:
             return lambda seen: seen.states
-        told: dict[str, tuple[str, ...]] = {}
 
-        def read(seen: SeenObject) -> tuple[str, ...]:
-            name = seen.object_id
-            if name not in told:
-                one = look.sights.get(name)
-                told[name] = self._read(look, one) if one is not None else ()
-            return told[name]
+        @cache
+        def read(name: str) -> tuple[str, ...]:
+            one = look.sights.get(name)
+            if one is None or _TELLING.isdisjoint(object_types()[one.object_type].capabilities):
+                return ()
+            return self._vision.read_states(look.capture.rgb, self.task, [one]).get(name, ())
 
-        return read
-
-    def _read(self, look: _Look, one: SeenObject) -> tuple[str, ...]:
-        if not _TELLING & set(object_types()[one.object_type].capabilities):
-            return ()
-        told = self._vision.read_states(look.capture.rgb, self.task, [one])
-        return told.get(one.object_id, ())
+        return lambda seen: read(seen.object_id)
 
     # ------------------------------------------------------------- what was done
 
@@ -357,7 +347,8 @@ def holder_of(thing: SeenObject, others: Iterable[SeenObject]) -> str | None:
             continue
         if not kind.fits(place) or not _over(thing, other):
             continue
-        low, high = _heights(other)
+        middle, half = other.box_center_m[1], other.box_size_m[1] / 2
+        low, high = middle - half, middle + half
         if abs(bottom - high) <= _ON_M:
             on.append((abs(bottom - high), other.object_id))
         elif low - _ASIDE_M <= bottom and thing.box_center_m[1] <= high:
@@ -373,7 +364,7 @@ def nearest(one: SeenObject, kind: str, others: Iterable[SeenObject]) -> SeenObj
         if other.object_type == kind
     ]
     gap, _, found = min(near, default=(math.inf, "", one))
-    return found if gap <= _NEAR_M else None
+    return found if gap <= SWITCH_M else None
 
 
 def contents(place: str, things: Iterable[SeenObject]) -> set[str]:
@@ -395,8 +386,3 @@ def _over(thing: SeenObject, other: SeenObject) -> bool:
         <= other.box_size_m[axis] / 2 + _ASIDE_M
         for axis in (0, 2)
     )
-
-
-def _heights(one: SeenObject) -> tuple[float, float]:
-    half = one.box_size_m[1] / 2
-    return one.box_center_m[1] - half, one.box_center_m[1] + half

@@ -68,10 +68,8 @@ def observe(
 ) -> Observation:
     """Return what the agent learns from one action.
 
-    Args:
-        event: of AI2-THOR or of the embedded world.
-        touched: ids that the action was done to; the agent knows of them out of view too.
-        known: ids that the agent has seen before; of them it learns what a tap or an oven did.
+    The action was done to `touched`, of which the agent knows out of view too; of `known` ids it
+    learns what a tap or an oven did.
     """
     things = event.metadata["objects"]
     inventory = _inventory(event)
@@ -79,7 +77,7 @@ def observe(
     for thing in things:
         object_id = thing["objectId"]
         if object_id in inventory:
-            held = _seen(thing, (HAND,))
+            held = sight_of(thing, (HAND,))
         elif thing["visible"]:
             seen.append(sight_of(thing))
             if thing["isInteractable"]:
@@ -111,11 +109,7 @@ def observe(
 
 
 def pixels_of(event: Event) -> Capture:
-    """Return the picture of an event with its depth and the simulator's instance masks.
-
-    Raises:
-        KarmaError: the world draws none.
-    """
+    """Return the picture of an event, with depth and instance masks; KarmaError for none."""
     frame = event.frame
     depth: Any = getattr(event, "depth_frame", None)
     masks: Any = getattr(event, "instance_masks", None)
@@ -208,9 +202,10 @@ def refusal(event: Event) -> Reason | None:
     return None if event else reason_of(str(event.metadata["errorMessage"] or ""))
 
 
-def sight_of(thing: _Object) -> SeenObject:
-    """Return one object's metadata as a sight of it."""
-    return _seen(thing, tuple(thing["parentReceptacles"] or ()))
+def sight_of(thing: _Object, parents: tuple[str, ...] | None = None) -> SeenObject:
+    """Return one object's metadata as a sight of it, in or on other things than it says."""
+    fields = _sight_fields(thing)
+    return SeenObject(**(fields if parents is None else {**fields, "parent_ids": parents}))
 
 
 def place_of(seen: SeenObject) -> str | None:
@@ -221,14 +216,8 @@ def place_of(seen: SeenObject) -> str | None:
 
 def lying(seen: SeenObject) -> Lying:
     """Return a thing as water meets it."""
-    return Lying(
-        seen.object_id,
-        seen.object_type,
-        seen.box_center_m,
-        seen.box_size_m,
-        seen.parent_ids,
-        "closed" in seen.states,
-    )
+    box, closed = (seen.box_center_m, seen.box_size_m), "closed" in seen.states
+    return Lying(seen.object_id, seen.object_type, *box, seen.parent_ids, closed)
 
 
 # ----------------------------------------------------------------- the whole truth
@@ -267,7 +256,7 @@ def _vector(point: Mapping[str, float]) -> Vec3:
     return float(point["x"]), float(point["y"]), float(point["z"])
 
 
-def _sight_fields(thing: _Object, parents: tuple[str, ...]) -> dict[str, Any]:
+def _sight_fields(thing: _Object) -> dict[str, Any]:
     box = thing["axisAlignedBoundingBox"]
     return {
         "object_id": _id(thing),
@@ -276,19 +265,15 @@ def _sight_fields(thing: _Object, parents: tuple[str, ...]) -> dict[str, Any]:
         "box_center_m": _vector(box["center"]),
         "box_size_m": _vector(box["size"]),
         "pickupable": bool(thing["pickupable"]),
-        "parent_ids": parents,
+        "parent_ids": tuple(thing["parentReceptacles"] or ()),
         "states": _states(thing),
         "controls": tuple(thing["controlledObjects"] or ()),
     }
 
 
-def _seen(thing: _Object, parents: tuple[str, ...]) -> SeenObject:
-    return SeenObject(**_sight_fields(thing, parents))
-
-
 def _true(thing: _Object) -> TrueObject:
     return TrueObject(
-        **_sight_fields(thing, tuple(thing["parentReceptacles"] or ())),
+        **_sight_fields(thing),
         distance_m=float(thing["distance"]),
         visible=bool(thing["visible"]),
         child_ids=tuple(thing["receptacleObjectIds"] or ()),
@@ -372,11 +357,7 @@ def _contents(receptacles: Iterable[_Object], things: Sequence[_Object]) -> Iter
 
 
 def reason_of(words: str) -> Reason:
-    """Return what a refusal means.
-
-    Args:
-        words: the world's.
-    """
+    """Return what a refusal means."""
     text = words.split(". trace:")[0].strip()
     text = re.sub(r"^\w+Exception: ", "", text)
     text = re.sub(r"\b([A-Z][A-Za-z]+)_[0-9a-f]{8}\b", r"\1", text) or _UNKNOWN

@@ -36,17 +36,8 @@ def look_at(
 ) -> Looked:
     """Ask a vision model about the last picture of each sight, one question per picture.
 
-    A model that needs no pictures is asked without.
-
-    Args:
-        vision: the model.
-        instruction: what was asked for.
-        sights: the objects of interest.
-        views: in which each id was last in view; ids without one are not asked about.
-        folder: the run folder; None keeps no pictures.
-
-    Raises:
-        FileError: a picture cannot be written.
+    A model that needs no pictures is asked without. `views` are those in which each id was last in
+    view; ids without one are not asked about. Without `folder`, the run's, no pictures are kept.
     """
     if not vision.needs_pictures:
         return Looked(states=vision.read_states(None, instruction, sights), images={})
@@ -77,11 +68,7 @@ def picture_name(data: bytes) -> str:
 
 
 def png(frame: Frame) -> bytes:
-    """Return a picture as a PNG file; equal pictures give equal bytes.
-
-    Args:
-        frame: uint8 (H, W, 3).
-    """
+    """Return a picture as a PNG file; equal pictures give equal bytes."""
     height, width, _ = frame.shape
     rows = np.zeros((height, 1 + width * 3), dtype=np.uint8)  # each row begins with its filter, 0
     rows[:, 1:] = frame.reshape(height, -1)
@@ -100,8 +87,7 @@ def _by_view(
     """Return the sights grouped by where they were last in view, in the order of the sights."""
     groups: dict[int, tuple[Observation, list[SeenObject]]] = {}
     for sight in sights:
-        view = views.get(sight.object_id)
-        if view is not None:
+        if view := views.get(sight.object_id):
             groups.setdefault(id(view), (view, []))[1].append(sight)
     return list(groups.values())
 

@@ -1,7 +1,8 @@
-"""Where in a picture an object is: its box in the world, projected by the camera's own pose.
+"""From the world to a picture by the camera's own pose, and with its depth back to the world.
 
-This is a perception aid. It needs coordinates and the camera, which every world gives (KARMA §3.4:
-"acquired through a simulator"), and no segmentation; it tells nothing of an object's state.
+Where an object's box shows is a perception aid. It needs coordinates and the camera, which every
+world gives (KARMA §3.4: "acquired through a simulator"), and no segmentation; it tells nothing of
+an object's state.
 """
 
 from collections.abc import Sequence
@@ -19,10 +20,7 @@ _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b).bit_count
 def placed(sight: SeenObject, camera: CameraPose, box: SeenObject | None = None) -> SeenObject:
     """Return a sight with its region and silhouette in the camera's frame.
 
-    Args:
-        sight: of an object.
-        camera: that took the frame.
-        box: the sight whose box is projected, if it is another one.
+    `box` is the sight whose box is projected, if it is another one.
     """
     center_m, size_m = (box or sight).box_center_m, (box or sight).box_size_m
     return replace(
@@ -44,12 +42,8 @@ def region_of(camera: CameraPose, center_m: Vec3, size_m: Vec3) -> Region | None
     top, bottom = np.clip([points[:, 1].min(), points[:, 1].max()], 0, float(camera.height_px))
     if right - left < 1 or bottom - top < 1:
         return None
-    return (
-        round(float(left), 1),
-        round(float(top), 1),
-        round(float(right), 1),
-        round(float(bottom), 1),
-    )
+    left, top, right, bottom = (round(float(side), 1) for side in (left, top, right, bottom))
+    return left, top, right, bottom
 
 
 def silhouette_of(camera: CameraPose, center_m: Vec3, size_m: Vec3) -> tuple[Point, ...]:
@@ -109,3 +103,63 @@ def _before(corners: np.ndarray) -> np.ndarray:
             share = (NEAR_M - one[2]) / (other[2] - one[2])
             found.append(one + share * (other - one))
     return np.array(found)
+
+
+_STRAYS = 2.0  # percent of the points on each side that are left out of a box
+_CORE = 0.25  # of a box without a mask: the share on each side that may show something else
+
+Points = NDArray[np.float64]  # (n, 3), metres
+Box = tuple[Vec3, Vec3]  # centre and size, metres
+
+
+def points_in(depth_m: NDArray[np.float32], mask: NDArray[np.bool_], camera: CameraPose) -> Points:
+    """Return where in the world the pixels of a mask are, shape (n, 3), metres.
+
+    `depth_m`, along the camera's forward axis, and `mask` have the shape (H, W).
+    """
+    rows, columns = np.nonzero(mask)
+    forward = depth_m[rows, columns].astype(np.float64)
+    scale = 2 * np.tan(np.radians(camera.fov_deg) / 2) / camera.height_px
+    right = (columns + 0.5 - camera.width_px / 2) * scale * forward
+    up = (camera.height_px / 2 - rows - 0.5) * scale * forward
+    from_eye = np.stack([right, up, forward], axis=1) @ axes_of(camera)
+    return np.asarray(from_eye + np.asarray(camera.position_m))
+
+
+def box_round(points: Points) -> Box:
+    """Return the upright box round points, strays left out: the sides of a thing that were seen."""
+    low, high = np.percentile(points, [_STRAYS, 100 - _STRAYS], axis=0)
+    return _vector((low + high) / 2), _vector(high - low)
+
+
+def gap_m(points: Points, from_m: Vec3) -> float:
+    """Return how far across the floor the nearest of the points is, strays left out."""
+    gaps = np.hypot(points[:, 0] - from_m[0], points[:, 2] - from_m[2])
+    return float(np.percentile(gaps, _STRAYS))
+
+
+def core_of(region: Region, height: int, width: int) -> NDArray[np.bool_]:
+    """Return the middle of a box as a mask, for a detector that gives none, shape (H, W)."""
+    left, top, right, bottom = region
+    aside, above = (right - left) * _CORE, (bottom - top) * _CORE
+    mask = np.zeros((height, width), dtype=bool)
+    rows = slice(int(top + above), max(int(bottom - above), int(top + above) + 1))
+    mask[rows, int(left + aside) : max(int(right - aside), int(left + aside) + 1)] = True
+    return mask
+
+
+def joined(one: Box, other: Box) -> Box:
+    """Return the box round two boxes."""
+    lows, highs = zip(*(_sides(box) for box in (one, other)), strict=True)
+    low, high = np.min(lows, axis=0), np.max(highs, axis=0)
+    return _vector((low + high) / 2), _vector(high - low)
+
+
+def _sides(box: Box) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    center, size = np.asarray(box[0]), np.asarray(box[1])
+    return center - size / 2, center + size / 2
+
+
+def _vector(row: NDArray[np.float64]) -> Vec3:
+    x, y, z = (round(float(value), 3) for value in row)
+    return x, y, z

@@ -16,10 +16,16 @@ from karma.agent.journal.records import EpisodeRecord
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.journal.steps import StepLog
 from karma.agent.journal.told import Config
-from karma.agent.loading.models import Models, Row, for_row, load_resources
+from karma.agent.loading.models import (
+    PRESETS,
+    Models,
+    Row,
+    for_row,
+    load_resources,
+    preset,
+    world_maker,
+)
 from karma.agent.loading.planner_files import NO_WORDS, chosen_words, may_refuse
-from karma.agent.loading.presets import PRESETS, preset
-from karma.agent.loading.worlds import world_maker
 from karma.agent.tour import explore_room
 from karma.bench.engine.episode import run_episode
 from karma.bench.engine.experiment import Experiment, RunOptions

@@ -7,8 +7,8 @@ from typing import Any
 import msgspec
 
 from karma.agent.journal.formats import UNKNOWN, figure_text
+from karma.agent.journal.records import SAID, Turn, read_turns
 from karma.agent.journal.run_folder import RunData
-from karma.agent.journal.turns import SAID, Turn, read_turns
 from karma.bench.figures.columns import COLUMNS
 from karma.bench.figures.compare import rows_of
 from karma.bench.figures.counterfactual import Saving

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from karma.agent.journal import steps
+from karma.contracts import MemoryUnit
 from karma.household.ids import is_id, type_of
 from karma.memory.short_term import line_key
 
@@ -40,8 +41,8 @@ class Part:
 
     instruction: str
     scene: str  # the room that it plays in
-    before: tuple[steps.Unit, ...]  # short-term memory when it came
-    after: tuple[steps.Unit, ...] | None = None  # None when the episode broke off
+    before: tuple[MemoryUnit, ...]  # short-term memory when it came
+    after: tuple[MemoryUnit, ...] | None = None  # None when the episode broke off
     finished: bool = False
     unmet: tuple[str, ...] = ()
     map_text: str = ""  # long-term memory as the prompt has it
@@ -83,7 +84,7 @@ class EpisodeStory:
         return tuple(dict.fromkeys((self.scene, *entered)))
 
 
-def changes(before: Sequence[steps.Unit], after: Sequence[steps.Unit]) -> dict[str, Change]:
+def changes(before: Sequence[MemoryUnit], after: Sequence[MemoryUnit]) -> dict[str, Change]:
     """Return what became of each unit that is not as it was; those that left come last."""
     old, new = ({unit_key(unit): unit for unit in units} for units in (before, after))
     found: dict[str, Change] = {}
@@ -96,7 +97,7 @@ def changes(before: Sequence[steps.Unit], after: Sequence[steps.Unit]) -> dict[s
     return found
 
 
-def unit_key(unit: steps.Unit) -> str:
+def unit_key(unit: MemoryUnit) -> str:
     """Return what names a unit among those of all rooms."""
     return line_key(unit.object_id, unit.scene)
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.agent.planning.doubt import FEATURES, LogisticDoubt
 from karma.agent.planning.planner import Planner
+from karma.agent.planning.refused_requests import FEATURES, LogisticDoubt
 from karma.bench.drawing.memories import KnownRoom
 from karma.bench.drawing.phrases import Book
 from karma.bench.figures.statistics import ConfidenceInterval, wilson

@@ -52,7 +52,7 @@ def karma_episode(
         **options: Any,
     ) -> "KarmaEpisode":
         from karma.agent.karma import KarmaMethod
-        from karma.agent.loading.worlds import world_maker
+        from karma.agent.loading.models import world_maker
         from karma.contracts import SceneRef
 
         method = KarmaMethod.build(karma_resources(answers, vision), options)
