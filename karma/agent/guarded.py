@@ -140,7 +140,8 @@ class GuardedErrand(ThingFinder):
         if alone and _is_sought(deeds[0]):
             yield from self._find()
         elif alone and _is_several(deeds[0].things[0]):
-            yield from self._each(subtask)
+            along = self._goes_along(deeds[0].things[0], deeds[0])
+            yield from (self._each_along if along else self._each)(subtask)
         elif [one.deed for one in deeds] == ["go"]:
             yield from self._go(deeds[0])
         elif alone:
@@ -203,7 +204,7 @@ class GuardedErrand(ThingFinder):
         """Do one deed to one thing: to the one that the same word meant before."""
         episode, asked, came = self.episode, self.asked, self.came
         thing = asked.deeds[0].things[0]
-        kinds = {*self.kinds_of(thing)}
+        kinds = list(dict.fromkeys(self.kinds_of(thing)))
         key = (asked.whole or asked.text, thing.start)
         own = self._own()
         before = episode.chosen.get(key) or next((own[kind] for kind in kinds if kind in own), None)
@@ -264,8 +265,9 @@ class GuardedErrand(ThingFinder):
                 told = fits or bool(thing.at or states_told(thing, [kind_of(one)]))
                 (others.add if told else failed.append)(one)
                 continue
-            if self.holds_already(one, deed, {}):
+            if self.holds_already(one, deed, place):
                 done.append(one)
+                place = place or self._vessel(one)
                 continue
             step = Came()
             single = self._of_one(subtask, kind_of(one))
@@ -273,12 +275,57 @@ class GuardedErrand(ThingFinder):
             yield from self.episode.planned(single, self.skills, step, only)
             came.programs += [program for program in step.programs if program.results]
             (done if step.finished else failed).append(one)
+            place = place or self._vessel(one)
         if not (done or failed) and _is_ended(deed, thing):
             came.nothing_to_do = True
             state = SAID_AS.get(thing.states[0], thing.states[0])
             came.say(f"nothing that I have seen is {state}", "seen")
             return
         self._tell_count(thing, done, failed)
+
+    def _each_along(self, subtask: SubTask) -> Doing[None]:
+        """Put each thing in what carries it, then that: "the forks in a bowl on the table"."""
+        deed = self.asked.deeds[0]
+        thing = deed.things[0]
+        carrier = replace(
+            thing, types=thing.at, text=spoken(thing.at[0]).lower(), start=-1, number=None,
+            every=False, at=(), states=(), marks=(),
+        )  # fmt: skip
+        into = replace(deed, things=(replace(thing, at=()),), place=carrier)
+        yield from self._asking(into)._each(subtask)
+        kinds = {*self.kinds_of(thing)}
+        held = {name: self._vessel(name, carrier) for name in self.sights if kind_of(name) in kinds}
+        only = next(filter(None, held.values()), None)
+        if self.came.short or only is None:
+            return
+        carried = self._asking(replace(deed, things=(carrier,)))
+        place = yield from carried.place_told()
+        if place is None:
+            return
+        (kind, name), *_ = only.items()
+        if carried.holds_already(name, deed, place):
+            self.came.say(f"the {name_of(name)}: that is so already", "seen")
+            return
+        self.came.nothing_to_do = False
+        single = carried._of_one(subtask, kind)
+        yield from self.episode.planned(single, self.skills, self.came, {**place, **only})
+
+    def _asking(self, deed: SaidDeed) -> "GuardedErrand":
+        """Return this errand with one deed in place of its own."""
+        asked = replace(self.asked, deeds=(deed,))
+        return GuardedErrand(self.episode, asked, self.skills, self.came)
+
+    def _vessel(self, object_id: str, place: Mention | None = None) -> dict[str, str]:
+        """Return what a thing lies in, type -> id, where that can be carried: one vessel for all.
+
+        `place`: where it was to go, the deed's by default; {} where that is several.
+        """
+        place = place or self.asked.deeds[0].place
+        sight = self.sights.get(object_id)
+        if place is None or sight is None or _is_several(place):
+            return {}
+        kinds = {kind for kind in self.kinds_of(place) if object_types()[kind].can("pickupable")}
+        return {kind_of(one): one for one in sight.parent_ids if kind_of(one) in kinds}
 
     def _of_one(self, subtask: SubTask, kind: str) -> SubTask:
         """Return a request that is made of one thing of a type, as it is planned."""

@@ -34,6 +34,7 @@ CODES: Mapping[str, int] = {
 _WORST = (STOPPED, FAILED, UNFINISHED, ASKED, REFUSED)  # of several requests the first of these
 _MOST, _SHOWN = 10_000, 1_000  # characters of a line that are read; of it, that are shown
 TYPED, _KEPT = "typed.txt", 500  # what was typed in a home, and how many lines of it
+_WHY = ("why", "why not", "how come", "why did you do that")
 _LOOK = ("/look", "go and see", "go and look", "look for it", "yes, look")
 _STYLES = {
     "said": "bold", "meant": "cyan", "sure": "dim", "asked": "yellow", "did": "green",
@@ -170,7 +171,8 @@ def converse(agent: "Agent", view: AnswerView | None = None) -> int:
         for typed in _typed(agent.home.folder):
             if typed.split()[0] == "/quit":
                 break
-            typed = _looking(agent) if typed.lower().rstrip(".!") in _LOOK else typed
+            words = typed.lower().rstrip(".!? ")
+            typed = "/why" if words in _WHY else _looking(agent) if words in _LOOK else typed
             if sys.stdin.isatty() and agent.replies:
                 typed = _whole(agent, typed, agent.replies[-1])
             if typed:

@@ -15,7 +15,7 @@ from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed
 from karma.talk.asking import AskedQuestion
 from karma.talk.history import Move, deeds_in, deeds_of, habits_in, looked_into, moves
-from karma.talk.home import TOLD, PastDeed
+from karma.talk.home import TOLD, PastDeed, PastErrand
 from karma.talk.remembering import MOST, MemoryAnswer, answer, unknown
 
 _MOVING = ("moved", "took", "put", "placed", "brought", "left", "carried")
@@ -82,32 +82,66 @@ def whether_it_was_done(q: AskedQuestion) -> MemoryAnswer | None:
         return None
     if q.has("leave", "left") and q.state:
         return None
-    if not (q.things or q.unknown):
+    rest = _words_of_the_deed(q)
+    return _whether_i_did(q, rest) if rest and (q.things or q.unknown) else None
+
+
+def how_often(q: AskedQuestion) -> MemoryAnswer | None:
+    """Answer "how often did you open the fridge?" and "how many times did you?"."""
+    if q.asks != "how" or not (q.has("often") or q.says(r"\bhow many times\b")):
         return None
-    at = next((n for n, word in enumerate(q.words) if word in ("you", "i", "we")), -1)
-    rest = [word for word in q.words[at + 1 :] if word not in ("last", "ever", "already", "yet")]
-    return _whether_i_did(q, rest) if at >= 0 and rest else None
+    if not q.has("you"):  # what others do is not in the log
+        return None
+    rest = _words_of_the_deed(q)
+    past = _that_was_done(q, rest) if rest and q.things else None
+    if past is None:
+        return None
+    done = [errand for errand, deeds in past if any(one.done for one in deeds)]
+    if not done:
+        return answer("Never, that I remember.")
+    last = f"{q.knows.ago(done[0].at_s)}: {done[0].plain or done[0].said}"
+    return answer(f"{plural(len(done), 'time')} that I remember, the last {last}.")
 
 
-def _whether_i_did(q: AskedQuestion, rest: Sequence[str]) -> MemoryAnswer | None:
-    """Tell whether the agent has done what some words ask for: "washed", "the", "apple"."""
+def _words_of_the_deed(q: AskedQuestion) -> list[str]:
+    """Return the words after "you": what somebody is asked to have done."""
+    at = next((n for n, word in enumerate(q.words) if word in ("you", "i", "we")), len(q.words))
+    return [word for word in q.words[at + 1 :] if word not in ("last", "ever", "already", "yet")]
+
+
+def _that_was_done(
+    q: AskedQuestion, rest: Sequence[str]
+) -> list[tuple[PastErrand, list[PastDeed]]] | None:
+    """Return past errands, the last first, with the deeds that some words ask for.
+
+    None where the words ask for nothing.
+    """
     order = " ".join([base_of_deed(rest[0]) or rest[0], *rest[1:]])
     read = q.reader.read(order, q.things)
     asked = [one for request in read for one in deeds_of(request, (), done=True)]
     if not asked:
         return None
+    found = []
     for past in (one for one in reversed(q.knows.past) if q.then(one.at_s)):
         known = deeds_in(past, q.reader)
-        found = [one for one in known if any(_is_that(one, other) for other in asked)]
-        if not found:
-            continue
+        those = [one for one in known if any(_is_that(one, other) for other in asked)]
+        found += [(past, those)] if those else []
+    return found
+
+
+def _whether_i_did(q: AskedQuestion, rest: Sequence[str]) -> MemoryAnswer | None:
+    """Tell whether the agent has done what some words ask for: "washed", "the", "apple"."""
+    those = _that_was_done(q, rest)
+    if those is None:
+        return None
+    if those:
+        past, found = those[0]
         when, said = q.knows.ago(past.at_s), past.plain or past.said
         if not any(one.done for one in found):
             return answer(f"I tried {when}, and it came out {past.status}: {said}.")
-        told = {
-            "when": when.capitalize(), "who": f"I did, {when}", "why": f"You asked for it {when}"
-        }  # fmt: skip
-        return answer(f"{told.get(q.asks, f'Yes, {when}')}: {said}.")
+        why = f"You asked for it {when}"
+        how = {"when": when.capitalize(), "who": f"I did, {when}", "why": why}
+        return answer(f"{how.get(q.asks, f'Yes, {when}')}: {said}.")
     nobody = "Nobody that I know of." if q.asks == "who" else "No, not that I remember."
     return answer(nobody, known=q.asks != "who")
 

@@ -448,6 +448,7 @@ _KINDS: tuple[Callable[[AskedQuestion], MemoryAnswer | None], ...] = (
     log_answers.not_looked_into,
     _what_is_held,
     _which_it_was,
+    log_answers.how_often,
     _how_many,
     _what_is_here,
     _when,

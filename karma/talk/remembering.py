@@ -24,7 +24,7 @@ class MemoryAnswer:
 
     lines: tuple[str, ...]
     known: bool = True
-    look: str = ""  # the errand that would find it out
+    look: str = ""  # the errand that "yes" asks for: it would find it out, or mend it
     refuses: bool = False  # it was an errand, and is not carried out
 
 

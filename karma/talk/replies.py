@@ -155,8 +155,9 @@ class AgentReply:
     @property
     def offer(self) -> str:
         """What "yes" asks for; "" where no question was asked that it answers."""
-        offers = (one.offer for part in self.parts for one in part.understood[-1:])
-        return next(filter(None, offers), "")
+        planned = (one.offer for part in self.parts for one in part.understood[-1:])
+        answered = (part.answer.look for part in self.parts if part.answer is not None)
+        return next(filter(None, (*planned, *answered)), "")
 
     @property
     def checks(self) -> tuple[Check, ...]:

@@ -27,7 +27,7 @@ _NOT_NOW = frozenset(
 class ToldPlace:
     """Where or how a thing is, by a person's words, and what that leaves in memory."""
 
-    answer: MemoryAnswer | None  # None: it may ask for something, too ("the plate is filthy")
+    answer: MemoryAnswer
     change: MemoryChange | None  # None: eyes know better
     about: str = PLACE_TOLD
 
@@ -86,11 +86,11 @@ def _state_told(request: Request, knows: Remembering, change: MemoryChange) -> T
     if len(named) != 1 or not state or _otherwise() & {*words}:
         return None
     found, name = knows.of(named[0]), name_of(named[0].types[0])
-    asks = bool(offer_against(request))
-    if len(found) > 1 and not asks:
+    offer = offer_against(request)
+    if len(found) > 1 and not offer:
         which = f"I have seen {len(found)} of them: which {name}, and where is it?"
         return ToldPlace(unknown(which), None)
-    if not found and not asks:
+    if not found and not offer:
         line = f"I will remember that you said so; I have seen no {name} yet."
         return ToldPlace(answer(line), change, STATE_TOLD)
     if len(found) != 1:
@@ -98,7 +98,8 @@ def _state_told(request: Request, knows: Remembering, change: MemoryChange) -> T
     sight = found[0][0]
     line = f"I will remember: the {name} is {SAID_AS.get(state, state)}."
     change = replace(change, seen=(replace(sight, states=_with(sight.states, state)),))
-    return ToldPlace(None if asks else answer(line), change, STATE_TOLD)
+    asks = [f"Should I {offer}?"] if offer else []  # "the plate is filthy" may ask for it
+    return ToldPlace(answer(line, *asks, look=offer), change, STATE_TOLD)
 
 
 def _state_said(words: Sequence[str]) -> str:

@@ -183,6 +183,13 @@ def test_it_stands_for_what_was_spoken_of_before(tmp_path):
             "the spoon is in the bowl",
         ),
         (
+            "kitchen_2",
+            "put the forks in a bowl on the table",
+            "done",
+            "the bowl is on the dining table",
+        ),
+        ("kitchen_1", "put two eggs in the pot on the stove", "done", "2 of 2: eggs"),
+        (
             "kitchen_1",
             "move the plate from the counter to the sink",
             "done",

@@ -313,7 +313,8 @@ def test_how_a_thing_is_by_a_persons_words_is_kept_and_told_as_theirs(agent):
     (seen,) = answer(agent, "is the apple dirty?")
     assert seen.startswith("No, the apple is not dirty; seen")
     filthy = agent.do("the apple is dirty again")  # that may ask for something
-    assert filthy.offer == "wash the apple"
+    kept = ("I will remember: the apple is dirty.", "Should I wash the apple?")
+    assert (filthy.parts[0].answer.lines, filthy.offer) == (kept, "wash the apple")
     (told,) = answer(agent, "is the apple dirty?")
     assert told == "Yes, the apple is dirty; you told me just now."
     assert answer(agent, "I just washed the apple") == ("I will remember: the apple is clean.",)
