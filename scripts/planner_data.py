@@ -34,8 +34,9 @@ from karma.infer.manifest.manifest import resolve_planner
 from karma.language.hints import WordFile
 from karma.offline.guard import go_offline
 from karma.seeds import stream
-from karma.train.planner.held_out import DEVELOPMENT, Data, PlannerRecipe, draw_pack
+from karma.train.planner.held_out import DEVELOPMENT
 from karma.train.planner.hinted import KeptRows
+from karma.train.planner.packs import Data, PlannerRecipe, draw_pack
 from karma.train.planner.reading import read_goals, tell
 from karma.train.planner.samples import TrainingExample, draw_alfred
 from karma.train.planner.sources import Sources, held_out_packs

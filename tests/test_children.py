@@ -173,7 +173,7 @@ def test_child_takes_modules_from_where_the_variable_names_but_never_from_this_f
 
 # Where a process may be started, and how it is kept from the folder.
 STARTERS = {
-    "karma/children.py": "all others call it",
+    "karma/offline/children.py": "all others call it",
     "karma/world/thor/backend.py": "as children.py, with pipes and a session of its own",
     "karma/world/thor/client.py": "AI2-THOR's client starts the build, which is no Python",
     "karma/bundle/install.py": "a file of Python's own modules, in a temporary folder",

@@ -10,6 +10,7 @@ import shutil
 
 import numpy as np
 import pytest
+from PIL import Image
 from support import tiny_models
 from support.tiny import export_tiny
 from support.tiny_vision import save_family
@@ -21,7 +22,7 @@ from karma.infer.checks import memory
 from karma.infer.embed.clip import ClipEmbedder
 from karma.infer.embed.sentence import SentenceEmbedder
 from karma.infer.vision.transformers import TransformersVision
-from karma.memory.multimodal import unit_vectors
+from karma.memory.multimodal import MultimodalRecall
 
 TEXTS = ["apple", "The red mug, on a table!", "", "apple", "sofa " * 40, "ünïcödé 苹果"]
 FRAMES = np.random.default_rng(0).integers(0, 256, (3, 40, 52, 3), dtype=np.uint8)
@@ -121,17 +122,27 @@ def test_siglip_sees_words_without_case_and_punctuation_padded_to_the_end(models
     assert words.ids("apple " * 40)[-1] == words.ids("")[0] == 1
 
 
-def test_unit_vector_is_the_mean_of_text_and_picture_at_length_one(models):
+class Opposed:
+    """It sees in a picture the opposite of what it reads in a text."""
+
+    name, dimension = "opposed", 2
+
+    def embed(self, texts):
+        return np.ones((len(texts), 2), np.float32)
+
+    def embed_images(self, frames):
+        return -np.ones((len(frames), 2), np.float32)
+
+
+def test_unit_vector_is_the_mean_of_text_and_picture_at_length_one(models, tmp_path):
     clip = models["clip"]
-    texts, images = clip.embed(["apple", "mug"]), clip.embed_images(list(FRAMES[:2]))
-    rows = unit_vectors(texts, images)
-    assert np.allclose(np.linalg.norm(rows, axis=1), 1, atol=1e-6)
-    for row, text, image in zip(rows, texts, images, strict=True):
-        assert np.isclose(row @ text, row @ image)
+    Image.fromarray(FRAMES[0]).save(tmp_path / "apple.png")
+    row = MultimodalRecall(clip, folder=tmp_path)._row(("apple", "apple.png"))
+    assert np.isclose(np.linalg.norm(row), 1, atol=1e-6)
+    text, image = clip.embed(["apple"]), clip.embed_images([FRAMES[0]])
+    assert np.isclose((row @ text.T).item(), (row @ image.T).item())
     with pytest.raises(ValueError, match="opposite"):
-        unit_vectors(texts, -texts)
-    with pytest.raises(ValueError, match="fit together"):
-        unit_vectors(texts, images[:1])
+        MultimodalRecall(Opposed(), folder=tmp_path)._row(("apple", "apple.png"))
 
 
 def test_sentence_embedder_agrees_with_the_batched_reference(models):

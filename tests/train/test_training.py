@@ -58,7 +58,7 @@ def test_draw_of_equal_streams_gives_equal_examples(rooms):
 HASHES = """
 import sys, hashlib
 sys.path.insert(0, "tests")
-import training.test_training as t
+import train.test_training as t
 from karma.bench.drawing.memories import room_of
 from karma.world.core import scene
 rooms = [room_of(scene.load(n), n) for n in ("kitchen_1", "living_1")]

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from unittest.mock import patch
 
 from karma.errors import KarmaError
 from support.abuse import Case, refused, stream
@@ -102,7 +103,8 @@ def _header(path: Path) -> object:
 def _manifest(path: Path) -> object:
     from karma.infer.manifest.manifest import read_manifest
 
-    return read_manifest(path)
+    with patch.dict(os.environ, {"KARMA_MODELS": str(path.parent)}):
+        return read_manifest()
 
 
 def _gguf(path: Path) -> object:

@@ -17,19 +17,19 @@ from karma.memory.lived.setting import KnownPlace
 FORMS = Path(__file__).with_name("forms.toml")
 
 
-class _Forms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _FormsOfKind(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     forms: tuple[str, ...]
 
 
 class RequestForms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """All of `forms.toml`."""
 
-    place: _Forms
-    errand: _Forms
-    place_then: _Forms
-    time: _Forms
-    who: _Forms
-    count: _Forms
+    place: _FormsOfKind
+    errand: _FormsOfKind
+    place_then: _FormsOfKind
+    time: _FormsOfKind
+    who: _FormsOfKind
+    count: _FormsOfKind
     did: Mapping[str, tuple[str, ...]]  # action -> verbs, past
     do: Mapping[str, tuple[str, ...]]  # action -> verbs, after "did"
 
