@@ -265,9 +265,9 @@ class GuardedErrand(ThingFinder):
                 told = fits or bool(thing.at or states_told(thing, [kind_of(one)]))
                 (others.add if told else failed.append)(one)
                 continue
+            place = place or self._vessel(done)
             if self.holds_already(one, deed, place):
                 done.append(one)
-                place = place or self._vessel(one)
                 continue
             step = Came()
             single = self._of_one(subtask, kind_of(one))
@@ -275,7 +275,6 @@ class GuardedErrand(ThingFinder):
             yield from self.episode.planned(single, self.skills, step, only)
             came.programs += [program for program in step.programs if program.results]
             (done if step.finished else failed).append(one)
-            place = place or self._vessel(one)
         if not (done or failed) and _is_ended(deed, thing):
             came.nothing_to_do = True
             state = SAID_AS.get(thing.states[0], thing.states[0])
@@ -294,9 +293,8 @@ class GuardedErrand(ThingFinder):
         into = replace(deed, things=(replace(thing, at=()),), place=carrier)
         yield from self._asking(into)._each(subtask)
         kinds = {*self.kinds_of(thing)}
-        held = {name: self._vessel(name, carrier) for name in self.sights if kind_of(name) in kinds}
-        only = next(filter(None, held.values()), None)
-        if self.came.short or only is None:
+        only = self._vessel([one for one in sorted(self.sights) if kind_of(one) in kinds], carrier)
+        if self.came.short or not only:
             return
         carried = self._asking(replace(deed, things=(carrier,)))
         place = yield from carried.place_told()
@@ -315,17 +313,19 @@ class GuardedErrand(ThingFinder):
         asked = replace(self.asked, deeds=(deed,))
         return GuardedErrand(self.episode, asked, self.skills, self.came)
 
-    def _vessel(self, object_id: str, place: Mention | None = None) -> dict[str, str]:
-        """Return what a thing lies in, type -> id, where that can be carried: one vessel for all.
+    def _vessel(self, things: Iterable[str], place: Mention | None = None) -> dict[str, str]:
+        """Return what the first of some things lies in, type -> id, where that can be carried.
 
-        `place`: where it was to go, the deed's by default; {} where that is several.
+        `place`: where they were to go, the deed's by default; {} where that is several.
         """
         place = place or self.asked.deeds[0].place
-        sight = self.sights.get(object_id)
-        if place is None or sight is None or _is_several(place):
+        if place is None or _is_several(place):
             return {}
         kinds = {kind for kind in self.kinds_of(place) if object_types()[kind].can("pickupable")}
-        return {kind_of(one): one for one in sight.parent_ids if kind_of(one) in kinds}
+        sights = self.sights
+        lain_in = (one for name in things if name in sights for one in sights[name].parent_ids)
+        vessel = next((one for one in lain_in if kind_of(one) in kinds), None)
+        return {kind_of(vessel): vessel} if vessel is not None else {}
 
     def _of_one(self, subtask: SubTask, kind: str) -> SubTask:
         """Return a request that is made of one thing of a type, as it is planned."""

@@ -225,8 +225,8 @@ class ThorWorld:
         given = {"action": action} if isinstance(action, str) else dict(action)
         given.update(arguments)
         client = self._running()
-        name, kind = str(given["action"]), root_type(str(given.get("objectId", "")))
-        if kind == "Blinds" and name in ("OpenObject", "CloseObject"):
+        name = str(given["action"])
+        if self._moves_blinds(name, given):
             return self._refuse(name, loud=loud)
         try:
             return self._keep(self._called(name, "step", given, raise_for_failure=loud))
@@ -276,6 +276,16 @@ class ThorWorld:
     def _keep(self, event: Any) -> Any:
         self._event, self._loss = event, None
         return event
+
+    def _moves_blinds(self, name: str, given: Mapping[str, Any]) -> bool:
+        """Return whether an action names blinds; one that gives a point of the picture does not."""
+        if name in ("OpenObject", "CloseObject"):
+            return root_type(str(given.get("objectId", ""))) == "Blinds"
+        change = given.get("SetObjectStates") or {}
+        if name != "SetObjectStates" or change.get("stateChange") != "openable":
+            return False
+        kind = change.get("objectType")  # none: all that can be opened
+        return kind == "Blinds" or (not kind and bool(self.last_event.objects_by_type("Blinds")))
 
     def _refuse(self, action: str, *, loud: bool) -> Any:
         """Return the present moment as the event of an action that failed."""
