@@ -10,7 +10,7 @@ from functools import cache
 from karma import registry
 from karma.agent.attempts import put_back
 from karma.agent.body.skills import Skills
-from karma.agent.planning.guard import cannot_serve, here_of, meant_by
+from karma.agent.planning.guard import cannot_serve, here_of, in_pieces, meant_by
 from karma.agent.planning.reading import kind_of
 from karma.agent.seeing.perceive import place_of
 from karma.agent.which_thing import (
@@ -38,12 +38,12 @@ from karma.contracts import (
     SubTask,
 )
 from karma.household.containment import has_door
-from karma.household.deeds import able_to, deed_kind
+from karma.household.deeds import FOR_GOOD, able_to, deed_kind
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import is_piece
 from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import ENDS, SAID_AS
-from karma.household.types import object_types
+from karma.household.types import object_types, types_with
 from karma.household.uses import LAMPS
 from karma.language.clauses import context_left_out, said
 from karma.language.lexicon import Lexicon
@@ -101,6 +101,7 @@ class GuardedErrand(ThingFinder):
         episode, asked, came = self.episode, self.asked, self.came
         if subtask.asked is None:
             episode.decided.clear()
+        self.skills.keep_shut(_not_to_open(asked))
         refused = cannot_serve(asked, self.here) or self.not_told_apart()
         if refused is not None:
             yield refusal(refused)
@@ -347,6 +348,9 @@ class GuardedErrand(ThingFinder):
         """Return one more thing of a plural: one that is known, else one that is searched for."""
         thing = self.asked.deeds[0].things[0]
         kinds = self._not_ruled_out(meant_by(thing, self.here))
+        if not self._counts_pieces():
+            roots = {*map(root_id, tried)}
+            tried = tried | {name for name in self.sights if root_id(name) in roots}
         one = self.next_known(kinds, tried, thing)
         if one is None and kinds:
             one = yield from self.another(kinds, tried)
@@ -354,6 +358,12 @@ class GuardedErrand(ThingFinder):
                 kinds = self._not_ruled_out(meant_by(thing, self.here))
                 one = self.next_known(kinds, tried, thing)
         return one
+
+    def _counts_pieces(self) -> bool:
+        """Return whether each piece of what was cut is one more: not of "slice two potatoes"."""
+        deed = self.asked.deeds[0]
+        whole = deed.things[0].number is not None or deed.deed in FOR_GOOD
+        return not whole or bool(in_pieces(self.asked, self.here))
 
     def _not_ruled_out(self, kinds: Iterable[str]) -> list[str]:
         """Return the kinds of wholes that a request does not leave out."""
@@ -465,6 +475,15 @@ class GuardedErrand(ThingFinder):
 
 def _is_several(one: Mention) -> bool:
     return one.anything or one.every or (one.number or 1) > 1
+
+
+def _not_to_open(asked: Request) -> set[str]:
+    """Return the types that a request says not to open, or to leave alone."""
+    kinds = {kind for one in asked.exclusions if not (one.at or one.states) for kind in one.types}
+    for deed in asked.forbidden:
+        if deed.verb == "open":  # not "leave open"
+            kinds |= {kind for one in deed.things for kind in one.types} or types_with("openable")
+    return kinds
 
 
 def _is_sought(deed: SaidDeed) -> bool:

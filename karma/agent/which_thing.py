@@ -43,7 +43,7 @@ _PUT = SaidDeed(verb="put", deed="put", start=-1)
 PLACES = 12  # of a kind that are looked over
 _MADE_SO = frozenset(("heated", "cooled", "cooked", "sliced", "filled"))  # "the hot potato"
 # a look shows the other; so with "off"
-_SHOWN_BY = {"clean": "dirty", "empty": "filled", "unbroken": "broken"}
+_SHOWN_BY = {"clean": "dirty", "empty": "filled", "unbroken": "broken", "unsliced": "sliced"}
 _SHOWS = frozenset(("on", "off", "opened", "closed", "sliced"))  # states that are so for any deed
 
 
@@ -436,7 +436,7 @@ def is_all(states: Sequence[str], sight: SeenObject) -> bool:
 def is_so(state: str, sight: SeenObject) -> bool:
     """Return whether a look shows a thing in a state."""
     shown = _SHOWN_BY.get(state) or (OPPOSITES.get(state) if state in ("off", "closed") else None)
-    if state == "unbroken" and is_piece(sight.object_type):
+    if state in ("unbroken", "unsliced") and is_piece(sight.object_type):
         return False
     return state in sight.states or (shown is not None and shown not in sight.states)
 

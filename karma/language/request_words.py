@@ -37,6 +37,8 @@ class RequestWords(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     taught: frozenset[str]
     negations: frozenset[str]
     needs_place: frozenset[str]
+    only_at: frozenset[str]
+    of_itself: frozenset[str]
     small_verbs: frozenset[str]
     dropped: frozenset[str]
     marks: frozenset[str]

@@ -231,7 +231,8 @@ class SentenceDeeds:
         me = bool(lists.me & set(self.s.lows(number + 1, min(number + 3, end))))  # "bring me ..."
         if text == "read" and lists.me & {*self.s.lows(number + 1, end)}:
             deed = ""  # aloud
-        deed, pairs = self._meant(_of_taps(deed, pairs), text, pairs, coffee=said, me=me)
+        deed = "" if deed == "put" and _puts_nothing(text, pairs[0]) else _of_taps(deed, pairs)
+        deed, pairs = self._meant(deed, text, pairs, coffee=said, me=me)
         if not deed:
             self.s.unread.append(text)
         hangs = word.lemma == "hang"
@@ -605,6 +606,14 @@ class SentenceDeeds:
 def _said(verb: str, deed: str, start: int, pair: Pair) -> SaidDeed:
     return SaidDeed(
         verb=verb, deed=deed, start=start, things=pair.things, place=pair.place, near=pair.near
+    )
+
+
+def _puts_nothing(verb: str, pair: Pair) -> bool:
+    """Return whether a verb of putting means something else here: "sit on the sofa", "lock it"."""
+    lists = request_words()
+    return (verb in lists.of_itself and not pair.things) or (
+        verb in lists.only_at and pair.place is None
     )
 
 

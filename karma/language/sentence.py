@@ -148,8 +148,9 @@ class SaidSentence:
 
     def known_verb(self, number: int) -> bool:
         """Return whether a word is a form of a verb that asks for something."""
-        word = self.words[number]
-        return word.text.lower() in deed_verbs() or word.lemma in deed_verbs()
+        word, low = self.words[number], self.low(number)
+        phrase = f"{low} {self.low(number + 1)}"  # "switch on"
+        return bool({low, word.lemma, phrase} & deed_verbs().keys())
 
     def is_bare(self, number: int) -> bool:
         """Return whether a verb that has a subject in the parse cannot tell anything of it.
@@ -186,7 +187,8 @@ class SaidSentence:
     def _listed_noun(self, joint: int, number: int) -> bool:
         """Return whether a word behind "and" is one more noun of a list, not a verb."""
         ends = self.tag(number + 1) in ("", "IN", ".", ",", "CC", "VBZ", "VBP", "MD")
-        particle = self.low(number + 1) in ("up", "out", "off")
+        switches = self.low(number) in ("switch", "turn") and self.low(number + 1) == "on"
+        particle = switches or self.low(number + 1) in ("up", "out", "off")
         noun = joint > 0 and self.tag(joint - 1).startswith("NN")
         return noun and ends and not particle and self.tag(number) != "VB"
 

@@ -53,13 +53,13 @@ from karma.infer.manifest.manifest import default_planner, resolve_planner
 from karma.language.clauses import clauses_of, context_left_out
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader, asked_last, check_length
-from karma.talk import history
-from karma.talk.home import KeptHome, home_folder
+from karma.talk import history, rules
+from karma.talk.home import RULE, RULE_ENDED, KeptHome, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
 from karma.talk.offers import corrected, with_offer
 from karma.talk.other_rooms import of_room, room_said
 from karma.talk.questions import answered, of_another
-from karma.talk.remembering import MemoryAnswer, Remembering
+from karma.talk.remembering import MemoryAnswer, Remembering, answer
 from karma.talk.replies import AgentReply, RequestReply, as_it_ends, turns_of
 from karma.talk.telling import told_of
 from karma.talk.views import Memory, RoomMap
@@ -301,13 +301,15 @@ class Agent:
         instruction = corrected(instruction, self._asked, reader)
         seen = {name: sight for name, (sight, _) in self._episode.last_seen().items()}
         plain = history.in_plain_words(instruction, self.home.past, reader, seen)
-        requests = context_left_out(reader.read(plain.text, *self._spoken_of(reader, ahead)))
+        read = reader.read(plain.text, *self._spoken_of(reader, ahead))
+        kept = [one for one in read if rules.is_rule(one)]
+        requests = context_left_out([one for one in read if one not in kept])
         usual = history.habits(self.home.past, reader)
         unread = [
             replace(one, unread=(*one.unread, *(w for w in plain.unknown if w in one.text)))
             for one in requests
         ]
-        found = []
+        found = [_Clause(one.text, one) for one in kept]
         for text, asked in (clause for one in unread for clause in clauses_of(one)):
             put = history.with_habits(asked, usual)
             found.append(_Clause(text if put is asked else put.errand, put, plain.means))
@@ -340,6 +342,8 @@ class Agent:
         self._episode.mine = {**history.owned(self.home.past), **said.means}
         self._episode.told = self._remembering().told()
         self._asked = clause if asked is not None and asked.form == "errand" else ""
+        if asked is not None and reader is not None:
+            asked = rules.with_rules(asked, rules.rules(self.home.past, reader))
         subtask = SubTask(instruction=clause, whole=clause if asked else whole, asked=asked)
         taken: list[Understanding] = []
         plans: list[Plan] = []
@@ -394,6 +398,14 @@ class Agent:
         Of another room nothing is looked for, done or learnt here.
         """
         self._question = clause if asked.form == "question" else ""
+        if rules.is_rule(asked):
+            self.home.add(clause, RULE, (), (), self._world.last_event)
+            return rules.kept_to(asked)
+        if rules.is_taken_back(asked.text, self.home.past, reader):
+            self.home.add(clause, RULE_ENDED, (), (), self._world.last_event)
+            return answer("I will keep to it no longer.")
+        if against := rules.against(asked, rules.rules(self.home.past, reader)):
+            return against
         room = room_said(asked, self.scene.name)
         if room is not None and not room.is_here:
             return of_room(room, asked, self.scene.name, self.home.folder, reader)

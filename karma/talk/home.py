@@ -27,7 +27,8 @@ HOMES = Path("runs/homes")
 SCENE = "kitchen_1"  # where none is said
 BEGINS_S = 8 * HOUR_S  # on the first day, a Monday: when a home's clock is at 0
 PLACE_TOLD, STATE_TOLD = "told", "told how it is"  # how what a person only tells is kept
-TOLD = (PLACE_TOLD, STATE_TOLD)
+RULE, RULE_ENDED = "told never to", "told that it may"
+TOLD = (PLACE_TOLD, STATE_TOLD, RULE, RULE_ENDED)
 ACTION_S = 1.0  # that an action takes by the home's clock
 _CARD, _LOG = "home.json", "log.jsonl"
 

@@ -15,13 +15,13 @@ from karma.agent.seeing.perceive import place_of
 from karma.agent.which_thing import is_so
 from karma.contracts import Mention, Request, SeenObject
 from karma.household.containment import has_door
-from karma.household.ids import type_of
-from karma.household.pieces import base_type, is_piece
+from karma.household.ids import root_id, type_of
+from karma.household.pieces import base_type
 from karma.household.places import HAND, NEAR_M
 from karma.household.saying import name_of, told_place
 from karma.household.states import NEEDS
 from karma.household.types import object_types
-from karma.household.uses import BASIN_OF, BASINS, BELOW_SINKS
+from karma.household.uses import BASIN_OF, BASINS, BELOW_SINKS, without_basin
 from karma.language.request import RequestReader
 from karma.language.request_words import request_words
 from karma.talk import log_answers
@@ -87,11 +87,13 @@ def _how_many(q: AskedQuestion) -> MemoryAnswer | None:
         return _not_seen(q)
     if not q.about and not q.unknown:
         return _what_lies_there(q, counted=True)
-    found = [one for one in q.knows.of(q.things[0]) if is_at(one[0], q.at if q.about else ())]
+    pieces = q.has(*request_words().pieces)
+    known = q.knows.pieces_of(q.things[0]) if pieces else q.knows.of(q.things[0])
+    found = [one for one in known if is_at(one[0], q.at if q.about else ())]
     if q.state:
         found = [one for one in found if is_so(q.state, one[0])]
-    if q.things[0].text.split()[-1] in request_words().pieces:
-        found = [one for one in found if is_piece(one[0].object_type)]
+    if not pieces:  # what was cut is one thing, wherever its pieces are
+        found = [*{root_id(one[0].object_id): one for one in reversed(found)}.values()][::-1]
     if not found:
         return unknown("None that I have seen.", look=_looking(q.things[0]))
     places = [f"{_place(q, one[0])} ({q.knows.seen(*one)})" for one in found[:MOST]]
@@ -130,11 +132,22 @@ def _what_lies_there(q: AskedQuestion, *, counted: bool = False) -> MemoryAnswer
         at = (one for one in q.knows.sights.values() if is_at(one[0], [place]))
         lying = [one for one in at if one[0].pickupable]
         where = told_place(known[0][0].object_id if known else place.types[0])
+    if q.has("was", "were") and (left := _what_left(q, place)):
+        lying_s = f" {few(last_first(lying), lambda one: _the(one[0]))} by now." if lying else ""
+        return answer(f"{where[0].upper()}{where[1:]} I saw before: {left}.{lying_s}")
     if not lying:
         return _nothing_there(q, place, where, empty=empty)
     told = few(last_first(lying), lambda one: f"{_the(one[0])} ({q.knows.seen(*one)})")
     lead = "No. " if empty else "Yes. " if whether else f"{len(lying)}. " if counted else ""
     return answer(f"{lead}{where[0].upper()}{where[1:]}: {told}.")
+
+
+def _what_left(q: AskedQuestion, place: Mention) -> str:
+    """Return what was seen at a place and has been moved from there since, "" for nothing."""
+    kinds = {*map(without_basin, place.types)}
+    last = {one.object_id: one for one in moves(q.knows.past)}
+    left = [name for name, one in last.items() if without_basin(type_of(one.before)) in kinds]
+    return few(left, lambda name: f"the {name_of(name)}")
 
 
 def _beside(q: AskedQuestion, those: Sequence[SeenObject]) -> list[Sight]:
@@ -264,12 +277,30 @@ def _whether(q: AskedQuestion) -> MemoryAnswer | None:
     if "there" in q.words[:3] or places or had or q.has("here"):
         if (thing.number or 0) > 1:
             return _whether_so_many(q, thing.number or 0, len(there))
+        if q.first in ("was", "were") and (before := _where_before(q, found, places)):
+            return answer(*before)
         sight, when = (there or found)[0]
         yes = "Yes" if there else "No, not that I saw"
         either = "or" in q.words and len(places) > 1 and bool(there)
         lead = f"The {name_of(sight.object_id)}" if either else f"{yes}: {_the(sight)}"
         return answer(f"{lead} is {_lies(q, sight, when)}.")
     return None
+
+
+def _where_before(q: AskedQuestion, found: Sequence[Sight], places: Sequence[Mention]) -> list[str]:
+    """Return where things were before they were moved last; [] where none was."""
+    kinds = {without_basin(kind) for place in places for kind in place.types}
+    lines = []
+    for sight, when in found[: MOST if q.things[0].every else 1]:
+        moved = [one for one in moves(q.knows.past) if one.object_id == sight.object_id]
+        carried = [one for one in moved if one.before != HAND]
+        if not (carried and kinds):
+            continue
+        was = carried[-1].before
+        yes = "Yes" if without_basin(type_of(was)) in kinds else "No"
+        now = f"it is {_lies(q, sight, when)}"
+        lines.append(f"{yes}: {_the(sight)} was {told_place(was)} before; {now}.")
+    return lines
 
 
 def _whether_so_many(q: AskedQuestion, number: int, count: int) -> MemoryAnswer:
@@ -305,6 +336,11 @@ def _state_told(
         return answer(f"No, none of the {len(some)} that I have seen is {word}; {seen}.")
     if plural and not so:
         return answer(f"No, the one {name} that I have seen is not {word}; {seen}.")
+    if not plural:
+        lead = f"{'Yes' if yes else 'No'}, the {name} is {'' if yes else 'not '}{word}; {seen}."
+        other = (one for one, _ in found[1:] if one.states and is_so(state or q.state, one) != yes)
+        lines = [f"It is otherwise with {_the(one)} {_place(q, one)}." for one in other]
+        return answer(lead, *lines[:2])
     if yes:
         every = several and len(so) == len(some)
         count = "both" if len(some) == 2 else f"all {len(some)}"

@@ -68,11 +68,25 @@ class Remembering:
 
     def of(self, thing: Mention) -> list[Sight]:
         """Return the sights of what a mention may mean, the last seen first."""
+        found = reversed(self._others(thing) if thing.other else self._called(thing))
+        return list({_heap(sight): (sight, when) for sight, when in found}.values())[::-1]
+
+    def _others(self, thing: Mention) -> list[Sight]:
+        """Return the sights of "the other mug": of those that were not handled last."""
+        found = self._called(thing)
+        handled = [name for name, unit in self.units.items() if unit.handled]
+        last = next((n for n in reversed(handled) if any(n == s.object_id for s, _ in found)), None)
+        return [one for one in found if one[0].object_id != last]
+
+    def pieces_of(self, thing: Mention) -> list[Sight]:
+        """Return the sights of each piece of what a mention may mean, the last seen first."""
+        return [one for one in self._called(thing) if is_piece(one[0].object_type)]
+
+    def _called(self, thing: Mention) -> list[Sight]:
         kinds = {*thing.types, *map(without_basin, thing.types)}
-        found = last_first(
+        return last_first(
             one for one in self.all() if kinds & {one[0].object_type, base_type(one[0].object_type)}
         )
-        return list({_heap(sight): (sight, when) for sight, when in reversed(found)}.values())[::-1]
 
     def all(self) -> Iterator[Sight]:
         """Yield each thing that was seen, in the states that are known, with when it was seen."""

@@ -50,6 +50,7 @@ class Reach:
         self.names = Naming(self.log, knowledge, self.walker.gap, before)
         self.used: list[str] = []  # ids that names resolved to since `start`
         self.explorations = 0  # since `start`
+        self.kept_shut: frozenset[str] = frozenset()  # types that are not to be opened
 
     def start(self) -> None:
         """Begin a skill."""
@@ -267,6 +268,8 @@ class Reach:
         `also` is another thing that it handles; what is done `in_passing` is not remembered; with
         `from_here` the agent stays where it is. Refuses with the world's reason.
         """
+        if action == "OpenObject" and target.object_type in self.kept_shut:
+            raise RefusedError(f"{target.object_type} is not to be opened, as was said")
         self.approach(target)
         before = self.log.seen.get(target.object_id)
         event = self.walker.do(action, **self._eyes.aim(target.object_id))

@@ -179,6 +179,7 @@ class Search:
             sight
             for object_id, sight in self._log.seen.items()
             if object_id not in self._log.looked_into
+            if sight.object_type not in self._reach.kept_shut
             if (kind := types.get(sight.object_type)) and kind.can("receptacle")
             if not only_likely or wanted is None or wanted.fits(kind)
             if self._may_open(sight)

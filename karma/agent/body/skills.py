@@ -71,6 +71,10 @@ class Skills:
         """What was seen and done so far."""
         return self._reach.log.experience()
 
+    def keep_shut(self, kinds: Collection[str]) -> None:
+        """Open nothing of some types from now on, not in a search either."""
+        self._reach.kept_shut = frozenset(kinds)
+
     def begin_program(self) -> None:
         """Forget which things the lines of an earlier program were about."""
         self._taken = []
