@@ -11,6 +11,7 @@ from karma import registry
 from karma.agent.attempts import put_back
 from karma.agent.body.skills import Skills
 from karma.agent.planning.guard import cannot_serve, here_of, in_pieces, meant_by
+from karma.agent.planning.inspector import put_down
 from karma.agent.planning.reading import kind_of
 from karma.agent.seeing.perceive import place_of
 from karma.agent.which_thing import (
@@ -41,6 +42,7 @@ from karma.household.containment import has_door
 from karma.household.deeds import FOR_GOOD, able_to, deed_kind
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import is_piece
+from karma.household.places import HAND
 from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import ENDS, SAID_AS
 from karma.household.types import object_types, types_with
@@ -130,7 +132,8 @@ class GuardedErrand(ThingFinder):
                 return False
             if not holds:
                 self.came.nothing_to_do = True
-                self.came.say(f"{condition.text}: that is not so", "seen")
+                isnt = "" if condition.text.lower().startswith("unless") else "not "
+                self.came.say(f"{condition.text}: that is {isnt}so", "seen")
                 return False
         return True
 
@@ -213,6 +216,8 @@ class GuardedErrand(ThingFinder):
             before = yield from self.told_apart_by_words(kinds)
             if before == "":
                 return
+        if asked.deeds[0].deed == "take":
+            before = yield from self._hand_freed(kinds, before)
         before = before and _piece_of(self.sights, before)
         if before and self.holds_already(before, asked.deeds[0], own):
             came.nothing_to_do = True
@@ -231,6 +236,16 @@ class GuardedErrand(ThingFinder):
             used = [one for one in result.object_ids if kind_of(one) in kinds]
             if used and result.ok and thing.start >= 0:  # else "it" of an earlier text
                 episode.chosen.setdefault(key, used[0])
+
+    def _hand_freed(self, kinds: Collection[str], before: str | None) -> Doing[str | None]:
+        """Return what is to be taken: what is held, if nothing else; else put down what is held."""
+        held = next((one for one, sight in self.sights.items() if place_of(sight) == HAND), "")
+        if not held or kind_of(type_of(held)) not in kinds or before == held:
+            return before
+        if before is not None:  # "another mug"
+            for call in put_down(held, before, self.here):
+                yield self.skills.run(call)
+        return before or held
 
     def _each(self, subtask: SubTask) -> Doing[None]:
         """Do a deed to each thing of a plural: to those that are known, then to what is found."""

@@ -31,6 +31,7 @@ from karma.contracts import (
 from karma.household.deeds import FOR_GOOD, deed_kind
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import is_piece
+from karma.household.places import HAND
 from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import OPPOSITES
 from karma.household.types import object_types
@@ -415,6 +416,8 @@ class ThingFinder:
                 parent in places if places else kind_of(parent) in kinds
                 for parent in sight.parent_ids
             )
+        if deed.deed == "take" and deed.place is None:
+            return place_of(sight) == HAND
         after = deed_kind(deed.deed).leaves
         return after in _SHOWS and bool(sight.states) and is_so(after, sight)
 

@@ -35,6 +35,7 @@ _WORST = (STOPPED, FAILED, UNFINISHED, ASKED, REFUSED)  # of several requests th
 _MOST, _SHOWN = 10_000, 1_000  # characters of a line that are read; of it, that are shown
 TYPED, _KEPT = "typed.txt", 500  # what was typed in a home, and how many lines of it
 _WHY = ("why", "why not", "how come", "why did you do that")
+_UNDO = ("undo", "undo that", "undo it", "undo this", "take that back", "undo what you did")
 _LOOK = ("/look", "go and see", "go and look", "look for it", "yes, look")
 _STYLES = {
     "said": "bold", "meant": "cyan", "sure": "dim", "asked": "yellow", "did": "green",
@@ -172,7 +173,8 @@ def converse(agent: "Agent", view: AnswerView | None = None) -> int:
             if typed.split()[0] == "/quit":
                 break
             words = typed.lower().rstrip(".!? ")
-            typed = "/why" if words in _WHY else _looking(agent) if words in _LOOK else typed
+            typed = "/undo" if words in _UNDO else "/why" if words in _WHY else typed
+            typed = _looking(agent) if words in _LOOK else typed
             if sys.stdin.isatty() and agent.replies:
                 typed = _whole(agent, typed, agent.replies[-1])
             if typed:

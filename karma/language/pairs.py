@@ -204,7 +204,7 @@ class Pairs:
             if self._is_held_along(number, one, before, group):
                 return True
             if before in words.tools:
-                self._read_with(one, deed, group)
+                self._read_with(number, one, deed, group)
                 return True
         if before in words.passed_over and before != "of" and group.things:
             if before in ("as", "like", "than"):
@@ -224,7 +224,7 @@ class Pairs:
         group.tell(holding=holding, end=one.end)
         return True
 
-    def _read_with(self, one: Mention, deed: str, group: _PairGroup) -> None:
+    def _read_with(self, number: int, one: Mention, deed: str, group: _PairGroup) -> None:
         """Read "with the salt": a name, what lies in a thing, or what something is done with."""
         if self._names_together(group, one):
             return
@@ -236,8 +236,16 @@ class Pairs:
         if self._holds(group, deed):
             group.tell(holding=(*one.types, *one.besides), end=one.end)
             group.held = True
+        elif deed == "put" and group.things and self._is_joined(number, one):
+            group.places, group.near = [one], True  # "put the salt with the pepper"
         else:
             self._read_tool(one, deed)
+
+    def _is_joined(self, number: int, one: Mention) -> bool:
+        """Return whether something is put to a thing, and nowhere else."""
+        behind = range(number + 1, self._s.order_end(number))
+        carried = bool(one.types) and types_with("pickupable").issuperset(one.types)
+        return carried and not self.has_place(behind)
 
     def _is_region(self, number: int, one: Mention, group: _PairGroup) -> bool:
         """Return whether a phrase only says where at a place: "the back of", "in the corner"."""

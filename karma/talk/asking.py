@@ -24,6 +24,7 @@ _UNDER = r"under|underneath|below|beneath"
 _NEAR = r"near|by|beside|next to|close to|around"
 _AT = re.compile(rf"\b(?:{_IN}|(?P<under>{_UNDER})|(?P<near>{_NEAR}))\s+{_DETERMINERS}$")
 _HANGING = re.compile(rf"\b(?:{_IN}|(?P<near>{_NEAR}))\W*$")
+_IS_ON = re.compile(r"(?:\b(?:is|are|was|were|still|left)|'s) on\W*$")  # a state, no place
 _HOLDS = re.compile(r"\s*(?:still )?(?:has|have|had|holds?|contains?)\b")
 _OPEN = re.compile(r"\b(?:anything|something|everything|all|stuff|things?)\b")
 _IT = frozenset(("it", "that", "this", "them", "there", "these", "those"))
@@ -114,7 +115,8 @@ class AskedQuestion:
     @property
     def state_word(self) -> str:
         """The word of a state that it asks about, "" where it asks about none."""
-        text = _HANGING.sub(" ", self.raw) if self.asks in ("what", "which") else self.raw
+        hangs = self.asks in ("what", "which") and not _IS_ON.search(self.raw)
+        text = _HANGING.sub(" ", self.raw) if hangs else self.raw
         for place in self._places:
             text = text.replace(place, " ")
         words = re.findall(r"[a-z]+", text)

@@ -56,6 +56,9 @@ _BESIDE_IT = re.compile(
     re.IGNORECASE,
 )
 _AND_BACK = re.compile(r"(?:,? and|, then| then)+ back(?: again)?(?=[.!]?$)", re.IGNORECASE)
+_TELL = re.compile(
+    r"\b(?:tell me|let me know) (?=(?:what|where|which|who|when|how|whether|if)\b)", re.IGNORECASE
+)
 _USUAL = re.compile(r"\b(?:always|usually|belongs?)\b[^.;!]*[.;!]", re.IGNORECASE)
 _CUTS = re.compile(r"[.;!]|,? (?:and )?then\b|,|\band\b", re.IGNORECASE)
 _BOTH = 2
@@ -270,6 +273,7 @@ def in_turn(text: str) -> list[str]:
     text = _AND_BACK.sub(", then put it back where it was", text)  # "to the bath, then back again"
     speaks = [one.start() for kind in (_ORDINAL, _DONE_TO) for one in kind.finditer(text)]
     speaks += [one.start() for one in _BACK.finditer(text) if _goes_back(one)]
+    speaks += [one.start() for one in _TELL.finditer(text)]
     cuts = [0]
     for at in sorted(speaks):
         ahead = [one for one in _CUTS.finditer(text, 0, at) if one.start() > 0]

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from karma.agent.journal.formats import plural
+from karma.agent.seeing.perceive import place_of
 from karma.household.containment import has_door
 from karma.household.deeds import DEED_KINDS
 from karma.household.ids import type_of
@@ -12,12 +13,16 @@ from karma.household.places import HAND
 from karma.household.saying import name_of, told_place
 from karma.household.uses import without_basin
 from karma.language.request import RequestReader
-from karma.language.request_words import base_of_deed
+from karma.language.request_words import base_of_deed, deed_verbs
 from karma.talk.asking import AskedQuestion
 from karma.talk.history import Move, deeds_in, deeds_of, habits_in, looked_into, moves
 from karma.talk.home import TOLD, PastDeed, PastErrand
 from karma.talk.remembering import MOST, MemoryAnswer, answer, unknown
 
+_ACTIONS = {
+    "open": "OpenObject", "close": "CloseObject", "on": "ToggleObjectOn", "off": "ToggleObjectOff",
+    "slice": "SliceObject", "break": "BreakObject",
+}  # by which things a deed was done to  # fmt: skip
 _MOVING = ("moved", "took", "put", "placed", "brought", "left", "carried")
 
 
@@ -52,6 +57,8 @@ def what_was_done(q: AskedQuestion) -> MemoryAnswer | None:
         return answer("Nothing that I know of.")
     if not past:
         return answer("Nothing then." if q.knows.past else "Nothing yet.")
+    if q.has("first"):
+        return answer(past[0], *q.of_no_time)
     left = len(past) - MOST
     more = (f"and {left} before that",) if left > 0 else ()
     return answer(*reversed(past[-MOST:]), *more, *q.of_no_time)
@@ -211,6 +218,75 @@ def _place_words(place: str | None) -> str:
     if place == HAND:
         return "my hand"
     return f"the {name_of(place)}" if place else "somewhere"
+
+
+def how_long(q: AskedQuestion) -> MemoryAnswer | None:
+    """Answer "how long did that take?" of the last errand."""
+    if not q.says(r"^how long (?:did (?:it|that|this) take|has (?:it|that|this) taken)\b"):
+        return None
+    last = next((one for one in reversed(q.knows.past) if one.status not in TOLD), None)
+    if last is None:
+        return answer("Nothing yet.")
+    steps = plural(len(last.actions), "step")
+    return answer(f"{steps}, a second each by the home's clock: {last.plain or last.said}.")
+
+
+def which_it_was_done_to(q: AskedQuestion) -> MemoryAnswer | None:
+    """Answer "which mug did you wash?" and "which drawers did you open?"."""
+    rest = _words_of_the_deed(q)
+    deed = deed_verbs().get(base_of_deed(rest[0]) or "", "") if rest else ""
+    asks = q.asks == "which" and q.has("did", "have") and q.has("you") and len(q.things) == 1
+    if not (asks and deed):
+        return None
+    done = _done_to(q, deed, rest)
+    if not done:
+        return answer("None that I remember.")
+    lines = [f"The {name_of(name)}{_now(q, name)}, {q.knows.ago(at_s)}." for name, at_s in done]
+    if len(done) > 1 and len(set(lines)) == 1:  # no words tell them apart
+        return answer(f"{plural(len(done), name_of(done[0][0]))}, {q.knows.ago(done[0][1])}.")
+    return answer(*lines[:MOST])
+
+
+def _done_to(q: AskedQuestion, deed: str, rest: Sequence[str]) -> list[tuple[str, float]]:
+    """Return the things of the asked kind that a deed was done to, and when, the last first."""
+    order = [base_of_deed(rest[0]) or rest[0], "the", q.things[0].text, *rest[1:]]
+    asked = [errand for errand, _ in _that_was_done(q, order) or ()]
+    action = _ACTIONS.get(deed, "")  # else it is what was carried for an errand that asked for it
+    done: dict[str, float] = {}
+    for past in q.knows.past:
+        if not q.then(past.at_s) or not (action or past in asked):
+            continue
+        for did, given in past.actions:
+            name = str(given.get("objectId", ""))
+            if did == (action or "PickupObject") and base_type(type_of(name)) in q.things[0].types:
+                done[name] = past.at_s
+    return [*done.items()][::-1]
+
+
+def _now(q: AskedQuestion, name: str) -> str:
+    """Return where a thing that can be carried is by now, in words; "" for any other."""
+    sight = q.knows.sights.get(name)
+    if sight is None or not sight[0].pickupable:
+        return ""
+    return f" that is now {told_place(place_of(sight[0]))}"
+
+
+def whether_all_is_shut(q: AskedQuestion) -> MemoryAnswer | None:
+    """Answer "did you close everything you opened?"."""
+    asks = q.first in ("did", "have") and q.open and q.has("you")
+    if not (asks and q.has("close", "closed", "shut") and q.has("opened", "open")) or q.things:
+        return None
+    last = {
+        str(given.get("objectId", "")): action
+        for past in q.knows.past for action, given in past.actions
+        if action in ("OpenObject", "CloseObject")
+    }  # fmt: skip
+    left = [name for name, action in last.items() if action == "OpenObject"]
+    if not last:
+        return answer("I have opened nothing.")
+    if not left:
+        return answer(f"Yes, all {len(last)} that I opened.")
+    return answer(f"No: I left open the {', the '.join(map(name_of, left))}.")
 
 
 def not_looked_into(q: AskedQuestion) -> MemoryAnswer | None:

@@ -254,6 +254,7 @@ class Naming:
         `state` is preferred among several of a type in view; `held`: the thing in the hand may be
         meant.
         """
+        held = held and self._log.held_id not in self._log.aside
         if held and self._log.held and means(name, self._log.held):
             return known(self._log.held, "held")
         found = self._believed(name, held=held)

@@ -180,8 +180,12 @@ def put_near(
         )  # fmt: skip
         last = max(puts, default=None) if deed.deed == "put" and places else None
         if last is not None:
-            objects = (found[last].objects[0], kind_of(places[0]))
-            found[last] = replace(found[last], skill="PutNear", objects=objects)
+            thing, onto = found[last].objects
+            place = kind_of(places[0])
+            found[last] = replace(found[last], skill="PutNear", objects=(thing, place))
+            if place not in here:  # what is not known yet is looked for, not what it was put on
+                goes = found[last - 1].skill == "GoToObject" and found[last - 1].objects == (onto,)
+                found[last - goes : last] = [SkillCall.of("Explore", place)]
     return tuple(found)
 
 

@@ -60,10 +60,10 @@ def mend(
             found.add(call.objects[0])
             hand = None
         elif call.skill == "PickupObject":
-            mended += _put_down(hand, name, found)
+            mended += put_down(hand, name, found)
             hand = name
         elif call.skill == "BreakObject" and hand == name:
-            mended += _put_down(hand, "", found)
+            mended += put_down(hand, "", found)
             hand = None
         if call.skill == "GoToObject" and name in shut:
             call = replace(call, skill="Explore")
@@ -111,9 +111,12 @@ def likely_areas(object_type: str, areas: Sequence[Area]) -> tuple[str, ...]:
     return tuple(islice(found, 1))
 
 
-def _put_down(hand: str | None, name: str, known: Collection[str]) -> list[SkillCall]:
-    """Return the lines that free the hand for another thing, on a known surface if there is one."""
-    kind = object_types().get(short_type(hand or ""))
+def put_down(hand: str | None, name: str, known: Collection[str]) -> list[SkillCall]:
+    """Return the lines that free the hand for another thing, on a known surface if there is one.
+
+    `hand` and `name` are short names, or ids.
+    """
+    kind = object_types().get(short_type(type_of(hand or "")))
     if hand is None or kind is None or hand == name:
         return []
     fitting = [name for name in SURFACES if fits_whole_or_cut(kind.name, name)]
