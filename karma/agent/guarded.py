@@ -45,13 +45,14 @@ from karma.household.pieces import is_piece
 from karma.household.places import HAND
 from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import ENDS, SAID_AS
-from karma.household.types import object_types, types_with
+from karma.household.types import Capability, object_types, types_with
 from karma.household.uses import LAMPS
 from karma.language.clauses import context_left_out, said
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
 from karma.language.request_words import request_words
 
+_HEATED: tuple[Capability, ...] = ("cookable", "sliceable", "canFillWithLiquid")
 _IN_VAIN = 2  # things of a plural that may fail before the rest is left
 _SWITCHED = (*LAMPS, "LightSwitch", "Television")  # "everything" that is switched off
 
@@ -143,6 +144,9 @@ class GuardedErrand(ThingFinder):
         alone = len(deeds) == 1 and len(deeds[0].things) == 1
         if alone and _is_sought(deeds[0]):
             yield from self._find()
+        elif alone and deeds[0].things[0].anything and deeds[0].things[0].told:
+            words = (deeds[0].things[0].text,)  # "whatever you left there": nothing tells what
+            yield refusal(RefusedRequest(kind="unclear", by="guard", words=words))
         elif alone and _is_several(deeds[0].things[0]):
             along = self._goes_along(deeds[0].things[0], deeds[0])
             yield from (self._each_along if along else self._each)(subtask)
@@ -234,8 +238,10 @@ class GuardedErrand(ThingFinder):
         self.tell_left_behind(kinds)
         for result in came.programs[-1].results if came.programs else ():
             used = [one for one in result.object_ids if kind_of(one) in kinds]
-            if used and result.ok and thing.start >= 0:  # else "it" of an earlier text
-                episode.chosen.setdefault(key, used[0])
+            if used and result.ok:
+                # "it" of an earlier text means nothing later, but "the other one" is another one
+                at = thing.start if thing.start >= 0 else -2 - asked.deeds[0].start
+                episode.chosen.setdefault((key[0], at), used[0])
 
     def _hand_freed(self, kinds: Collection[str], before: str | None) -> Doing[str | None]:
         """Return what is to be taken: what is held, if nothing else; else put down what is held."""
@@ -423,7 +429,7 @@ class GuardedErrand(ThingFinder):
             sight.object_id for sight in self.sights.values()
             if {kind_of(parent) for parent in sight.parent_ids} & places
             and object_types()[sight.object_type].can("pickupable")
-            and is_all(thing.states, sight)
+            and is_all(thing.states, sight) and _is_for(deed, kind_of(sight.object_type))
         )  # fmt: skip
         return sorted({*map(kind_of, there)}), there
 
@@ -512,6 +518,12 @@ def _is_ended(deed: SaidDeed, thing: Mention) -> bool:
     leaves = deed_kind(deed.deed).leaves
     ends = {ENDS.get(one, "empty" if one == "filled" else "") for one in thing.states}
     return bool(leaves) and leaves in ends
+
+
+def _is_for(deed: SaidDeed, kind: str) -> bool:
+    """Return whether a deed is meant of a kind among all that lies there: no knife is heated."""
+    heats = deed.deed in ("heat", "cook", "toast")
+    return not heats or any(map(object_types()[kind].can, _HEATED))
 
 
 def _piece_of(sights: Collection[str], object_id: str) -> str:

@@ -386,6 +386,8 @@ class Pairs:
 
     def _somewhere(self, body: range, deed: str, group: _PairGroup) -> None:
         """Read "there" and "where the newspaper is" as the place of a thing."""
+        if group.places and group.things and deed == "put":
+            self._elsewhere(body, group)
         if group.places or deed not in ("put", "take"):
             return
         ends = (".", "!", "?", ",", ";", "and", "then")
@@ -408,6 +410,17 @@ class Pairs:
                     return  # "from where it is"
                 place = Mention(text=text, start=start, end=start + len(text), told=True)
                 group.places.append(place)
+                return
+
+    def _elsewhere(self, body: range, group: _PairGroup) -> None:
+        """Read "the books on the desk elsewhere": the desk is where they are, not where they go."""
+        for number in body:
+            low = self._s.low(number)
+            if low in ("elsewhere", "somewhere") and number not in self._s.taken:
+                word = self._s.words[number]
+                self._s.taken.update((number, number + (self._s.low(number + 1) == "else")))
+                group.tell(at=group.places.pop().types)
+                group.places[:] = [Mention(text=low, start=word.start, end=word.end, vague=True)]
                 return
 
     def _is_listed(self, number: int) -> bool:

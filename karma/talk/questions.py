@@ -132,9 +132,9 @@ def _what_lies_there(q: AskedQuestion, *, counted: bool = False) -> MemoryAnswer
         at = (one for one in q.knows.sights.values() if is_at(one[0], [place]))
         lying = [one for one in at if one[0].pickupable]
         where = told_place(known[0][0].object_id if known else place.types[0])
-    if q.has("was", "were") and (left := _what_left(q, place)):
-        lying_s = f" {few(last_first(lying), lambda one: _the(one[0]))} by now." if lying else ""
-        return answer(f"{where[0].upper()}{where[1:]} I saw before: {left}.{lying_s}")
+    if q.has("was", "were") and (left := _what_left(q, place, lying)):
+        now = few(last_first(lying), lambda one: _the(one[0])) or "nothing that I have seen"
+        return answer(f"{where[0].upper()}{where[1:]} I saw before: {left}. By now: {now}.")
     if not lying:
         return _nothing_there(q, place, where, empty=empty)
     told = few(last_first(lying), lambda one: f"{_the(one[0])} ({q.knows.seen(*one)})")
@@ -142,12 +142,14 @@ def _what_lies_there(q: AskedQuestion, *, counted: bool = False) -> MemoryAnswer
     return answer(f"{lead}{where[0].upper()}{where[1:]}: {told}.")
 
 
-def _what_left(q: AskedQuestion, place: Mention) -> str:
+def _what_left(q: AskedQuestion, place: Mention, lying: Sequence[Sight]) -> str:
     """Return what was seen at a place and has been moved from there since, "" for nothing."""
-    kinds = {*map(without_basin, place.types)}
-    last = {one.object_id: one for one in moves(q.knows.past)}
-    left = [name for name, one in last.items() if without_basin(type_of(one.before)) in kinds]
-    return few(left, lambda name: f"the {name_of(name)}")
+    kinds, there = {*map(without_basin, place.types)}, {one.object_id for one, _ in lying}
+    left = dict.fromkeys(
+        one.object_id for one in reversed(moves(q.knows.past))
+        if without_basin(type_of(one.before)) in kinds and one.object_id not in there
+    )  # fmt: skip
+    return few([*left], lambda name: f"the {name_of(name)}")
 
 
 def _beside(q: AskedQuestion, those: Sequence[SeenObject]) -> list[Sight]:
@@ -272,6 +274,8 @@ def _whether(q: AskedQuestion) -> MemoryAnswer | None:
         told = _told_last(q, thing, -1.0, STATE_TOLD) if q.state else ""
         return answer(told) if told else _not_seen(q)
     there = [one for one in found if _is_there(q, one[0], places)]
+    if places and len(q.about) > 1 and "or" not in q.words:
+        return _whether_each(q, places)
     if q.state and (there or not places):  # "is the mug on the table dirty?"
         return _state_told(q, thing, there if places else found)
     if "there" in q.words[:3] or places or had or q.has("here"):
@@ -285,6 +289,20 @@ def _whether(q: AskedQuestion) -> MemoryAnswer | None:
         lead = f"The {name_of(sight.object_id)}" if either else f"{yes}: {_the(sight)}"
         return answer(f"{lead} is {_lies(q, sight, when)}.")
     return None
+
+
+def _whether_each(q: AskedQuestion, places: Sequence[Mention]) -> MemoryAnswer:
+    """Answer "are the clock and the phone in the drawer?"."""
+    lines, so = [], True
+    for thing in q.about:
+        found = q.knows.of(thing)
+        there = [one for one in found if _is_there(q, one[0], places)]
+        so = so and bool(there)
+        for sight, when in (there or found)[:1]:
+            lines.append(f"The {name_of(sight.object_id)} is {_lies(q, sight, when)}.")
+        if not found:
+            lines.append(f"I have not seen any {thing.text}.")
+    return answer("Yes." if so else "No, not that I saw.", *lines)
 
 
 def _where_before(q: AskedQuestion, found: Sequence[Sight], places: Sequence[Mention]) -> list[str]:

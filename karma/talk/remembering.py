@@ -9,6 +9,7 @@ from karma.contracts import MemoryUnit, Mention, SeenObject
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import base_type, is_piece
 from karma.household.uses import without_basin
+from karma.language.request_words import request_words
 from karma.talk.history import how_sure
 from karma.talk.home import PLACE_TOLD, TOLD, PastErrand
 
@@ -84,9 +85,12 @@ class Remembering:
 
     def _called(self, thing: Mention) -> list[Sight]:
         kinds = {*thing.types, *map(without_basin, thing.types)}
+        pieces = thing.text.split()[-1] in request_words().pieces  # "where are the slices?"
         return last_first(
-            one for one in self.all() if kinds & {one[0].object_type, base_type(one[0].object_type)}
-        )
+            one for one in self.all()
+            if kinds & {one[0].object_type, base_type(one[0].object_type)}
+            and (not pieces or is_piece(one[0].object_type))
+        )  # fmt: skip
 
     def all(self) -> Iterator[Sight]:
         """Yield each thing that was seen, in the states that are known, with when it was seen."""

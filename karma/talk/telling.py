@@ -1,5 +1,6 @@
 """What a person tells: where a thing is, and how. It is believed until eyes know better."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -17,6 +18,7 @@ from karma.talk.home import PLACE_TOLD, STATE_TOLD
 from karma.talk.offers import offer_against
 from karma.talk.remembering import MemoryAnswer, Remembering, answer, is_at, unknown
 
+_BELOW = re.compile(r"\b(?:under|underneath|below|beneath|behind|above|over)\b", re.IGNORECASE)
 _NOT_NOW = frozenset(
     ("no", "was", "were", "used", "should", "belongs", "belong", "goes", "go", "will", "or",
      "maybe", "if")
@@ -52,6 +54,8 @@ def told_of(
     thing, place = _thing_and_place(request)
     if thing is None or place is None:
         return None
+    if _BELOW.search(request.text):  # no memory has a place for it but the words
+        return ToldPlace(answer("I will remember that you said so."), change)
     found, places = knows.of(thing), knows.of(place)
     name, where = name_of(thing.types[0]), told_place(place.types[0])
     if found and place_of(found[0][0]) == HAND:

@@ -588,3 +588,32 @@ def test_verb_that_is_unknown_is_one_although_its_sentence_parses_as_a_name(read
     (request,) = reader.read("flush the toilet")
     assert request.form == "errand"
     assert "flush" in request.unread
+
+
+@pytest.mark.parametrize(
+    ("text", "deeds"),
+    [
+        ("hide the keys in the safe and lock it", ["put", ""]),
+        ("turn on the tv and sit on the sofa", ["on", ""]),
+        ("lock the keys in the safe", ["put"]),
+        ("rinse the mug and stand it on the shelf", ["wash", "put"]),
+        ("close the blinds and switch on the desk lamp", ["close", "on"]),
+        ("turn on whatever lamp is off", ["on"]),
+    ],
+)
+def test_a_verb_of_putting_without_its_thing_or_place_puts_nothing(reader, text, deeds):
+    assert [deed.deed for one in reader.read(text) for deed in one.deeds] == deeds
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "near", "at"),
+    [
+        ("put the salt with the pepper", ("PepperShaker",), True, ()),
+        ("put the spoon with the forks on the desk", ("Desk",), False, ()),
+        ("move the books on the desk elsewhere", (), False, ("Desk",)),
+        ("put everything on the desk somewhere else", (), False, ("Desk",)),
+    ],
+)
+def test_with_and_elsewhere_say_where_a_thing_goes(reader, text, place, near, at):
+    (deed,) = (deed for one in reader.read(text) for deed in one.deeds)
+    assert (deed.place.types, deed.near, deed.things[0].at) == (place, near, at)

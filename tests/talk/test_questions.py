@@ -254,3 +254,32 @@ def test_what_was_not_looked_at_is_offered_and_looking_answers_it(tmp_path):
     assert agent.do("open a drawer")
     assert agent.do(some).parts[0].answer.lines[0].startswith("Yes, the drawer is open")
     assert agent.do("are the drawers open?").parts[0].answer.lines[0].startswith("No, the drawer")
+
+
+def test_pieces_of_one_thing_are_one_thing(tmp_path):
+    cut = "PickupObject(robot, 'Knife')\nSliceObject(robot, 'Apple')\n"
+    agent = agent_saying(tmp_path, [cut])
+    assert agent.do("slice the apple")
+    assert str(agent.do("how many apples are there?")).splitlines()[1].strip().startswith("1 ")
+    assert "None" in str(agent.do("how many apples are whole?"))
+    assert not str(agent.do("how many slices of apple are there?")).strip().startswith("1 ")
+    assert "The apple" in str(agent.do("which apple did you slice?"))
+
+
+@pytest.mark.parametrize(
+    ("question", "answer"),
+    [
+        ("what was on the table?", "saw before: the apple"),
+        ("was the apple on the table before?", "No: the apple was in the sink before"),
+        ("are the apple and the bowl in the fridge?", "No, not that I saw."),
+        ("which apple did you wash?", "The apple that is now in the fridge, 1 hour ago."),
+        ("did you close everything you opened?", "Yes, all 1 that I opened."),
+        ("what did I ask you first?", "1 hour ago: wash the apple (done)"),
+        ("how long did that take?", "a second each by the home's clock: put the apple"),
+        ("the fridge is shut, right?", "Yes, the fridge is shut"),
+        ("are both mugs dirty?", "mug"),
+        ("is the other apple clean?", "I have not seen any other apple here."),
+    ],
+)
+def test_questions_of_before_and_of_deeds(agent, question, answer):
+    assert answer in str(agent.do(question))
