@@ -245,7 +245,7 @@ class SentenceDeeds:
         """Return the deed that a verb means with what goes with it."""
         first = pairs[0]
         if deed in ("put", "take") and first.place is not None:
-            return _carried("hold" if text == "hold" else deed, pairs, first.place, me=me)
+            return _carried(text, deed, pairs, first.place, me=me)
         match deed:
             case "put" if text == "dump" and first.place is None:
                 return "throw", pairs
@@ -637,13 +637,17 @@ def _hung(pair: Pair, *, hangs: bool) -> Pair:
     return replace(pair, place=replace(place, types=kinds, vague=False))
 
 
-def _carried(deed: str, pairs: list[Pair], place: Mention, *, me: bool) -> tuple[str, list[Pair]]:
-    """Return what is meant by a thing that goes somewhere: under the tap it is washed."""
+def _carried(
+    verb: str, deed: str, pairs: list[Pair], place: Mention, *, me: bool
+) -> tuple[str, list[Pair]]:
+    """Return what is meant by a thing and a place: under the tap it is washed."""
     things = pairs[0].things
+    if verb in _FINDS:  # "look for the keys in the drawers": wherever they are
+        return "find", [Pair(things=things)]
     if FAUCET in place.types:
         return "wash", [Pair(things=things)]
     if place.types and {*place.types} <= {*LAMPS} and not pairs[-1].near:  # "take it to the lamp"
-        return ("look" if deed == "hold" else "take"), [Pair(things=things)]
+        return ("look" if verb == "hold" else "take"), [Pair(things=things)]
     if deed == "take" and me:
         return "take", [Pair(things=tuple(replace(one, at=place.types) for one in things))]
     return "put", pairs

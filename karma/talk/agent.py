@@ -364,7 +364,7 @@ class Agent:
             else:
                 plans.append(moment)
                 if moment.refused is not None or (moment.calls and not moment.error):
-                    taken.append(self._understood(clause, moment, asked))
+                    taken.append(self._understood(clause, moment, said.asked))
                     yield taken[-1]
             yield moment
         self._done.append(record)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 from karma.contracts import Mention, Request
 from karma.household.types import object_types
@@ -45,7 +46,7 @@ class AskedQuestion:
         self.open = bool(_OPEN.search(self.raw))
         self.near = self.under = False  # it asks beside or below those places, not in or on them
         self._places: list[str] = []  # the words by which they are said
-        named = list(self._named(request))
+        named = [self._as_here(one) for one in self._named(request)]
         at = [one for one in named if self._is_place(one)]
         self.at = at or self._whose_contents(named)  # "in the fridge", "which cabinet has ..."
         self.about = [one for one in named if one not in self.at]  # what something is asked of
@@ -62,7 +63,18 @@ class AskedQuestion:
             if self.raw[max(one.start, 0) : max(one.end, 0)].strip() not in _IT
         ]  # fmt: skip
         itself = bool(_ITSELF.search(self.raw)) and any(map(can_hold, own))
-        yield from own if itself else alone
+        itself = itself and re.search(r"\bthere\b", self.raw) is None  # "is there a mug in it?"
+        same = [
+            one for one in alone
+            if one not in own and any({*one.types} & {*two.types} for two in own)
+        ]  # fmt: skip
+        yield from own if itself else (one for one in alone if one not in same)
+
+    def _as_here(self, one: Mention) -> Mention:
+        """Return a thing as its word means it here: the arm chair where there is no chair."""
+        here = {*self.knows.furniture, *(sight.object_type for sight, _ in self.knows.all())}
+        lacks = one.besides and not here & {*one.types} and here & {*one.besides}
+        return replace(one, types=one.besides) if lacks else one
 
     def _is_place(self, one: Mention) -> bool:
         """Return whether a thing is said as a place: "on the table"."""

@@ -16,6 +16,7 @@ _FOR_GOOD = re.compile(
     r"|under any circumstances)\b",
     re.IGNORECASE,
 )
+_STATES = frozenset(("dirty", "hot", "cold", "empty", "full", "broken", "sliced", "cooked", "warm"))
 _TAKEN_BACK = re.compile(
     r"\b(?:forget|drop|cancel|lift|scrap|ignore)\b.*"
     r"\b(?:rules?|orders?|bans?|what i (?:said|told))\b"
@@ -28,8 +29,13 @@ _TAKEN_BACK = re.compile(
 def is_rule(request: Request) -> bool:
     """Return whether a sentence only forbids something, and for good."""
     only = bool(request.forbidden or request.exclusions) and not (request.deeds or request.unread)
-    lasting = only and _FOR_GOOD.search(request.text) is not None
-    return lasting and not any(one.verb.startswith("leave") for one in request.forbidden)
+    if not only or _FOR_GOOD.search(request.text) is None:
+        return False
+    if any(one.verb.startswith("leave") for one in request.forbidden):
+        return False
+    # of "dirty things", "the red mug" nobody could say whether a request is about them
+    told = any(one.states or one.at or one.marks for one in _named(request))
+    return not (told or _STATES & {*re.findall(r"[a-z]+", request.text.lower())})
 
 
 def rules(past: Sequence[PastErrand], reader: RequestReader) -> list[Request]:
