@@ -290,7 +290,8 @@ class Asides:
         if found:
             found[-1], end = self._left_where(found[-1], number, end)
         contrast = self.s.low(number + size - 1) == "not" and not self._of_all(number)
-        owner = self.s.low(end) in ("'s", "'")  # "the desk's": of its things none is named
+        # "the desk's": of its things none is named
+        owner = bool(found) and self.s.text[found[-1].end :].startswith(("'s", "’s"))
         if not found or owner or not (contrast or all(map(_is_known, found))):
             self.s.unread.append(self.s.phrase(number, end))
         self.exclusions += found
