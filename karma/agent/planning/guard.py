@@ -14,7 +14,7 @@ from karma.contracts import Mention, RefusalKind, RefusedRequest, Request, SaidD
 from karma.household.deeds import FOR_GOOD, able_to, deed_kind
 from karma.household.pieces import EGG
 from karma.household.places import HAND, OVERLOOKED, SURFACES, landmark_types
-from karma.household.saying import preposition, spoken
+from karma.household.saying import preposition, spoken, told_place
 from karma.household.types import object_types
 from karma.household.uses import (
     BIN,
@@ -267,9 +267,23 @@ def _left_out(found: ProgramEffects, request: Request, here: Collection[str]) ->
                 kinds = frozenset((COFFEE_CUP, "Cup"))
             if not _done(found, deed, kinds, places, _after(request, deed, one)):
                 yield f"it does not {deed.verb} the {one.text}{_told_place(deed)}"
+            if place := _not_done_at(found, deed, one, kinds):
+                yield f"it does not {deed.verb} the {one.text} {told_place(place)}"
         coffee = deed.deed == "coffee" and not deed.things
         if coffee and not found.did("coffee", (COFFEE_CUP, "Cup")):
             yield "it makes no coffee"
+
+
+def _not_done_at(
+    found: ProgramEffects, deed: SaidDeed, one: Mention, kinds: Collection[str]
+) -> str:
+    """Return the place that a deed was to be done in and is not: "boil the egg in the pot"."""
+    at = {*map(kind_of, one.at)} & (deed_kind(deed.deed).put_in - {"Plate", "Bowl"})
+    things = found.of(kinds)
+    passed = {place for thing in things for place in found.passed.get(thing, ())}
+    passed |= {place for thing in things for place in found.places(thing)}
+    moved = {kind_of(thing[0]) for thing in found.at}  # it may lie in it already
+    return min(at) if at and things and not at & (passed | moved) else ""
 
 
 def _after(request: Request, deed: SaidDeed, one: Mention) -> list[SaidDeed]:
