@@ -236,9 +236,11 @@ class ThingFinder:
             one = known()
             if one is not None:
                 break
+        # where all such places were looked over it is nowhere else, save "from there" by mistake
+        looked = 0 < len(places) <= PLACES and not self._words_after(thing).startswith("from ")
         while one is None:
             tried = {name for name in self.sights if kind_of(name) in kinds}
-            found = yield from self.another(kinds, tried)
+            found = None if looked else (yield from self.another(kinds, tried))
             if found is None and (one := self._only_one(thing, kinds)):
                 where = " or ".join(told_place(kind) for kind in thing.at)
                 self.came.say(f"the {name_of(one)} was {where}", "unseen")

@@ -43,7 +43,8 @@ _STYLES = {
 }  # fmt: skip
 _HELP = (
     "Say what to do, in plain words, or ask: where is the mug? is the fridge open? how many",
-    "apples are there? what is in the fridge? did you wash the mug? what did you do? Or:",
+    "apples are there? what is in the fridge? did you wash the mug? what did you do? Tell me",
+    "what is so (the keys are in the drawer), and what I am never to do. Or:",
     "  /look     look for what I was asked and have not seen",
     "  /memory   what I remember of things (short-term memory)",
     "  /map      what I know of the room (long-term memory)",

@@ -267,6 +267,8 @@ def reason_of(part: RequestReply) -> str:
     if failed is not None:
         return f"{failed.call}: {failed.reason}"
     error = next((plan.error for plan in reversed(part.plans) if plan.error), "")
+    if not part.plans:
+        return "I found nothing that it could be done to"
     return error or "the planner gave no program"
 
 

@@ -20,7 +20,7 @@ _STATES = frozenset(("dirty", "hot", "cold", "empty", "full", "broken", "sliced"
 _TAKEN_BACK = re.compile(
     r"\b(?:forget|drop|cancel|lift|scrap|ignore)\b.*"
     r"\b(?:rules?|orders?|bans?|what i (?:said|told))\b"
-    r"|\b(?:may|can|(?:are|is) allowed to|(?:it's|it is) (?:ok|okay|fine|all right) to)\b"
+    r"|\b(?:you (?:may|can|are allowed to)|(?:it's|it is) (?:ok|okay|fine|all right) to)\b"
     r".*\b(?:again|now)\b",
     re.IGNORECASE,
 )
