@@ -13,9 +13,9 @@ from karma.agent.body.skills import Skills
 from karma.agent.experience import shut_away, units_of
 from karma.agent.guarded import guarded, joined, reader_of
 from karma.agent.options import settings_of
+from karma.agent.planning.full_profile import furniture_names
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.reading import kind_of
-from karma.agent.planning.short_names import furniture
 from karma.agent.seeing.perception import BoxSource, Kind, Perception, detector_of
 from karma.agent.tour import explore_room, position_of
 from karma.agent.which_thing import Came
@@ -227,7 +227,7 @@ class KarmaEpisode:
             updated = self._updated(request, skills, again=bool(programs.results))
             for plan in self._planner.plan(updated):
                 yield plan
-                self._named.setdefault(self._scene, {}).update(furniture(plan.names))
+                self._named.setdefault(self._scene, {}).update(furniture_names(plan.names))
                 if plan.failure is not None:
                     request = replace(request, failures=(*request.failures, plan.failure))
             if plan is None or not plan.calls:

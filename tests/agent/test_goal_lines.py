@@ -7,14 +7,19 @@ import numpy as np
 import pytest
 from support.random_programs import random_program
 
+from karma.agent.goals.files import load_said
 from karma.agent.goals.goals import parse_goal
-from karma.agent.loading.examples import bank_file, read_bank
-from karma.agent.loading.said_requests import load_said
+from karma.agent.loading.planner_files import bank_file, read_bank
 from karma.agent.planning.expert import ExpertView
-from karma.agent.planning.goal_lines import GOAL_LINES, as_lines, asked_lines, program_for
+from karma.agent.planning.goal_lines import (
+    GOAL_LINES,
+    as_lines,
+    asked_lines,
+    plain_program,
+    program_for,
+)
 from karma.agent.planning.guard import cannot_serve, kept_open, stopped
 from karma.agent.planning.inspector import narrowed
-from karma.agent.planning.plain_programs import plain_program
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import SKILLS, parse_program
 from karma.agent.planning.prompt import GOALS

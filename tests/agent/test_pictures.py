@@ -8,10 +8,10 @@ import pytest
 from support.household import kitchen
 
 from karma.agent.body.sightings import Sightings
+from karma.agent.experience import keep, look_at, png
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.agent.seeing.perceive import observe, shown_states, truth_of
-from karma.agent.seeing.picture_states import keep, look_at, png
 from karma.contracts import Decoding, SceneRef, SubTask
 from karma.files import to_json
 from karma.infer.scripted import ScriptedModel

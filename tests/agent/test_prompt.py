@@ -7,10 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.paths import GOLDEN
 
-from karma.agent.planning.full_profile import skill_needs
+from karma.agent.planning.full_profile import fixture_names, in_names, short_names, skill_needs
 from karma.agent.planning.program import OUR_SKILLS, SKILLS, parse_program
 from karma.agent.planning.prompt import PROFILES, render
-from karma.agent.planning.short_names import fixture_names, in_names, short_names
 from karma.contracts import (
     Area,
     FailedProgram,

@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import Any, TypeVar
 
-from karma.agent.body.coverage import before, spots
 from karma.agent.body.reach import Reach
 from karma.agent.body.refusals import NOT_FOUND, RefusedError
 from karma.agent.body.sightings import known, means
 from karma.agent.body.walk import OutOfActionsError
+from karma.agent.seeing.projection import before, spots
 from karma.contracts import Known, SeenObject, Vec3
 from karma.household.containment import goes_in
 from karma.household.ids import type_of

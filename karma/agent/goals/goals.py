@@ -23,8 +23,15 @@ from functools import partial
 from itertools import product
 from typing import Any, NamedTuple, Self
 
-from karma.agent.goals.matching import fewest_missed, linked, suited
-from karma.agent.goals.objects import DEEDS, TEMPERATURES, ObjectIndex, RememberedDeeds
+from karma.agent.goals.objects import (
+    DEEDS,
+    TEMPERATURES,
+    ObjectIndex,
+    RememberedDeeds,
+    fewest_missed,
+    linked,
+    suited,
+)
 from karma.agent.seeing.perceive import truth_of
 from karma.contracts import Event, Goal, SubTask, TrueObject, Truth, World
 from karma.errors import KarmaError
