@@ -11,7 +11,7 @@ from msgspec import Meta
 from karma.agent.attempts import Programs, after_run, as_left, carried_out, lost
 from karma.agent.body.skills import Skills
 from karma.agent.experience import shut_away, units_of
-from karma.agent.guarded import guarded, joined, reader_of
+from karma.agent.guarded import GuardedErrand, joined, reader_of
 from karma.agent.options import settings_of
 from karma.agent.planning.full_profile import furniture_names
 from karma.agent.planning.planner import Planner
@@ -31,7 +31,6 @@ from karma.contracts import (
     Plan,
     PlanRequest,
     Recall,
-    Recalled,
     Request,
     Resources,
     SaidDeed,
@@ -152,6 +151,7 @@ class KarmaEpisode:
         self.told: Collection[str] = ()  # ids of which somebody else says where or how they are
         self._named: dict[str, dict[str, str]] = {}  # furniture's names -> ids, by the room's name
         self._scene = scene.name  # of the room that the agent is in
+        self.skills = Skills(world, self._beliefs)  # of the latest instruction
         self.enter(scene)
 
     @property
@@ -183,16 +183,16 @@ class KarmaEpisode:
         self._beliefs = _Beliefs(self._world, self.graph, self._found_by_name(()))
         eyes = self._perception.eyes(self._scene, subtask.instruction)
         before = self._seen.setdefault(self._scene, {})
-        skills = Skills(self._world, self._beliefs, eyes=eyes, before=before)
+        self.skills = Skills(self._world, self._beliefs, eyes=eyes, before=before)
         came = Came()
         asked = self._asked(subtask)
         if asked is None:
-            yield from self.planned(subtask, skills, came)
+            yield from self.planned(subtask, came)
         else:
-            yield from guarded(self, subtask, asked, skills, came)
-        experience = skills.experience
+            yield from GuardedErrand(self, asked, came, subtask).carry_out()
+        experience = self.skills.experience
         if came.tried:  # what is refused before a step changes nothing
-            self._remember(experience, subtask.instruction, self.clock_s + skills.actions)
+            self._remember(experience, subtask.instruction)
         yield Outcome(
             finished=came.finished,
             resident=resident,
@@ -213,18 +213,18 @@ class KarmaEpisode:
         return asked
 
     def planned(
-        self, subtask: SubTask, skills: Skills, came: Came, only: Mapping[str, str] | None = None
+        self, subtask: SubTask, came: Came, only: Mapping[str, str] | None = None
     ) -> Iterator[Plan | SkillResult]:
         """Plan and act until a program succeeds or the attempts are used up.
 
         `only`: type -> id of the one thing of the type that is meant.
         """
-        request = self._request(subtask, self._recalled(subtask))
+        request = self._request(subtask)
         self._beliefs.units = self._found_by_name(request.units)
         programs = Programs(subtask.instruction)
         for _ in range(self.settings.attempts):
             plan = None
-            updated = self._updated(request, skills, again=bool(programs.results))
+            updated = self._updated(request, again=bool(programs.results))
             for plan in self._planner.plan(updated):
                 yield plan
                 self._named.setdefault(self._scene, {}).update(furniture_names(plan.names))
@@ -232,7 +232,7 @@ class KarmaEpisode:
                     request = replace(request, failures=(*request.failures, plan.failure))
             if plan is None or not plan.calls:
                 break
-            results = yield from carried_out(plan, skills, only)
+            results = yield from carried_out(plan, self.skills, only)
             programs.add(plan, results)
             if programs.ran:
                 break
@@ -264,21 +264,16 @@ class KarmaEpisode:
 
     # ------------------------------------------------------------- memory into the prompt
 
-    def _recalled(self, subtask: SubTask) -> list[Recalled]:
-        """Return the top K units of this room, best first."""
+    def _request(self, subtask: SubTask) -> PlanRequest:
+        """Return what the planner is told at first: the map, and the top K units by last use."""
         units = self.short_term.units(self._scene) if self.settings.short_term else ()
-        whole = self.settings.query == "instruction" and subtask.whole
-        query = whole or subtask.instruction
+        query = self.settings.query == "instruction" and subtask.whole
         k = min(self.settings.recall_k, len(units))
-        return self._recall.recall(query, units, k) if units else []
-
-    def _request(self, subtask: SubTask, recalled: Sequence[Recalled]) -> PlanRequest:
-        """Return what the planner is told at first: the map, and what was recalled by last use."""
-        chosen = {item.unit.object_id for item in recalled}
-        units = self.short_term.units(self._scene) if self.settings.short_term else ()
+        recalled = self._recall.recall(query or subtask.instruction, units, k) if units else []
         whole = self.settings.whole_memory
         tells_all = self._planner.profile != "compact" if whole is None else whole
         if not tells_all:
+            chosen = {item.unit.object_id for item in recalled}
             units = tuple(unit for unit in units if unit.object_id in chosen)
         papers = self.graph is not None and self.settings.map_form == "paper"
         if self.settings.means == "recalled":  # the last of a type has its bare name
@@ -295,21 +290,23 @@ class KarmaEpisode:
             plain=plainly(subtask.asked) if subtask.asked else "",
         )
 
-    def here(self, skills: Skills) -> frozenset[str]:
+    def here(self) -> frozenset[str]:
         """Return the types that the agent knows of in this room."""
         areas = self.graph.areas() if self.graph else ()
         kinds = {kind for area in areas for kind in area.contains}
         kinds |= {unit.object_type for unit in self.short_term.units(self._scene)}
-        return frozenset(kinds | {one.object_type for one in self.sights(skills).values()})
+        return frozenset(kinds | {one.object_type for one in self.sights().values()})
 
     def places(self, kinds: Collection[str]) -> list[str]:
         """Return the ids of the furniture of some kinds, by the map."""
         nodes = self.graph.objects() if self.graph else ()
         return sorted(one.id for one in nodes if kind_of(one.type) in kinds)
 
-    def sights(self, skills: Skills) -> dict[str, SeenObject]:
-        """Return the latest sight of all that was seen in this room."""
-        return self._sights(skills.experience)
+    def sights(self) -> dict[str, SeenObject]:
+        """Return the latest sight of all that was seen here and is not known to be gone."""
+        experience = self.skills.experience
+        seen = {**self._seen.get(self._scene, {}), **experience.seen}
+        return {name: one for name, one in seen.items() if name not in experience.gone}
 
     def handled(self) -> list[str]:
         """Return the ids of what was handled in this room and is remembered, the last one last."""
@@ -321,10 +318,10 @@ class KarmaEpisode:
         others = self.short_term.units(self._scene) if by_name else ()
         return (*reversed(recalled), *reversed(others))
 
-    def _updated(self, request: PlanRequest, skills: Skills, *, again: bool) -> PlanRequest:
+    def _updated(self, request: PlanRequest, *, again: bool) -> PlanRequest:
         """Return the request with hand and sight and, after a failure, what was done so far."""
-        skills.look()
-        experience = skills.experience
+        self.skills.look()
+        experience = self.skills.experience
         held = experience.held
         request = replace(
             request,
@@ -334,7 +331,7 @@ class KarmaEpisode:
         if not self.settings.short_term:
             return request
         if self.settings.seen_listed:
-            seen = tuple(self._sights(experience).values())
+            seen = tuple(self.sights().values())
             request = replace(request, seen=seen, named=self._named.get(self._scene, {}))
         if not again:
             return request
@@ -345,14 +342,9 @@ class KarmaEpisode:
         kept = (unit for unit in before if unit.object_id not in new)
         return replace(request, units=(*kept, *fresh))
 
-    def _sights(self, experience: Experience) -> dict[str, SeenObject]:
-        """Return the latest sight of all that was seen in this room and is not known to be gone."""
-        seen = {**self._seen.get(self._scene, {}), **experience.seen}
-        return {name: one for name, one in seen.items() if name not in experience.gone}
-
     # ------------------------------------------------------------- experience into memory
 
-    def _remember(self, experience: Experience, instruction: str, at_s: float) -> None:
+    def _remember(self, experience: Experience, instruction: str) -> None:
         """Write what was seen, then what was handled in the order of use; forget what is gone."""
         remembered = self.short_term.units(self._scene)
         away, before = lost(remembered, experience), as_left(remembered, experience)
@@ -363,7 +355,7 @@ class KarmaEpisode:
         )  # fmt: skip
         change = MemoryChange(
             scene=scene,
-            at_s=at_s,
+            at_s=self.clock_s + self.skills.actions,
             corrected=tuple(unit for unit in before if unit not in remembered),
             forgotten=tuple(unit.object_id for unit in away),
             remembered=tuple(units),

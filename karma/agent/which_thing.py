@@ -54,19 +54,20 @@ class Carrier(Protocol):
     decided: dict[tuple[str, ...], bool]
     mine: Mapping[str, str]
     told: Collection[str]
+    skills: Skills  # of the latest instruction
 
     def planned(
-        self, subtask: SubTask, skills: Skills, came: "Came", only: Mapping[str, str] | None = None
+        self, subtask: SubTask, came: "Came", only: Mapping[str, str] | None = None
     ) -> Iterator[Plan | SkillResult]:
         """Plan and act until a program succeeds or the attempts are used up."""
 
-    def here(self, skills: Skills) -> frozenset[str]:
+    def here(self) -> frozenset[str]:
         """Return the types that the agent knows of in this room."""
 
     def places(self, kinds: Collection[str]) -> list[str]:
         """Return the ids of the furniture of some kinds, by the map."""
 
-    def sights(self, skills: Skills) -> dict[str, SeenObject]:
+    def sights(self) -> dict[str, SeenObject]:
         """Return the latest sight of all that was seen in this room."""
 
     def handled(self) -> list[str]:
@@ -128,18 +129,17 @@ class ThingFinder:
 
     episode: Carrier
     asked: Request
-    skills: Skills
     came: Came
 
     @property
     def here(self) -> frozenset[str]:
         """The types that the agent knows of in this room."""
-        return self.episode.here(self.skills)
+        return self.episode.here()
 
     @property
     def sights(self) -> dict[str, SeenObject]:
         """The latest sight of all that was seen in this room."""
-        return self.episode.sights(self.skills)
+        return self.episode.sights()
 
     def kinds_of(self, one: Mention) -> list[str]:
         """Return the types of wholes that a mention may mean here, in its order."""
@@ -147,7 +147,7 @@ class ThingFinder:
 
     def go_to(self, name: str) -> SkillResult:
         """Go to a thing."""
-        return self.skills.run(SkillCall.of("GoToObject", name))
+        return self.episode.skills.run(SkillCall.of("GoToObject", name))
 
     # ------------------------------------------------------------- told apart by words
 
@@ -231,7 +231,7 @@ class ThingFinder:
             self.came.searched = True
             yield self.go_to(place)
             if sight := self.sights.get(place):
-                yield self.skills.look_over(sight)
+                yield self.episode.skills.look_over(sight)
             one = known()
             if one is not None:
                 break
@@ -373,7 +373,7 @@ class ThingFinder:
             known = any(kind_of(one) == kind for one in tried)
             if known and not object_types()[kind].can("pickupable"):
                 continue  # a tour has shown what stands or hangs free
-            result = self.skills.find_another(kind, tried)
+            result = self.episode.skills.find_another(kind, tried)
             yield result
             fresh = [one for one in result.object_ids if kind_of(one) == kind and one not in tried]
             if result.ok and fresh:
