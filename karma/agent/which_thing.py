@@ -10,11 +10,11 @@ from typing import Protocol, TypeVar
 from karma.agent.attempts import Programs
 from karma.agent.body.skills import Skills
 from karma.agent.planning.guard import meant_by, stated
+from karma.agent.planning.planner import by_no_model
 from karma.agent.planning.reading import kind_of
 from karma.agent.seeing.perceive import place_of
 from karma.contracts import (
     Check,
-    Completion,
     Experience,
     Found,
     Mention,
@@ -115,12 +115,8 @@ class Came:
 
 def refusal(refused: RefusedRequest) -> Plan:
     """Return what stands for an answer where no planner is asked."""
-    nothing = Completion(
-        text="", finish="stop", prompt_tokens=0, reused_tokens=0, completion_tokens=0,
-        first_token_s=None, total_s=0.0,
-    )  # fmt: skip
     prompt = Prompt(stable="", changing="")
-    return Plan(prompt=prompt, completion=nothing, calls=(), names={}, refused=refused)
+    return Plan(prompt=prompt, completion=by_no_model(), calls=(), names={}, refused=refused)
 
 
 @dataclass(slots=True)
