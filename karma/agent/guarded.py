@@ -9,7 +9,7 @@ from functools import cache
 
 from karma import registry
 from karma.agent.attempts import put_back
-from karma.agent.planning.guard import cannot_serve, here_of, in_pieces, meant_by
+from karma.agent.planning.guard import Guard, cannot_serve, here_of, meant_by
 from karma.agent.planning.reading import kind_of
 from karma.agent.seeing.perceive import place_of
 from karma.agent.which_thing import (
@@ -356,7 +356,7 @@ class GuardedErrand(ThingFinder):
         """Return whether each piece of what was cut is one more: not of "slice two potatoes"."""
         deed = self.asked.deeds[0]
         whole = deed.things[0].number is not None or deed.deed in FOR_GOOD
-        return not whole or bool(in_pieces(self.asked, self.here))
+        return not whole or bool(Guard(self.asked, self.here).in_pieces())
 
     def _not_ruled_out(self, kinds: Iterable[str]) -> list[str]:
         """Return the kinds of wholes that a request does not leave out."""

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from karma.agent.body.reach import SkillLimits
 from karma.agent.body.skills import Skills
 from karma.agent.planning.program import SKILLS, parse_program
+from karma.agent.tour import KnownFloor
 from karma.contracts import Area, Known, SkillCall
 from karma.world.core import scene
 from karma.world.sim import EmbeddedWorld
@@ -35,16 +36,6 @@ class Map:
 
     def areas(self):
         return self.nodes
-
-
-class Nothing:
-    """No long-term memory, no short-term memory."""
-
-    def where(self, name):
-        return None
-
-    def areas(self):
-        return ()
 
 
 @pytest.fixture
@@ -167,7 +158,7 @@ def test_go_to_object_from_an_odd_heading_turns_square_first():
 
 
 def test_go_to_an_unknown_object_asks_for_explore(world):
-    reason = refuse(Skills(world, Nothing()), "GoToObject(robot, 'Kettle')")
+    reason = refuse(Skills(world, KnownFloor(())), "GoToObject(robot, 'Kettle')")
     assert reason == "no Kettle is known; Explore(robot, 'Kettle') first"
 
 
@@ -441,7 +432,7 @@ def test_explore_for_a_known_thing_goes_there_without_exploring(skills):
 
 
 def test_explore_for_a_thing_in_a_drawer_leaves_only_that_drawer_open(world):
-    skills = Skills(world, Nothing())
+    skills = Skills(world, KnownFloor(()))
     drawer = thing(world, "Fork")["parentReceptacles"][0]
     assert drawer.startswith("Drawer")
     (result,) = succeed(skills, "Explore(robot, 'Fork')")
@@ -467,7 +458,7 @@ def test_explore_without_memory_finds_nearly_everything(name):
     lost = []
     for kind in kinds:
         world.reset(name)
-        result = Skills(world, Nothing()).run(SkillCall(skill="Explore", objects=(kind,)))
+        result = Skills(world, KnownFloor(())).run(SkillCall(skill="Explore", objects=(kind,)))
         visible = any(
             t["visible"] for t in world.last_event.metadata["objects"] if t["objectType"] == kind
         )
@@ -478,7 +469,7 @@ def test_explore_without_memory_finds_nearly_everything(name):
 
 
 def test_explore_in_vain_is_bounded_and_changes_nothing(world):
-    skills = Skills(world, Nothing())
+    skills = Skills(world, KnownFloor(()))
     before = truth(world)
     result = skills.run(SkillCall(skill="Explore", objects=("Basketball",)))
     assert not result.ok
@@ -507,7 +498,7 @@ def test_explore_visits_the_given_positions_first(world):
 
 
 def test_explore_out_of_actions_gives_up(world):
-    skills = Skills(world, Nothing(), limits=SkillLimits(max_actions=15))
+    skills = Skills(world, KnownFloor(()), limits=SkillLimits(max_actions=15))
     result = skills.run(SkillCall(skill="Explore", objects=("Basketball",)))
     assert (result.ok, result.actions) == (False, 15)
     assert result.reason.startswith("gave up after 15 actions on ")
@@ -540,7 +531,7 @@ Explore(robot, 'Fork')
 PickupObject(robot, 'Fork')
 PutObject(robot, 'Fork', 'DiningTable')
 """
-    first, second = (run(Skills(EmbeddedWorld("kitchen_1"), Nothing()), program) for _ in "ab")
+    first, second = (run(Skills(EmbeddedWorld("kitchen_1"), KnownFloor(())), program) for _ in "ab")
     assert first == second
 
 
@@ -560,7 +551,7 @@ def test_any_calls_give_results_and_refusals_leave_objects_as_they_were(program)
 
 
 def test_log_holds_only_what_was_in_view_or_in_hand(world):
-    skills = Skills(world, Nothing())
+    skills = Skills(world, KnownFloor(()))
     skills.look()
     visible = {t["objectId"] for t in world.last_event.metadata["objects"] if t["visible"]}
     assert set(skills.experience.seen) == visible
@@ -580,7 +571,7 @@ def test_thing_on_top_of_a_closed_container_is_not_taken_to_be_shut_in():
         assert world.step("PutObject", objectId=ids["Toilet"], forceAction=True)
     towel = world.last_event.get_object(ids["HandTowel"])
 
-    class There(Nothing):
+    class There(KnownFloor):
         def where(self, name):
             return Known(
                 object_id=towel["objectId"],
@@ -590,5 +581,5 @@ def test_thing_on_top_of_a_closed_container_is_not_taken_to_be_shut_in():
                 source="memory",
             )
 
-    (result,) = run(Skills(world, There()), "PickupObject(robot, 'HandTowel')")
+    (result,) = run(Skills(world, There(())), "PickupObject(robot, 'HandTowel')")
     assert result.ok, result.reason

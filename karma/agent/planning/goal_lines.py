@@ -17,7 +17,7 @@ from dataclasses import replace
 from typing import Literal
 
 from karma.agent.planning.expert import ExpertView, NamedThing, solve
-from karma.agent.planning.guard import in_pieces, meant_by, switch_of
+from karma.agent.planning.guard import Guard, meant_by, switch_of
 from karma.agent.planning.reading import kind_of
 from karma.contracts import Goal, MemoryUnit, Mention, Request, SaidDeed, Skill, SkillCall
 from karma.household import uses
@@ -144,7 +144,7 @@ def asked_lines(asked: Request, here: Collection[str]) -> tuple[SkillCall, ...]:
     not one of several, a piece, or known by its past, its state or what lies in it.
     """
     found: list[SkillCall] = []
-    if in_pieces(asked, here):
+    if Guard(asked, here).in_pieces():
         return ()
     for number, deed in enumerate(asked.deeds):
         moved = {kind for one in asked.deeds[number + 1 :] for kind in _moved(one)}

@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from karma.agent.planning.effects import trimmed, with_turns
 from karma.agent.planning.goal_lines import asked_lines, program_for
-from karma.agent.planning.guard import kept_open, put_near, stopped
+from karma.agent.planning.guard import Guard
 from karma.agent.planning.inspector import hand_of, mend, narrowed, objection
 from karma.agent.planning.program import SKILLS
 from karma.agent.planning.prompt import GOALS, render, skills_of
@@ -227,13 +227,13 @@ class _Asking:
         request, asked = self.request, self.request.asked
         if asked is None or not answer.calls:
             return answer, ""
-        here, exact = known_here(request), len(request.failures) < _LOOSE_AFTER
+        guard, exact = Guard(asked, known_here(request)), len(request.failures) < _LOOSE_AFTER
 
         def reason(some: Sequence[SkillCall]) -> str:
             meant, begun = grounded(some, answer.names), bool(request.done)
-            return stopped(meant, asked, here, request.held_id, exact=exact, begun=begun)
+            return guard.stopped(meant, request.held_id, exact=exact, begun=begun)
 
-        calls = kept_open(put_near(answer.calls, asked, here), asked, here)
+        calls = guard.kept_open(guard.put_near(answer.calls))
         answer = replace(answer, calls=calls)
         why = reason(answer.calls)
         if not why:
