@@ -9,14 +9,7 @@ from support.made_events import event, goals, thing, unmet
 from support.written_tasks import write_tasks
 
 from karma.agent.goals.files import load_tasks
-from karma.agent.goals.goals import (
-    ARITY,
-    MOST,
-    GoalTracker,
-    object_names,
-    parse_goal,
-    read_goal,
-)
+from karma.agent.goals.goals import ARITY, MOST, GoalTracker, object_names, parse_goal, read_goal
 from karma.contracts import Goal
 from karma.errors import KarmaError
 

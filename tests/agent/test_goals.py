@@ -4,12 +4,7 @@ import pytest
 from support.made_events import event, goals, thing, unmet
 
 from karma import registry
-from karma.agent.goals.goals import (
-    GoalTracker,
-    object_names,
-    parse_goal,
-    read_goal,
-)
+from karma.agent.goals.goals import GoalTracker, object_names, parse_goal, read_goal
 from karma.contracts import SubTask
 from karma.errors import KarmaError
 from karma.household.states import canonical_state

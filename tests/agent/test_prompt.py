@@ -153,10 +153,7 @@ def test_short_names_cover_places_once_and_never_the_hand():
 
 
 def test_short_names_of_two_places_follow_the_last_use():
-    units = (
-        unit("Mug|1", "Mug", place_id="Cabinet|1"),
-        unit("Cup|1", "Cup", place_id="Cabinet|2"),
-    )
+    units = (unit("Mug|1", "Mug", place_id="Cabinet|1"), unit("Cup|1", "Cup", place_id="Cabinet|2"))
     names = short_names(units, None)
     assert (names["Cabinet"], names["Cabinet_2"]) == ("Cabinet|2", "Cabinet|1")
 

@@ -189,13 +189,7 @@ def test_apple_goes_into_the_fridge_once_it_is_open(world, skills):
         "CloseObject(robot, 'Fridge')",
     )
     assert thing(world, apple)["parentReceptacles"][0] == fridge
-    assert skills.experience.handled_ids == (
-        apple,
-        fridge,
-        apple,
-        fridge,
-        fridge,
-    )
+    assert skills.experience.handled_ids == (apple, fridge, apple, fridge, fridge)
     assert skills.experience.seen[apple].parent_ids[0] == fridge
     (result,) = succeed(skills, "GoToObject(robot, 'Apple')")
     assert "closed container" in result.reason
@@ -280,14 +274,8 @@ def test_washing_makes_clean_and_the_slices_stay_clean(world, skills):
     assert skills.experience.effects[apple] == ("cleaned",)
     succeed(skills, "SliceObject(robot, 'Apple')\nPickupObject(robot, 'Apple')")
     assert skills.experience.held.object_type == "AppleSliced"
-    assert skills.experience.effects[skills.experience.held.object_id] == (
-        "cleaned",
-        "sliced",
-    )
-    assert skills.experience.effects[apple] == (
-        "cleaned",
-        "sliced",
-    )
+    assert skills.experience.effects[skills.experience.held.object_id] == ("cleaned", "sliced")
+    assert skills.experience.effects[apple] == ("cleaned", "sliced")
     succeed(skills, "PutObject(robot, 'Apple', 'Plate')")
     (again,) = succeed(skills, "SliceObject(robot, 'Apple')")
     assert again.actions == 0
@@ -444,11 +432,7 @@ def test_explore_for_a_thing_in_a_drawer_leaves_only_that_drawer_open(world):
     assert skills.experience.handled_ids == (drawer,)
     fork = thing(world, "Fork")["objectId"]
     succeed(skills, "PickupObject(robot, 'Fork')\nCloseObject(robot, 'Drawer')")
-    assert skills.experience.handled_ids == (
-        drawer,
-        fork,
-        drawer,
-    )
+    assert skills.experience.handled_ids == (drawer, fork, drawer)
 
 
 @pytest.mark.parametrize("name", ["kitchen_3", "living_2", "bedroom_2", "bathroom_2"])

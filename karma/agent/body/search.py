@@ -23,16 +23,19 @@ _HORIZONS = (30.0, 0.0)  # tables and the floor, then shelves
 
 
 class Search:
-    """Looks for one thing by its name, or only looks round; counts the places it looked at."""
+    """Looks for one thing by its name, or only looks round; counts the places it looked at.
 
-    def __init__(self, reach: Reach, name: str = "") -> None:
+    Where nothing is believed of the thing, `positions` are looked at first.
+    """
+
+    def __init__(self, reach: Reach, name: str = "", positions: Sequence[str | Vec3] = ()) -> None:
         self._reach, self._log, self._walker = reach, reach.log, reach.walker
-        self._name = name
+        self._name, self._positions = name, positions
 
-    def explore(self, positions: Sequence[str | Vec3]) -> Known:
-        """Go to a thing where it is believed to be, opening what it is shut in, or look for it.
+    def explore(self) -> Known:
+        """Go to the thing where it is believed to be, opening what it is shut in, or look for it.
 
-        `positions` come first once nothing is believed of it any more; refuses what is nowhere.
+        Refuses what is nowhere.
         """
         passed: set[str] = set()  # a belief that proves wrong gives way to the next one
         while (target := self._reach.names.find(self._name)) and target.object_id not in passed:
@@ -41,7 +44,7 @@ class Search:
                 if not self._reach.approach(target, closed_will_do=True):
                     self._open_round(target)
                 return target
-        found = self._find(positions)
+        found = self._find()
         self._reach.used = []  # not the places searched on the way
         self._reach.use(found)
         return found
@@ -54,7 +57,7 @@ class Search:
             self._reach.explorations += 1
         self._reach.approach(target)
 
-    def _find(self, positions: Sequence[str | Vec3]) -> Known:
+    def _find(self) -> Known:
         """Look for a thing until it is in view; every node and every opened container is counted.
 
         First the given positions, then the other areas, the nearest first (without areas: places
@@ -72,7 +75,7 @@ class Search:
         in_vain = f"{NOT_FOUND} {self._name}, {_ALL_SEARCHED}"
         if found is None and self._is_searched():
             raise RefusedError(f"{NOT_FOUND} {self._name}; everything was searched before", in_vain)
-        for place in self._places(positions):
+        for place in self._places():
             if found is not None:
                 return found
             if isinstance(place, SeenObject):
@@ -85,9 +88,9 @@ class Search:
             raise RefusedError(f"{NOT_FOUND} {self._name}; searched {places} places", in_vain)
         return found
 
-    def _places(self, positions: Sequence[str | Vec3]) -> Iterator[Vec3 | SeenObject]:
+    def _places(self) -> Iterator[Vec3 | SeenObject]:
         """Yield where to look next, until everything was looked at."""
-        yield from self._nodes(positions)
+        yield from self._nodes()
         yield from iter(lambda: self._next_container(only_likely=True), None)
         yield from self._nearest_next(self._cover(self._reach.limits.look_again_m))
         yield from iter(lambda: self._next_container(only_likely=False), None)
@@ -138,10 +141,10 @@ class Search:
                     break
         return None
 
-    def _nodes(self, positions: Sequence[str | Vec3]) -> Iterator[Vec3]:
+    def _nodes(self) -> Iterator[Vec3]:
         """Yield the points to search from: the given ones in order, then the nearest next."""
         areas = {area.name: area.position_m for area in self._reach.knowledge.areas()}
-        for position in positions:
+        for position in self._positions:
             if not isinstance(position, str):
                 yield position
             elif position in areas:

@@ -182,7 +182,7 @@ class Skills:
             case "PutNear":
                 return self._hand.put_near(call.objects[0], name)
             case "Explore":
-                Search(self._reach, name).explore(call.positions)
+                Search(self._reach, name, call.positions).explore()
                 return ""
             case skill if skill in SWITCH_AFTER:
                 return Switching(self._reach, name, SWITCH_AFTER[skill]).toggle()
