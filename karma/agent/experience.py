@@ -126,6 +126,8 @@ def _standing_for(object_id: str, experience: Experience, before: Iterable[str])
     return (used or sorted(parts) or [object_id])[-1]
 
 
+# ----------------------------------------------------------------- states out of pictures
+
 PICTURES = "short_term/images"  # below the run folder, as Listing 1 has it
 
 

@@ -127,6 +127,8 @@ def _may_lie(name: str) -> bool:
     return "/" in name or name.endswith((".gguf", ".safetensors"))
 
 
+# ----------------------------------------------------------------- headers
+
 FORMAT = 6  # of the folder; 1 had times among the records, 2 no methods or rooms, 3 no tours,
 # 4 no engine and no refused prompts, 5 no goals met at the start and no tasks left unjudged
 EPISODES, TIMINGS, RESULTS = "episodes.jsonl", "timings.jsonl", "results.json"

@@ -107,6 +107,8 @@ def refuse_other(path: Path, differences: list[str], *, fix: str) -> None:
         raise FileError(path, reason, fix=fix)
 
 
+# ----------------------------------------------------------------- the mark
+
 MARK, MADE = ".karma-run", ".karma-made"
 HEADER, SWEEP = "header.json", "sweep.json"
 STEPS = "steps"  # folder of step logs

@@ -279,11 +279,10 @@ def read_turns(folder: Path) -> tuple[Turn, ...]:
         raise FileError(path, f"is damaged: {error}", fix="talk again") from error
 
 
+# ----------------------------------------------------------------- episodes that were not run
+
 NOT_RUN = "not_run.jsonl"  # of a run's folder
 IN_A_ROW = 3  # after which a run ends
-
-
-# ----------------------------------------------------------------- episodes that were not run
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -75,6 +75,8 @@ def read_demonstrations(path: Path, kind: type[T]) -> Iterator[T]:
         raise FileError(path, text, fix="give ALFRED's records as *.jsonl.gz") from error
 
 
+# ----------------------------------------------------------------- goal sentences
+
 _TYPES = {
     "look_at_obj_in_light": "look", "pick_and_place_simple": "simple",
     "pick_and_place_with_movable_recep": "stack", "pick_clean_then_place_in_recep": "clean",

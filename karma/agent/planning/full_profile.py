@@ -158,6 +158,8 @@ def in_names(text: str, name_of: Mapping[str, str]) -> str:
     return _ID.sub(lambda found: name_for(found.group(), name_of), text)
 
 
+# ----------------------------------------------------------------- parts of the full prompt
+
 _UNSAID = (FLOOR, KNOB)  # no program names them
 _DOORS = {one: SAID_AS.get(one, one) for one in ("opened", "closed", "on", "off")}
 _LINES = 40  # of a failed program that are shown

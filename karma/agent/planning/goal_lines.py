@@ -198,6 +198,9 @@ def _asked_type(one: Mention | None, here: Collection[str], need: str) -> str:
     return kinds.pop() if len(kinds) == 1 else ""  # "the light": a lamp, or all of them?
 
 
+# ----------------------------------------------------------------- plain programs
+
+
 def plain_program(goals: Sequence[Goal], view: ExpertView) -> tuple[SkillCall, ...]:
     """Return the expert's program as if every place was known and open and the hand free.
 

@@ -169,6 +169,8 @@ def _vector(row: NDArray[np.float64]) -> Vec3:
     return x, y, z
 
 
+# ----------------------------------------------------------------- what was looked at
+
 _STEP_M = 0.35  # between points of a space: the smaller things of a home are no smaller apart
 _INSET_M = 0.05  # of the outer points from the sides
 _BESIDE_M = 0.06  # between boxes that adjoin
