@@ -5,6 +5,7 @@ import dataclasses
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.household import Believes
 
 from karma.agent.body.reach import SkillLimits
 from karma.agent.body.skills import Skills
@@ -15,27 +16,9 @@ from karma.world.core import scene
 from karma.world.sim import EmbeddedWorld
 
 
-class Map:
-    """Knowledge as the scene file tells it: where everything was at reset, so it gets stale."""
-
-    def __init__(self, name, *, without=(), areas=()):
-        self.things = [t for t in scene.load(name).objects if t.type not in without]
-        self.nodes = areas
-
-    def where(self, name):
-        for thing in self.things:
-            if name in (thing.id, thing.type):
-                return Known(
-                    object_id=thing.id,
-                    object_type=thing.type,
-                    position_m=thing.position,
-                    place_id=thing.parents[0] if thing.parents else None,
-                    source="graph",
-                )
-        return None
-
-    def areas(self):
-        return self.nodes
+def known_room(name, *, without=(), areas=()):
+    """Knowledge of a room as its file tells it."""
+    return Believes([t for t in scene.load(name).objects if t.type not in without], areas)
 
 
 @pytest.fixture
@@ -45,7 +28,7 @@ def world():
 
 @pytest.fixture
 def skills(world):
-    return Skills(world, Map("kitchen_1"))
+    return Skills(world, known_room("kitchen_1"))
 
 
 CALLS = st.tuples(
@@ -105,7 +88,7 @@ def truth(world):
 @pytest.mark.parametrize("name", ["kitchen_1", "living_1", "bedroom_1", "bathroom_1"])
 def test_go_to_object_brings_every_open_thing_into_view(name):
     world = EmbeddedWorld(name)
-    skills = Skills(world, Map(name))
+    skills = Skills(world, known_room(name))
     missed = []
     objects = [t for t in world.last_event.metadata["objects"] if t["objectType"] != "Floor"]
     for target in objects:
@@ -151,7 +134,7 @@ def test_go_to_object_of_a_stale_memory_arrives_and_says_so(world, skills):
 def test_go_to_object_from_an_odd_heading_turns_square_first():
     world = EmbeddedWorld("kitchen_1", snapToGrid=False)
     world.step("RotateRight", degrees=37.0)
-    skills = Skills(world, Map("kitchen_1"))
+    skills = Skills(world, known_room("kitchen_1"))
     succeed(skills, "GoToObject(robot, 'Fridge')")
     assert world.last_event.metadata["agent"]["rotation"]["y"] % 90.0 == 0.0
     assert thing(world, "Fridge")["isInteractable"]
@@ -164,7 +147,7 @@ def test_go_to_an_unknown_object_asks_for_explore(world):
 
 def test_go_to_an_area_node_walks_there(world):
     node = Area(name="node_2", position_m=(1.0, 0.0, 0.5))
-    skills = Skills(world, Map("kitchen_1", areas=(node,)))
+    skills = Skills(world, known_room("kitchen_1", areas=(node,)))
     succeed(skills, "GoToObject(robot, 'node_2')")
     position = world.last_event.metadata["agent"]["position"]
     assert abs(position["x"] - 1.0) + abs(position["z"] - 0.5) <= 0.5
@@ -359,7 +342,7 @@ def test_toaster_toasts_a_slice(world, skills):
 
 def test_mug_is_filled_at_the_tap_and_with_coffee():
     world = EmbeddedWorld("kitchen_2")
-    skills = Skills(world, Map("kitchen_2"))
+    skills = Skills(world, known_room("kitchen_2"))
     succeed(
         skills,
         "PickupObject(robot, 'Mug')\nPutObject(robot, 'Mug', 'CoffeeMachine')\n"
@@ -470,7 +453,7 @@ def test_explore_visits_the_given_positions_first(world):
         Area(name="node_1", position_m=(0.0, 0.0, -0.5)),
         Area(name="node_2", position_m=(1.5, 0.0, 0.5)),
     )
-    knowledge = Map("kitchen_1", without=("Apple",), areas=areas)
+    knowledge = known_room("kitchen_1", without=("Apple",), areas=areas)
     skills = Skills(world, knowledge)
     (near,) = succeed(skills, "Explore(robot, 'Apple', ['node_2', (0, 0, 0)])")
     assert near.explorations == 1
@@ -523,7 +506,7 @@ PutObject(robot, 'Fork', 'DiningTable')
 @given(st.lists(CALLS, max_size=6))
 def test_any_calls_give_results_and_refusals_leave_objects_as_they_were(program):
     world = EmbeddedWorld("bathroom_1")
-    skills = Skills(world, Map("bathroom_1"))
+    skills = Skills(world, known_room("bathroom_1"))
     for skill, names in program:
         before = condition(world)
         objects = names[: 1 + (skill == "PutObject")]
