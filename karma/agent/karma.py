@@ -32,6 +32,7 @@ from karma.contracts import (
     Plan,
     PlanRequest,
     Recall,
+    Recalled,
     Request,
     Resources,
     SaidDeed,
@@ -260,29 +261,34 @@ class KarmaEpisode:
         """Return what the planner is told at first: the map, and the top K units by last use."""
         units = self.short_term.units(self._scene) if self.settings.short_term else ()
         query = self.settings.query == "instruction" and subtask.whole
-        k = min(self.settings.recall_k, len(units))
-        recalled = (
-            self._method.recall.recall(query or subtask.instruction, units, k) if units else []
-        )
-        whole = self.settings.whole_memory
-        tells_all = self._method.planner.profile != "compact" if whole is None else whole
-        if not tells_all:
-            chosen = {item.unit.object_id for item in recalled}
-            units = tuple(unit for unit in units if unit.object_id in chosen)
+        recalled: list[Recalled] = []
+        if units:
+            k = min(self.settings.recall_k, len(units))
+            recalled = self._method.recall.recall(query or subtask.instruction, units, k)
         papers = self.graph is not None and self.settings.map_form == "paper"
-        if self.settings.means == "recalled":  # the last of a type has its bare name
-            units = tuple(item.unit for item in reversed(recalled))
-        units = shut_away(units, self.short_term.units(self._scene))
         return PlanRequest(
             instruction=subtask.instruction,
             whole="" if subtask.is_whole else subtask.whole,
             areas=self.graph.areas() if self.graph else (),
             graph_text=self.graph.to_text() if self.graph and papers else "",
             recalled=tuple(recalled),
-            units=units,
+            units=self._shown(units, recalled),
             asked=subtask.asked,
             plain=plainly(subtask.asked) if subtask.asked else "",
         )
+
+    def _shown(
+        self, units: tuple[MemoryUnit, ...], recalled: Sequence[Recalled]
+    ) -> tuple[MemoryUnit, ...]:
+        """Return the units of the prompt: all of this room's, or the recalled ones."""
+        whole = self.settings.whole_memory
+        tells_all = self._method.planner.profile != "compact" if whole is None else whole
+        if self.settings.means == "recalled":  # the last of a type has its bare name
+            units = tuple(item.unit for item in reversed(recalled))
+        elif not tells_all:
+            chosen = {item.unit.object_id for item in recalled}
+            units = tuple(unit for unit in units if unit.object_id in chosen)
+        return shut_away(units, self.short_term.units(self._scene))
 
     def here(self) -> frozenset[str]:
         """Return the types that the agent knows of in this room."""
