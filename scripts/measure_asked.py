@@ -29,9 +29,9 @@ from support.asked import (
 )
 from support.judging import asking_resources, say
 
+from karma.agent.goals.files import load_said
 from karma.agent.goals.goals import parse_goal
 from karma.agent.loading.models import Models
-from karma.agent.loading.said_requests import load_said
 from karma.contracts import Resources
 from karma.offline.guard import go_offline
 

@@ -17,8 +17,7 @@ NODES = {
         "perceive", "eyes", "perception", "projection")],
     "skills": ["agent/body"],
     "memory": ["memory"],
-    "method": [*(f"agent/{name}.py" for name in ("karma", "attempts", "experience", "tour")),
-               "agent/seeing/picture_states.py"],
+    "method": [*(f"agent/{name}.py" for name in ("karma", "attempts", "experience", "tour"))],
     "planner": ["agent/planning"],
     "infer": ["infer"],
 }  # a stop of the picture -> where its code is  # fmt: skip

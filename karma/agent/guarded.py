@@ -3,21 +3,19 @@
 Conditions are looked at first, every thing of a plural has its turn, and what was not done is told.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 
 from karma import registry
 from karma.agent.attempts import put_back
-from karma.agent.body.skills import Skills
-from karma.agent.planning.guard import cannot_serve, here_of, in_pieces, meant_by
+from karma.agent.planning.guard import Guard, cannot_serve, here_of, meant_by
 from karma.agent.planning.inspector import put_down
 from karma.agent.planning.reading import kind_of
 from karma.agent.seeing.perceive import place_of
 from karma.agent.which_thing import (
     PLACES,
     Came,
-    Carrier,
     Doing,
     ThingFinder,
     is_all,
@@ -30,12 +28,10 @@ from karma.contracts import (
     Embedder,
     Mention,
     Parser,
-    Plan,
     RefusedRequest,
     Request,
     SaidDeed,
     SkillCall,
-    SkillResult,
     SubTask,
 )
 from karma.household.containment import has_door
@@ -89,37 +85,36 @@ def joined(requests: Sequence[Request]) -> Request | None:
     )
 
 
-def guarded(
-    episode: Carrier, subtask: SubTask, asked: Request, skills: Skills, came: Came
-) -> Iterator[Plan | SkillResult]:
-    """Carry out what was asked, or say why it is not; `came` takes what came of it."""
-    yield from GuardedErrand(episode, asked, skills, came).carry_out(subtask)
-
-
+@dataclass(slots=True)
 class GuardedErrand(ThingFinder):
-    """One request under way."""
+    """One request under way; `came` takes what came of it."""
 
-    def carry_out(self, subtask: SubTask) -> Doing[None]:
-        """Do what was asked, if it can be and its conditions hold; then put back the rest."""
-        episode, asked, came = self.episode, self.asked, self.came
-        if subtask.asked is None:
-            episode.decided.clear()
-        self.skills.keep_shut(_not_to_open(asked))
+    subtask: SubTask
+
+    def carry_out(self) -> Doing[None]:
+        """Do what was asked, if it can be and its conditions hold; then put back the rest.
+
+        Where it cannot be, it is said why.
+        """
+        asked, came = self.asked, self.came
+        if self.subtask.asked is None:
+            self.episode.decided.clear()
+        self.episode.skills.keep_shut(_not_to_open(asked))
         refused = cannot_serve(asked, self.here) or self.not_told_apart()
         if refused is not None:
             yield refusal(refused)
             return
         if not (yield from self._conditions_hold()):
             return
-        if subtask.asked is None:  # nobody cut it: it is planned without what is no errand
-            text = asked.errand or subtask.instruction
-            subtask = replace(subtask, asked=asked, instruction=text)
-        yield from self._in_turn(subtask)
+        if self.subtask.asked is None:  # nobody cut it: it is planned without what is no errand
+            text = asked.errand or self.subtask.instruction
+            self.subtask = replace(self.subtask, asked=asked, instruction=text)
+        yield from self._in_turn()
         if came.tried:
             for one in asked.mentions:
                 if one.marks:
                     came.say(f"whether that is the {' '.join(one.marks)} one", "unseen")
-            for result in put_back(asked, self.skills):
+            for result in put_back(asked, self.episode.skills):
                 came.add(result)
                 yield result
 
@@ -138,7 +133,7 @@ class GuardedErrand(ThingFinder):
                 return False
         return True
 
-    def _in_turn(self, subtask: SubTask) -> Doing[None]:
+    def _in_turn(self) -> Doing[None]:
         """Do what was asked, each thing of a plural in its turn."""
         deeds = self.asked.deeds
         alone = len(deeds) == 1 and len(deeds[0].things) == 1
@@ -149,13 +144,13 @@ class GuardedErrand(ThingFinder):
             yield refusal(RefusedRequest(kind="unclear", by="guard", words=words))
         elif alone and _is_several(deeds[0].things[0]):
             along = self._goes_along(deeds[0].things[0], deeds[0])
-            yield from (self._each_along if along else self._each)(subtask)
+            yield from (self._each_along if along else self._each)()
         elif [one.deed for one in deeds] == ["go"]:
             yield from self._go(deeds[0])
         elif alone:
-            yield from self._the_same(subtask)
+            yield from self._the_same()
         else:
-            yield from self.episode.planned(subtask, self.skills, self.came, self._own() or None)
+            yield from self.episode.planned(self.subtask, self.came, self._own() or None)
 
     def _own(self) -> dict[str, str]:
         """Return the things of one's own that are meant: kind -> id; "the other mug" is none."""
@@ -182,7 +177,7 @@ class GuardedErrand(ThingFinder):
                 yield self.go_to(one)
             sight = self.sights.get(one)
             if sight is not None and not (sight.pickupable or has_door(sight.object_type)):
-                yield self.skills.look_over(sight)
+                yield self.episode.skills.look_over(sight)
             where = told_place(place_of(sight)) if sight and sight.pickupable else "here"
             came.say(f"the {name_of(one)} is {where}", "seen")
         came.nothing_to_do, came.short = bool(found), len(found) < (wanted or 1)
@@ -199,7 +194,7 @@ class GuardedErrand(ThingFinder):
             return
         self.came.searched = True
         for way in ("GoToObject", "Explore"):  # to what is known, else it is looked for
-            result = self.skills.run(SkillCall.of(way, kinds[0]))
+            result = self.episode.skills.run(SkillCall.of(way, kinds[0]))
             yield result
             if result.ok:
                 break
@@ -208,7 +203,7 @@ class GuardedErrand(ThingFinder):
 
     # ------------------------------------------------------------- one thing, or each of several
 
-    def _the_same(self, subtask: SubTask) -> Doing[None]:
+    def _the_same(self) -> Doing[None]:
         """Do one deed to one thing: to the one that the same word meant before."""
         episode, asked, came = self.episode, self.asked, self.came
         thing = asked.deeds[0].things[0]
@@ -232,9 +227,9 @@ class GuardedErrand(ThingFinder):
             return
         own = {**own, **place}
         only = {**own, kind_of(before): before} if before and kind_of(before) in kinds else own
-        if before and thing.other and len(kinds) > 1:  # "the other lamp"
-            subtask = self._of_one(subtask, kind_of(before))
-        yield from episode.planned(subtask, self.skills, came, only)
+        other = before and thing.other and len(kinds) > 1  # "the other lamp"
+        subtask = self._of_one(kind_of(before)) if before and other else self.subtask
+        yield from episode.planned(subtask, came, only)
         self.tell_left_behind(kinds)
         for result in came.programs[-1].results if came.programs else ():
             used = [one for one in result.object_ids if kind_of(one) in kinds]
@@ -250,10 +245,10 @@ class GuardedErrand(ThingFinder):
             return before
         if before is not None:  # "another mug"
             for call in put_down(held, before, self.here):
-                yield self.skills.run(call)
+                yield self.episode.skills.run(call)
         return before or held
 
-    def _each(self, subtask: SubTask) -> Doing[None]:
+    def _each(self) -> Doing[None]:
         """Do a deed to each thing of a plural: to those that are known, then to what is found."""
         came, deed, thing = self.came, self.asked.deeds[0], self.asked.deeds[0].things[0]
         kinds: list[str] = []
@@ -292,9 +287,8 @@ class GuardedErrand(ThingFinder):
                 done.append(one)
                 continue
             step = Came()
-            single = self._of_one(subtask, kind_of(one))
             only = {**place, kind_of(one): one}
-            yield from self.episode.planned(single, self.skills, step, only)
+            yield from self.episode.planned(self._of_one(kind_of(one)), step, only)
             came.programs += [program for program in step.programs if program.results]
             (done if step.finished else failed).append(one)
         if not (done or failed) and _is_ended(deed, thing):
@@ -304,7 +298,7 @@ class GuardedErrand(ThingFinder):
             return
         self._tell_count(thing, done, failed)
 
-    def _each_along(self, subtask: SubTask) -> Doing[None]:
+    def _each_along(self) -> Doing[None]:
         """Put each thing in what carries it, then that: "the forks in a bowl on the table"."""
         deed = self.asked.deeds[0]
         thing = deed.things[0]
@@ -313,7 +307,7 @@ class GuardedErrand(ThingFinder):
             every=False, at=(), states=(), marks=(),
         )  # fmt: skip
         into = replace(deed, things=(replace(thing, at=()),), place=carrier)
-        yield from self._asking(into)._each(subtask)
+        yield from self._asking(into)._each()
         kinds = {*self.kinds_of(thing)}
         only = self._vessel([one for one in sorted(self.sights) if kind_of(one) in kinds], carrier)
         if self.came.short or not only:
@@ -327,13 +321,12 @@ class GuardedErrand(ThingFinder):
             self.came.say(f"the {name_of(name)}: that is so already", "seen")
             return
         self.came.nothing_to_do = False
-        single = carried._of_one(subtask, kind)
-        yield from self.episode.planned(single, self.skills, self.came, {**place, **only})
+        yield from self.episode.planned(carried._of_one(kind), self.came, {**place, **only})
 
     def _asking(self, deed: SaidDeed) -> "GuardedErrand":
         """Return this errand with one deed in place of its own."""
         asked = replace(self.asked, deeds=(deed,))
-        return GuardedErrand(self.episode, asked, self.skills, self.came)
+        return GuardedErrand(self.episode, asked, self.came, self.subtask)
 
     def _vessel(self, things: Iterable[str], place: Mention | None = None) -> dict[str, str]:
         """Return what the first of some things lies in, type -> id, where that can be carried.
@@ -349,7 +342,7 @@ class GuardedErrand(ThingFinder):
         vessel = next((one for one in lain_in if kind_of(one) in kinds), None)
         return {kind_of(vessel): vessel} if vessel is not None else {}
 
-    def _of_one(self, subtask: SubTask, kind: str) -> SubTask:
+    def _of_one(self, kind: str) -> SubTask:
         """Return a request that is made of one thing of a type, as it is planned."""
         deed = self.asked.deeds[0]
         single = replace(
@@ -358,7 +351,7 @@ class GuardedErrand(ThingFinder):
         )  # fmt: skip
         request = replace(self.asked, deeds=(replace(deed, things=(single,)),))
         text = said(request.deeds[0])
-        return replace(subtask, instruction=text, whole=text, asked=request)
+        return replace(self.subtask, instruction=text, whole=text, asked=request)
 
     def _is_taken_out(self) -> bool:
         """Return whether things are only to leave a place: "take everything out of the fridge"."""
@@ -384,7 +377,7 @@ class GuardedErrand(ThingFinder):
         """Return whether each piece of what was cut is one more: not of "slice two potatoes"."""
         deed = self.asked.deeds[0]
         whole = deed.things[0].number is not None or deed.deed in FOR_GOOD
-        return not whole or bool(in_pieces(self.asked, self.here))
+        return not whole or bool(Guard(self.asked, self.here).in_pieces())
 
     def _not_ruled_out(self, kinds: Iterable[str]) -> list[str]:
         """Return the kinds of wholes that a request does not leave out."""
@@ -418,13 +411,13 @@ class GuardedErrand(ThingFinder):
         thing, switched = deed.things[0], deed.deed in ("on", "off")
         self.came.searched = True
         if not thing.at and (thing.states or switched):
-            yield from self.skills.look_everywhere()
+            yield from self.episode.skills.look_everywhere()
             return self._all_that_are_so() if thing.states else self._all_switches()
         places = {kind_of(kind) for kind in here_of(thing.at, self.here)}
         for name in self.episode.places(places)[:PLACES] or sorted(places)[:1]:
             yield self.go_to(name)
         for sight in self.of_kinds(places)[:PLACES]:
-            yield self.skills.look_over(sight)
+            yield self.episode.skills.look_over(sight)
         there = sorted(
             sight.object_id for sight in self.sights.values()
             if {kind_of(parent) for parent in sight.parent_ids} & places
@@ -473,7 +466,7 @@ class GuardedErrand(ThingFinder):
         if condition.state == "there" and condition.at:
             for place in here_of(condition.at, self.here)[:1]:
                 yield self.go_to(kind_of(place))
-                self.skills.look_around()
+                self.episode.skills.look_around()
             wanted = {kind_of(kind) for kind in condition.at}
             found = any(
                 kind_of(sight.object_type) in kinds
@@ -483,7 +476,7 @@ class GuardedErrand(ThingFinder):
             return found == condition.holds
         states: list[bool] = []
         for kind in kinds:
-            result = self.skills.run(SkillCall.of("Explore", kind))
+            result = self.episode.skills.run(SkillCall.of("Explore", kind))
             yield result
             ids = [one for one in result.object_ids if kind_of(one) == kind]
             sight = self.sights.get(ids[-1]) if ids else next(iter(self.of_kinds({kind})), None)

@@ -1,8 +1,9 @@
 """KARMA: both memories in the prompt; without one of them it is the paper's ablation (Table 2)."""
 
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -11,11 +12,11 @@ from msgspec import Meta
 from karma.agent.attempts import Programs, after_run, as_left, carried_out, lost
 from karma.agent.body.skills import Skills
 from karma.agent.experience import shut_away, units_of
-from karma.agent.guarded import guarded, joined, reader_of
+from karma.agent.guarded import GuardedErrand, joined, reader_of
 from karma.agent.options import settings_of
+from karma.agent.planning.full_profile import furniture_names
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.reading import kind_of
-from karma.agent.planning.short_names import furniture
 from karma.agent.seeing.perception import BoxSource, Kind, Perception, detector_of
 from karma.agent.tour import explore_room, position_of
 from karma.agent.which_thing import Came
@@ -77,6 +78,7 @@ class KarmaSettings:
         make_policy(self.policy)
 
 
+@dataclass(eq=False)
 class KarmaMethod:
     """The agent of the paper's Fig. 1.
 
@@ -85,25 +87,22 @@ class KarmaMethod:
     """
 
     settings_kind: ClassVar[type] = KarmaSettings
+    planner: Planner
+    recall: Recall
+    vision: VisionModel
+    settings: KarmaSettings = field(default_factory=KarmaSettings)
+    _: KW_ONLY
+    maps: Path | None = None
+    learn: bool = False
+    detector: Detector | None = None
+    reader: RequestReader | None = None
+    name: str = field(init=False)  # of the row, as the paper writes it
 
-    def __init__(
-        self,
-        planner: Planner,
-        recall: Recall,
-        vision: VisionModel,
-        settings: KarmaSettings | None = None,
-        *,
-        maps: Path | None = None,
-        learn: bool = False,
-        detector: Detector | None = None,
-        reader: RequestReader | None = None,
-    ) -> None:
-        self.settings = settings or KarmaSettings()
-        self.reader = reader
-        self.detector = detector
-        self.name = _name(self.settings)
-        self.planner, self.recall, self.vision = planner, recall, vision
-        self.maps, self.learn = maps, learn
+    def __post_init__(self) -> None:
+        """Name the row by the memories that it lacks."""
+        kinds = {"long": self.settings.long_term, "short": self.settings.short_term}
+        missing = " and ".join(word for word, there in kinds.items() if not there)
+        self.name = "KARMA" + (f" (w/o {missing} term memory)" if missing else "")
 
     @classmethod
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
@@ -131,11 +130,8 @@ class KarmaEpisode:
     def __init__(
         self, method: KarmaMethod, world: World, scene: SceneRef, folder: Path, seed: int = 0
     ) -> None:
-        self.settings = method.settings
+        self._method, self.settings = method, method.settings
         self.short_term = ShortTermMemory(make_policy(self.settings.policy))
-        self._planner, self._recall, self._vision = method.planner, method.recall, method.vision
-        self._maps, self._learn = method.maps, method.learn
-        self._reader = method.reader
         self._beliefs = _Beliefs(world, None, ())
         self._spoken: tuple[Mention, ...] = ()  # of the last instruction that was read here
         self._deeds: tuple[SaidDeed, ...] = ()  # likewise
@@ -143,21 +139,20 @@ class KarmaEpisode:
         self.decided: dict[tuple[str, ...], bool] = {}  # what was so when a text first asked
         self._world, self._folder, self._seed = world, folder, seed
         self._perception = Perception(self.settings.perception, method.vision, method.detector)
-        self._graphs: dict[str, SceneGraph] = {}  # by the room's name
-        self._seen: dict[str, dict[str, SeenObject]] = {}  # the latest sights, by the room's name
-        self._seen_s: dict[str, dict[str, float]] = {}  # when each was in view last
+        self._rooms: defaultdict[str, _Room] = defaultdict(_Room)  # by name
         self.clock_s = 0.0  # of the home, set by who keeps it
         self.changes: list[MemoryChange] = []  # of memory, for who keeps it
         self.mine: Mapping[str, str] = {}  # kind -> id that its word means, by what was told
         self.told: Collection[str] = ()  # ids of which somebody else says where or how they are
         self._named: dict[str, dict[str, str]] = {}  # furniture's names -> ids, by the room's name
         self._scene = scene.name  # of the room that the agent is in
+        self.skills = Skills(world, self._beliefs)  # of the latest instruction
         self.enter(scene)
 
     @property
     def graph(self) -> SceneGraph | None:
         """Long-term memory of the room that the agent is in."""
-        return self._graphs.get(self._scene)
+        return self._rooms[self._scene].graph
 
     def enter(self, scene: SceneRef) -> None:
         """Be in a room: each has a map of its own; short-term memory is one for all."""
@@ -165,34 +160,34 @@ class KarmaEpisode:
             if unit.place_id == HAND:  # it was put down at the door
                 self.short_term.correct(replace(unit, place_id=None))
         self._scene = scene.name
-        if self.settings.long_term and self._scene not in self._graphs:
+        if self.settings.long_term and self.graph is None:
             saved = self._map_path()
             graph, is_new = explore_room(self._world, scene, saved, self._perception.fresh())
-            self._graphs[self._scene] = graph
+            self._rooms[self._scene].graph = graph
             if is_new and saved is not None:
                 graph.save(saved)
 
     def _map_path(self) -> Path | None:
         """Return where the map of this room lies; None: nowhere, it is explored each time."""
         name = self._perception.map_file(self._scene, self._seed)
-        return self._maps / name if self._maps and name else None
+        return self._method.maps / name if self._method.maps and name else None
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Plan and act until a program succeeds or the attempts are used up; then remember."""
         resident = self.short_term.units()
         self._beliefs = _Beliefs(self._world, self.graph, self._found_by_name(()))
         eyes = self._perception.eyes(self._scene, subtask.instruction)
-        before = self._seen.setdefault(self._scene, {})
-        skills = Skills(self._world, self._beliefs, eyes=eyes, before=before)
+        before = self._rooms[self._scene].seen
+        self.skills = Skills(self._world, self._beliefs, eyes=eyes, before=before)
         came = Came()
         asked = self._asked(subtask)
         if asked is None:
-            yield from self.planned(subtask, skills, came)
+            yield from self.planned(subtask, came)
         else:
-            yield from guarded(self, subtask, asked, skills, came)
-        experience = skills.experience
+            yield from GuardedErrand(self, asked, came, subtask).carry_out()
+        experience = self.skills.experience
         if came.tried:  # what is refused before a step changes nothing
-            self._remember(experience, subtask.instruction, self.clock_s + skills.actions)
+            self._remember(experience, subtask.instruction)
         yield Outcome(
             finished=came.finished,
             resident=resident,
@@ -204,35 +199,36 @@ class KarmaEpisode:
 
     def _asked(self, subtask: SubTask) -> Request | None:
         """Return what an instruction asks, for a guard; None without one."""
-        if self._reader is None or subtask.asked is not None:
+        reader = self._method.reader
+        if reader is None or subtask.asked is not None:
             return subtask.asked
-        asked = joined(self._reader.read(subtask.instruction, self._spoken, self._deeds))
+        asked = joined(reader.read(subtask.instruction, self._spoken, self._deeds))
         if asked is not None:
             self._spoken = tuple(one for one in asked.mentions if one.types) or self._spoken
             self._deeds = asked_last(asked, self._deeds)
         return asked
 
     def planned(
-        self, subtask: SubTask, skills: Skills, came: Came, only: Mapping[str, str] | None = None
+        self, subtask: SubTask, came: Came, only: Mapping[str, str] | None = None
     ) -> Iterator[Plan | SkillResult]:
         """Plan and act until a program succeeds or the attempts are used up.
 
         `only`: type -> id of the one thing of the type that is meant.
         """
-        request = self._request(subtask, self._recalled(subtask))
+        request = self._request(subtask)
         self._beliefs.units = self._found_by_name(request.units)
         programs = Programs(subtask.instruction)
         for _ in range(self.settings.attempts):
             plan = None
-            updated = self._updated(request, skills, again=bool(programs.results))
-            for plan in self._planner.plan(updated):
+            updated = self._updated(request, again=bool(programs.results))
+            for plan in self._method.planner.plan(updated):
                 yield plan
-                self._named.setdefault(self._scene, {}).update(furniture(plan.names))
+                self._named.setdefault(self._scene, {}).update(furniture_names(plan.names))
                 if plan.failure is not None:
                     request = replace(request, failures=(*request.failures, plan.failure))
             if plan is None or not plan.calls:
                 break
-            results = yield from carried_out(plan, skills, only)
+            results = yield from carried_out(plan, self.skills, only)
             programs.add(plan, results)
             if programs.ran:
                 break
@@ -245,71 +241,72 @@ class KarmaEpisode:
 
     def remembered(self) -> "Remembered":
         """Return all that is remembered now, apart from what comes later."""
-        kept = deepcopy((self.short_term, self._graphs, self._seen, self._seen_s))
-        return Remembered(self._scene, *kept)
+        return deepcopy(Remembered(self._scene, self.short_term, self._rooms))
 
     def go_back(self, before: "Remembered") -> None:
         """Remember what was remembered then, and nothing since."""
-        self._scene = before.scene
-        kept = deepcopy((before.short_term, before.graphs, before.seen, before.seen_s))
-        self.short_term, self._graphs, self._seen, self._seen_s = kept
+        kept = deepcopy(before)
+        self._scene, self.short_term, self._rooms = kept.scene, kept.short_term, kept.rooms
         self.changes.clear()
         self._keep_map()
 
     def last_seen(self) -> Mapping[str, tuple[SeenObject, float]]:
         """Return the latest sight of each thing of this room, and when it was in view last."""
-        when = self._seen_s.get(self._scene, {})
-        seen = self._seen.get(self._scene, {})
-        return {name: (one, when.get(name, 0.0)) for name, one in seen.items()}
+        room = self._rooms[self._scene]
+        return {name: (one, room.seen_s.get(name, 0.0)) for name, one in room.seen.items()}
 
     # ------------------------------------------------------------- memory into the prompt
 
-    def _recalled(self, subtask: SubTask) -> list[Recalled]:
-        """Return the top K units of this room, best first."""
+    def _request(self, subtask: SubTask) -> PlanRequest:
+        """Return what the planner is told at first: the map, and the top K units by last use."""
         units = self.short_term.units(self._scene) if self.settings.short_term else ()
-        whole = self.settings.query == "instruction" and subtask.whole
-        query = whole or subtask.instruction
-        k = min(self.settings.recall_k, len(units))
-        return self._recall.recall(query, units, k) if units else []
-
-    def _request(self, subtask: SubTask, recalled: Sequence[Recalled]) -> PlanRequest:
-        """Return what the planner is told at first: the map, and what was recalled by last use."""
-        chosen = {item.unit.object_id for item in recalled}
-        units = self.short_term.units(self._scene) if self.settings.short_term else ()
-        whole = self.settings.whole_memory
-        tells_all = self._planner.profile != "compact" if whole is None else whole
-        if not tells_all:
-            units = tuple(unit for unit in units if unit.object_id in chosen)
+        query = self.settings.query == "instruction" and subtask.whole
+        recalled: list[Recalled] = []
+        if units:
+            k = min(self.settings.recall_k, len(units))
+            recalled = self._method.recall.recall(query or subtask.instruction, units, k)
         papers = self.graph is not None and self.settings.map_form == "paper"
-        if self.settings.means == "recalled":  # the last of a type has its bare name
-            units = tuple(item.unit for item in reversed(recalled))
-        units = shut_away(units, self.short_term.units(self._scene))
         return PlanRequest(
             instruction=subtask.instruction,
             whole="" if subtask.is_whole else subtask.whole,
             areas=self.graph.areas() if self.graph else (),
             graph_text=self.graph.to_text() if self.graph and papers else "",
             recalled=tuple(recalled),
-            units=units,
+            units=self._shown(units, recalled),
             asked=subtask.asked,
             plain=plainly(subtask.asked) if subtask.asked else "",
         )
 
-    def here(self, skills: Skills) -> frozenset[str]:
+    def _shown(
+        self, units: tuple[MemoryUnit, ...], recalled: Sequence[Recalled]
+    ) -> tuple[MemoryUnit, ...]:
+        """Return the units of the prompt: all of this room's, or the recalled ones."""
+        whole = self.settings.whole_memory
+        tells_all = self._method.planner.profile != "compact" if whole is None else whole
+        if self.settings.means == "recalled":  # the last of a type has its bare name
+            units = tuple(item.unit for item in reversed(recalled))
+        elif not tells_all:
+            chosen = {item.unit.object_id for item in recalled}
+            units = tuple(unit for unit in units if unit.object_id in chosen)
+        return shut_away(units, self.short_term.units(self._scene))
+
+    def here(self) -> frozenset[str]:
         """Return the types that the agent knows of in this room."""
         areas = self.graph.areas() if self.graph else ()
         kinds = {kind for area in areas for kind in area.contains}
         kinds |= {unit.object_type for unit in self.short_term.units(self._scene)}
-        return frozenset(kinds | {one.object_type for one in self.sights(skills).values()})
+        return frozenset(kinds | {one.object_type for one in self.sights().values()})
 
     def places(self, kinds: Collection[str]) -> list[str]:
         """Return the ids of the furniture of some kinds, by the map."""
         nodes = self.graph.objects() if self.graph else ()
         return sorted(one.id for one in nodes if kind_of(one.type) in kinds)
 
-    def sights(self, skills: Skills) -> dict[str, SeenObject]:
-        """Return the latest sight of all that was seen in this room."""
-        return self._sights(skills.experience)
+    def sights(self) -> dict[str, SeenObject]:
+        """Return the latest sight of all that was seen here and is not known to be gone."""
+        experience = self.skills.experience
+        seen = {**self._rooms[self._scene].seen, **experience.seen}
+        return {name: one for name, one in seen.items() if name not in experience.gone}
 
     def handled(self) -> list[str]:
         """Return the ids of what was handled in this room and is remembered, the last one last."""
@@ -321,10 +318,10 @@ class KarmaEpisode:
         others = self.short_term.units(self._scene) if by_name else ()
         return (*reversed(recalled), *reversed(others))
 
-    def _updated(self, request: PlanRequest, skills: Skills, *, again: bool) -> PlanRequest:
+    def _updated(self, request: PlanRequest, *, again: bool) -> PlanRequest:
         """Return the request with hand and sight and, after a failure, what was done so far."""
-        skills.look()
-        experience = skills.experience
+        self.skills.look()
+        experience = self.skills.experience
         held = experience.held
         request = replace(
             request,
@@ -334,36 +331,31 @@ class KarmaEpisode:
         if not self.settings.short_term:
             return request
         if self.settings.seen_listed:
-            seen = tuple(self._sights(experience).values())
+            seen = tuple(self.sights().values())
             request = replace(request, seen=seen, named=self._named.get(self._scene, {}))
         if not again:
             return request
         before = as_left(request.units, experience)
         task, scene = request.instruction, self._scene
-        fresh = units_of(experience, before, self._vision, task, scene=scene, seen_kept=0)
+        fresh = units_of(experience, before, self._method.vision, task, scene=scene, seen_kept=0)
         new = {unit.object_id for unit in (*fresh, *lost(request.units, experience))}
         kept = (unit for unit in before if unit.object_id not in new)
         return replace(request, units=(*kept, *fresh))
 
-    def _sights(self, experience: Experience) -> dict[str, SeenObject]:
-        """Return the latest sight of all that was seen in this room and is not known to be gone."""
-        seen = {**self._seen.get(self._scene, {}), **experience.seen}
-        return {name: one for name, one in seen.items() if name not in experience.gone}
-
     # ------------------------------------------------------------- experience into memory
 
-    def _remember(self, experience: Experience, instruction: str, at_s: float) -> None:
+    def _remember(self, experience: Experience, instruction: str) -> None:
         """Write what was seen, then what was handled in the order of use; forget what is gone."""
         remembered = self.short_term.units(self._scene)
         away, before = lost(remembered, experience), as_left(remembered, experience)
         kept, scene = self.settings.seen_kept, self._scene
         units = units_of(
-            experience, away, self._vision, instruction,
+            experience, away, self._method.vision, instruction,
             scene=scene, seen_kept=kept, folder=self._folder,
         )  # fmt: skip
         change = MemoryChange(
             scene=scene,
-            at_s=at_s,
+            at_s=self.clock_s + self.skills.actions,
             corrected=tuple(unit for unit in before if unit not in remembered),
             forgotten=tuple(unit.object_id for unit in away),
             remembered=tuple(units),
@@ -379,28 +371,35 @@ class KarmaEpisode:
         """Put into memory what an instruction has left."""
         for unit in change.corrected:
             self.short_term.correct(unit)
-        seen = self._seen.setdefault(change.scene, {})
-        seen.update((one.object_id, one) for one in change.seen)
+        room = self._rooms[change.scene]
+        room.seen.update((one.object_id, one) for one in change.seen)
         for object_id in (*change.gone, *change.forgotten):
-            seen.pop(object_id, None)
+            room.seen.pop(object_id, None)
         for object_id in change.forgotten:
             self.short_term.forget(object_id, change.scene)
-        when = dict.fromkeys(change.in_view, change.at_s)
-        self._seen_s.setdefault(change.scene, {}).update(when)
+        room.seen_s.update(dict.fromkeys(change.in_view, change.at_s))
         if self.settings.short_term:
             for unit in change.remembered:
                 self.short_term.remember(unit)
-        graph = self._graphs.get(change.scene)
-        if graph is not None:
-            graph.observe(change.seen)
+        if room.graph is not None:
+            room.graph.observe(change.seen)
             for object_id in change.gone:
-                graph.forget(object_id)
+                room.graph.forget(object_id)
             self._keep_map()
 
     def _keep_map(self) -> None:
         """Write what was learnt of this room, where that is wanted."""
-        if self.graph is not None and self._learn and (path := self._map_path()) is not None:
+        if self.graph is not None and self._method.learn and (path := self._map_path()) is not None:
             self.graph.save(path)
+
+
+@dataclass(slots=True)
+class _Room:
+    """What is remembered of one room for good."""
+
+    graph: SceneGraph | None = None
+    seen: dict[str, SeenObject] = field(default_factory=dict)  # the latest sight of each thing
+    seen_s: dict[str, float] = field(default_factory=dict)  # when each was in view last
 
 
 @dataclass(frozen=True, slots=True)
@@ -409,9 +408,7 @@ class Remembered:
 
     scene: str
     short_term: ShortTermMemory
-    graphs: dict[str, SceneGraph]
-    seen: dict[str, dict[str, SeenObject]]
-    seen_s: dict[str, dict[str, float]]
+    rooms: "defaultdict[str, _Room]"
 
 
 class _Beliefs:
@@ -442,10 +439,3 @@ class _Beliefs:
     def areas(self) -> tuple[Area, ...]:
         """Return the area nodes; () without long-term memory."""
         return self._graph.areas() if self._graph else ()
-
-
-def _name(settings: KarmaSettings) -> str:
-    """Return the row's name as the paper writes it."""
-    kinds = {"long": settings.long_term, "short": settings.short_term}
-    missing = [word for word, there in kinds.items() if not there]
-    return "KARMA" + (f" (w/o {' and '.join(missing)} term memory)" if missing else "")

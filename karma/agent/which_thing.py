@@ -10,11 +10,11 @@ from typing import Protocol, TypeVar
 from karma.agent.attempts import Programs
 from karma.agent.body.skills import Skills
 from karma.agent.planning.guard import meant_by, stated
+from karma.agent.planning.planner import by_no_model
 from karma.agent.planning.reading import kind_of
 from karma.agent.seeing.perceive import place_of
 from karma.contracts import (
     Check,
-    Completion,
     Experience,
     Found,
     Mention,
@@ -55,19 +55,20 @@ class Carrier(Protocol):
     decided: dict[tuple[str, ...], bool]
     mine: Mapping[str, str]
     told: Collection[str]
+    skills: Skills  # of the latest instruction
 
     def planned(
-        self, subtask: SubTask, skills: Skills, came: "Came", only: Mapping[str, str] | None = None
+        self, subtask: SubTask, came: "Came", only: Mapping[str, str] | None = None
     ) -> Iterator[Plan | SkillResult]:
         """Plan and act until a program succeeds or the attempts are used up."""
 
-    def here(self, skills: Skills) -> frozenset[str]:
+    def here(self) -> frozenset[str]:
         """Return the types that the agent knows of in this room."""
 
     def places(self, kinds: Collection[str]) -> list[str]:
         """Return the ids of the furniture of some kinds, by the map."""
 
-    def sights(self, skills: Skills) -> dict[str, SeenObject]:
+    def sights(self) -> dict[str, SeenObject]:
         """Return the latest sight of all that was seen in this room."""
 
     def handled(self) -> list[str]:
@@ -115,12 +116,8 @@ class Came:
 
 def refusal(refused: RefusedRequest) -> Plan:
     """Return what stands for an answer where no planner is asked."""
-    nothing = Completion(
-        text="", finish="stop", prompt_tokens=0, reused_tokens=0, completion_tokens=0,
-        first_token_s=None, total_s=0.0,
-    )  # fmt: skip
     prompt = Prompt(stable="", changing="")
-    return Plan(prompt=prompt, completion=nothing, calls=(), names={}, refused=refused)
+    return Plan(prompt=prompt, completion=by_no_model(), calls=(), names={}, refused=refused)
 
 
 @dataclass(slots=True)
@@ -129,18 +126,17 @@ class ThingFinder:
 
     episode: Carrier
     asked: Request
-    skills: Skills
     came: Came
 
     @property
     def here(self) -> frozenset[str]:
         """The types that the agent knows of in this room."""
-        return self.episode.here(self.skills)
+        return self.episode.here()
 
     @property
     def sights(self) -> dict[str, SeenObject]:
         """The latest sight of all that was seen in this room."""
-        return self.episode.sights(self.skills)
+        return self.episode.sights()
 
     def kinds_of(self, one: Mention) -> list[str]:
         """Return the types of wholes that a mention may mean here, in its order."""
@@ -148,7 +144,7 @@ class ThingFinder:
 
     def go_to(self, name: str) -> SkillResult:
         """Go to a thing."""
-        return self.skills.run(SkillCall.of("GoToObject", name))
+        return self.episode.skills.run(SkillCall.of("GoToObject", name))
 
     # ------------------------------------------------------------- told apart by words
 
@@ -232,7 +228,7 @@ class ThingFinder:
             self.came.searched = True
             yield self.go_to(place)
             if sight := self.sights.get(place):
-                yield self.skills.look_over(sight)
+                yield self.episode.skills.look_over(sight)
             one = known()
             if one is not None:
                 break
@@ -376,7 +372,7 @@ class ThingFinder:
             known = any(kind_of(one) == kind for one in tried)
             if known and not object_types()[kind].can("pickupable"):
                 continue  # a tour has shown what stands or hangs free
-            result = self.skills.find_another(kind, tried)
+            result = self.episode.skills.find_another(kind, tried)
             yield result
             fresh = [one for one in result.object_ids if kind_of(one) == kind and one not in tried]
             if result.ok and fresh:

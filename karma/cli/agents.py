@@ -175,8 +175,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
     def _do_run(self, run: "Run") -> "Sequence[Figures]":
         """Do what is left of a run, print and write what it shows, and return its figures."""
         from karma.agent.journal.formats import spent_text
-        from karma.agent.journal.not_run import in_words
-        from karma.agent.journal.records import spent_by
+        from karma.agent.journal.records import in_words, spent_by
         from karma.bench.figures.columns import figures, plain
         from karma.bench.figures.precision import reached
         from karma.cli import show
@@ -223,7 +222,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
     def _do_benchmark(self, run: "Run") -> None:
         """Do a benchmark's episodes that are missing, and print its tables."""
         from karma.agent.journal.header import TABLE
-        from karma.agent.journal.not_run import in_words
+        from karma.agent.journal.records import in_words
         from karma.bench.figures.sheet import to_markdown
 
         workers = workers_for(run, self.workers, self.ray)

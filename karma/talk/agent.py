@@ -19,11 +19,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from karma.agent.goals.goals import GoalTracker
+from karma.agent.goals.goals import GoalTracker, WatchedWorld
 from karma.agent.guarded import reader_of
 from karma.agent.journal.part import EpisodePart, TimeLog
 from karma.agent.journal.records import SubTaskRecord
-from karma.agent.journal.steps import LoggedWorld, StepLog
+from karma.agent.journal.steps import StepLog
 from karma.agent.karma import KarmaMethod, Remembered
 from karma.agent.loading.models import Models, Row, load_resources, world_maker
 from karma.agent.loading.models import preset as preset_of
@@ -181,7 +181,7 @@ class Agent:
     def _begin(self, seed: int) -> None:
         """Get to know the room, and be at its start."""
         steps = StepLog()
-        world = LoggedWorld(self._world, steps)
+        world = WatchedWorld(self._world, steps)
         world.reset(self.scene.source)
         self._episode = self._method.begin(world, self.scene, seed=seed, folder=self.folder)
         self._part = EpisodePart(

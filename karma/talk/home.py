@@ -15,7 +15,7 @@ from weakref import finalize
 
 import msgspec
 
-from karma.agent.journal.folder import locked, read_lines
+from karma.agent.journal.owned_folder import locked, read_lines
 from karma.agent.journal.steps import Action
 from karma.agent.seeing.perceive import digest_of
 from karma.contracts import Event, MemoryChange, World

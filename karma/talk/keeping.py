@@ -12,8 +12,8 @@ from weakref import finalize
 
 import msgspec
 
-from karma.agent.journal.folder import locked
 from karma.agent.journal.header import Header
+from karma.agent.journal.owned_folder import locked
 from karma.agent.journal.part import EpisodePart
 from karma.agent.journal.provenance import header_of
 from karma.agent.journal.records import SAID, EpisodeRecord, SubTaskRecord, Turn, turns_file

@@ -21,7 +21,7 @@ from support.paths import ROOT
 from karma.agent.guarded import joined, reader_of
 from karma.agent.loading.alfred_sentences import names_its_place, program_of, read_sentences
 from karma.agent.planning.expert import ExpertView
-from karma.agent.planning.guard import cannot_serve, stopped
+from karma.agent.planning.guard import Guard, cannot_serve
 from karma.agent.planning.program import SKILLS
 from karma.contracts import Completion, SkillCall
 from karma.household.containment import goes_in
@@ -202,9 +202,9 @@ def test_people_s_own_programs_pass_and_those_of_other_sentences_do_not(shared, 
             refused += 1
             continue
         view = ExpertView(areas=room.areas if room else ())
-        own += not stopped(program_of(one, view), asked, here)
+        own += not Guard(asked, here).stopped(program_of(one, view))
         same = another.facts == one.facts
-        other += not same and not stopped(program_of(another, view), asked, here)
+        other += not same and not Guard(asked, here).stopped(program_of(another, view))
     print(f"sentences {tried}; refused or asked about before any program {refused}; their own")
     print(f"program let through {own} ({own / tried:.2f}), another sentence's {other}")
     assert other == 0

@@ -5,7 +5,7 @@ from support.household import kitchen, on
 from support.talking import STORE, TAKE, agent_saying
 
 from karma.agent.guarded import reader_of
-from karma.agent.planning.guard import put_near, stopped
+from karma.agent.planning.guard import Guard
 from karma.agent.planning.program import parse_program
 from karma.files import to_json
 from karma.language.clauses import completed
@@ -31,7 +31,7 @@ def reader():
 
 def objection(reader, text, program, *, exact=False):
     (request,) = reader.read(text)
-    return stopped(parse_program(program), request, HERE, exact=exact)
+    return Guard(request, HERE).stopped(parse_program(program), exact=exact)
 
 
 # ----------------------------------------------------------------- put back
@@ -110,10 +110,10 @@ def test_a_side_table_is_a_table_if_the_planner_stands_by_it(reader):
     aside = "PickupObject(robot, 'Apple')\nPutObject(robot, 'Apple', 'SideTable')\n"
     text, here = "put the apple on the table", (*HERE, "SideTable")
     (request,) = reader.read(text)
-    assert stopped(parse_program(aside), request, here) == ""
-    assert "does not put" in stopped(parse_program(aside), request, here, exact=True)
+    assert Guard(request, here).stopped(parse_program(aside)) == ""
+    assert "does not put" in Guard(request, here).stopped(parse_program(aside), exact=True)
     shelf = aside.replace("SideTable", "Shelf")
-    assert "does not put" in stopped(parse_program(shelf), request, (*here, "Shelf"))
+    assert "does not put" in Guard(request, (*here, "Shelf")).stopped(parse_program(shelf))
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,7 @@ def test_what_is_one_by_its_name_only_will_not_do_where_one_was_seen(reader, nam
     def why(place, *here):
         program = f"PickupObject(robot, 'Apple')\nPutObject(robot, 'Apple', '{place}')\n"
         (request,) = reader.read(f"put the apple on the {name}")
-        return stopped(parse_program(program), request, (*HERE, *here))
+        return Guard(request, (*HERE, *here)).stopped(parse_program(program))
 
     if own:
         assert "does not put" in why(other, other, own)
@@ -149,13 +149,13 @@ def test_what_a_thing_lies_in_may_be_brought_along(reader):
 def test_what_was_to_be_put_near_a_thing_is_not_put_into_it(reader):
     program = "PickupObject(robot, 'Apple')\nPutObject(robot, 'Apple', 'Sink')\n"
     (request,) = reader.read("put the apple next to the sink")
-    beside = put_near(parse_program(program), request, HERE)
+    beside = Guard(request, HERE).put_near(parse_program(program))
     assert [call.skill for call in beside] == ["PickupObject", "PutNear"]
-    assert stopped(beside, request, HERE) == ""
+    assert Guard(request, HERE).stopped(beside) == ""
     (request,) = reader.read("wash the apple and put it near the fridge")
     washed = "PutObject(robot, 'Apple', 'Sink')\nToggleOn(robot, 'Faucet')\n"
     put = "PutObject(robot, 'Apple', 'CounterTop')\n"
-    calls = put_near(parse_program(washed + put), request, HERE)
+    calls = Guard(request, HERE).put_near(parse_program(washed + put))
     assert [str(call) for call in calls][::2] == [
         "PutObject(robot, 'Apple', 'Sink')", "PutNear(robot, 'Apple', 'Fridge')",
     ]  # fmt: skip

@@ -5,6 +5,7 @@ import pytest
 from karma.agent.body.skills import Skills
 from karma.agent.seeing.eyes import GivenBoxes, PictureEyes
 from karma.agent.seeing.perceive import observe, truth_of
+from karma.agent.tour import KnownFloor
 from karma.contracts import SkillCall
 from karma.infer.vision.metadata import BlindVision, MetadataVision
 from karma.world.sim import EmbeddedWorld
@@ -25,14 +26,6 @@ class Reader:
         assert all(one.states == () and one.region is not None for one in objects)
         self.asked += [one.object_id for one in objects]
         return {one.object_id: self.words for one in objects}
-
-
-class Nothing:
-    def where(self, name):
-        return None
-
-    def areas(self):
-        return ()
 
 
 @pytest.fixture
@@ -102,7 +95,7 @@ def test_true_states_come_only_with_a_reader_that_tells_them(world):
 def test_what_is_put_somewhere_is_believed_to_be_there_and_the_tap_washes_it():
     world = EmbeddedWorld("kitchen_3", **FLAGS)
     eyes = PictureEyes(BlindVision(), GivenBoxes())
-    skills = Skills(world, Nothing(), eyes=eyes)
+    skills = Skills(world, KnownFloor(()), eyes=eyes)
     for skill, *objects in (
         ("Explore", "Mug"), ("PickupObject", "Mug"), ("Explore", "Sink"),
         ("PutObject", "Mug", "Sink"), ("ToggleOn", "Faucet"),
@@ -116,7 +109,7 @@ def test_what_is_put_somewhere_is_believed_to_be_there_and_the_tap_washes_it():
 
 def test_hand_is_felt_and_what_it_holds_is_not_in_view(world):
     eyes = PictureEyes(BlindVision(), GivenBoxes())
-    skills = Skills(world, Nothing(), eyes=eyes)
+    skills = Skills(world, KnownFloor(()), eyes=eyes)
     assert skills.run(SkillCall(skill="Explore", objects=("Egg",))).ok
     assert skills.run(SkillCall(skill="PickupObject", objects=("Egg",))).ok
     seen = eyes.observe(world.last_event)
@@ -134,5 +127,5 @@ def test_closed_containers_are_searched_by_one_who_reads_no_states():
     ]
     others = {one.object_type for one in truth_of(world.last_event).objects if one not in inside}
     name = next(one.object_type for one in inside if one.object_type not in others)
-    skills = Skills(world, Nothing(), eyes=PictureEyes(BlindVision(), GivenBoxes()))
+    skills = Skills(world, KnownFloor(()), eyes=PictureEyes(BlindVision(), GivenBoxes()))
     assert skills.run(SkillCall(skill="Explore", objects=(name,))).ok

@@ -7,14 +7,19 @@ import numpy as np
 import pytest
 from support.random_programs import random_program
 
+from karma.agent.goals.files import load_said
 from karma.agent.goals.goals import parse_goal
-from karma.agent.loading.examples import bank_file, read_bank
-from karma.agent.loading.said_requests import load_said
+from karma.agent.loading.planner_files import bank_file, read_bank
 from karma.agent.planning.expert import ExpertView
-from karma.agent.planning.goal_lines import GOAL_LINES, as_lines, asked_lines, program_for
-from karma.agent.planning.guard import cannot_serve, kept_open, stopped
+from karma.agent.planning.goal_lines import (
+    GOAL_LINES,
+    as_lines,
+    asked_lines,
+    plain_program,
+    program_for,
+)
+from karma.agent.planning.guard import Guard, cannot_serve
 from karma.agent.planning.inspector import narrowed
-from karma.agent.planning.plain_programs import plain_program
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import SKILLS, parse_program
 from karma.agent.planning.prompt import GOALS
@@ -203,7 +208,7 @@ def test_words_alone_plan_where_no_answer_does_what_was_asked(reader):
     assert all("toast" in one.error and not one.calls for one in answers)
     assert last.refused is None
     assert last.completion.completion_tokens == 0  # no model said it
-    assert not stopped(last.calls, asked, {*KITCHEN})
+    assert not Guard(asked, {*KITCHEN}).stopped(last.calls)
     assert "PutObject(robot, 'Bread', 'Toaster')" in text(last.calls)
 
 
@@ -228,7 +233,7 @@ def test_what_a_sentence_asks_to_open_is_not_closed_behind_what_is_put_in(reader
         "GoToObject(robot, 'Fridge')\nOpenObject(robot, 'Fridge')\n"
         "PutObject(robot, 'Egg', 'Fridge')\nCloseObject(robot, 'Fridge')\n", SKILLS,
     )  # fmt: skip
-    assert "CloseObject" not in {one.skill for one in kept_open(closing, asked, HERE)}
+    assert "CloseObject" not in {one.skill for one in Guard(asked, HERE).kept_open(closing)}
     for said in ("put the egg in the fridge", "open the fridge, put the egg in and close it"):
         (asked,) = reader.read(said)
-        assert kept_open(closing, asked, HERE) == tuple(closing)
+        assert Guard(asked, HERE).kept_open(closing) == tuple(closing)

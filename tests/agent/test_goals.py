@@ -4,12 +4,7 @@ import pytest
 from support.made_events import event, goals, thing, unmet
 
 from karma import registry
-from karma.agent.goals.goals import (
-    GoalTracker,
-    object_names,
-    parse_goal,
-    read_goal,
-)
+from karma.agent.goals.goals import MOST, GoalTracker, object_names, parse_goal, read_goal
 from karma.contracts import SubTask
 from karma.errors import KarmaError
 from karma.household.states import canonical_state
@@ -40,6 +35,11 @@ def sink(*, running=False):
         ("HOLDON(robot, Pan)", "HOLDON(robot, Pan): 1"),
         ("CLOSED(Fridge)", "CLOSED(Fridge): 1"),
         ("ON(Cup, (-1.5, 0.8, 0.3))", "ON(Cup, (-1.5, 0.8, 0.3)): 1"),
+        ("2*ON(Pen, Desk)", "2*ON(Pen, Desk): 1"),
+        (" 3 * in(Apple,Fridge) : 1", "3*INSIDE(Apple, Fridge): 1"),
+        ("1*OPEN(Drawer)", "OPEN(Drawer): 1"),
+        ("2*STATE(Cup/Mug, open)", "2*STATE(Cup/Mug, opened): 1"),
+        ("2*ON(Cup, (1, 2, 3))", "2*ON(Cup, (1, 2, 3)): 1"),
     ],
 )
 def test_parse_goal_in_the_papers_notation_is_canonical(text, meant):
@@ -50,7 +50,10 @@ def test_parse_goal_in_the_papers_notation_is_canonical(text, meant):
 @pytest.mark.parametrize(
     "text",
     ["", "apple on plate", "ON(Apple)", "ON(Apple, )", "NEAR(Apple, Cup)", "STATE(Book, sofa)",
-     "HOLDON(Pan, robot)", "ON(Apple, Plate): 0", "TOGGLEON(Faucet, Sink)"],
+     "HOLDON(Pan, robot)", "ON(Apple, Plate): 0", "TOGGLEON(Faucet, Sink)", "0*ON(Pen, Desk)",
+     "-1*ON(Pen, Desk)", "1.5*ON(Pen, Desk)", "*ON(Pen, Desk)", "ON(Pen, Desk)*2",
+     "2 ON(Pen, Desk)", f"{MOST + 1}*ON(Pen, Desk)", "ON(2*Pen, Desk)*",
+     f"{10**40}*ON(Pen, Desk)", "2*HOLDON(robot, Pen)", "²*ON(Pen, Desk)"],
 )  # fmt: skip
 def test_parse_goal_of_another_form_is_refused(text):
     with pytest.raises(KarmaError, match="goal"):

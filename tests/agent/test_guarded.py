@@ -8,7 +8,7 @@ from support.talking import AWAY, STORE, TAKE, WASH, agent_saying
 
 from karma.agent.guarded import reader_of
 from karma.agent.planning.effects import effects_of
-from karma.agent.planning.guard import cannot_serve, here_of, stopped
+from karma.agent.planning.guard import Guard, cannot_serve, here_of
 from karma.agent.planning.program import parse_program
 from karma.cli.conversation import CODES
 
@@ -23,7 +23,7 @@ def reader():
 
 def objection(reader, text, program):
     (request,) = reader.read(text)
-    return stopped(parse_program(program), request, HERE)
+    return Guard(request, HERE).stopped(parse_program(program))
 
 
 # ----------------------------------------------------------------- a program against the words

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 from support.household import kitchen
-from test_karma_method import Words
+from support.report_run import Words
 
 from karma import Agent
 from karma.agent.karma import KarmaMethod, KarmaSettings

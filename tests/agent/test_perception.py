@@ -3,6 +3,7 @@
 import pytest
 from support import tiny_models
 from support.household import kitchen
+from support.report_run import Words
 
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.loading.models import Models, load_resources, world_maker
@@ -18,15 +19,6 @@ from karma.memory.recall import CosineRecall
 LOOKS = {"perception": "pictures"}
 
 
-class One:
-    name, dimension = "one", 2
-
-    def embed(self, texts):
-        import numpy as np
-
-        return np.tile(np.array([1.0, 0.0], dtype=np.float32), (len(texts), 1))
-
-
 @pytest.fixture
 def scene(tmp_path):
     path = tmp_path / "room.json"
@@ -38,7 +30,7 @@ def method(tmp_path, *, vision=None, detector=None, maps=None, **settings):
     model = ScriptedModel(["Explore(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"] * 9)
     return KarmaMethod(
         Planner(model, "compact", Decoding(attempts=1)),
-        CosineRecall(One(), text="sentence"),
+        CosineRecall(Words(), text="sentence"),
         vision or BlindVision(),
         KarmaSettings(perception="pictures", **settings),
         maps=maps,

@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.household import kitchen
+from support.report_run import Words
 
 from karma.agent.body.sightings import Sightings
+from karma.agent.experience import keep, look_at, png
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.agent.seeing.perceive import observe, shown_states, truth_of
-from karma.agent.seeing.picture_states import keep, look_at, png
 from karma.contracts import Decoding, SceneRef, SubTask
 from karma.files import to_json
 from karma.infer.scripted import ScriptedModel
@@ -43,13 +44,6 @@ class Looking:
         }
 
 
-class One:
-    name, dimension = "one", 2
-
-    def embed(self, texts):
-        return np.tile(np.array([1.0, 0.0], dtype=np.float32), (len(texts), 1))
-
-
 @pytest.fixture
 def acted(tmp_path):
     """A function that carries an apple to the sink and returns what memory holds then."""
@@ -59,7 +53,7 @@ def acted(tmp_path):
     def run(vision):
         method = KarmaMethod(
             Planner(ScriptedModel([PROGRAM]), "compact", Decoding(attempts=1)),
-            CosineRecall(One(), text="sentence"), vision, KarmaSettings(seen_kept=1),
+            CosineRecall(Words(), text="sentence"), vision, KarmaSettings(seen_kept=1),
         )  # fmt: skip
         world = EmbeddedWorld(str(scene))
         episode = method.begin(world, SceneRef.of(str(scene)), seed=0, folder=tmp_path / "run")

@@ -7,10 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.paths import GOLDEN
 
-from karma.agent.planning.full_profile import skill_needs
+from karma.agent.planning.full_profile import fixture_names, in_names, short_names, skill_needs
 from karma.agent.planning.program import OUR_SKILLS, SKILLS, parse_program
 from karma.agent.planning.prompt import PROFILES, render
-from karma.agent.planning.short_names import fixture_names, in_names, short_names
 from karma.contracts import (
     Area,
     FailedProgram,
@@ -154,10 +153,7 @@ def test_short_names_cover_places_once_and_never_the_hand():
 
 
 def test_short_names_of_two_places_follow_the_last_use():
-    units = (
-        unit("Mug|1", "Mug", place_id="Cabinet|1"),
-        unit("Cup|1", "Cup", place_id="Cabinet|2"),
-    )
+    units = (unit("Mug|1", "Mug", place_id="Cabinet|1"), unit("Cup|1", "Cup", place_id="Cabinet|2"))
     names = short_names(units, None)
     assert (names["Cabinet"], names["Cabinet_2"]) == ("Cabinet|2", "Cabinet|1")
 

@@ -4,7 +4,7 @@ import dataclasses
 import re
 
 import pytest
-from support.household import kitchen, look, on, thing
+from support.household import Believes, kitchen, look, on, thing
 
 from karma.agent.body.reach import SkillLimits
 from karma.agent.body.refusals import contents, explained
@@ -69,22 +69,9 @@ def test_contents_are_what_was_seen_there_slices_once_and_the_basin_s_too():
 # ----------------------------------------------------------------- in the world
 
 
-class Memory:
+def remembering(things, fixtures=()):
     """Knows where every thing was at reset, and some furniture that is nowhere to be got at."""
-
-    def __init__(self, things, fixtures=()):
-        self._things = things
-        self._areas = [Area(name="node_1", position_m=(0, 0, 0), fixtures=tuple(fixtures))]
-
-    def where(self, name):
-        for one in self._things:
-            if name in (one.id, one.type):
-                return Known(object_id=one.id, object_type=one.type, position_m=one.position,
-                             place_id=next(iter(one.parents), None), source="memory")  # fmt: skip
-        return None
-
-    def areas(self):
-        return self._areas
+    return Believes(things, [Area(name="node_1", position_m=(0, 0, 0), fixtures=tuple(fixtures))])
 
 
 ONE = thing("SideTable", (-0.4, 0.25, -1.5), (0.26, 0.5, 0.26))
@@ -99,7 +86,7 @@ def holding(tmp_path):
     path = tmp_path / "handmade.json"
     path.write_bytes(to_json(room))
     world = EmbeddedWorld(str(path))
-    skills = Skills(world, Memory(room.objects))
+    skills = Skills(world, remembering(room.objects))
     potato = next(one.id for one in room.objects if one.type == "Potato")
     for skill, name in (("PickupObject", potato), ("GoToObject", OTHER.id), ("GoToObject", ONE.id)):
         assert skills.run(SkillCall(skill=skill, objects=(name,))).ok
@@ -130,7 +117,7 @@ def test_remembered_plate_that_is_full_is_not_exchanged_for_another(tmp_path):
     room = kitchen((free,))
     path = tmp_path / "handmade.json"
     path.write_bytes(to_json(room))
-    skills = Skills(EmbeddedWorld(str(path)), Memory(room.objects))
+    skills = Skills(EmbeddedWorld(str(path)), remembering(room.objects))
     laden = next(one.id for one in room.objects if one.type == "Plate")
     bread = next(one.id for one in room.objects if one.type == "Bread")
     assert skills.run(SkillCall(skill="PickupObject", objects=(bread,))).ok
@@ -146,7 +133,7 @@ def test_furniture_out_of_reach_names_others_of_its_kind(tmp_path):
     path.write_bytes(to_json(kitchen()))
     fixtures = [Fixture(object_id=one.id, object_type=one.type, position_m=one.position)
                 for one in (lost, there)]  # fmt: skip
-    skills = Skills(EmbeddedWorld(str(path)), Memory([lost], fixtures))
+    skills = Skills(EmbeddedWorld(str(path)), remembering([lost], fixtures))
     result = skills.run(SkillCall(skill="OpenObject", objects=(lost.id,)))
     assert result.reason == "could not get Cabinet into view and reach"
     assert result.detail.endswith(f"others of its kind: {there.id}")
@@ -156,7 +143,7 @@ def test_search_that_ran_out_of_actions_says_so_and_goes_on_when_asked_again(tmp
     room = kitchen()
     path = tmp_path / "handmade.json"
     path.write_bytes(to_json(room))
-    skills = Skills(EmbeddedWorld(str(path)), Memory(()), limits=SkillLimits(max_actions=40))
+    skills = Skills(EmbeddedWorld(str(path)), remembering(()), limits=SkillLimits(max_actions=40))
     search = SkillCall(skill="Explore", objects=("Spoon",))
     results = [skills.run(search) for _ in range(20)]
     first = results[0]

@@ -4,14 +4,7 @@ import pytest
 
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.refused_requests import nearness, sentence, with_words
-from karma.contracts import (
-    REFUSAL_KINDS,
-    Decoding,
-    Hint,
-    Meaning,
-    PlanRequest,
-    RefusedRequest,
-)
+from karma.contracts import REFUSAL_KINDS, Decoding, Hint, Meaning, PlanRequest, RefusedRequest
 from karma.infer.scripted import ScriptedModel
 
 SOFA = "GoToObject(robot, 'Sofa')\nSliceObject(robot, 'Sofa')\n"

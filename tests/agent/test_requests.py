@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from support.asked import load_several
 
-from karma.agent.loading.said_requests import load_said
+from karma.agent.goals.files import load_said
 from karma.errors import FileError
 from karma.world.core import scene
 

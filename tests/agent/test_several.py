@@ -8,10 +8,11 @@ from karma.agent.body.skills import Skills
 from karma.agent.planning.effects import with_turns
 from karma.agent.planning.planner import grounded
 from karma.agent.planning.program import parse_program
+from karma.agent.tour import KnownFloor
 from karma.household.pieces import base_type
 from karma.world.core import scene
 from karma.world.sim import EmbeddedWorld
-from tests.agent.test_skills import Map, Nothing, thing
+from tests.agent.test_skills import known_room, thing
 
 FETCH = "GoToObject(robot, '{x}')\nPickupObject(robot, '{x}')\nPutObject(robot, '{x}', '{r}')\n"
 NAMES = st.sampled_from(["Mug", "Fork", "Desk", "Sink", "Mug_2"])
@@ -83,7 +84,7 @@ def of_two():
 def test_two_of_a_kind_lie_in_the_place_after_a_program_that_says_it_twice(known):
     name, kind = next(of_two())
     world = EmbeddedWorld(name)
-    skills = Skills(world, Map(name) if known else Nothing())
+    skills = Skills(world, known_room(name) if known else KnownFloor(()))
     place = next(
         surface
         for surface in ("CounterTop", "DiningTable", "Bed", "Desk", "Sofa", "SideTable")
@@ -101,7 +102,7 @@ def test_two_of_a_kind_lie_in_the_place_after_a_program_that_says_it_twice(known
 
 def test_the_only_thing_of_its_kind_is_taken_again_where_there_is_no_other():
     name = "kitchen_1"
-    skills = Skills(EmbeddedWorld(name), Map(name))
+    skills = Skills(EmbeddedWorld(name), known_room(name))
     text = FETCH.format(x="Apple", r="CounterTop") * 2
     results = [skills.run(call) for call in with_turns(parse_program(text))]
     assert all(result.ok for result in results)

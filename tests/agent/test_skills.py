@@ -5,46 +5,20 @@ import dataclasses
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.household import Believes
 
 from karma.agent.body.reach import SkillLimits
 from karma.agent.body.skills import Skills
 from karma.agent.planning.program import SKILLS, parse_program
+from karma.agent.tour import KnownFloor
 from karma.contracts import Area, Known, SkillCall
 from karma.world.core import scene
 from karma.world.sim import EmbeddedWorld
 
 
-class Map:
-    """Knowledge as the scene file tells it: where everything was at reset, so it gets stale."""
-
-    def __init__(self, name, *, without=(), areas=()):
-        self.things = [t for t in scene.load(name).objects if t.type not in without]
-        self.nodes = areas
-
-    def where(self, name):
-        for thing in self.things:
-            if name in (thing.id, thing.type):
-                return Known(
-                    object_id=thing.id,
-                    object_type=thing.type,
-                    position_m=thing.position,
-                    place_id=thing.parents[0] if thing.parents else None,
-                    source="graph",
-                )
-        return None
-
-    def areas(self):
-        return self.nodes
-
-
-class Nothing:
-    """No long-term memory, no short-term memory."""
-
-    def where(self, name):
-        return None
-
-    def areas(self):
-        return ()
+def known_room(name, *, without=(), areas=()):
+    """Knowledge of a room as its file tells it."""
+    return Believes([t for t in scene.load(name).objects if t.type not in without], areas)
 
 
 @pytest.fixture
@@ -54,7 +28,7 @@ def world():
 
 @pytest.fixture
 def skills(world):
-    return Skills(world, Map("kitchen_1"))
+    return Skills(world, known_room("kitchen_1"))
 
 
 CALLS = st.tuples(
@@ -114,7 +88,7 @@ def truth(world):
 @pytest.mark.parametrize("name", ["kitchen_1", "living_1", "bedroom_1", "bathroom_1"])
 def test_go_to_object_brings_every_open_thing_into_view(name):
     world = EmbeddedWorld(name)
-    skills = Skills(world, Map(name))
+    skills = Skills(world, known_room(name))
     missed = []
     objects = [t for t in world.last_event.metadata["objects"] if t["objectType"] != "Floor"]
     for target in objects:
@@ -160,20 +134,20 @@ def test_go_to_object_of_a_stale_memory_arrives_and_says_so(world, skills):
 def test_go_to_object_from_an_odd_heading_turns_square_first():
     world = EmbeddedWorld("kitchen_1", snapToGrid=False)
     world.step("RotateRight", degrees=37.0)
-    skills = Skills(world, Map("kitchen_1"))
+    skills = Skills(world, known_room("kitchen_1"))
     succeed(skills, "GoToObject(robot, 'Fridge')")
     assert world.last_event.metadata["agent"]["rotation"]["y"] % 90.0 == 0.0
     assert thing(world, "Fridge")["isInteractable"]
 
 
 def test_go_to_an_unknown_object_asks_for_explore(world):
-    reason = refuse(Skills(world, Nothing()), "GoToObject(robot, 'Kettle')")
+    reason = refuse(Skills(world, KnownFloor(())), "GoToObject(robot, 'Kettle')")
     assert reason == "no Kettle is known; Explore(robot, 'Kettle') first"
 
 
 def test_go_to_an_area_node_walks_there(world):
     node = Area(name="node_2", position_m=(1.0, 0.0, 0.5))
-    skills = Skills(world, Map("kitchen_1", areas=(node,)))
+    skills = Skills(world, known_room("kitchen_1", areas=(node,)))
     succeed(skills, "GoToObject(robot, 'node_2')")
     position = world.last_event.metadata["agent"]["position"]
     assert abs(position["x"] - 1.0) + abs(position["z"] - 0.5) <= 0.5
@@ -198,13 +172,7 @@ def test_apple_goes_into_the_fridge_once_it_is_open(world, skills):
         "CloseObject(robot, 'Fridge')",
     )
     assert thing(world, apple)["parentReceptacles"][0] == fridge
-    assert skills.experience.handled_ids == (
-        apple,
-        fridge,
-        apple,
-        fridge,
-        fridge,
-    )
+    assert skills.experience.handled_ids == (apple, fridge, apple, fridge, fridge)
     assert skills.experience.seen[apple].parent_ids[0] == fridge
     (result,) = succeed(skills, "GoToObject(robot, 'Apple')")
     assert "closed container" in result.reason
@@ -289,14 +257,8 @@ def test_washing_makes_clean_and_the_slices_stay_clean(world, skills):
     assert skills.experience.effects[apple] == ("cleaned",)
     succeed(skills, "SliceObject(robot, 'Apple')\nPickupObject(robot, 'Apple')")
     assert skills.experience.held.object_type == "AppleSliced"
-    assert skills.experience.effects[skills.experience.held.object_id] == (
-        "cleaned",
-        "sliced",
-    )
-    assert skills.experience.effects[apple] == (
-        "cleaned",
-        "sliced",
-    )
+    assert skills.experience.effects[skills.experience.held.object_id] == ("cleaned", "sliced")
+    assert skills.experience.effects[apple] == ("cleaned", "sliced")
     succeed(skills, "PutObject(robot, 'Apple', 'Plate')")
     (again,) = succeed(skills, "SliceObject(robot, 'Apple')")
     assert again.actions == 0
@@ -380,7 +342,7 @@ def test_toaster_toasts_a_slice(world, skills):
 
 def test_mug_is_filled_at_the_tap_and_with_coffee():
     world = EmbeddedWorld("kitchen_2")
-    skills = Skills(world, Map("kitchen_2"))
+    skills = Skills(world, known_room("kitchen_2"))
     succeed(
         skills,
         "PickupObject(robot, 'Mug')\nPutObject(robot, 'Mug', 'CoffeeMachine')\n"
@@ -441,7 +403,7 @@ def test_explore_for_a_known_thing_goes_there_without_exploring(skills):
 
 
 def test_explore_for_a_thing_in_a_drawer_leaves_only_that_drawer_open(world):
-    skills = Skills(world, Nothing())
+    skills = Skills(world, KnownFloor(()))
     drawer = thing(world, "Fork")["parentReceptacles"][0]
     assert drawer.startswith("Drawer")
     (result,) = succeed(skills, "Explore(robot, 'Fork')")
@@ -453,11 +415,7 @@ def test_explore_for_a_thing_in_a_drawer_leaves_only_that_drawer_open(world):
     assert skills.experience.handled_ids == (drawer,)
     fork = thing(world, "Fork")["objectId"]
     succeed(skills, "PickupObject(robot, 'Fork')\nCloseObject(robot, 'Drawer')")
-    assert skills.experience.handled_ids == (
-        drawer,
-        fork,
-        drawer,
-    )
+    assert skills.experience.handled_ids == (drawer, fork, drawer)
 
 
 @pytest.mark.parametrize("name", ["kitchen_3", "living_2", "bedroom_2", "bathroom_2"])
@@ -467,7 +425,7 @@ def test_explore_without_memory_finds_nearly_everything(name):
     lost = []
     for kind in kinds:
         world.reset(name)
-        result = Skills(world, Nothing()).run(SkillCall(skill="Explore", objects=(kind,)))
+        result = Skills(world, KnownFloor(())).run(SkillCall(skill="Explore", objects=(kind,)))
         visible = any(
             t["visible"] for t in world.last_event.metadata["objects"] if t["objectType"] == kind
         )
@@ -478,7 +436,7 @@ def test_explore_without_memory_finds_nearly_everything(name):
 
 
 def test_explore_in_vain_is_bounded_and_changes_nothing(world):
-    skills = Skills(world, Nothing())
+    skills = Skills(world, KnownFloor(()))
     before = truth(world)
     result = skills.run(SkillCall(skill="Explore", objects=("Basketball",)))
     assert not result.ok
@@ -495,7 +453,7 @@ def test_explore_visits_the_given_positions_first(world):
         Area(name="node_1", position_m=(0.0, 0.0, -0.5)),
         Area(name="node_2", position_m=(1.5, 0.0, 0.5)),
     )
-    knowledge = Map("kitchen_1", without=("Apple",), areas=areas)
+    knowledge = known_room("kitchen_1", without=("Apple",), areas=areas)
     skills = Skills(world, knowledge)
     (near,) = succeed(skills, "Explore(robot, 'Apple', ['node_2', (0, 0, 0)])")
     assert near.explorations == 1
@@ -507,7 +465,7 @@ def test_explore_visits_the_given_positions_first(world):
 
 
 def test_explore_out_of_actions_gives_up(world):
-    skills = Skills(world, Nothing(), limits=SkillLimits(max_actions=15))
+    skills = Skills(world, KnownFloor(()), limits=SkillLimits(max_actions=15))
     result = skills.run(SkillCall(skill="Explore", objects=("Basketball",)))
     assert (result.ok, result.actions) == (False, 15)
     assert result.reason.startswith("gave up after 15 actions on ")
@@ -540,7 +498,7 @@ Explore(robot, 'Fork')
 PickupObject(robot, 'Fork')
 PutObject(robot, 'Fork', 'DiningTable')
 """
-    first, second = (run(Skills(EmbeddedWorld("kitchen_1"), Nothing()), program) for _ in "ab")
+    first, second = (run(Skills(EmbeddedWorld("kitchen_1"), KnownFloor(())), program) for _ in "ab")
     assert first == second
 
 
@@ -548,7 +506,7 @@ PutObject(robot, 'Fork', 'DiningTable')
 @given(st.lists(CALLS, max_size=6))
 def test_any_calls_give_results_and_refusals_leave_objects_as_they_were(program):
     world = EmbeddedWorld("bathroom_1")
-    skills = Skills(world, Map("bathroom_1"))
+    skills = Skills(world, known_room("bathroom_1"))
     for skill, names in program:
         before = condition(world)
         objects = names[: 1 + (skill == "PutObject")]
@@ -560,7 +518,7 @@ def test_any_calls_give_results_and_refusals_leave_objects_as_they_were(program)
 
 
 def test_log_holds_only_what_was_in_view_or_in_hand(world):
-    skills = Skills(world, Nothing())
+    skills = Skills(world, KnownFloor(()))
     skills.look()
     visible = {t["objectId"] for t in world.last_event.metadata["objects"] if t["visible"]}
     assert set(skills.experience.seen) == visible
@@ -580,7 +538,7 @@ def test_thing_on_top_of_a_closed_container_is_not_taken_to_be_shut_in():
         assert world.step("PutObject", objectId=ids["Toilet"], forceAction=True)
     towel = world.last_event.get_object(ids["HandTowel"])
 
-    class There(Nothing):
+    class There(KnownFloor):
         def where(self, name):
             return Known(
                 object_id=towel["objectId"],
@@ -590,5 +548,5 @@ def test_thing_on_top_of_a_closed_container_is_not_taken_to_be_shut_in():
                 source="memory",
             )
 
-    (result,) = run(Skills(world, There()), "PickupObject(robot, 'HandTowel')")
+    (result,) = run(Skills(world, There(())), "PickupObject(robot, 'HandTowel')")
     assert result.ok, result.reason

@@ -7,6 +7,7 @@ from karma.agent.body.skills import Skills
 from karma.agent.seeing.eyes import PictureEyes
 from karma.agent.seeing.perceive import camera_of, pixels_of
 from karma.agent.seeing.perception import TrackedBoxes, words_by_type
+from karma.agent.tour import KnownFloor
 from karma.contracts import Detection, SkillCall
 from karma.household.ids import type_of
 from karma.household.types import object_types
@@ -40,14 +41,6 @@ class Pointing:
                     )
                 )
         return found
-
-
-class Nothing:
-    def where(self, name):
-        return None
-
-    def areas(self):
-        return ()
 
 
 @pytest.fixture
@@ -94,7 +87,7 @@ def test_thing_that_is_not_in_the_picture_is_refused_by_the_world(world):
 
 def test_agent_picks_up_and_puts_down_by_pointing_into_the_picture(world):
     skills = Skills(
-        world, Nothing(), eyes=PictureEyes(BlindVision(), TrackedBoxes(Pointing(world)))
+        world, KnownFloor(()), eyes=PictureEyes(BlindVision(), TrackedBoxes(Pointing(world)))
     )
     calls = (
         ("Explore", "Potato"), ("PickupObject", "Potato"), ("Explore", "Fridge"),

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from karma.agent.guarded import reader_of
 from karma.agent.planning.effects import trimmed
-from karma.agent.planning.guard import stopped
+from karma.agent.planning.guard import Guard
 from karma.agent.planning.inspector import objection
 from karma.agent.planning.program import parse_program
 from karma.contracts import SkillCall
@@ -30,11 +30,12 @@ def reader():
 def left(reader, text, program):
     (request,) = reader.read(text)
     calls = parse_program(program)
-    assert stopped(calls, request, HERE), "there is nothing to trim"
+    assert Guard(request, HERE).stopped(calls), "there is nothing to trim"
     rest = trimmed(
-        calls, lambda some: stopped(some, request, HERE) or str(objection(some, held=None) or "")
+        calls,
+        lambda some: Guard(request, HERE).stopped(some) or str(objection(some, held=None) or ""),
     )
-    assert not rest or stopped(rest, request, HERE) == ""
+    assert not rest or Guard(request, HERE).stopped(rest) == ""
     return [f"{call.skill} {call.objects[0]}" for call in rest]
 
 
@@ -72,15 +73,15 @@ def test_what_nobody_asked_for_is_left_out(reader, text, program, wanted):
 def test_a_mug_does_not_serve_for_the_cup_beside_it(reader):
     (request,) = reader.read("put the mug and the cup on the counter")
     program = parse_program(TAKE.format("Mug") + PUT.format("Mug", "CounterTop"))
-    assert "does not put the cup" in stopped(program, request, HERE)
+    assert "does not put the cup" in Guard(request, HERE).stopped(program)
     parts = clauses_of(request)  # of which each is planned by itself
     assert [text for text, _ in parts] == [
         "put the mug on the counter",
         "put the cup on the counter",
     ]
-    assert "does not put the cup" in stopped(program, parts[1][1], HERE)
+    assert "does not put the cup" in Guard(parts[1][1], HERE).stopped(program)
     (request,) = reader.read("put the cup on the counter")
-    assert stopped(program, request, HERE) == ""  # no cup was seen, and people say so
+    assert Guard(request, HERE).stopped(program) == ""  # no cup was seen, and people say so
 
 
 def _calls(names):
@@ -112,7 +113,7 @@ def test_after_a_failure_nothing_else_is_done_either(reader):
     (request,) = reader.read("put the bread in the toaster")
     rest = parse_program(PUT.format("Bread", "Toaster"))
     here = (*HERE, "Toaster")
-    assert stopped(rest, request, here, "Bread", begun=True) == ""
-    assert stopped(parse_program(LIGHT), request, here, begun=True)
+    assert Guard(request, here).stopped(rest, "Bread", begun=True) == ""
+    assert Guard(request, here).stopped(parse_program(LIGHT), begun=True)
     cut = TAKE.format("Knife") + "GoToObject(robot, 'Bread')\nSliceObject(robot, 'Bread')\n"
-    assert stopped(parse_program(cut), request, here, begun=True)
+    assert Guard(request, here).stopped(parse_program(cut), begun=True)

@@ -6,7 +6,7 @@ import json
 import pytest
 from support import alfred_kitchen as ours
 
-from karma.agent.loading.demonstrations import plain, sentences_in
+from karma.agent.loading.alfred_sentences import plain, sentences_in
 from karma.bench.tasks.alfred import read_lists
 from karma.errors import FileError
 

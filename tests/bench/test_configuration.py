@@ -9,7 +9,7 @@ from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma import registry
-from karma.agent.journal.told import CONFIG, all_apart, read_config, rows_apart
+from karma.agent.journal.header import CONFIG, all_apart, read_config, rows_apart
 from karma.agent.loading.models import Models, Row
 from karma.bench.engine.experiment import Experiment
 from karma.bench.engine.experiment_file import Changes, setting_of

@@ -6,7 +6,7 @@ import pytest
 from support.needs import need_models
 
 from karma import registry
-from karma.agent.loading.examples import bank_file, examples_for, read_bank
+from karma.agent.loading.planner_files import bank_file, examples_for, read_bank
 from karma.bench.rows.controls import CopyingMethod
 from karma.contracts import Decoding, PlanRequest, Resources
 from karma.errors import KarmaError

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from support import eb_alfred as eb
 from support.paths import SHARED
 
-from karma.agent.journal.not_run import NotRun
+from karma.agent.journal.records import NotRun
 from karma.bench.suites.alfred.eb_planner import (
     LONGEST,
     PromptOptions,

@@ -13,7 +13,7 @@ from support.paths import ROOT
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
-from karma.agent.journal.folder import read_lines
+from karma.agent.journal.owned_folder import read_lines
 from karma.agent.journal.records import (
     AnswerTiming,
     EpisodeRecord,

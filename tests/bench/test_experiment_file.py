@@ -10,8 +10,8 @@ from support.paths import ROOT
 from support.run_files import TASKS
 from typer.testing import CliRunner
 
+from karma.agent.journal.header import without_places
 from karma.agent.journal.provenance import prompt_hashes
-from karma.agent.journal.told import without_places
 from karma.bench.engine.experiment import Experiment
 from karma.bench.engine.experiment_file import (
     Changes,

@@ -7,7 +7,7 @@ import pytest
 from support.experiences import experience
 from support.household import kitchen
 
-from karma.agent.loading.examples import ExampleMemory
+from karma.agent.loading.planner_files import ExampleMemory
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
 from karma.bench.rows.helper.memory import (

@@ -11,8 +11,7 @@ from support.paths import ROOT
 from karma import registry
 from karma.agent.goals.files import load_tasks
 from karma.agent.goals.goals import GoalTracker, WatchedWorld
-from karma.agent.loading.alfred_sentences import read_sentences, read_steps
-from karma.agent.loading.demonstrations import plain
+from karma.agent.loading.alfred_sentences import plain, read_sentences, read_steps
 from karma.bench.rows.expert import ExpertMethod
 from karma.files import to_json
 from karma.train.planner.packs import PlannerRecipe, draw_pack

@@ -14,7 +14,7 @@ from support.lota_alfred import FETCH, SAID, STOW, environment, listed, trial
 from support.paths import SHARED
 from support.tiny import export_tiny
 
-from karma.agent.journal.not_run import NotRun
+from karma.agent.journal.records import NotRun
 from karma.bench.suites.alfred.experiment import LotaRow, draw_tasks
 from karma.bench.suites.alfred.lota_planner import (
     LotaPromptOptions,

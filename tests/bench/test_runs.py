@@ -19,10 +19,10 @@ from support.run_files import ONLY, ROOT, TASKS, copy, files, lines_in, started,
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
+from karma.agent.experience import PICTURES, picture_name
 from karma.agent.goals.goals import GoalTracker, WatchedWorld, parse_goal
-from karma.agent.journal.folder import locked
-from karma.agent.journal.header import EPISODES, FORMAT, RESULTS, TIMINGS, Header, Machine
-from karma.agent.journal.owned_folder import HEADER, MARK, OwnedFolder, read_mark
+from karma.agent.journal.header import CONFIG, EPISODES, FORMAT, RESULTS, TIMINGS, Header, Machine
+from karma.agent.journal.owned_folder import HEADER, MARK, OwnedFolder, locked, read_mark
 from karma.agent.journal.records import EpisodeRecord, EpisodeTiming, SubTaskTiming, read_records
 from karma.agent.journal.run_folder import Finished, RunFolder, read_run
 from karma.agent.journal.steps import (
@@ -34,9 +34,6 @@ from karma.agent.journal.steps import (
     slug,
     steps_path,
 )
-from karma.agent.journal.told import CONFIG
-from karma.agent.seeing.picture_states import FOLDER as PICTURES
-from karma.agent.seeing.picture_states import picture_name
 from karma.bench.engine.run import Run
 from karma.bench.figures.columns import added_up
 from karma.cli import app

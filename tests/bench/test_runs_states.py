@@ -8,10 +8,9 @@ from support.tiny import export_tiny
 from support.written_tasks import write_tasks
 
 from karma.agent.goals.files import load_tasks, with_whole
-from karma.agent.journal.header import EPISODES
+from karma.agent.journal.header import CONFIG, EPISODES
 from karma.agent.journal.records import read_records
 from karma.agent.journal.run_folder import read_run
-from karma.agent.journal.told import CONFIG
 from karma.bench.engine.run import Run
 from karma.errors import FileError
 

@@ -9,9 +9,8 @@ import pytest
 from support.run_files import TASKS, copy, files, lines_in, started
 from typer.testing import CliRunner
 
-from karma.agent.journal.folder import locked
 from karma.agent.journal.header import EPISODES, RESULTS
-from karma.agent.journal.owned_folder import HEADER
+from karma.agent.journal.owned_folder import HEADER, locked
 from karma.agent.journal.records import read_records
 from karma.agent.journal.run_folder import read_run
 from karma.bench.engine.experiment_file import Changes

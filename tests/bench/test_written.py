@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from support.paths import ROOT
 
-from karma.agent.goals.files import load_tasks
-from karma.agent.loading.demonstrations import plain
-from karma.agent.loading.examples import bank_file, examples_for, kept_vectors, read_bank
-from karma.agent.loading.said_requests import load_said, load_texts
+from karma.agent.goals.files import load_said, load_tasks, load_texts
+from karma.agent.loading.alfred_sentences import plain
+from karma.agent.loading.planner_files import bank_file, examples_for, kept_vectors, read_bank
 from karma.bench.engine.episode import run_episode
 from karma.bench.rows.expert import ExpertMethod
 from karma.contracts import REFUSAL_KINDS

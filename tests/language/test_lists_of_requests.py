@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from support.asked import load_several
 from support.paths import ROOT
 
-from karma.agent.loading.said_requests import load_said
+from karma.agent.goals.files import load_said
 from karma.infer.parse.spacy import SpacyParser
 from karma.language.clauses import clauses_of, context_left_out
 from karma.language.lexicon import Lexicon

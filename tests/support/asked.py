@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 import msgspec
 
+from karma.agent.goals.files import load_lines
 from karma.agent.goals.goals import parse_goal
-from karma.agent.loading.said_requests import load_lines
 from karma.contracts import Goal
 
 Act = Literal["do", "partly", "ask", "refuse", "answer"]  # what is to come of it

@@ -1,5 +1,6 @@
 """A kitchen of boxes, made by hand, in which every rule of the world can be tried."""
 
+from karma.contracts import Known
 from karma.household.types import object_types
 from karma.world.core.scene import AgentPose, Scene, SceneObject
 
@@ -108,3 +109,20 @@ def bring(world, kind, receptacle, *, force=False):
 def look(world, object_id):
     """One object's metadata."""
     return world.last_event.get_object(object_id)
+
+
+class Believes:
+    """Knowledge of where things were when a room's file was read: it gets stale."""
+
+    def __init__(self, things, areas=()):
+        self._things, self._areas = things, areas
+
+    def where(self, name):
+        for one in self._things:
+            if name in (one.id, one.type):
+                return Known(object_id=one.id, object_type=one.type, position_m=one.position,
+                             place_id=next(iter(one.parents), None), source="memory")  # fmt: skip
+        return None
+
+    def areas(self):
+        return self._areas

@@ -6,16 +6,15 @@ import pytest
 from support.paths import ROOT
 from support.sentence_forms import form_of, forms_of, nearest, templates_of, words_of
 
-from karma.agent.goals.files import load_tasks
+from karma.agent.goals.files import load_tasks, load_texts
 from karma.agent.loading.alfred_sentences import (
     GoalFacts,
     Sentence,
+    plain,
     program_of,
     read_sentences,
     read_steps,
 )
-from karma.agent.loading.demonstrations import plain
-from karma.agent.loading.said_requests import load_texts
 from karma.agent.planning.expert import ExpertView
 from karma.bench.drawing.phrases import disjoint_book, our_book
 from karma.bench.tasks.authors import load_authors_tasks

@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 from support.paths import ROOT
 
-from karma.agent.loading.demonstrations import plain
+from karma.agent.loading.alfred_sentences import plain
 from karma.agent.planning.planner import program_spec
 from karma.agent.planning.program import parse_program
 from karma.bench.drawing import phrases

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from support.paths import ROOT
 from support.tiny import export_tiny
 
-from karma.agent.loading.said_requests import load_texts
+from karma.agent.goals.files import load_texts
 from karma.errors import FileError, ModelError
 from karma.household.types import object_types
 from karma.infer.llama.gguf_files import read_gguf_tokenizer

@@ -2,7 +2,6 @@
 
 import math
 from contextlib import suppress
-from typing import Literal
 
 from karma.agent.body.reach import Reach
 from karma.agent.body.refusals import RefusedError, hand_full, put_refused
@@ -215,15 +214,15 @@ _ON, _OFF = SKILL_OF["ToggleOn"].action, SKILL_OF["ToggleOff"].action
 
 
 class Switching:
-    """The skills SwitchOn, SwitchOff, ToggleOn, ToggleOff."""
+    """One of the skills SwitchOn, SwitchOff, ToggleOn, ToggleOff; `word` is "on" or "off"."""
 
-    def __init__(self, reach: Reach, search: Search) -> None:
+    def __init__(self, reach: Reach, name: str, word: str) -> None:
         self._reach, self._log, self._walker = reach, reach.log, reach.walker
-        self._search = search
+        self._name, self._word = BURNER if name == STOVE else name, word
 
-    def toggle(self, name: str, word: Literal["on", "off"]) -> str:
-        """Switch a thing, or what switches it, on or off; returns a remark, or refuses."""
-        target = self._switch_of(name, word)
+    def toggle(self) -> str:
+        """Switch the thing, or what switches it; returns a remark, or refuses."""
+        target, word = self._switch(), self._word
         self._reach.approach(target)
         sight = self._log.seen[target.object_id]
         if word in self._log.states(sight):
@@ -235,21 +234,21 @@ class Switching:
             self._log.switched(observation)
         return ""
 
-    def _switch_of(self, name: str, word: Literal["on", "off"]) -> Known:
+    def _switch(self) -> Known:
         """Return what has to be toggled: a stove's knob, a sink's tap, or the thing itself."""
-        name = BURNER if name == STOVE else name
-        kind, before = type_of(name), OPPOSITES[word]
+        name = self._name
+        kind, before = type_of(name), OPPOSITES[self._word]
         if kind == BURNER or name == KNOB:
-            return self._knob(name, word)
+            return self._knob()
         if kind in TAP_OF:
             if name != kind:
                 self._reach.approach(self._reach.resolve(name))  # its own tap is nearest then
             return self._reach.resolve(TAP_OF[kind], state=before)
-        if name in TAPS and (tap := self._tap_over_last(name)) is not None:
+        if name in TAPS and (tap := self._tap_over_last()) is not None:
             return tap
         return self._reach.resolve(name, state=before)
 
-    def _tap_over_last(self, kind: str) -> Known | None:
+    def _tap_over_last(self) -> Known | None:
         """Return the tap over what was put down last (a room may have several), or None.
 
         The believed one is taken if it is near enough; else the agent steps up and looks around.
@@ -257,25 +256,25 @@ class Switching:
         last = next((self._log.seen.get(name) for name in reversed(self._log.handled)), None)
         if last is None:
             return None
-        believed = self._reach.names.find(kind)
+        believed = self._reach.names.find(self._name)
         if believed and math.dist(believed.position_m, last.box_center_m) <= SWITCH_M:
             return believed
-        near = nearest(last, kind, self._log.seen.values())
+        near = nearest(last, self._name, self._log.seen.values())
         if near is None:
             self._walker.walk_near(last.box_center_m)
-            self._search.look_around()
-            near = nearest(last, kind, self._log.seen.values())
+            Search(self._reach).look_around()
+            near = nearest(last, self._name, self._log.seen.values())
         return known(near, "seen") if near is not None else None
 
-    def _knob(self, name: str, word: Literal["on", "off"]) -> Known:
+    def _knob(self) -> Known:
         """Return the knob of a burner: the named one; else one that is on, or has a pan on it."""
-        knobs = self._knobs()
+        name, knobs = self._name, self._knobs()
         if not knobs:
             self._reach.approach(self._reach.names.find(KNOB) or self._reach.resolve(name))
             knobs = self._knobs()
         if knobs and name != type_of(name) and not any(name in knob.controls for knob in knobs):
             self._reach.approach(self._reach.resolve(name))
-            self._search.look_around()
+            Search(self._reach).look_around()
             knobs = [knob for knob in self._knobs() if name in knob.controls]
             if not knobs:
                 raise RefusedError(f"its knob is not in sight: {name}")
@@ -284,7 +283,7 @@ class Switching:
 
         def rank(knob: SeenObject) -> tuple[bool, bool, bool, float, str]:
             burners = knob.controls
-            cold = word == "off" and "on" not in self._log.states(knob)
+            cold = self._word == "off" and "on" not in self._log.states(knob)
             gap = self._walker.gap(knob.position_m)
             return name not in burners, cold, not laden & set(burners), gap, knob.object_id
 

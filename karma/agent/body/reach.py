@@ -4,12 +4,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from karma.agent.body.coverage import unseen
 from karma.agent.body.refusals import RefusedError, explained, of_its_kind
 from karma.agent.body.sightings import Naming, Sightings, known
 from karma.agent.body.walk import Stance, Target, Walker
 from karma.agent.seeing.eyes import Eyes
 from karma.agent.seeing.perceive import place_of, refusal
+from karma.agent.seeing.projection import unseen
 from karma.contracts import Event, Knowledge, Known, Observation, SeenObject, Stage, Vec3
 from karma.household.pieces import base_type
 from karma.household.types import object_types, types_with

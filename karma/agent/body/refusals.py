@@ -7,9 +7,9 @@ planners that can read. In it ids stand for things, until the prompt puts its na
 from collections.abc import Sequence
 
 from karma.agent.body.sightings import Sightings
+from karma.agent.planning.full_profile import stand_ins
 from karma.agent.planning.inspector import TOLD, goes_where, takers
 from karma.agent.planning.program import SKILL_OF
-from karma.agent.planning.short_names import stand_ins
 from karma.contracts import Known, Reason, ReasonKind, SeenObject
 from karma.household.ids import type_of, whole_id
 from karma.household.places import SURFACES

@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import Any, TypeVar
 
-from karma.agent.body.coverage import before, spots
 from karma.agent.body.reach import Reach
 from karma.agent.body.refusals import NOT_FOUND, RefusedError
 from karma.agent.body.sightings import known, means
 from karma.agent.body.walk import OutOfActionsError
+from karma.agent.seeing.projection import before, spots
 from karma.contracts import Known, SeenObject, Vec3
 from karma.household.containment import goes_in
 from karma.household.ids import type_of
@@ -23,24 +23,28 @@ _HORIZONS = (30.0, 0.0)  # tables and the floor, then shelves
 
 
 class Search:
-    """Looks for things, and counts the places it looked at."""
+    """Looks for one thing by its name, or only looks round; counts the places it looked at.
 
-    def __init__(self, reach: Reach) -> None:
+    Where nothing is believed of the thing, `positions` are looked at first.
+    """
+
+    def __init__(self, reach: Reach, name: str = "", positions: Sequence[str | Vec3] = ()) -> None:
         self._reach, self._log, self._walker = reach, reach.log, reach.walker
+        self._name, self._positions = name, positions
 
-    def explore(self, name: str, positions: Sequence[str | Vec3]) -> Known:
-        """Go to a thing where it is believed to be, opening what it is shut in, or look for it.
+    def explore(self) -> Known:
+        """Go to the thing where it is believed to be, opening what it is shut in, or look for it.
 
-        `positions` come first once nothing is believed of it any more; refuses what is nowhere.
+        Refuses what is nowhere.
         """
         passed: set[str] = set()  # a belief that proves wrong gives way to the next one
-        while (target := self._reach.names.find(name)) and target.object_id not in passed:
+        while (target := self._reach.names.find(self._name)) and target.object_id not in passed:
             passed.add(target.object_id)
             with suppress(RefusedError):
                 if not self._reach.approach(target, closed_will_do=True):
                     self._open_round(target)
                 return target
-        found = self.find(name, positions)
+        found = self._find()
         self._reach.used = []  # not the places searched on the way
         self._reach.use(found)
         return found
@@ -53,7 +57,7 @@ class Search:
             self._reach.explorations += 1
         self._reach.approach(target)
 
-    def find(self, name: str, positions: Sequence[str | Vec3]) -> Known:
+    def _find(self) -> Known:
         """Look for a thing until it is in view; every node and every opened container is counted.
 
         First the given positions, then the other areas, the nearest first (without areas: places
@@ -67,40 +71,40 @@ class Search:
         Raises:
             RefusedError: it is nowhere.
         """
-        found = self._in_view(name)
-        in_vain = f"{NOT_FOUND} {name}, {_ALL_SEARCHED}"
-        if found is None and self._is_searched(name):
-            raise RefusedError(f"{NOT_FOUND} {name}; everything was searched before", in_vain)
-        for place in self._places(name, positions):
+        found = self._in_view()
+        in_vain = f"{NOT_FOUND} {self._name}, {_ALL_SEARCHED}"
+        if found is None and self._is_searched():
+            raise RefusedError(f"{NOT_FOUND} {self._name}; everything was searched before", in_vain)
+        for place in self._places():
             if found is not None:
                 return found
             if isinstance(place, SeenObject):
                 look = self.look_into if self._may_open(place) else self._look_on
-                found = look(name, place)
+                found = look(place)
             else:
-                found = self.look_from(name, place)
+                found = self.look_from(place)
         if found is None:
             places = self._reach.explorations
-            raise RefusedError(f"{NOT_FOUND} {name}; searched {places} places", in_vain)
+            raise RefusedError(f"{NOT_FOUND} {self._name}; searched {places} places", in_vain)
         return found
 
-    def _places(self, name: str, positions: Sequence[str | Vec3]) -> Iterator[Vec3 | SeenObject]:
+    def _places(self) -> Iterator[Vec3 | SeenObject]:
         """Yield where to look next, until everything was looked at."""
-        yield from self._nodes(positions)
-        yield from iter(lambda: self._next_container(name, only_likely=True), None)
+        yield from self._nodes()
+        yield from iter(lambda: self._next_container(only_likely=True), None)
         yield from self._nearest_next(self._cover(self._reach.limits.look_again_m))
-        yield from iter(lambda: self._next_container(name, only_likely=False), None)
-        yield from iter(lambda: self._next_surface(name), None)
+        yield from iter(lambda: self._next_container(only_likely=False), None)
+        yield from iter(self._next_surface, None)
 
-    def _is_searched(self, name: str) -> bool:
+    def _is_searched(self) -> bool:
         """Return whether the log leaves nothing to look at."""
-        if not self._log.looked_from or self._next_container(name, only_likely=False):
+        if not self._log.looked_from or self._next_container(only_likely=False):
             return False
-        if self._next_surface(name):
+        if self._next_surface():
             return False
         return not self._cover(self._reach.limits.look_again_m)
 
-    def look_from(self, name: str, point: Vec3) -> Known | None:
+    def look_from(self, point: Vec3) -> Known | None:
         """Walk near a point and look around for a thing, counted as one place searched.
 
         A place that was looked at before, with nothing done near it since, is left out.
@@ -110,37 +114,37 @@ class Search:
             return None
         self._walker.walk_near(point)
         self._reach.explorations += 1
-        found = self.look_around(name)
+        found = self.look_around()
         if found is None:
             self._log.looked_from.add(cell)
         return found
 
-    def _in_view(self, name: str) -> Known | None:
-        sights = [sight for sight in self._log.in_view.values() if means(name, sight)]
+    def _in_view(self) -> Known | None:
+        sights = [sight for sight in self._log.in_view.values() if means(self._name, sight)]
         out = self._log.cut | self._log.aside
         sights = [sight for sight in sights if sight.object_id not in out]
         gap = self._walker.gap
         near = min(sights, key=lambda s: (gap(s.box_center_m), s.object_id), default=None)
         return known(near, "seen") if near else None
 
-    def look_around(self, name: str = "") -> Known | None:
-        """Turn round looking down at tables, then straight ahead; stop at a thing named."""
+    def look_around(self) -> Known | None:
+        """Turn round looking down at tables, then straight ahead; stop at the thing."""
         level = abs(self._walker.horizon_deg) < 1.0
         for horizon in _HORIZONS[::-1] if level else _HORIZONS:
             self._walker.look(horizon)
             for turn in range(4):
                 self._reach.look()
-                found = self._in_view(name) if name else None
+                found = self._in_view() if self._name else None
                 if found is not None:
                     return found
                 if turn < 3 and not self._walker.turn_right():
                     break
         return None
 
-    def _nodes(self, positions: Sequence[str | Vec3]) -> Iterator[Vec3]:
+    def _nodes(self) -> Iterator[Vec3]:
         """Yield the points to search from: the given ones in order, then the nearest next."""
         areas = {area.name: area.position_m for area in self._reach.knowledge.areas()}
-        for position in positions:
+        for position in self._positions:
             if not isinstance(position, str):
                 yield position
             elif position in areas:
@@ -163,10 +167,10 @@ class Search:
         here = self._walker.position
         return [(here[0], 0.0, here[1]), *cover(self._walker.cells(), [here], within_m)]
 
-    def _next_container(self, name: str, *, only_likely: bool) -> SeenObject | None:
+    def _next_container(self, *, only_likely: bool) -> SeenObject | None:
         """Return the container to look into next: closed, that may hold the thing, and near."""
         types = object_types()
-        wanted = types.get(type_of(name))
+        wanted = types.get(type_of(self._name))
         if wanted is not None and not wanted.can("pickupable"):
             return None
 
@@ -192,10 +196,10 @@ class Search:
         has_door = object_types()[sight.object_type].can("openable")
         return bool({"closed", "opened"} & set(states)) if states else has_door
 
-    def _next_surface(self, name: str) -> SeenObject | None:
+    def _next_surface(self) -> SeenObject | None:
         """Return the nearest furniture without doors, not looked at, that may hold a thing."""
         types = object_types()
-        wanted = types.get(type_of(name))
+        wanted = types.get(type_of(self._name))
         if wanted is None or not wanted.can("pickupable"):
             return None
         surfaces = [
@@ -208,10 +212,10 @@ class Search:
         gap = self._walker.gap
         return min(surfaces, key=lambda s: (gap(s.box_center_m), s.object_id), default=None)
 
-    def _look_on(self, name: str, surface: SeenObject) -> Known | None:
+    def _look_on(self, surface: SeenObject) -> Known | None:
         """Look at all of a surface that was not in view before."""
         before = len(self._log.looks)
-        found = self._look_over(name, surface, inside=False)
+        found = self._look_over(surface, inside=False)
         if found is None:
             self._log.looked_into.add(surface.object_id)
         self._reach.explorations += len(self._log.looks) > before
@@ -224,11 +228,11 @@ class Search:
             self._reach.act(known(place, "seen"), "OpenObject")
         elif opens:
             self._reach.approach(known(place, "seen"))
-        self._look_over("", place, inside=opens)
+        self._look_over(place, inside=opens)
         self._reach.explorations += 1
         return ""
 
-    def look_into(self, name: str, container: SeenObject) -> Known | None:
+    def look_into(self, container: SeenObject) -> Known | None:
         """Open a container and look; what was closed is closed again if the thing is not there."""
         if self._walker.left < _LEFT_TO_CLOSE:
             raise OutOfActionsError
@@ -243,9 +247,9 @@ class Search:
             self._log.looked_into.add(container.object_id)
             return None
         self._reach.explorations += 1
-        found = self._in_view(name)
+        found = self._in_view()
         if found is None:
-            found = self._look_over(name, container, inside=True, since=len(self._log.looks) - 1)
+            found = self._look_over(container, inside=True, since=len(self._log.looks) - 1)
         if found is None:
             self._log.looked_into.add(container.object_id)
             if shut:
@@ -256,9 +260,7 @@ class Search:
             self._log.focus[container.object_type] = container.object_id
         return found
 
-    def _look_over(
-        self, name: str, space: SeenObject, *, inside: bool, since: int = 0
-    ) -> Known | None:
+    def _look_over(self, space: SeenObject, *, inside: bool, since: int = 0) -> Known | None:
         """Look at what holds things until every point of it was in view that can be, or the thing.
 
         First one look whence nothing at all hides a point, then past what surely does; what is
@@ -278,14 +280,14 @@ class Search:
                     break
                 tried.add(point := self._farthest(rest))
                 if self._reach.look_at_point(point, things):
-                    found = self._in_view(name)
+                    found = self._in_view()
                     if found is not None:
                         return found
         since = len(self._log.looks)
         while hidden:
             hidden.remove(point := self._farthest(hidden))
             if self._reach.look_at_point(point, [], nearest=True):
-                found = self._in_view(name)
+                found = self._in_view()
                 if found is not None:
                     return found
                 hidden = self._reach.unseen(hidden, [], since=since)

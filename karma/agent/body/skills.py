@@ -16,7 +16,7 @@ from karma.agent.body.reach import Reach, SkillLimits
 from karma.agent.body.refusals import RefusedError
 from karma.agent.body.search import Search, best_next
 from karma.agent.body.walk import OutOfActionsError
-from karma.agent.planning.program import OUR_SKILLS, SKILLS
+from karma.agent.planning.program import OUR_SKILLS, SKILLS, SWITCH_AFTER
 from karma.agent.seeing.eyes import Eyes, MetadataEyes
 from karma.contracts import (
     Area,
@@ -57,13 +57,12 @@ class Skills:
         self._reach = reach = Reach(
             world, knowledge, limits or SkillLimits(), eyes or MetadataEyes(), before
         )
-        self._search = Search(reach)
-        self._hand, self._switches = Handling(reach), Switching(reach, self._search)
+        self._hand = hand = Handling(reach)
         self._by_hand: Mapping[str, Callable[[str], str]] = {
-            "PickupObject": self._hand.pick_up,
-            "SliceObject": self._hand.slice,
-            "ThrowObject": self._hand.throw,
-            "EmptyObject": self._hand.empty,
+            "PickupObject": hand.pick_up,
+            "SliceObject": hand.slice,
+            "ThrowObject": hand.throw,
+            "EmptyObject": hand.empty,
         }
 
     @property
@@ -86,7 +85,7 @@ class Skills:
     def look_around(self) -> None:
         """Turn round once, looking down at tables and straight ahead, and take note."""
         self._reach.walker.start()
-        self._search.look_around()
+        Search(self._reach).look_around()
         self.actions += self._reach.walker.actions
 
     def look_from(self, name: str, area: Area, *, max_actions: int | None = None) -> SkillResult:
@@ -94,7 +93,7 @@ class Skills:
 
         Without a name it only looks; `max_actions` None: the limits' own.
         """
-        look = partial(self._search.look_from, name, area.position_m)
+        look = partial(Search(self._reach, name).look_from, area.position_m)
         return self._looked(name, area.name, look, max_actions)
 
     def look_everywhere(self) -> Iterator[SkillResult]:
@@ -109,13 +108,13 @@ class Skills:
         self, name: str, container: SeenObject, *, max_actions: int | None = None
     ) -> SkillResult:
         """Open a closed container and look, as `look_from`; it is closed again if that was vain."""
-        look = partial(self._search.look_into, name, container)
+        look = partial(Search(self._reach, name).look_into, container)
         return self._looked(name, container.object_id, look, max_actions)
 
     def look_over(self, place: SeenObject) -> SkillResult:
         """Look at all that is on a surface, or in a container, which is open afterwards."""
         call = SkillCall.of("GoToObject", place.object_id)
-        return self._counted(call, partial(self._search.look_over, place), None)
+        return self._counted(call, partial(Search(self._reach).look_over, place), None)
 
     def _looked(
         self, name: str, at: str, look: Callable[[], Known | None], max_actions: int | None
@@ -182,13 +181,11 @@ class Skills:
                 return self._hand.put(thing, name, exact=call.exact)
             case "PutNear":
                 return self._hand.put_near(call.objects[0], name)
-            case "SwitchOn" | "ToggleOn":
-                return self._switches.toggle(name, "on")
-            case "SwitchOff" | "ToggleOff":
-                return self._switches.toggle(name, "off")
             case "Explore":
-                self._search.explore(name, call.positions)
+                Search(self._reach, name, call.positions).explore()
                 return ""
+            case skill if skill in SWITCH_AFTER:
+                return Switching(self._reach, name, SWITCH_AFTER[skill]).toggle()
             case skill if skill in self._by_hand:
                 return self._by_hand[skill](name)
             case _:

@@ -17,14 +17,21 @@ ON and INSIDE are the same: the object lies in the receptacle, be it in another 
 """
 
 import re
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Protocol, Self
 
-from karma.agent.goals.matching import fewest_missed, linked, suited
-from karma.agent.goals.objects import DEEDS, TEMPERATURES, ObjectIndex, RememberedDeeds
+from karma.agent.goals.objects import (
+    DEEDS,
+    TEMPERATURES,
+    ObjectIndex,
+    RememberedDeeds,
+    fewest_missed,
+    linked,
+    suited,
+)
 from karma.agent.seeing.perceive import truth_of
 from karma.contracts import Event, Goal, SubTask, TrueObject, Truth, World
 from karma.errors import KarmaError
@@ -181,6 +188,14 @@ class GoalTracker:
         self._ran |= self._on
         self._look(truth)
 
+    def reset(self) -> None:
+        """Do nothing: the tracker is started by whoever resets its world."""
+
+    def watch(self, action: str, arguments: Mapping[str, Any], event: Event) -> None:
+        """Take in the event of an action, if that can change what holds."""
+        if action not in _CHANGE_NO_GOAL:
+            self.update(event)
+
     def _look(self, truth: Truth) -> None:
         """See which goals of the sub-task hold, of which things."""
         if not self._standing.goals:
@@ -285,11 +300,21 @@ class GoalTracker:
                 return state in thing.states
 
 
-class WatchedWorld:
-    """A world whose events a tracker sees; it changes nothing."""
+class Watcher(Protocol):
+    """What sees all that is done in a world."""
 
-    def __init__(self, world: World, tracker: GoalTracker) -> None:
-        self._world, self._tracker = world, tracker
+    def reset(self) -> None:
+        """Know that the world is about to load a scene."""
+
+    def watch(self, action: str, arguments: Mapping[str, Any], event: Event) -> None:
+        """See one action and what came of it."""
+
+
+class WatchedWorld:
+    """A world whose actions are shown to somebody, a goal tracker or a log; it changes nothing."""
+
+    def __init__(self, world: World, watcher: Watcher) -> None:
+        self._world, self._watcher = world, watcher
 
     @property
     def last_event(self) -> Event:
@@ -297,14 +322,14 @@ class WatchedWorld:
         return self._world.last_event
 
     def reset(self, scene: str) -> Event:
-        """Load a scene; the tracker is to be started by whoever resets."""
+        """Load a scene."""
+        self._watcher.reset()
         return self._world.reset(scene)
 
     def step(self, action: str, **arguments: Any) -> Event:
-        """Do one action and show its event to the tracker."""
+        """Do one action and show it."""
         event = self._world.step(action, **arguments)
-        if action not in _CHANGE_NO_GOAL:
-            self._tracker.update(event)
+        self._watcher.watch(action, arguments, event)
         return event
 
     def stop(self) -> None:

@@ -13,8 +13,7 @@ from typing import Any
 import msgspec
 
 from karma import __version__
-from karma.agent.journal.header import FORMAT, Header, Machine
-from karma.agent.journal.told import without_places
+from karma.agent.journal.header import FORMAT, Header, Machine, without_places
 from karma.agent.loading.models import OPENAI, Models, Row
 from karma.agent.loading.planner_files import chosen_words, doubt_path, may_refuse
 from karma.agent.planning.prompt import template_files

@@ -10,10 +10,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, Self
 
-from karma.agent.journal.folder import read_lines, refuse_other
-from karma.agent.journal.header import EPISODES, RESULTS, TABLE, TIMINGS, Header
-from karma.agent.journal.not_run import FILE as NOT_RUN
-from karma.agent.journal.not_run import NotRun, read_not_run
+from karma.agent.experience import PICTURES, picture_name
+from karma.agent.journal.header import (
+    CONFIG,
+    EPISODES,
+    RESULTS,
+    TABLE,
+    TIMINGS,
+    Config,
+    Header,
+    read_config,
+)
 from karma.agent.journal.owned_folder import (
     HEADER,
     MARK,
@@ -22,19 +29,21 @@ from karma.agent.journal.owned_folder import (
     OwnedFolder,
     check_sealed,
     kind_in,
+    read_lines,
+    refuse_other,
 )
 from karma.agent.journal.records import (
+    NOT_RUN,
     EpisodeRecord,
     EpisodeTiming,
     Key,
+    NotRun,
     PlayedTiming,
     key_of,
+    read_not_run,
     read_records,
 )
 from karma.agent.journal.steps import packed, steps_path
-from karma.agent.journal.told import CONFIG, Config, read_config
-from karma.agent.seeing.picture_states import FOLDER as PICTURES
-from karma.agent.seeing.picture_states import picture_name
 from karma.errors import FileError
 from karma.files import TEMPORARY, append_line, read_bytes, to_json, write_atomic
 

@@ -20,7 +20,7 @@ import msgspec
 from karma.agent.journal.owned_folder import STEPS
 from karma.agent.planning.refused_requests import sentence
 from karma.agent.seeing.perceive import refusal
-from karma.contracts import Event, MemoryUnit, Outcome, Plan, SkillResult, SubTask, World
+from karma.contracts import Event, MemoryUnit, Outcome, Plan, SkillResult, SubTask
 from karma.errors import FileError
 from karma.files import read_bytes, to_json, unpack
 
@@ -142,6 +142,12 @@ class StepLog:
         if self._open or not asks:  # what is asked of a room depends on whether it is known
             self._steps.append(step)
 
+    def watch(self, action: str, arguments: Mapping[str, Any], event: Event) -> None:
+        """Write one action down."""
+        why, plain = refusal(event), _plain(arguments)
+        error = why.words if why is not None else ""
+        self.add(Action(action=action, arguments=plain, ok=why is None, error=error))
+
     def instruction(self, number: int, subtask: SubTask) -> None:
         """An instruction is given; memory before it is what it was, until the outcome tells."""
         self._given = len(self._steps)
@@ -180,35 +186,6 @@ class StepLog:
 
     def _lines(self) -> bytes:
         return b"".join(to_json(step) for step in self._steps if self._open)
-
-
-class LoggedWorld:
-    """A world whose actions are written to a log; it changes nothing."""
-
-    def __init__(self, world: World, log: StepLog) -> None:
-        self._world, self._log = world, log
-
-    @property
-    def last_event(self) -> Event:
-        """The world's own."""
-        return self._world.last_event
-
-    def reset(self, scene: str) -> Event:
-        """Load a scene."""
-        self._log.reset()
-        return self._world.reset(scene)
-
-    def step(self, action: str, **arguments: Any) -> Event:
-        """Do one action and write it down."""
-        event = self._world.step(action, **arguments)
-        ok, why = bool(event), refusal(event)
-        error = why.words if why is not None else ""
-        self._log.add(Action(action=action, arguments=_plain(arguments), ok=ok, error=error))
-        return event
-
-    def stop(self) -> None:
-        """Release what the world holds."""
-        self._world.stop()
 
 
 def _plain(value: Any) -> Any:

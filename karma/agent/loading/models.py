@@ -11,9 +11,15 @@ import msgspec
 from msgspec.structs import force_setattr
 
 from karma import registry
-from karma.agent.loading.examples import EXAMPLES, examples_for
 from karma.agent.loading.names import MODELS, check_models, whole_name
-from karma.agent.loading.planner_files import NO_WORDS, doubt_of, hints_for, may_refuse
+from karma.agent.loading.planner_files import (
+    EXAMPLES,
+    NO_WORDS,
+    doubt_of,
+    examples_for,
+    hints_for,
+    may_refuse,
+)
 from karma.agent.planning.prompt import GOALS, render
 from karma.contracts import (
     Constraint,

@@ -6,7 +6,7 @@ word speaks of. What the words ask for is in a `Request`, what the program bring
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from karma.agent.planning.effects import ProgramEffects, Thing, effects_of, with_turns
 from karma.agent.planning.reading import kind_of
@@ -147,80 +147,245 @@ def _is_a(kind: str, one: Mention) -> bool:
 # ----------------------------------------------------------------- a program
 
 
-def stopped(
-    calls: Sequence[SkillCall], request: Request, here: Collection[str], held: str | None = None,
-    *, exact: bool = False, begun: bool = False,
-) -> str:  # fmt: skip
-    """Return why a program is not what was asked; "" where it is.
+@dataclass(frozen=True, slots=True)
+class Guard:
+    """What a request asks, in a room of which some types are known."""
 
-    `held` is in the hand before. With `exact` what people call so as well will not do: no mug for a
-    cup. What was `begun` need not be done again.
-    """
-    found = effects_of(with_turns(calls), held)
-    request = _told_apart(_exactly(request, here) if exact else request)
-    left_out = () if begun else (_left_out,)
-    for check in (_ruled_out, *left_out, _not_asked, _too_many):
-        reason = next(check(found, request, here), "")
-        if reason:
-            return reason
-    return ""
+    request: Request
+    here: Collection[str]
 
+    def stopped(
+        self, calls: Sequence[SkillCall], held: str | None = None,
+        *, exact: bool = False, begun: bool = False,
+    ) -> str:  # fmt: skip
+        """Return why a program is not what was asked; "" where it is.
 
-def put_near(
-    calls: Sequence[SkillCall], request: Request, here: Collection[str]
-) -> tuple[SkillCall, ...]:
-    """Return a program that puts near a place what was to be put there: planners put it on it."""
-    found = list(calls)
-    for deed in request.deeds:
-        places = here_of(deed.place.types, here) if deed.place and deed.near else ()
-        kinds = _of_things(deed, here)
-        puts = (
-            n for n, call in enumerate(found)
-            if call.skill == "PutObject" and call.objects[1:] and kind_of(call.objects[0]) in kinds
-        )  # fmt: skip
-        last = max(puts, default=None) if deed.deed == "put" and places else None
-        if last is not None:
-            thing, onto = found[last].objects
-            place = kind_of(places[0])
-            found[last] = replace(found[last], skill="PutNear", objects=(thing, place))
-            if place not in here:  # what is not known yet is looked for, not what it was put on
-                goes = found[last - 1].skill == "GoToObject" and found[last - 1].objects == (onto,)
-                found[last - goes : last] = [SkillCall.of("Explore", place)]
-    return tuple(found)
+        `held` is in the hand before. With `exact` what people call so as well will not do: no mug
+        for a cup. What was `begun` need not be done again.
+        """
+        found = effects_of(with_turns(calls), held)
+        narrow = Guard(_told_apart(self._exactly() if exact else self.request), self.here)
+        left_out = () if begun else (narrow._left_out,)
+        checks = (narrow._ruled_out, *left_out, narrow._not_asked, narrow._too_many)
+        return next((reason for check in checks for reason in check(found)), "")
 
+    def put_near(self, calls: Sequence[SkillCall]) -> tuple[SkillCall, ...]:
+        """Return a program that puts near a place what was to be there: planners put it on it."""
+        found = list(calls)
+        for deed in self.request.deeds:
+            places = here_of(deed.place.types, self.here) if deed.place and deed.near else ()
+            kinds = self._of_things(deed)
+            puts = (
+                n for n, call in enumerate(found) if call.skill == "PutObject"
+                and call.objects[1:] and kind_of(call.objects[0]) in kinds
+            )  # fmt: skip
+            last = max(puts, default=None) if deed.deed == "put" and places else None
+            if last is not None:
+                thing, onto = found[last].objects
+                place = kind_of(places[0])
+                found[last] = replace(found[last], skill="PutNear", objects=(thing, place))
+                if place not in self.here:  # what is not known yet is looked for
+                    before = found[last - 1]
+                    goes = before.skill == "GoToObject" and before.objects == (onto,)
+                    found[last - goes : last] = [SkillCall.of("Explore", place)]
+        return tuple(found)
 
-def kept_open(
-    calls: Sequence[SkillCall], request: Request, here: Collection[str]
-) -> tuple[SkillCall, ...]:
-    """Return a program that does not close what the same sentence asks to open."""
-    deeds = [*request.rest, *(one for one in request.deeds if one not in request.rest)]
-    last = {kind: one.deed for one in deeds if one.deed in ("open", "close")
-            for kind in _of_things(one, here)}  # fmt: skip
-    stay = {kind for kind, deed in last.items() if deed == "open"}
-    return tuple(
-        one for one in calls if not (one.skill == "CloseObject" and kind_of(one.objects[0]) in stay)
-    )
+    def kept_open(self, calls: Sequence[SkillCall]) -> tuple[SkillCall, ...]:
+        """Return a program that does not close what the same sentence asks to open."""
+        rest = self.request.rest
+        deeds = [*rest, *(one for one in self.request.deeds if one not in rest)]
+        last = {kind: one.deed for one in deeds if one.deed in ("open", "close")
+                for kind in self._of_things(one)}  # fmt: skip
+        stay = {kind for kind, deed in last.items() if deed == "open"}
+        return tuple(
+            one
+            for one in calls
+            if not (one.skill == "CloseObject" and kind_of(one.objects[0]) in stay)
+        )
 
+    def in_pieces(self) -> set[str]:
+        """Return the kinds of which a piece is meant: "a slice of bread", "the cut apple"."""
+        words = request_words().pieces | {"sliced", "cut"}
+        return {
+            kind for one in self.request.mentions
+            if words & set(self.request.whole[one.start : one.end].lower().split())
+            for kind in (*self._kinds(one), *map(kind_of, one.holding))
+        }  # fmt: skip
 
-def _kinds(one: Mention | None, here: Collection[str]) -> frozenset[str]:
-    if one is None:
-        return frozenset()
-    return frozenset(kind_of(kind) for kind in _admitted(one, here) or one.types)
+    def _kinds(self, one: Mention | None) -> frozenset[str]:
+        """Return the kinds of wholes that a mention may mean; none for none."""
+        if one is None:
+            return frozenset()
+        return frozenset(kind_of(kind) for kind in _admitted(one, self.here) or one.types)
 
+    def _of_things(self, deed: SaidDeed) -> frozenset[str]:
+        return frozenset(kind for one in deed.things for kind in self._kinds(one))
 
-def _ruled_out(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[str]:
-    """Yield what the request says not to do."""
-    asked = {kind for one in request.mentions for kind in _kinds(one, here)}
-    for one in request.exclusions:
-        for kind in sorted(_kinds(one, here) - asked):
-            touched = {kind_of(name) for name, _ in (*found.at, *(one for _, one in found.deeds))}
-            passed = {place for thing, places in found.passed.items()
-                      for place in (*places, found.at.get(thing))}  # fmt: skip
-            if kind in {*found.switched, *found.doors, *touched, *passed}:
-                yield f"it says not to use the {one.text}"
-    for deed in request.forbidden:
-        if _does(found, deed, _of_things(deed, here)):
-            yield f"it says not to {deed.verb}"
+    def _ruled_out(self, found: ProgramEffects) -> Iterator[str]:
+        """Yield what the request says not to do."""
+        asked = {kind for one in self.request.mentions for kind in self._kinds(one)}
+        for one in self.request.exclusions:
+            for kind in sorted(self._kinds(one) - asked):
+                touched = {
+                    kind_of(name) for name, _ in (*found.at, *(one for _, one in found.deeds))
+                }
+                passed = {place for thing, places in found.passed.items()
+                          for place in (*places, found.at.get(thing))}  # fmt: skip
+                if kind in {*found.switched, *found.doors, *touched, *passed}:
+                    yield f"it says not to use the {one.text}"
+        for deed in self.request.forbidden:
+            if _does(found, deed, self._of_things(deed)):
+                yield f"it says not to {deed.verb}"
+
+    def _left_out(self, found: ProgramEffects) -> Iterator[str]:
+        """Yield what was named and is not done."""
+        for deed in self.request.deeds:
+            places = self._kinds(deed.place)
+            for one in deed.things:
+                kinds = self._kinds(one)
+                if one.told or one.anything or not kinds:
+                    moved = {kind_of(thing[0]) for thing in found.at}
+                    kinds = frozenset((*moved, *found.doors, *found.switched))
+                if deed.deed == "coffee":
+                    kinds = frozenset((COFFEE_CUP, "Cup"))
+                if not _done(found, deed, kinds, places, _after(self.request, deed, one)):
+                    yield f"it does not {deed.verb} the {one.text}{_told_place(deed)}"
+                if place := _not_done_at(found, deed, one, kinds):
+                    yield f"it does not {deed.verb} the {one.text} {told_place(place)}"
+            coffee = deed.deed == "coffee" and not deed.things
+            if coffee and not found.did("coffee", (COFFEE_CUP, "Cup")):
+                yield "it makes no coffee"
+
+    def _not_asked(self, found: ProgramEffects) -> Iterator[str]:
+        """Yield what a program changes and no word speaks of."""
+        all_deeds = tuple(dict.fromkeys((*self.request.deeds, *self.request.rest)))
+        request = replace(self.request, deeds=all_deeds)
+        whole = Guard(request, self.here)
+        deeds = {deed.deed for deed in request.deeds} | stated(request)
+        pieces = whole.in_pieces()
+        deeds |= {"slice"} if pieces else set()
+        named = {kind for one in request.mentions for kind in self._kinds(one)}
+        loose = any(one.anything or one.told for one in request.mentions)
+        things = {kind for deed in request.deeds for kind in self._of_things(deed)}
+        places = {kind for deed in request.deeds for kind in self._kinds(deed.place)}
+        along = {kind for deed in deeds for kind in deed_kind(deed).tools}
+        help_ = {kind for deed in deeds for kind in deed_kind(deed).put_in} | places
+        help_ |= {
+            kind for one in request.deeds if one.deed == "on" for kind in self._of_things(one)
+        }
+        help_ |= {kind_of(kind) for one in request.mentions for kind in one.at}
+        for thing, place in found.at.items():
+            kind = kind_of(thing[0])
+            if kind in along or loose:
+                continue
+            if kind in things:
+                yield from self._misplaced(found, thing, whole, help_)
+            elif not (
+                (kind in named and place == HAND)
+                or whole._goes_along(found, thing)
+                or whole._bears(found, thing)
+                or (thing == found.began and place in (HAND, *SURFACES))
+            ):
+                yield f"nobody asked for the {spoken(kind)} to be moved"
+        for deed, thing in sorted(found.deeds):
+            kind = kind_of(thing[0])
+            own = {
+                one.deed for one in request.deeds
+                if loose or not one.things or kind in self._of_things(one)
+            }  # fmt: skip
+            cut = deed == "slice" and (kind in pieces or (kind == TOASTED and "toast" in own))
+            cracked = deed == "break" and kind == EGG and "cook" in own
+            binned = deed == "throw" and BIN in places and kind in things
+            if deed in FOR_GOOD and not (deed in own or cut or cracked or binned):
+                yield f"nobody asked to {deed} the {spoken(kind)}"
+        runs = {kind for deed in deeds for kind in deed_kind(deed).runs}
+        switched = {
+            switch_of(kind) for deed in request.deeds if deed.deed in ("on", "off")
+            for kind in self._of_things(deed)
+        }  # fmt: skip
+        for kind in sorted(found.switched):
+            if kind not in runs | switched and not (loose and deeds & {"on", "off"}):
+                word = found.switched[kind]
+                harmless = _momentary(kind) or bool(deeds & {"close", "open"})
+                if not (word == "off" and kind not in found.ran and harmless):
+                    yield f"nobody asked to switch {word} the {spoken(kind)}"
+
+    def _too_many(self, found: ProgramEffects) -> Iterator[str]:
+        """Yield that something is done to more things of a kind than were named."""
+        deeds = tuple(dict.fromkeys((*self.request.deeds, *self.request.rest)))
+        said = {(one.start, one) for deed in deeds for one in deed.things}
+        if any(one.anything or one.told or one.every for _, one in said):
+            return
+        for kind in sorted({kind_of(thing[0]) for thing in found.at}):
+            named = [one.number or 1 for _, one in said if kind in self._kinds(one)]
+            turns = {turn for name, turn in found.at if kind_of(name) == kind}
+            if named and len(turns) > sum(named):
+                yield f"it does it to {len(turns)} of a kind: {spoken(kind)}"
+
+    def _exactly(self) -> Request:
+        """Return a request whose things are only what they are called, where that may be here.
+
+        What is one by its name will do where no other was seen: a spray bottle, where there is
+        no plain one.
+        """
+
+        def only(one: Mention) -> Mention:
+            if _was_seen(one.types, self.here):
+                return replace(one, besides=())
+            besides = tuple(k for k in one.besides if _is_a(k, one) and _was_seen((k,), self.here))
+            return replace(one, besides=besides) if here_of(one.types, self.here) else one
+
+        return _with_mentions(self.request, only)
+
+    def _goes_along(self, found: ProgramEffects, thing: Thing) -> bool:
+        """Return whether a thing comes to lie where it was said to: "the plate with the potato"."""
+        return any(
+            kind_of(thing[0]) in map(kind_of, one.holding)
+            and not found.places(thing).isdisjoint(self._kinds(one))
+            for one in self.request.mentions
+        )
+
+    def _bears(self, found: ProgramEffects, thing: Thing) -> bool:
+        """Return whether a thing goes where what lies in it shall.
+
+        The mug of "the pen in the mug on the desk" may be the one on the desk, or be brought there;
+        so with "in the mug, put it on ...".
+        """
+        puts = [deed for deed in self.request.deeds if deed.deed == "put"]
+        for deed in puts:
+            borne = self._of_things(deed)
+            into = {kind_of(kind) for one in deed.things for kind in one.at}
+            for other in puts:
+                into |= self._kinds(other.place) if borne & self._of_things(other) else set()
+            ends = found.places(thing) & self._kinds(deed.place)
+            if kind_of(thing[0]) in into and ends and not deed.near:
+                return True
+        return False
+
+    def _misplaced(
+        self, found: ProgramEffects, thing: Thing, whole: "Guard", help_: Collection[str]
+    ) -> Iterator[str]:
+        """Yield that a named thing comes to a place that nobody spoke of.
+
+        `whole` has what the sentence asks besides, which may be done as well; `help_` are kinds of
+        places where things may be put on the way.
+        """
+        kind, place = kind_of(thing[0]), found.at[thing]
+        wanted, besides = self._goes_to(kind), whole._goes_to(kind)
+        rests = (BURNER,) if kind in COOKWARE else ()  # where it may be put that was to go nowhere
+        if found.places(thing) & (besides or set()):
+            return
+        if wanted:
+            yield f"the {spoken(kind)} is to be elsewhere"
+        elif wanted is None and place not in (HAND, *help_, *SURFACES, *rests):
+            yield f"nobody asked for the {spoken(kind)} to be put {spoken(place)}"
+
+    def _goes_to(self, kind: str) -> set[str] | None:
+        """Return where a thing is to be put: kinds, none where any will do; None: nowhere."""
+        puts = [
+            one for one in self.request.deeds if one.deed == "put" and kind in self._of_things(one)
+        ]
+        return {place for deed in puts for place in self._kinds(deed.place)} if puts else None
 
 
 def _does(found: ProgramEffects, deed: SaidDeed, kinds: Collection[str]) -> bool:
@@ -252,26 +417,6 @@ def _told_place(deed: SaidDeed) -> str:
         return ""
     word = preposition(deed.place.types[0]) if deed.place.types and not deed.near else "near"
     return f" {word} the {deed.place.text}"
-
-
-def _left_out(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[str]:
-    """Yield what was named and is not done."""
-    for deed in request.deeds:
-        places = _kinds(deed.place, here)
-        for one in deed.things:
-            kinds = _kinds(one, here)
-            if one.told or one.anything or not kinds:
-                moved = {kind_of(thing[0]) for thing in found.at}
-                kinds = frozenset((*moved, *found.doors, *found.switched))
-            if deed.deed == "coffee":
-                kinds = frozenset((COFFEE_CUP, "Cup"))
-            if not _done(found, deed, kinds, places, _after(request, deed, one)):
-                yield f"it does not {deed.verb} the {one.text}{_told_place(deed)}"
-            if place := _not_done_at(found, deed, one, kinds):
-                yield f"it does not {deed.verb} the {one.text} {told_place(place)}"
-        coffee = deed.deed == "coffee" and not deed.things
-        if coffee and not found.did("coffee", (COFFEE_CUP, "Cup")):
-            yield "it makes no coffee"
 
 
 def _not_done_at(
@@ -327,16 +472,6 @@ def _done(
             return found.did(deed.deed, kinds)
 
 
-def in_pieces(request: Request, here: Collection[str]) -> set[str]:
-    """Return the kinds of which a piece is meant: "a slice of bread", "the cut apple"."""
-    words = request_words().pieces | {"sliced", "cut"}
-    return {
-        kind for one in request.mentions
-        if words & set(request.whole[one.start : one.end].lower().split())
-        for kind in (*_kinds(one, here), *map(kind_of, one.holding))
-    }  # fmt: skip
-
-
 def switch_of(kind: str) -> str:
     """Return what is switched for a kind: the tap of a sink."""
     return TAPS[0] if kind in (SINK, "Bathtub", *TAPS) else kind
@@ -344,58 +479,6 @@ def switch_of(kind: str) -> str:
 
 def _momentary(kind: str) -> bool:
     return kind in (MICROWAVE, TOASTER, COFFEE_MACHINE, BURNER)
-
-
-def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[str]:
-    """Yield what a program changes and no word speaks of."""
-    own_only = request
-    request = replace(request, deeds=tuple(dict.fromkeys((*request.deeds, *request.rest))))
-    deeds = {deed.deed for deed in request.deeds} | stated(request)
-    pieces = in_pieces(request, here)
-    deeds |= {"slice"} if pieces else set()
-    named = {kind for one in request.mentions for kind in _kinds(one, here)}
-    loose = any(one.anything or one.told for one in request.mentions)
-    things = {kind for deed in request.deeds for kind in _of_things(deed, here)}
-    places = {kind for deed in request.deeds for kind in _kinds(deed.place, here)}
-    along = {kind for deed in deeds for kind in deed_kind(deed).tools}
-    help_ = {kind for deed in deeds for kind in deed_kind(deed).put_in} | places
-    help_ |= {kind for one in request.deeds if one.deed == "on" for kind in _of_things(one, here)}
-    help_ |= {kind_of(kind) for one in request.mentions for kind in one.at}
-    for thing, place in found.at.items():
-        kind = kind_of(thing[0])
-        if kind in along or loose:
-            continue
-        if kind in things:
-            yield from _misplaced(found, thing, own_only, request, here, help_)
-        elif not (
-            (kind in named and place == HAND)
-            or _goes_along(found, thing, request, here)
-            or _bears(found, thing, request, here)
-            or (thing == found.began and place in (HAND, *SURFACES))
-        ):
-            yield f"nobody asked for the {spoken(kind)} to be moved"
-    for deed, thing in sorted(found.deeds):
-        kind = kind_of(thing[0])
-        own = {
-            one.deed for one in request.deeds
-            if loose or not one.things or kind in _of_things(one, here)
-        }  # fmt: skip
-        cut = deed == "slice" and (kind in pieces or (kind == TOASTED and "toast" in own))
-        cracked = deed == "break" and kind == EGG and "cook" in own
-        binned = deed == "throw" and BIN in places and kind in things
-        if deed in FOR_GOOD and not (deed in own or cut or cracked or binned):
-            yield f"nobody asked to {deed} the {spoken(kind)}"
-    runs = {kind for deed in deeds for kind in deed_kind(deed).runs}
-    switched = {
-        switch_of(kind) for deed in request.deeds if deed.deed in ("on", "off")
-        for kind in _of_things(deed, here)
-    }  # fmt: skip
-    for kind in sorted(found.switched):
-        if kind not in runs | switched and not (loose and deeds & {"on", "off"}):
-            word = found.switched[kind]
-            harmless = _momentary(kind) or bool(deeds & {"close", "open"})
-            if not (word == "off" and kind not in found.ran and harmless):
-                yield f"nobody asked to switch {word} the {spoken(kind)}"
 
 
 def _told_apart(request: Request) -> Request:
@@ -422,95 +505,9 @@ def _with_mentions(request: Request, changed: Callable[[Mention], Mention]) -> R
     )  # fmt: skip
 
 
-def _exactly(request: Request, here: Collection[str]) -> Request:
-    """Return a request whose things are only what they are called, where that may be here.
-
-    What is one by its name will do where no other was seen: a spray bottle, where none is plain.
-    """
-
-    def only(one: Mention) -> Mention:
-        if _was_seen(one.types, here):
-            return replace(one, besides=())
-        besides = tuple(k for k in one.besides if _is_a(k, one) and _was_seen((k,), here))
-        return replace(one, besides=besides) if here_of(one.types, here) else one
-
-    return _with_mentions(request, only)
-
-
-def _too_many(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[str]:
-    """Yield that something is done to more things of a kind than were named."""
-    deeds = tuple(dict.fromkeys((*request.deeds, *request.rest)))
-    said = {(one.start, one) for deed in deeds for one in deed.things}
-    if any(one.anything or one.told or one.every for _, one in said):
-        return
-    for kind in sorted({kind_of(thing[0]) for thing in found.at}):
-        named = [one.number or 1 for _, one in said if kind in _kinds(one, here)]
-        turns = {turn for name, turn in found.at if kind_of(name) == kind}
-        if named and len(turns) > sum(named):
-            yield f"it does it to {len(turns)} of a kind: {spoken(kind)}"
-
-
-def _of_things(deed: SaidDeed, here: Collection[str]) -> frozenset[str]:
-    return frozenset(kind for one in deed.things for kind in _kinds(one, here))
-
-
 def stated(request: Request) -> set[str]:
     """Return the deeds that make things as they are named: "the washed cloth", "a cold apple"."""
     said = (request.whole[one.start : one.end].lower().split()[:-1] for one in request.mentions)
     words = {word for one in said for word in one}
     water = {"fill"} if "water" in request.whole.lower().split() else set()
     return water | {deed_states()[word] for word in words & deed_states().keys()} - {*FOR_GOOD}
-
-
-def _goes_along(
-    found: ProgramEffects, thing: Thing, request: Request, here: Collection[str]
-) -> bool:
-    """Return whether a thing comes to lie where it was said to: "the plate with the potato"."""
-    return any(
-        kind_of(thing[0]) in map(kind_of, one.holding)
-        and not found.places(thing).isdisjoint(_kinds(one, here))
-        for one in request.mentions
-    )
-
-
-def _bears(found: ProgramEffects, thing: Thing, request: Request, here: Collection[str]) -> bool:
-    """Return whether a thing goes where what lies in it shall: "the pen in the mug on the desk".
-
-    The mug may be the one on the desk, or be brought there; so with "in the mug, put it on ...".
-    """
-    puts = [deed for deed in request.deeds if deed.deed == "put"]
-    for deed in puts:
-        borne = _of_things(deed, here)
-        into = {kind_of(kind) for one in deed.things for kind in one.at}
-        for other in puts:
-            into |= _kinds(other.place, here) if borne & _of_things(other, here) else set()
-        ends = found.places(thing) & _kinds(deed.place, here)
-        if kind_of(thing[0]) in into and ends and not deed.near:
-            return True
-    return False
-
-
-def _misplaced(
-    found: ProgramEffects, thing: Thing, own: Request, whole: Request, here: Collection[str],
-    help_: Collection[str],
-) -> Iterator[str]:  # fmt: skip
-    """Yield that a named thing comes to a place that nobody spoke of.
-
-    `own` is to be done now; `whole` has what the sentence asks besides, which may be done as well;
-    `help_` are kinds of places where things may be put on the way.
-    """
-    kind, place = kind_of(thing[0]), found.at[thing]
-    wanted, besides = _goes_to(kind, own, here), _goes_to(kind, whole, here)
-    rests = (BURNER,) if kind in COOKWARE else ()  # where it may be put that was to go nowhere
-    if found.places(thing) & (besides or set()):
-        return
-    if wanted:
-        yield f"the {spoken(kind)} is to be elsewhere"
-    elif wanted is None and place not in (HAND, *help_, *SURFACES, *rests):
-        yield f"nobody asked for the {spoken(kind)} to be put {spoken(place)}"
-
-
-def _goes_to(kind: str, request: Request, here: Collection[str]) -> set[str] | None:
-    """Return where a thing is to be put: kinds, none where any will do; None: nowhere."""
-    puts = [one for one in request.deeds if one.deed == "put" and kind in _of_things(one, here)]
-    return {place for deed in puts for place in _kinds(deed.place, here)} if puts else None

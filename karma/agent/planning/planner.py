@@ -6,8 +6,8 @@ from typing import Literal, Self
 
 from karma.agent.planning.effects import trimmed, with_turns
 from karma.agent.planning.goal_lines import asked_lines, program_for
-from karma.agent.planning.guard import kept_open, put_near, stopped
-from karma.agent.planning.inspector import Objection, hand_of, mend, narrowed, objection
+from karma.agent.planning.guard import Guard
+from karma.agent.planning.inspector import hand_of, mend, narrowed, objection
 from karma.agent.planning.program import SKILLS
 from karma.agent.planning.prompt import GOALS, render, skills_of
 from karma.agent.planning.reading import astray
@@ -76,35 +76,53 @@ class Planner:
             request = replace(request, hints=self.hints(request.instruction))
         if self.examples is not None and not request.examples:
             request = replace(request, examples=self.examples(request.instruction))
+        yield from _Asking(self, request).answers()
+
+
+@dataclass(slots=True)
+class _Asking:
+    """One request that a planner is asked about, with what its answers so far have failed in."""
+
+    planner: Planner
+    request: PlanRequest
+
+    def answers(self) -> Iterator[Plan]:
+        """Yield answers as `Planner.plan` does."""
+        decoding = self.planner.decoding
         refusing: bool | None = None  # not again where it was refused for what is known
         reasons: set[str] = set()  # why the answers could not work; "" for one that is not lasting
-        for attempt in range(self.decoding.attempts):
-            is_last = attempt == self.decoding.attempts - 1
-            answer = self._ask(request, attempt, refusing=refusing)
+        for attempt in range(decoding.attempts):
+            is_last = attempt == decoding.attempts - 1
+            answer = self._ask(attempt, refusing=refusing)
             if answer.error and not answer.calls and answer.error.endswith(KNOWN):
                 refusing = False
-            if not request.failures:
-                answer = yield from self._weighed(request, answer)
-            if not is_last and (again := _asked_again(request, answer)) is not None:
+            if not self.request.failures:
+                answer = yield from self._weighed(answer)
+            if not is_last and (again := self._asked_again(answer)) is not None:
                 refusing, answer = again
-            answer, lasting = self._checked(request, answer)
+            lasting = ""
+            if decoding.inspected and answer.calls:
+                answer, lasting = self._inspected(answer)
             if answer.calls or answer.error:
                 reasons.add(lasting)
-            answer, held_back = _held_back(request, answer)
-            answer = yield from self._settled(request, answer, held_back, attempt, reasons)
+            answer, held_back = self._held_back(answer)
+            answer = yield from self._settled(answer, held_back, attempt, reasons)
             yield answer
             if answer.failure is None:
                 return
-            failures = (*request.failures, answer.failure)
-            said = request.plain or request.instruction
-            request = replace(request, error=answer.error, failures=failures, instruction=said)
+            self.request = replace(
+                self.request,
+                error=answer.error,
+                failures=(*self.request.failures, answer.failure),
+                instruction=self.request.plain or self.request.instruction,
+            )
 
     def _settled(
-        self, request: PlanRequest, answer: Plan, held_back: str, attempt: int, reasons: set[str]
+        self, answer: Plan, held_back: str, attempt: int, reasons: set[str]
     ) -> Generator[Plan, None, Plan]:
         """Return an answer as it stands; one that is held back again gives way to words alone."""
-        is_last = attempt == self.decoding.attempts - 1
-        own = _by_the_words(request, answer) if held_back and (attempt or is_last) else None
+        is_last = attempt == self.planner.decoding.attempts - 1
+        own = self._by_the_words(answer) if held_back and (attempt or is_last) else None
         if own is not None:
             yield answer
             return own
@@ -114,38 +132,31 @@ class Planner:
             return _refused(answer, "astray", "guard", held_back)
         if not answer.calls:
             return answer
-        if self.decoding.refusing and attempt and len(reasons) == 1 and reasons != {""}:
+        if self.planner.decoding.refusing and attempt and len(reasons) == 1 and reasons != {""}:
             return _refused(answer, "impossible", "inspector", *reasons)
         return replace(answer, error="", failure=None)
 
-    def _checked(self, request: PlanRequest, answer: Plan) -> tuple[Plan, str]:
-        """Return an answer mended, or objected to; and why it could never work, "" otherwise."""
-        if not (self.decoding.inspected and answer.calls):
-            return answer, ""
-        answer, found = _inspected(request, answer)
-        return answer, found.reason if found is not None and found.lasting else ""
-
-    def _weighed(self, request: PlanRequest, answer: Plan) -> Generator[Plan, None, Plan]:
+    def _weighed(self, answer: Plan) -> Generator[Plan, None, Plan]:
         """Return the first answer as doubt has it: refused, or asked again what was refused."""
-        if self.doubt is None or not self.decoding.refusing:
+        if self.planner.doubt is None or not self.planner.decoding.refusing:
             return answer
-        doubt = self.doubt.of(answer.completion, request)
+        doubt = self.planner.doubt.of(answer.completion, self.request)
         if doubt is None:
             return answer
         answer = replace(answer, doubt=doubt)
-        if doubt >= self.doubt.threshold:
-            refused = answer.refused or with_words(doubted(request), request)
+        if doubt >= self.planner.doubt.threshold:
+            refused = answer.refused or with_words(doubted(self.request), self.request)
             return replace(answer, calls=(), error="", failure=None, refused=refused)
         if answer.refused is None:
             return answer
         yield answer
-        return replace(self._ask(request, 0, refusing=False), doubt=doubt)
+        return replace(self._ask(0, refusing=False), doubt=doubt)
 
-    def _ask(self, request: PlanRequest, attempt: int, *, refusing: bool | None = None) -> Plan:
-        decoding = self.decoding
+    def _ask(self, attempt: int, *, refusing: bool | None = None) -> Plan:
+        planner, request, decoding = self.planner, self.request, self.planner.decoding
         refusing = decoding.refusing if refusing is None else refusing
-        rendered = render(self.profile, request, refusing=refusing)
-        skills = skills_of(self.profile)
+        rendered = render(planner.profile, request, refusing=refusing)
+        skills = skills_of(planner.profile)
         spec = program_spec(request, rendered.names, skills, refusing=refusing)
         constraint = decoding.constraint
         if constraint not in ("free", "syntax"):
@@ -153,17 +164,17 @@ class Planner:
         if constraint not in ("free", "syntax", "types"):
             spec = replace(spec, hand=hand_of(request, rendered.names, spec.objects))
         hotter = decoding.retry_temperature if request.error else 0.0
-        completion = self.model.complete(
+        completion = planner.model.complete(
             rendered.prompt,
             spec=None if constraint == "free" else spec,
             max_tokens=decoding.max_tokens,
             max_seconds=decoding.answer_seconds,
             temperature=max(decoding.temperature, hotter),
             seed=decoding.seed + attempt,
-            listen=self.listen,
+            listen=planner.listen,
         )
         answer = _read(completion, skills, refusing=refusing)
-        if self.profile == GOALS and answer.calls:
+        if planner.profile == GOALS and answer.calls:
             answer = _done_for(answer, request, rendered.names)
         if answer.refused and (reason := cannot_be(answer.refused, request)):
             answer = _no_program((completion.text.strip(),), 0, reason)
@@ -180,6 +191,102 @@ class Planner:
             dropped=answer.dropped,
             examples=tuple(example.instruction for example in request.examples),
         )
+
+    def _inspected(self, answer: Plan) -> tuple[Plan, str]:
+        """Return an answer mended, or objected to; and why it could never work, "" otherwise."""
+        request, held = self.request, self._held_name(answer)
+        name_of = {object_id: name for name, object_id in answer.names.items()}
+        shut = {name_of[u.object_id] for u in request.units if type_of(u.place_id) in STAND_CLOSED}
+        seen = {kind for area in request.areas for kind in area.contains}
+        cut = {name_of[u.object_id] for u in request.units if "sliced" in u.states}
+        known = seen | set(answer.names)
+        running = {short_type(one.object_type) for one in request.seen if "on" in one.states}
+        calls = mend(
+            answer.calls,
+            known=known, shut=shut, cut=cut, running=running, held=held, areas=request.areas,
+        )  # fmt: skip
+        answer = replace(answer, calls=calls)
+        if (wrong := astray(request.first, calls, request.instruction, request.done)) is not None:
+            line, reason = wrong
+            answer = _objected(answer, line, reason, f"{calls[line]}: {reason}")
+            return replace(answer, calls=()), ""
+        found = objection(calls, held=held, known=known)
+        if found is None:
+            return answer, ""
+        reason = "; ".join(filter(None, [found.reason, found.help]))
+        lasting = found.reason if found.lasting else ""
+        return _objected(answer, found.line, reason, str(found)), lasting
+
+    def _held_name(self, answer: Plan) -> str | None:
+        """Return the prompt's name of what is in the hand."""
+        held = (name for name, one in answer.names.items() if one == self.request.held_id)
+        return next(held, None)
+
+    def _held_back(self, answer: Plan) -> tuple[Plan, str]:
+        """Return an answer without its program where that is not what was asked, and why."""
+        request, asked = self.request, self.request.asked
+        if asked is None or not answer.calls:
+            return answer, ""
+        guard, exact = Guard(asked, known_here(request)), len(request.failures) < _LOOSE_AFTER
+
+        def reason(some: Sequence[SkillCall]) -> str:
+            meant, begun = grounded(some, answer.names), bool(request.done)
+            return guard.stopped(meant, request.held_id, exact=exact, begun=begun)
+
+        calls = guard.kept_open(guard.put_near(answer.calls))
+        answer = replace(answer, calls=calls)
+        why = reason(answer.calls)
+        if not why:
+            return answer, ""
+        held = self._held_name(answer)
+        # of what is only the rest of an errand, any part would do
+        part = () if request.done else trimmed(
+            answer.calls, lambda some: reason(some) or str(objection(some, held=held) or "")
+        )  # fmt: skip
+        if part:
+            return replace(answer, calls=part), ""
+        return replace(_objected(answer, max(len(answer.calls) - 1, 0), why), calls=()), why
+
+    def _by_the_words(self, answer: Plan) -> Plan | None:
+        """Return a program for what the words were read as, where no answer of the model would do.
+
+        It passes what an answer has to pass, and stands as an answer of no tokens.
+        """
+        request = self.request
+        if request.asked is None:
+            return None
+        lines = asked_lines(request.asked, known_here(request))
+        calls = program_for(lines, request.units, answer.names) if lines else ()
+        said = by_no_model("".join(f"{call}\n" for call in calls))
+        own = replace(answer, completion=said, calls=calls, error="", failure=None)
+        own, _ = self._inspected(own) if calls else (own, "")
+        own, _ = self._held_back(own) if own.failure is None else (own, "")
+        return own if own.calls and own.failure is None else None
+
+    def _asked_again(self, answer: Plan) -> tuple[bool | None, Plan] | None:
+        """Return an answer whose refusal does not stand yet, and whether the next may refuse.
+
+        What was read is said again in plain words; where the words say otherwise than the refusal,
+        the next answer may not refuse. None where there is no refusal, or it stands.
+        """
+        request = self.request
+        if request.asked is None or answer.refused is None:
+            return None
+        wrongly = _contradicted(answer.refused, request.asked)
+        if not wrongly and request.plain in ("", request.instruction):
+            return None  # it cannot be said more plainly than it was
+        reason = "the request was read: it is said again in plain words"
+        failure = FailedProgram(lines=(answer.completion.text.strip(),), failed=0, reason=reason)
+        again = replace(answer, refused=None, error=reason, failure=failure)
+        return (False if wrongly else None), again
+
+
+def by_no_model(text: str = "") -> Completion:
+    """Return what stands for an answer where no model is asked."""
+    return Completion(
+        text=text, finish="stop", prompt_tokens=0, reused_tokens=0, completion_tokens=0,
+        first_token_s=None, total_s=0.0,
+    )  # fmt: skip
 
 
 def _read(completion: Completion, skills: Sequence[Skill], *, refusing: bool) -> Recovered:
@@ -221,81 +328,6 @@ def _objected(answer: Plan, line: int, reason: str, error: str = "") -> Plan:
     return replace(answer, error=error or reason, failure=failure)
 
 
-def _inspected(request: PlanRequest, answer: Plan) -> tuple[Plan, Objection | None]:
-    """Return the plan with its program mended, and the inspector's objection if it has one."""
-    held = _held_name(request, answer)
-    name_of = {object_id: name for name, object_id in answer.names.items()}
-    shut = {name_of[u.object_id] for u in request.units if type_of(u.place_id) in STAND_CLOSED}
-    seen = {kind for area in request.areas for kind in area.contains}
-    cut = {name_of[u.object_id] for u in request.units if "sliced" in u.states}
-    known = seen | set(answer.names)
-    running = {short_type(one.object_type) for one in request.seen if "on" in one.states}
-    calls = mend(
-        answer.calls,
-        known=known, shut=shut, cut=cut, running=running, held=held, areas=request.areas,
-    )  # fmt: skip
-    answer = replace(answer, calls=calls)
-    if (wrong := astray(request.first, calls, request.instruction, request.done)) is not None:
-        line, reason = wrong
-        return replace(_objected(answer, line, reason, f"{calls[line]}: {reason}"), calls=()), None
-    found = objection(calls, held=held, known=known)
-    if found is None:
-        return answer, None
-    reason = "; ".join(filter(None, [found.reason, found.help]))
-    return _objected(answer, found.line, reason, str(found)), found
-
-
-def _held_name(request: PlanRequest, answer: Plan) -> str | None:
-    """Return the prompt's name of what is in the hand."""
-    return next((n for n, object_id in answer.names.items() if object_id == request.held_id), None)
-
-
-def _held_back(request: PlanRequest, answer: Plan) -> tuple[Plan, str]:
-    """Return an answer without its program where that is not what was asked, and why."""
-    asked = request.asked
-    if asked is None or not answer.calls:
-        return answer, ""
-    here, exact = known_here(request), len(request.failures) < _LOOSE_AFTER
-
-    def reason(some: Sequence[SkillCall]) -> str:
-        meant = grounded(some, answer.names)
-        return stopped(meant, asked, here, request.held_id, exact=exact, begun=bool(request.done))
-
-    calls = kept_open(put_near(answer.calls, asked, here), asked, here)
-    answer = replace(answer, calls=calls)
-    why = reason(answer.calls)
-    if not why:
-        return answer, ""
-    held = _held_name(request, answer)
-    # of what is only the rest of an errand, any part would do
-    part = () if request.done else trimmed(
-        answer.calls, lambda some: reason(some) or str(objection(some, held=held) or "")
-    )  # fmt: skip
-    if part:
-        return replace(answer, calls=part), ""
-    return replace(_objected(answer, max(len(answer.calls) - 1, 0), why), calls=()), why
-
-
-def _by_the_words(request: PlanRequest, answer: Plan) -> Plan | None:
-    """Return a program for what the words were read as, where no answer of the model would do.
-
-    It passes what an answer has to pass, and stands as an answer of no tokens.
-    """
-    if request.asked is None:
-        return None
-    lines = asked_lines(request.asked, known_here(request))
-    calls = program_for(lines, request.units, answer.names) if lines else ()
-    text = "".join(f"{call}\n" for call in calls)
-    said = Completion(
-        text=text, finish="stop", prompt_tokens=0, reused_tokens=0, completion_tokens=0,
-        first_token_s=None, total_s=0.0,
-    )  # fmt: skip
-    own = replace(answer, completion=said, calls=calls, error="", failure=None)
-    own, _ = _inspected(request, own) if calls else (own, None)
-    own, _ = _held_back(request, own) if own.failure is None else (own, "")
-    return own if own.calls and own.failure is None else None
-
-
 def _contradicted(refused: RefusedRequest, asked: Request) -> bool:
     """Return whether the words say otherwise than a refusal: its reason is not so."""
     match refused.kind:
@@ -307,23 +339,6 @@ def _contradicted(refused: RefusedRequest, asked: Request) -> bool:
             return all(deed.deed for deed in asked.deeds)
         case kind:
             return kind == "language"
-
-
-def _asked_again(request: PlanRequest, answer: Plan) -> tuple[bool | None, Plan] | None:
-    """Return an answer whose refusal does not stand yet, and whether the next may refuse.
-
-    What was read is said again in plain words; where the words say otherwise than the refusal, the
-    next answer may not refuse. None where there is no refusal, or it stands.
-    """
-    if request.asked is None or answer.refused is None:
-        return None
-    wrongly = _contradicted(answer.refused, request.asked)
-    if not wrongly and request.plain in ("", request.instruction):
-        return None  # it cannot be said more plainly than it was
-    reason = "the request was read: it is said again in plain words"
-    failure = FailedProgram(lines=(answer.completion.text.strip(),), failed=0, reason=reason)
-    again = replace(answer, refused=None, error=reason, failure=failure)
-    return (False if wrongly else None), again
 
 
 def known_here(request: PlanRequest) -> frozenset[str]:

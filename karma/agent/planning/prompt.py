@@ -22,14 +22,17 @@ from karma.agent.planning.full_profile import (
     doors_and_switches,
     failed_line,
     failed_program,
+    fixture_names,
     furniture,
+    name_for,
     off_the_map,
     place_name,
+    short_names,
     skill_needs,
+    stand_ins,
 )
 from karma.agent.planning.goal_lines import GOAL_LINES
 from karma.agent.planning.program import OUR_SKILLS, SKILLS
-from karma.agent.planning.short_names import fixture_names, name_for, short_names, stand_ins
 from karma.contracts import Area, Hint, MemoryUnit, PlanRequest, Prompt, Skill, Vec3
 from karma.errors import FileError, UnknownNameError, did_you_mean
 from karma.files import read_bytes

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from karma.agent.loading.demonstrations import read_demonstrations
+from karma.agent.loading.alfred_sentences import read_demonstrations
 from karma.files import read_toml
 from karma.language.lexemes import (
     Entry,

@@ -11,12 +11,10 @@ from typing import Any
 import msgspec
 
 from karma import registry
-from karma.agent.journal.folder import read_lines
 from karma.agent.journal.header import EPISODES, RESULTS, TABLE, BenchmarkHeader
-from karma.agent.journal.not_run import NotRun, in_words, read_not_run
-from karma.agent.journal.owned_folder import HEADER, check_sealed
+from karma.agent.journal.owned_folder import HEADER, check_sealed, read_lines
 from karma.agent.journal.provenance import model_hashes, versions
-from karma.agent.journal.records import PlayedTiming
+from karma.agent.journal.records import NotRun, PlayedTiming, in_words, read_not_run
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.loading.models import Row
 from karma.bench.engine.experiment_file import Changes, DataFolders, read_as, with_places_here

@@ -6,7 +6,7 @@ from pathlib import Path
 from karma.agent.goals.goals import GoalTracker, WatchedWorld
 from karma.agent.journal.part import EpisodePart, TimeLog, through
 from karma.agent.journal.records import EpisodeRecord, SubTaskRecord, untimed, waited
-from karma.agent.journal.steps import LoggedWorld, StepLog
+from karma.agent.journal.steps import StepLog
 from karma.bench.tasks.days import Days, check_seeds
 from karma.contracts import (
     Episode,
@@ -66,7 +66,7 @@ def run_episode(
     try:
         days = days or Days()
         draw = days.draw(world, task, seed)
-        world = days.of(LoggedWorld(world, steps), task, seed)
+        world = days.of(WatchedWorld(world, steps), task, seed)
         watched = WatchedWorld(world, tracker)
         episode = _begun(method, watched, task.scenes, seed=seed, folder=folder)
         steps.start(first, seed)

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple, Self, TypeVar, get_args
 
 import msgspec
 
+from karma.agent.journal.header import each_path
 from karma.agent.journal.owned_folder import Kind
-from karma.agent.journal.told import each_path
 from karma.agent.loading.names import MODELS, check_models, check_row
 from karma.bench.engine.experiment import MOST_SEEDS, Experiment
 from karma.errors import FileError, KarmaError, did_you_mean
@@ -212,7 +212,7 @@ def _rows_meant(name: str, rows: Sequence[str]) -> str:
 
 
 def _general(parts: Sequence[str]) -> str:
-    """Return a key as `karma.agent.journal.told` has it: without the row's name."""
+    """Return a key as `karma.agent.journal.header` has it: without the row's name."""
     return ".".join((parts[0], *parts[2:]) if parts[0] == "rows" else parts)
 
 

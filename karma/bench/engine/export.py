@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET  # written only
 
-from karma.agent.journal.not_run import NotRun
 from karma.agent.journal.owned_folder import kind_in
-from karma.agent.journal.records import EpisodeRecord
+from karma.agent.journal.records import EpisodeRecord, NotRun
 from karma.agent.journal.run_folder import RunData, read_run
 from karma.bench.engine.sweep_folder import SweptCell, read_sweep
 from karma.bench.figures.metrics import METRICS, episodes_of

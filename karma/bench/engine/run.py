@@ -4,10 +4,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from karma.agent.journal.folder import locked
 from karma.agent.journal.header import EPISODES
-from karma.agent.journal.not_run import IN_A_ROW, NotRun
-from karma.agent.journal.records import Key, key_of
+from karma.agent.journal.owned_folder import locked
+from karma.agent.journal.records import IN_A_ROW, Key, NotRun, key_of
 from karma.bench.engine.benchmark_runs import BenchmarkSuite, benchmark_suite
 from karma.bench.engine.experiment_file import Changes, kind_of
 from karma.bench.engine.our_tasks import OurTasks, our_tasks

@@ -11,8 +11,7 @@ from typing import Any, ClassVar, Protocol
 
 import msgspec
 
-from karma.agent.journal.not_run import NotRun
-from karma.agent.journal.records import Key
+from karma.agent.journal.records import Key, NotRun
 from karma.agent.journal.run_folder import Finished
 from karma.agent.loading.models import Models, Row, check_asked, language_model
 from karma.bench.engine.experiment_file import DataFolders

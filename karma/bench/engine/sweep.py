@@ -19,11 +19,9 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from karma.agent.journal.folder import locked
 from karma.agent.journal.header import CELLS, TABLE
-from karma.agent.journal.not_run import in_words
-from karma.agent.journal.owned_folder import MARK, SWEEP, OwnedFolder, kind_in
-from karma.agent.journal.records import EpisodeRecord
+from karma.agent.journal.owned_folder import MARK, SWEEP, OwnedFolder, kind_in, locked
+from karma.agent.journal.records import EpisodeRecord, in_words
 from karma.agent.journal.run_folder import RunFolder
 from karma.agent.journal.steps import slug
 from karma.bench.engine.experiment_file import Changes, Setting, read_experiment

@@ -4,10 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from karma.agent.journal.folder import replace_file
 from karma.agent.journal.formats import UNKNOWN, figure_text
 from karma.agent.journal.header import CELLS, TABLE
-from karma.agent.journal.owned_folder import HEADER, SWEEP
+from karma.agent.journal.owned_folder import HEADER, SWEEP, replace_file
 from karma.agent.journal.records import ALL
 from karma.agent.journal.run_folder import RunData, read_run
 from karma.bench.figures.columns import COLUMNS, Figures, figures

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import msgspec
 
 from karma.agent.journal.header import Header
-from karma.agent.journal.not_run import NotRun
 from karma.agent.journal.provenance import (
     model_hashes,
     parts_of_planner,
@@ -24,6 +23,7 @@ from karma.agent.journal.provenance import (
     scene_hashes,
     versions,
 )
+from karma.agent.journal.records import NotRun
 from karma.agent.loading.models import Models, Row
 from karma.bench.engine.experiment_file import DataFolders
 from karma.bench.engine.experiment_tasks import scene_path

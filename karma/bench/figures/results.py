@@ -4,12 +4,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from karma.agent.journal.folder import changed
 from karma.agent.journal.formats import figure_text
-from karma.agent.journal.not_run import in_words
+from karma.agent.journal.header import all_apart, read_config, rows_apart, told_apart
+from karma.agent.journal.owned_folder import changed
+from karma.agent.journal.records import in_words
 from karma.agent.journal.run_folder import RunData, read_run
 from karma.agent.journal.steps import read_steps, steps_path
-from karma.agent.journal.told import all_apart, read_config, rows_apart, told_apart
 from karma.bench.figures.columns import COLUMNS, figures_of
 from karma.bench.figures.compare import Arm, Comparison, arm_of, compare_kinds, rows_of
 from karma.bench.figures.counterfactual import LOTA_ROW, OFF_ROW, reductions

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from itertools import islice, product
 
 from karma.agent.goals.goals import Meanings, alternatives, object_names
-from karma.agent.goals.matching import linked
+from karma.agent.goals.objects import linked
 from karma.agent.planning.expert import ExpertView, NamedThing
 from karma.contracts import Goal, TrueObject, Truth
 from karma.household.ids import is_id, is_position, part_id, whole_id

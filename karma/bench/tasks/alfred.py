@@ -25,7 +25,7 @@ from typing import Literal
 
 import msgspec
 
-from karma.agent.loading.demonstrations import plain, sentences_in
+from karma.agent.loading.alfred_sentences import plain, sentences_in
 from karma.contracts import Goal, SceneRef, SubTask, Task
 from karma.errors import FileError, KarmaError
 from karma.files import read_json, to_json

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 
-from karma.agent.goals.files import load_tasks
-from karma.agent.loading.demonstrations import plain
-from karma.agent.loading.said_requests import load_texts
+from karma.agent.goals.files import load_tasks, load_texts
+from karma.agent.loading.alfred_sentences import plain
 from karma.bench.tasks.authors import load_authors_tasks
 from karma.language.lexemes import unseen_lexemes
 

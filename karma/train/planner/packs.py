@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from karma.agent.goals.files import SaidRequest
 from karma.agent.loading.alfred_sentences import Sentence, StepSentence
-from karma.agent.loading.said_requests import SaidRequest
 from karma.bench.drawing.memories import KnownRoom, Rng, pick
 from karma.bench.drawing.phrases import Book
 from karma.seeds import stream

@@ -11,8 +11,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from karma.agent.journal.formats import figure_text
-from karma.agent.loading.alfred_sentences import GoalFacts, Sentence, facts_of
-from karma.agent.loading.demonstrations import plain
+from karma.agent.loading.alfred_sentences import GoalFacts, Sentence, facts_of, plain
 from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import compact
 from karma.bench.drawing.memories import KnownRoom

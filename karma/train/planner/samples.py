@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 from karma.agent.loading.alfred_sentences import Sentence, StepSentence, program_of
 from karma.agent.planning.expert import ExpertView, NamedThing
-from karma.agent.planning.plain_programs import plain_program
+from karma.agent.planning.goal_lines import plain_program
 from karma.agent.planning.prompt import compact
 from karma.bench.drawing.memories import (
     KnownRoom,

@@ -11,6 +11,7 @@ from itertools import islice
 from pathlib import Path
 
 from karma import registry
+from karma.agent.goals.files import load_said
 from karma.agent.loading.alfred_sentences import (
     Sentence,
     StepSentence,
@@ -19,7 +20,6 @@ from karma.agent.loading.alfred_sentences import (
     read_steps,
 )
 from karma.agent.loading.planner_files import WORDS
-from karma.agent.loading.said_requests import load_said
 from karma.bench.drawing.memories import KnownRoom, generated_rooms, imported_rooms, room_of
 from karma.bench.drawing.phrases import Book, our_book, with_alfred
 from karma.files import read_json, to_json, write_atomic

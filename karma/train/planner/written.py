@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
-from karma.agent.loading.said_requests import SaidRequest
+from karma.agent.goals.files import SaidRequest
 from karma.agent.planning.expert import ExpertView
-from karma.agent.planning.plain_programs import plain_program
+from karma.agent.planning.goal_lines import plain_program
 from karma.bench.drawing.memories import KnownRoom, Rng, pick
 from karma.bench.drawing.requests import suits
 from karma.contracts import Goal, MemoryUnit, PlanRequest, RefusedRequest

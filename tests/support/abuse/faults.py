@@ -181,7 +181,7 @@ def _killed_run(place: Path, rng: random.Random, *options: str) -> None:
 
 def until_free(folder: Path) -> None:
     """Wait until a killed run's workers are gone, which hold its lock no longer than they live."""
-    from karma.agent.journal.folder import locked
+    from karma.agent.journal.owned_folder import locked
     from karma.errors import KarmaError
 
     until = time.monotonic() + _PATIENCE_S

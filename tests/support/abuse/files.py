@@ -47,7 +47,7 @@ def _authors(path: Path) -> object:
 
 
 def _requests(path: Path) -> object:
-    from karma.agent.loading.said_requests import load_texts
+    from karma.agent.goals.files import load_texts
 
     return load_texts(path)
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 
 from karma.agent.body.skills import Skills
-from karma.agent.loading.examples import ExampleMemory
+from karma.agent.loading.planner_files import ExampleMemory
 from karma.agent.options import settings_of
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program

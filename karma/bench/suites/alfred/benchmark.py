@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from karma.agent.journal.not_run import NotRun
+from karma.agent.journal.records import NotRun
 from karma.bench.engine.suite import BenchmarkResults, Chain, Play, planner_of
 from karma.bench.rows.lota.method import chooser_of
 from karma.bench.suites.alfred.experiment import EbExperiment, EbRow, LotaExperiment

@@ -5,7 +5,7 @@ from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
-from karma.agent.journal.not_run import NotRun
+from karma.agent.journal.records import NotRun
 from karma.bench.suites.alfred.eb_planner import PlannerAnswer, PlannerPlayer
 from karma.bench.suites.alfred.experiment import EbRow, LotaRow
 from karma.bench.suites.alfred.lota_planner import GeneratedPlayer, LotaAnswer, ScoredPlayer

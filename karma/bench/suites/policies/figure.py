@@ -15,11 +15,9 @@ from typing import Any, Literal, Self
 import msgspec
 
 from karma import __version__
-from karma.agent.journal.folder import changed
 from karma.agent.journal.header import ALWAYS, RESULTS
-from karma.agent.journal.not_run import NotRun
-from karma.agent.journal.owned_folder import HEADER, OwnedFolder, check_sealed
-from karma.agent.journal.records import PlayedTiming
+from karma.agent.journal.owned_folder import HEADER, OwnedFolder, changed, check_sealed
+from karma.agent.journal.records import NotRun, PlayedTiming
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.loading.models import Models, Row
 from karma.bench.engine.experiment_file import beside

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import msgspec
 
-from karma.agent.loading.demonstrations import read_demonstrations
+from karma.agent.loading.alfred_sentences import read_demonstrations
 from karma.errors import FileError, KarmaError
 from karma.household.ids import root_type
 from karma.household.pieces import base_type
