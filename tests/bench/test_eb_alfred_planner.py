@@ -10,6 +10,7 @@ from support import eb_alfred as eb
 from support.paths import SHARED
 
 from karma.agent.journal.not_run import NotRun
+from karma.bench.suites.alfred.benchmark import AlfredStage, play
 from karma.bench.suites.alfred.eb_planner import (
     LONGEST,
     PromptOptions,
@@ -18,7 +19,6 @@ from karma.bench.suites.alfred.eb_planner import (
     render_prompt,
 )
 from karma.bench.suites.alfred.experiment import EbRow
-from karma.bench.suites.alfred.play import AlfredStage, play
 from karma.bench.tasks.alfred import ListedTask
 from karma.infer.scripted import ScriptedModel
 from karma.world.alfred.facts import gather, side_files

@@ -4,8 +4,8 @@ import pytest
 from support.eb_alfred import played
 from support.paths import SHARED
 
+from karma.bench.suites.alfred.benchmark import read_rooms
 from karma.bench.suites.alfred.experiment import draw_tasks
-from karma.bench.suites.alfred.play import read_rooms
 from karma.bench.suites.alfred.players import ExpertPlayer
 from karma.world.eb_alfred.actions import LOTA_ALFRED, read_types
 from karma.world.eb_alfred.environment import Environment

@@ -15,6 +15,7 @@ from support.paths import SHARED
 from support.tiny import export_tiny
 
 from karma.agent.journal.not_run import NotRun
+from karma.bench.suites.alfred.benchmark import AlfredStage, TrialRooms, play
 from karma.bench.suites.alfred.experiment import LotaRow, draw_tasks
 from karma.bench.suites.alfred.lota_planner import (
     LotaPromptOptions,
@@ -24,7 +25,6 @@ from karma.bench.suites.alfred.lota_planner import (
     read_list,
     score_prompt,
 )
-from karma.bench.suites.alfred.play import AlfredStage, TrialRooms, play
 from karma.bench.suites.alfred.table import LOTA_TABLES, results_of
 from karma.errors import FileError
 from karma.infer.llama.model import LlamaModel

@@ -3,8 +3,8 @@
 import json
 
 from karma.agent.journal.header import EPISODES, RESULTS, TABLE
+from karma.bench.suites.alfred.benchmark import TrialRooms, read_rooms
 from karma.bench.suites.alfred.experiment import read_tasks
-from karma.bench.suites.alfred.play import TrialRooms, read_rooms
 from karma.bench.suites.alfred.players import ExpertPlayer
 from karma.world.alfred.facts import gather
 from karma.world.eb_alfred.actions import ActionTypes, read_types
