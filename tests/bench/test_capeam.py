@@ -10,8 +10,12 @@ from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
 from karma.bench.rows.baseline import likely_places
 from karma.bench.rows.capeam.frames import ProgramReader, SubGoal, expand
-from karma.bench.rows.capeam.memory import ANYWHERE, EnvironmentMemory
-from karma.bench.rows.capeam.method import CapeamMethod, CapeamSettings
+from karma.bench.rows.capeam.method import (
+    ANYWHERE,
+    CapeamMethod,
+    CapeamSettings,
+    EnvironmentMemory,
+)
 from karma.contracts import (
     Outcome,
     Plan,
