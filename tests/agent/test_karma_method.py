@@ -1,9 +1,7 @@
 """KARMA's episode: what goes from memory into the prompt, and from experience into memory."""
 
-import hashlib
-
-import numpy as np
 import pytest
+from support.experiences import Words
 from support.household import bring, find, kitchen
 
 from karma.agent.karma import KarmaMethod, KarmaSettings
@@ -27,19 +25,6 @@ CUT = (
     "Explore(robot, 'Knife', ['node_3'])\nGoToObject(robot, 'Knife')\n"
     "PickupObject(robot, 'Knife')\nGoToObject(robot, 'Apple')\nSliceObject(robot, 'Apple')\n"
 )
-
-
-class Words:
-    """An embedder of words: texts that share words are near each other."""
-
-    name, dimension = "words", 64
-
-    def embed(self, texts):
-        rows = np.full((len(texts), self.dimension), 0.01, dtype=np.float32)
-        for row, text in zip(rows, texts, strict=True):
-            for word in text.lower().split():
-                row[hashlib.blake2b(word.encode(), digest_size=1).digest()[0] % 64] += 1
-        return rows / np.linalg.norm(rows, axis=1, keepdims=True)
 
 
 def remembered(episode, kind):

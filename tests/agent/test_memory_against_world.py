@@ -8,9 +8,9 @@ import random
 from dataclasses import replace
 
 import pytest
+from support.experiences import Words
 from support.household import kitchen
 from support.paths import ROOT
-from test_karma_method import Words
 
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner

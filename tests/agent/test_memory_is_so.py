@@ -2,8 +2,8 @@
 
 import msgspec
 import pytest
+from support.experiences import Words
 from support.household import kitchen
-from test_karma_method import Words
 
 from karma import Agent
 from karma.agent.karma import KarmaMethod, KarmaSettings

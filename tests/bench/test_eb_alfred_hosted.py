@@ -4,12 +4,11 @@ import json
 import re
 
 import pytest
-from support.eb_alfred import run_files
+from support.eb_alfred import finished
 from support.hosted_server import plant_key, wire_server
 from typer.testing import CliRunner
 
 from karma.agent.journal.header import TABLE
-from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.infer.hosted.cassette import Cassette
 from karma.world.eb_alfred.actions import PUT
@@ -29,11 +28,6 @@ dialect = "plain"
 @pytest.fixture(autouse=True)
 def planted_key(monkeypatch):
     plant_key(monkeypatch)
-
-
-def finished(path, folder, workers=1, **more):
-    run = Run(path, folder, **more)
-    return list(run.episodes(workers)), run_files(folder)
 
 
 def household(path, body, headers):

@@ -5,7 +5,7 @@ import re
 
 import pytest
 from support import alfred_kitchen as ours
-from support.eb_alfred import run_files
+from support.eb_alfred import finished
 from support.hosted_server import plant_key, wire_server
 from support.lota_alfred import FETCH, STOW, trial
 from support.tiny import export_tiny
@@ -79,11 +79,6 @@ def lota(experiment, tmp_path):
         return path
 
     return write
-
-
-def finished(path, folder, workers=1, **more):
-    run = Run(path, folder, **more)
-    return list(run.episodes(workers)), run_files(folder)
 
 
 def test_run_of_a_model_gives_equal_bytes_with_two_workers(lota, tmp_path):

@@ -5,14 +5,12 @@ import json
 import pytest
 
 from karma.agent.journal.header import EPISODES, RESULTS, TABLE
-from karma.bench.suites.alfred.benchmark import TrialRooms, read_rooms
-from karma.bench.suites.alfred.experiment import read_tasks
-from karma.bench.suites.alfred.players import ExpertPlayer
+from karma.bench.engine.run import Run
+from karma.bench.suites.alfred.benchmark import TrialRooms
 from karma.world.alfred.facts import gather
-from karma.world.eb_alfred.actions import ActionTypes, read_types
+from karma.world.eb_alfred.actions import ActionTypes
 from karma.world.eb_alfred.environment import Environment
 from support import alfred_kitchen as ours
-from support.paths import SHARED
 
 TYPES = ActionTypes(
     objs=("Apple", "Egg", "Knife", "Fridge", "DiningTable", "Drawer", "Pen"),
@@ -67,30 +65,10 @@ def say(env, *names):
     return [env.step(numbers[name]) for name in names][-1]
 
 
-def played(player, env):
-    """The environment after a player has played it to its end."""
-    while not env.end:
-        plan = player.plan(env)
-        if not plan:
-            env.give_up()
-            break
-        for number in plan:
-            if not env.step(number).ok or env.end:
-                break
-    return env
-
-
-def shared_half():
-    """The half's tasks, the rooms, and the lists of types; who asks is marked `shared`."""
-    lists, trials = SHARED / "data/eb_alfred", SHARED / "data/alfred/valid_seen.jsonl.gz"
-    tasks = read_tasks(lists / "splits_even.json")
-    return tasks, read_rooms(trials), read_types(lists / "action_types.json")
-
-
-def expert_result(trial, facts, types, *, strict=False):
-    """Whether the demonstration's plan reaches the goal, and what was refused on the way."""
-    env = played(ExpertPlayer(), Environment(trial, facts, types, strict=strict))
-    return env.end == "goal met", [(step.name, step.feedback) for step in env.steps if not step.ok]
+def finished(path, folder, workers=1, **more):
+    """The records of an experiment's run, and its files."""
+    run = Run(path, folder, **more)
+    return list(run.episodes(workers)), run_files(folder)
 
 
 def run_files(folder):
