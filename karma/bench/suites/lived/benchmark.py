@@ -8,10 +8,9 @@ from typing import Any, ClassVar
 from karma.agent.loading.models import filled
 from karma.bench.engine.suite import BenchmarkResults, Chain, Play
 from karma.bench.suites.lived.experiment import LivedExperiment
-from karma.bench.suites.lived.forms import FORMS
 from karma.bench.suites.lived.play import HomeLife
 from karma.bench.suites.lived.reading import Reader
-from karma.bench.suites.lived.request import LivedRecord
+from karma.bench.suites.lived.request import FORMS, LivedRecord
 from karma.bench.suites.lived.table import (
     figures_of,
     kinds_sheet,

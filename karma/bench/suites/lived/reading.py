@@ -7,7 +7,7 @@ import re
 from dataclasses import replace
 from functools import cache
 
-from karma.bench.suites.lived.forms import request_forms
+from karma.bench.suites.lived.request import request_forms
 from karma.contracts import Asked, Embedder, HomeQuestion, Meaning, SaidThing
 from karma.errors import KarmaError
 from karma.household.places import ROOMS
