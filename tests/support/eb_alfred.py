@@ -65,6 +65,14 @@ def say(env, *names):
     return [env.step(numbers[name]) for name in names][-1]
 
 
+def hosted(url, *rows):
+    """Rows of an experiment that ask one hosted model."""
+    return "".join(f"[[rows]]\n{row}\n" for row in rows) + (
+        '[models]\nplanner = "openai"\n[models.hosted.planner]\n'
+        f'base_url = "{url}"\nmodel = "m"\ndialect = "plain"\nretries = 0\n'
+    )
+
+
 def finished(path, folder, workers=1, **more):
     """The records of an experiment's run, and its files."""
     run = Run(path, folder, **more)
@@ -79,12 +87,7 @@ def run_files(folder):
 @pytest.fixture
 def experiment(tmp_path, monkeypatch):
     """A function that writes an experiment over our kitchen and returns its path."""
-    shared = tmp_path / "ref"
-    (shared / "data/alfred").mkdir(parents=True)
-    (shared / "data/thor5").mkdir()
-    ours.write(shared / "data/thor5/scenes.jsonl.gz", ours.dump())
-    ours.write(shared / "data/alfred/layouts.json.gz", ours.layout())
-    monkeypatch.setenv("KARMA_SHARED", str(shared))
+    monkeypatch.setenv("KARMA_SHARED", str(ours.reference(tmp_path / "ref")))
     types, trials = types_file(tmp_path), ours.write(tmp_path / "trials.jsonl", ours.trial())
     published = tmp_path / "published.csv"
     published.write_text("model,subset,score\nDeep Thought,average,42\nDeep Thought,base,41.5\n")
