@@ -96,8 +96,8 @@ class HomeTracer:
         self._now: dict[str, TracedThing] = {}
         self._objects: Objects | None = None
         self._held: frozenset[str] = frozenset()
-        self._note_things(0.0)
         self.follow(household, robot)
+        self._note_things(0.0)
 
     def follow(self, household: Household, robot: HomeRobot) -> None:
         """Go on with a fork of the home."""
