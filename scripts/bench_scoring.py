@@ -28,9 +28,9 @@ from support.every_score import every_score
 from support.naive_scoring import PLACES, THINGS, Naive, lines, tokens_of
 
 from karma.bench.engine.experiment_file import beside
+from karma.bench.suites.alfred.benchmark import read_rooms
 from karma.bench.suites.alfred.experiment import draw_tasks
 from karma.bench.suites.alfred.lota_planner import LotaPromptOptions, followed, score_prompt
-from karma.bench.suites.alfred.play import read_rooms
 from karma.bench.suites.alfred.players import ExpertPlayer
 from karma.contracts import Choice
 from karma.infer.llama.gguf_model import GgufModel

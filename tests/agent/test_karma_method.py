@@ -1,8 +1,8 @@
 """KARMA's episode: what goes from memory into the prompt, and from experience into memory."""
 
 import pytest
+from support.experiences import Words
 from support.household import bring, find, kitchen
-from support.report_run import Words
 
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner

@@ -2,8 +2,8 @@
 
 import msgspec
 import pytest
+from support.experiences import Words
 from support.household import kitchen
-from support.report_run import Words
 
 from karma import Agent
 from karma.agent.karma import KarmaMethod, KarmaSettings

@@ -2,8 +2,8 @@
 
 import pytest
 from support import tiny_models
+from support.experiences import Words
 from support.household import kitchen
-from support.report_run import Words
 
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.loading.models import Models, load_resources, world_maker

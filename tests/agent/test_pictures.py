@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.experiences import Words
 from support.household import kitchen
-from support.report_run import Words
 
 from karma.agent.body.sightings import Sightings
 from karma.agent.experience import keep, look_at, png

@@ -48,12 +48,7 @@ def planner(tmp_path_factory):
 @pytest.fixture
 def write(tmp_path, monkeypatch, planner):
     """A function that writes an experiment over our kitchen and returns its path."""
-    shared = tmp_path / "ref"
-    for folder in ("alfred", "thor5"):
-        (shared / "data" / folder).mkdir(parents=True)
-    ours.write(shared / "data/thor5/scenes.jsonl.gz", ours.dump())
-    ours.write(shared / "data/alfred/layouts.json.gz", ours.layout())
-    monkeypatch.setenv("KARMA_SHARED", str(shared))
+    monkeypatch.setenv("KARMA_SHARED", str(ours.reference(tmp_path / "ref")))
     trial = {**ours.trial(), "turk_annotations": SAID}
     ours.write(tmp_path / "trials.jsonl.gz", trial)
     trained = [{"task_desc": "put the apple in the FRIDGE", "high_descs": ["Go to the table"]}]

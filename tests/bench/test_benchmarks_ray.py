@@ -132,11 +132,8 @@ def cluster(theirs, plugin):
 
 def write_data(shared):
     """Reference data with our kitchen; its demonstration, lists and room."""
-    data = shared / "data"
-    for name in ("alfred", "thor5", "eb"):
-        (data / name).mkdir(parents=True, exist_ok=True)
-    ours.write(data / "thor5/scenes.jsonl.gz", ours.dump())
-    ours.write(data / "alfred/layouts.json.gz", ours.layout())
+    data = ours.reference(shared) / "data"
+    (data / "eb").mkdir(exist_ok=True)
     eb.types_file(data / "eb")
     ours.write(data / "eb/trials.jsonl", ours.trial())
     told = [

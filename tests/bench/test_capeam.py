@@ -1,7 +1,7 @@
 """CAPEAM-style: programs as frames, the table, the environment memory, and a handmade kitchen."""
 
 import pytest
-from support.experiences import experience
+from support.experiences import experience, sight
 from support.household import kitchen
 
 from karma.agent.loading.alfred_sentences import GoalFacts, Sentence, facts_of, goals_of, program_of
@@ -10,14 +10,17 @@ from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
 from karma.bench.rows.baseline import likely_places
 from karma.bench.rows.capeam.frames import ProgramReader, SubGoal, expand
-from karma.bench.rows.capeam.memory import ANYWHERE, EnvironmentMemory
-from karma.bench.rows.capeam.method import CapeamMethod, CapeamSettings
+from karma.bench.rows.capeam.method import (
+    ANYWHERE,
+    CapeamMethod,
+    CapeamSettings,
+    EnvironmentMemory,
+)
 from karma.contracts import (
     Outcome,
     Plan,
     Resources,
     SceneRef,
-    SeenObject,
     SkillCall,
     SkillResult,
     SubTask,
@@ -48,55 +51,51 @@ WASH_APPLE = (
 # ----------------------------------------------------------------- frames
 
 
-def test_washing_that_ends_in_the_hand_is_one_clean_frame():
-    on = ("PickupObject(robot, 'Apple')", "PutObject(robot, 'Apple', 'CounterTop')")
-    assert frames(*FETCH_APPLE, *WASH_APPLE, *on) == [
-        ("Pickup", "Apple", ""),
-        ("Clean", "Apple", "Sink"),
-        ("Put", "Apple", "CounterTop"),
-    ]
+PUT_AWAY = ("PutObject(robot, 'Apple', 'Fridge')", "CloseObject(robot, 'Fridge')")
+TAKE_OUT = ("OpenObject(robot, 'Fridge')", "PickupObject(robot, 'Apple')")
+TAKE = ("Pickup", "Apple", "")
+MEANT = {
+    "washing that ends in the hand is one clean frame": (
+        (*FETCH_APPLE, *WASH_APPLE, TAKE_OUT[1], "PutObject(robot, 'Apple', 'CounterTop')"),
+        [TAKE, ("Clean", "Apple", "Sink"), ("Put", "Apple", "CounterTop")],
+    ),
+    "washing that leaves the thing in the sink puts it back": (
+        (*FETCH_APPLE, *WASH_APPLE), [TAKE, ("Clean", "Apple", "Sink"), ("Put", "Apple", "Sink")]
+    ),
+    "putting into a sink without the tap is only putting": (
+        (*FETCH_APPLE, *WASH_APPLE[:2]), [TAKE, ("Put", "Apple", "Sink")]
+    ),
+    "a fridge does not cool what stays in it": (
+        (*FETCH_APPLE, *PUT_AWAY), [TAKE, ("Put", "Apple", "Fridge")]
+    ),
+    "a fridge cools what is taken out again": (
+        (*FETCH_APPLE, *PUT_AWAY, *TAKE_OUT), [TAKE, ("Cool", "Apple", "Fridge")]
+    ),
+    "a cut fetches a knife and frees the hand of it": (
+        ("SliceObject(robot, 'Bread')", "PickupObject(robot, 'Bread')"),
+        [("Pickup", "Knife", ""), ("Slice", "Bread", ""), ("Put", "Knife", ""),
+         ("Pickup", "Bread", "")],
+    ),
+    "frames of one chain speak of one object": (
+        (*FETCH_APPLE, "PutObject(robot, 'Tomato', 'Fridge')"), [TAKE, ("Put", "Apple", "Fridge")]
+    ),
+    "throwing away is putting into the garbage can": (
+        (*FETCH_APPLE, "ThrowObject(robot, 'Apple')"), [TAKE, ("Put", "Apple", "GarbageCan")]
+    ),
+    "taking out of what was opened names the place": (
+        (TAKE_OUT[0], *FETCH_APPLE, "CloseObject(robot, 'Fridge')"), [("Pickup", "Apple", "Fridge")]
+    ),
+}  # fmt: skip
 
 
-def test_washing_that_leaves_the_thing_in_the_sink_puts_it_back():
-    assert frames(*FETCH_APPLE, *WASH_APPLE)[1:] == [
-        ("Clean", "Apple", "Sink"),
-        ("Put", "Apple", "Sink"),
-    ]
-
-
-def test_putting_into_a_sink_without_the_tap_is_only_putting():
-    assert frames(*FETCH_APPLE, *WASH_APPLE[:2])[1:] == [("Put", "Apple", "Sink")]
-
-
-def test_fridge_cools_only_what_is_taken_out_again():
-    put = ("PutObject(robot, 'Apple', 'Fridge')", "CloseObject(robot, 'Fridge')")
-    out = ("OpenObject(robot, 'Fridge')", "PickupObject(robot, 'Apple')")
-    assert frames(*FETCH_APPLE, *put)[1:] == [("Put", "Apple", "Fridge")]
-    assert frames(*FETCH_APPLE, *put, *out)[1:] == [("Cool", "Apple", "Fridge")]
-
-
-def test_cut_fetches_a_knife_and_frees_the_hand_of_it():
-    lines = ("SliceObject(robot, 'Bread')", "PickupObject(robot, 'Bread')")
-    assert frames(*lines) == [
-        ("Pickup", "Knife", ""),
-        ("Slice", "Bread", ""),
-        ("Put", "Knife", ""),
-        ("Pickup", "Bread", ""),
-    ]
+@pytest.mark.parametrize("case", MEANT)
+def test_program_is_read_as_frames(case):
+    lines, wanted = MEANT[case]
+    assert frames(*lines) == wanted
 
 
 def test_hand_that_is_full_at_the_start_is_freed():
-    assert frames(*FETCH_APPLE, held="Pan") == [("Put", "Pan", ""), ("Pickup", "Apple", "")]
-
-
-def test_frames_of_one_chain_speak_of_one_object():
-    lines = (*FETCH_APPLE, "PutObject(robot, 'Tomato', 'Fridge')")
-    assert frames(*lines)[-1] == ("Put", "Apple", "Fridge")
-
-
-def test_throwing_away_is_putting_into_the_garbage_can():
-    lines = (*FETCH_APPLE, "ThrowObject(robot, 'Apple')")
-    assert frames(*lines)[-1] == ("Put", "Apple", "GarbageCan")
+    assert frames(*FETCH_APPLE, held="Pan") == [("Put", "Pan", ""), TAKE]
 
 
 @pytest.mark.parametrize(
@@ -110,11 +109,6 @@ def test_throwing_away_is_putting_into_the_garbage_can():
 )
 def test_what_no_frame_says_is_reported(lines, unsupported):
     assert [call.skill for call in ProgramReader(program(*lines)).unsupported] == unsupported
-
-
-def test_taking_out_of_what_was_opened_names_the_place():
-    lines = ("OpenObject(robot, 'Fridge')", *FETCH_APPLE, "CloseObject(robot, 'Fridge')")
-    assert frames(*lines) == [("Pickup", "Apple", "Fridge")]
 
 
 @pytest.mark.parametrize("task", ["look", "simple", "stack", "clean", "cool", "heat", "two"])
@@ -137,22 +131,26 @@ def skills(*steps):
     return [(step.skill.removesuffix("Object"), *step.objects) for step in steps]
 
 
-def test_table_expands_heating():
-    assert skills(*expand(SubGoal(action="Heat", thing="Egg", place="Microwave"))) == [
-        ("Open", "Microwave"), ("Put", "Egg", "Microwave"), ("Close", "Microwave"),
-        ("ToggleOn", "Microwave"), ("ToggleOff", "Microwave"),
-        ("Open", "Microwave"), ("Pickup", "Egg"), ("Close", "Microwave"),
-    ]  # fmt: skip
-
-
-def test_table_expands_cooling_and_cleaning():
-    assert skills(*expand(SubGoal(action="Cool", thing="Egg", place="Fridge"))) == [
-        ("Open", "Fridge"), ("Put", "Egg", "Fridge"), ("Close", "Fridge"),
-        ("Open", "Fridge"), ("Pickup", "Egg"), ("Close", "Fridge"),
-    ]  # fmt: skip
-    assert skills(*expand(SubGoal(action="Clean", thing="Egg", place="Sink"))) == [
-        ("Put", "Egg", "Sink"), ("ToggleOn", "Faucet"), ("ToggleOff", "Faucet"), ("Pickup", "Egg"),
-    ]  # fmt: skip
+@pytest.mark.parametrize(
+    ("action", "place", "steps"),
+    [
+        ("Heat", "Microwave", [
+            ("Open", "Microwave"), ("Put", "Egg", "Microwave"), ("Close", "Microwave"),
+            ("ToggleOn", "Microwave"), ("ToggleOff", "Microwave"),
+            ("Open", "Microwave"), ("Pickup", "Egg"), ("Close", "Microwave"),
+        ]),
+        ("Cool", "Fridge", [
+            ("Open", "Fridge"), ("Put", "Egg", "Fridge"), ("Close", "Fridge"),
+            ("Open", "Fridge"), ("Pickup", "Egg"), ("Close", "Fridge"),
+        ]),
+        ("Clean", "Sink", [
+            ("Put", "Egg", "Sink"), ("ToggleOn", "Faucet"), ("ToggleOff", "Faucet"),
+            ("Pickup", "Egg"),
+        ]),
+    ],
+)  # fmt: skip
+def test_table_expands_what_changes_a_thing(action, place, steps):
+    assert skills(*expand(SubGoal(action=action, thing="Egg", place=place))) == steps
 
 
 def test_taking_out_is_wrapped_only_when_the_thing_is_shut_in():
@@ -170,14 +168,6 @@ def test_putting_is_wrapped_where_the_type_must_be_open():
 
 
 # ----------------------------------------------------------------- memory and prior
-
-
-def sight(kind, x, z=0.0, **more):
-    at = (x, 1.0, z)
-    return SeenObject(
-        object_id=f"{kind}|{x}|{z}", object_type=kind, position_m=at, box_center_m=at,
-        box_size_m=(0.1, 0.1, 0.1), pickupable=True, **more,
-    )  # fmt: skip
 
 
 def remembering(*sights):

@@ -4,26 +4,13 @@ import json
 import re
 
 import pytest
-from support.eb_alfred import run_files
+from support.eb_alfred import hosted, run_files
 from support.hosted_server import chat, plant_key, wire_server
 
 from karma.bench.engine.run import Run
 from karma.bench.suites.alfred.players import KEPT
 
-ROWS = """
-[[rows]]
-name = "hosted"
-[[rows]]
-name = "hosted, strict"
-strict = true
-[models]
-planner = "openai"
-[models.hosted.planner]
-base_url = "{url}"
-model = "m"
-dialect = "plain"
-retries = 0
-"""
+ROWS = ('name = "hosted"', 'name = "hosted, strict"\nstrict = true')
 MEGABYTES = 2_000_000
 TASKS = {
     "base": [
@@ -73,7 +60,7 @@ def test_everything_that_is_wrong_is_counted_or_named_and_the_run_goes_on(
 ):
     plant_key(monkeypatch)
     with wire_server(answer) as (url, _):
-        path = experiment(ROWS.format(url=url), tasks=TASKS)
+        path = experiment(hosted(url, *ROWS), tasks=TASKS)
         records = list(Run(path, tmp_path / "a").episodes(workers))
     assert keep.setdefault("files", run_files(tmp_path / "a")) == run_files(tmp_path / "a")
     assert len(records) == 2 * len(TASKS["base"])

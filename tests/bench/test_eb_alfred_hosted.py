@@ -4,36 +4,21 @@ import json
 import re
 
 import pytest
-from support.eb_alfred import run_files
-from support.hosted_server import plant_key, wire_server
+from support.eb_alfred import finished, hosted
+from support.hosted_server import chat, plant_key, wire_server
 from typer.testing import CliRunner
 
 from karma.agent.journal.header import TABLE
-from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.infer.hosted.cassette import Cassette
 from karma.world.eb_alfred.actions import PUT
 
-HOSTED = """
-[[rows]]
-name = "hosted"
-[models]
-planner = "openai"
-[models.hosted.planner]
-base_url = "{url}"
-model = "m"
-dialect = "plain"
-"""
+ROW = 'name = "hosted"'
 
 
 @pytest.fixture(autouse=True)
 def planted_key(monkeypatch):
     plant_key(monkeypatch)
-
-
-def finished(path, folder, workers=1, **more):
-    run = Run(path, folder, **more)
-    return list(run.episodes(workers)), run_files(folder)
 
 
 def household(path, body, headers):
@@ -45,10 +30,8 @@ def household(path, body, headers):
     if "putting it at" in prompt:
         names = ["find a Fridge", "open the Fridge", PUT]
     plan = [{"action_id": int(numbers[name]), "action_name": name} for name in names]
-    said = {"role": "assistant", "content": json.dumps({"executable_plan": plan})}
-    choice = {"index": 0, "message": said, "finish_reason": "stop"}
     usage = {"prompt_tokens": 9, "completion_tokens": 9, "total_tokens": 18}
-    return 200, {}, json.dumps({"choices": [choice], "usage": usage}).encode()
+    return chat(json.dumps({"executable_plan": plan}), usage=usage)
 
 
 @pytest.fixture
@@ -59,7 +42,7 @@ def answering():
 
 def test_hosted_run_is_recorded_and_replayed_to_the_byte(experiment, tmp_path, answering):
     url, seen = answering
-    path = experiment(HOSTED.format(url=url), only=["base/0", "spatial/0"])
+    path = experiment(hosted(url, ROW), only=["base/0", "spatial/0"])
     tape = Cassette(tmp_path / "tape", "record")
     records, first = finished(path, tmp_path / "a", cassette=tape)
     assert [(record.success, record.calls) for record in records] == [(True, 2), (True, 2)]
@@ -73,7 +56,7 @@ def test_hosted_run_with_pictures_sends_them_and_the_cassette_keeps_their_names(
     experiment, tmp_path, answering
 ):
     url, seen = answering
-    rows = HOSTED.format(url=url).replace("[models]", "prompt = { pictures = 1 }\n[models]", 1)
+    rows = hosted(url, f"{ROW}\nprompt = {{ pictures = 1 }}")
     path = experiment(rows, only=["base/0"])
     tape = Cassette(tmp_path / "tape", "record")
     records, first = finished(path, tmp_path / "a", cassette=tape)
@@ -90,7 +73,7 @@ def test_hosted_run_with_pictures_sends_them_and_the_cassette_keeps_their_names(
 def test_table_has_rows_of_several_runs_and_the_published_ones(experiment, tmp_path, answering):
     rows = "".join(f'[[rows]]\nname = "{one}"\nplayer = "{one}"\n' for one in ("expert", "chance"))
     finished(experiment(rows), tmp_path / "ours")
-    path = experiment(HOSTED.format(url=answering[0]), only=["base/0", "spatial/0"])
+    path = experiment(hosted(answering[0], ROW), only=["base/0", "spatial/0"])
     tape = Cassette(tmp_path / "tape", "record")
     finished(path, tmp_path / "recorded", cassette=tape)
     finished(path, tmp_path / "replayed", cassette=Cassette(tmp_path / "tape", "replay"))
@@ -109,7 +92,7 @@ def test_table_has_rows_of_several_runs_and_the_published_ones(experiment, tmp_p
 def test_table_refuses_runs_of_other_tasks(experiment, tmp_path, answering):
     rows = '[[rows]]\nname = "expert"\nplayer = "expert"\n'
     finished(experiment(rows), tmp_path / "ours")
-    path = experiment(HOSTED.format(url=answering[0]), tasks={"base": [("ours_1", "Cool it.")]})
+    path = experiment(hosted(answering[0], ROW), tasks={"base": [("ours_1", "Cool it.")]})
     finished(path, tmp_path / "other")
     command = ["table", str(tmp_path / "ours"), "--beside", str(tmp_path / "other")]
     done = CliRunner().invoke(app, command)

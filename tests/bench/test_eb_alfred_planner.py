@@ -1,30 +1,24 @@
 """EB-ALFRED's planners: what they are told, what is read out of answers, how they replan."""
 
-import gzip
 import json
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support import eb_alfred as eb
-from support.paths import SHARED
 
 from karma.agent.journal.records import NotRun
+from karma.bench.suites.alfred.benchmark import AlfredStage, play
 from karma.bench.suites.alfred.eb_planner import (
-    LONGEST,
     PromptOptions,
     examples,
     read_answer,
     render_prompt,
 )
 from karma.bench.suites.alfred.experiment import EbRow
-from karma.bench.suites.alfred.play import AlfredStage, play
 from karma.bench.tasks.alfred import ListedTask
 from karma.infer.scripted import ScriptedModel
-from karma.world.alfred.facts import gather, side_files
-from karma.world.alfred.trial import read_trials
-from karma.world.eb_alfred.actions import EB_ALFRED, PUT, read_types
-from karma.world.eb_alfred.environment import Environment
+from karma.world.eb_alfred.actions import PUT
 
 OPTIONS = PromptOptions()
 
@@ -185,24 +179,6 @@ def test_prompt_is_one_message_when_strict(tmp_path):
     assert "## Rules" in prompt.changing
 
 
-@pytest.mark.shared
-def test_examples_reach_the_goals_of_their_training_trials(tmp_path):
-    train, lists = SHARED / "data/alfred/train.jsonl.gz", SHARED / "data/eb_alfred"
-    wanted = {one.trial: one for kind in ("short", "long") for one in examples(kind)}
-    with gzip.open(train, "rb") as lines:
-        chosen = [line for line in lines if line.split(b'"')[3].decode() in wanted]
-    path = tmp_path / "chosen.jsonl"
-    path.write_bytes(b"".join(chosen))
-    trials = {trial.id: trial for trial in read_trials(path)}
-    assert trials.keys() == wanted.keys()
-    facts, types = gather(trials.values(), side_files()), read_types(lists / "action_types.json")
-    for name, trial in trials.items():
-        env = Environment(trial, facts[trial.scene.floor_plan], types)
-        eb.say(env, *wanted[name].plan)
-        assert (name, env.end, env.invalid) == (name, "goal met", 0)
-        assert {str(one) for one in env.actions[:162]} >= {*wanted[name].plan}
-
-
 # ----------------------------------------------------------------- at play
 
 
@@ -239,34 +215,6 @@ def test_planner_that_gives_no_json_is_told_so_unless_strict(tmp_path):
     assert "could not be used\nthere is no JSON object" in model.prompts[1].changing
     _, model = played(tmp_path, "no idea", empty, strict=True)
     assert model.prompts[0] == model.prompts[1]
-
-
-def test_planner_that_never_gives_json_ends_with_the_tenth_answer_and_no_step(tmp_path):
-    record, _ = played(tmp_path, *["no"] * EB_ALFRED.most_invalid)
-    assert (record.end, record.calls, record.no_json) == ("invalid actions", 10, 10)
-    assert record.steps == ()
-
-
-def test_planner_with_ten_megabytes_of_text_is_counted_and_cut_in_the_record(tmp_path):
-    record, _ = played(tmp_path, "x" * 10_000_000, plan_text())
-    assert record.answers[0].characters == 10_000_000
-    assert len(record.answers[0].text) < LONGEST
-    assert record.no_json == 1
-
-
-def test_planner_with_a_plan_of_500_actions_is_stopped_by_the_limit_of_steps(tmp_path):
-    record, _ = played(tmp_path, plan_text(*[3] * 500))
-    assert (record.end, len(record.steps), record.calls) == ("steps", EB_ALFRED.most_steps, 1)
-
-
-def test_planner_that_acts_on_a_thing_that_is_gone_is_told(tmp_path):
-    names = ("find a Egg", "open the Fridge", "pick up the Egg", "drop the object in hand")
-    record, _ = played(
-        tmp_path, plan_text(*numbers_of(tmp_path, "find a Fridge", *names[1:], "find a Pen")),
-        plan_text(),
-    )  # fmt: skip
-    assert record.steps[-1].feedback.startswith("Invalid:")
-    assert record.end == "empty plan"
 
 
 def test_planner_that_fails_is_an_error_of_its_episode(tmp_path):

@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from support.eb_alfred import run_files
+from support.eb_alfred import finished
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
@@ -12,11 +12,6 @@ from karma.bench.engine.run import Run
 from karma.bench.suites.alfred.table import EB_TABLES, figures_of
 from karma.cli import app
 from karma.errors import FileError
-
-
-def finished(path, folder, workers=1, **more):
-    run = Run(path, folder, **more)
-    return list(run.episodes(workers)), run_files(folder)
 
 
 def test_run_gives_equal_bytes_twice_and_with_two_workers(experiment, tmp_path):

@@ -1,10 +1,8 @@
 """HELPER: its example memory, object memory, inspector, locator and rectifier."""
 
-import hashlib
-
 import numpy as np
 import pytest
-from support.experiences import experience
+from support.experiences import Words, experience, sight
 from support.household import kitchen
 
 from karma.agent.loading.planner_files import ExampleMemory
@@ -24,7 +22,6 @@ from karma.contracts import (
     Plan,
     Resources,
     SceneRef,
-    SeenObject,
     SkillResult,
     SubTask,
     WorkedExample,
@@ -38,29 +35,8 @@ APPLE = "GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
 MUG = "GoToObject(robot, 'Mug')\nPickupObject(robot, 'Mug')\n"
 
 
-class Words:
-    """An embedder of words: texts that share words are near each other."""
-
-    name, dimension = "words", 64
-
-    def embed(self, texts):
-        rows = np.full((len(texts), self.dimension), 0.01, dtype=np.float32)
-        for row, text in zip(rows, texts, strict=True):
-            for word in text.lower().split():
-                row[hashlib.blake2b(word.encode(), digest_size=1).digest()[0] % 64] += 1
-        return rows / np.linalg.norm(rows, axis=1, keepdims=True)
-
-
 def call(text):
     return parse_program(text)[0]
-
-
-def sight(kind, x=1.0, states=(), parents=(), z=0.0):
-    at = (x, 1.0, z)
-    return SeenObject(
-        object_id=f"{kind}|{x}", object_type=kind, position_m=at, box_center_m=at,
-        box_size_m=(0.1, 0.1, 0.1), pickupable=True, states=states, parent_ids=parents,
-    )  # fmt: skip
 
 
 def remembering(*sights, held=None, gone=()):

@@ -11,9 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from karma import registry
-from karma.bench.suites.policies.intervals import Resampler, block_interval
 from karma.bench.suites.policies.simulate import Trace, best, simulate, simulate_with
-from karma.bench.suites.policies.sweep import run_rows, size_of, sized, sweep_of
+from karma.bench.suites.policies.sweep import (
+    Resampler,
+    block_interval,
+    run_rows,
+    size_of,
+    sized,
+    sweep_of,
+)
 from karma.errors import KarmaError, UnknownNameError
 from karma.memory.policies import Fifo
 from karma.seeds import stream

@@ -14,10 +14,16 @@ from karma.agent.journal.header import EPISODES, RESULTS, TIMINGS
 from karma.agent.journal.owned_folder import MARK
 from karma.bench.engine.experiment_file import kind_of
 from karma.bench.suites.policies.figure import TraceFigure, drawn, figure_run, read_figure
-from karma.bench.suites.policies.intervals import Bootstrapped
 from karma.bench.suites.policies.paper_claims import FigureCell, claims_of, claims_text
 from karma.bench.suites.policies.simulate import Trace
-from karma.bench.suites.policies.sweep import Exploration, PolicyRow, Sweep, explore, sized
+from karma.bench.suites.policies.sweep import (
+    Bootstrapped,
+    Exploration,
+    PolicyRow,
+    Sweep,
+    explore,
+    sized,
+)
 from karma.bench.suites.policies.tasks import alfred_pool
 from karma.bench.suites.policies.workloads import WORKLOADS
 from karma.errors import FileError, KarmaError, UnknownNameError

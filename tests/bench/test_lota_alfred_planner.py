@@ -1,6 +1,5 @@
 """LoTa-Bench's planners: what they are told, what is read out of lists, how an episode goes."""
 
-import gzip
 import json
 import random
 
@@ -15,26 +14,23 @@ from support.paths import SHARED
 from support.tiny import export_tiny
 
 from karma.agent.journal.records import NotRun
+from karma.bench.suites.alfred.benchmark import AlfredStage, TrialRooms, play
 from karma.bench.suites.alfred.experiment import LotaRow, draw_tasks
 from karma.bench.suites.alfred.lota_planner import (
     LotaPromptOptions,
-    examples,
     followed,
     list_prompt,
     read_list,
     score_prompt,
 )
-from karma.bench.suites.alfred.play import AlfredStage, TrialRooms, play
 from karma.bench.suites.alfred.table import LOTA_TABLES, results_of
 from karma.errors import FileError
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.scoring import SkillScorer
 from karma.infer.scripted import ScriptedModel
-from karma.world.alfred.facts import gather, side_files
-from karma.world.alfred.trial import TYPES_OF_TASK, read_trials
-from karma.world.eb_alfred.actions import LOTA_ALFRED, read_types, skills_of
-from karma.world.eb_alfred.environment import Environment
+from karma.world.alfred.facts import gather
+from karma.world.eb_alfred.actions import skills_of
 
 NAMES = [str(skill) for skill in skills_of(eb.TYPES)]
 OPTIONS = LotaPromptOptions()
@@ -130,30 +126,6 @@ def test_list_prompt_names_every_skill_and_ends_with_the_request():
     assert ", ".join(NAMES) in prompt.stable
     assert prompt.stable.count("Human:") == 6
     assert prompt.changing == "The request: wash it\n"
-
-
-@pytest.mark.shared
-def test_examples_reach_the_goals_of_their_training_trials_and_fail_where_they_say(tmp_path):
-    train, lists = SHARED / "data/alfred/train.jsonl.gz", SHARED / "data/eb_alfred"
-    wanted = {one.trial for one in examples()}
-    with gzip.open(train, "rb") as lines:
-        chosen = [line for line in lines if line.split(b'"')[3].decode() in wanted]
-    path = tmp_path / "chosen.jsonl"
-    path.write_bytes(b"".join(chosen))
-    trials = {one.id: one for one in read_trials(path)}
-    facts, types = gather(trials.values(), side_files()), read_types(lists / "action_types.json")
-    for one in examples():
-        own = trials[one.trial]
-        env = Environment(own, facts[own.scene.floor_plan], types, protocol=LOTA_ALFRED)
-        eb.say(env, *one.steps)
-        failed = {
-            str(place): step.feedback.removeprefix("Invalid: ").rstrip(".")
-            for place, step in enumerate(env.steps, 1)
-            if not step.ok
-        }
-        assert (one.instruction, env.goal_met, failed) == (one.instruction, True, one.failures)
-    kinds = [trials[one.trial].task_type for one in examples() if not one.failures]
-    assert sorted(kinds) == sorted({*TYPES_OF_TASK} - {"pick_two_obj_and_place"})
 
 
 # ----------------------------------------------------------------- draws

@@ -5,8 +5,8 @@ import re
 
 import pytest
 from support import alfred_kitchen as ours
-from support.eb_alfred import run_files
-from support.hosted_server import plant_key, wire_server
+from support.eb_alfred import finished, hosted
+from support.hosted_server import chat, plant_key, wire_server
 from support.lota_alfred import FETCH, STOW, trial
 from support.tiny import export_tiny
 from typer.testing import CliRunner
@@ -44,17 +44,6 @@ prompt = {{ examples = 1, max_tokens = 40 }}
 [models]
 planner = "{}"
 """
-HOSTED = """
-[[rows]]
-name = "hosted"
-player = "{}"
-[models]
-planner = "openai"
-[models.hosted.planner]
-base_url = "{}"
-model = "m"
-dialect = "plain"
-"""
 
 
 @pytest.fixture
@@ -79,11 +68,6 @@ def lota(experiment, tmp_path):
         return path
 
     return write
-
-
-def finished(path, folder, workers=1, **more):
-    run = Run(path, folder, **more)
-    return list(run.episodes(workers)), run_files(folder)
 
 
 def test_run_of_a_model_gives_equal_bytes_with_two_workers(lota, tmp_path):
@@ -144,16 +128,13 @@ def test_experiment_that_is_wrong_is_refused_and_named(lota, tmp_path, changed, 
 def listing(path, body, headers):
     """Answers with the whole list."""
     text = ", ".join(f"{n}. {step}" for n, step in enumerate((*FETCH, *STOW, "done"), 1))
-    choice = {"index": 0, "message": {"role": "assistant", "content": text}}
-    usage = {"prompt_tokens": 9, "completion_tokens": 9, "total_tokens": 18}
-    answer = {"choices": [choice | {"finish_reason": "stop"}], "usage": usage}
-    return 200, {}, json.dumps(answer).encode()
+    return chat(text, usage={"prompt_tokens": 9, "completion_tokens": 9, "total_tokens": 18})
 
 
 def test_hosted_run_writes_whole_lists_and_is_replayed_to_the_byte(lota, tmp_path, monkeypatch):
     plant_key(monkeypatch)
     with wire_server(listing) as (url, seen):
-        path = lota(HOSTED.format("generated", url))
+        path = lota(hosted(url, 'name = "hosted"\nplayer = "generated"'))
         tape = Cassette(tmp_path / "tape", "record")
         records, first = finished(path, tmp_path / "a", cassette=tape)
         assert [record.success for record in records] == [True, True]
@@ -166,6 +147,6 @@ def test_hosted_run_writes_whole_lists_and_is_replayed_to_the_byte(lota, tmp_pat
 def test_hosted_run_that_is_to_score_is_refused_and_says_what_to_take(lota, tmp_path, monkeypatch):
     plant_key(monkeypatch)
     with wire_server(listing) as (url, _):
-        path = lota(HOSTED.format("scored", url))
+        path = lota(hosted(url, 'name = "hosted"\nplayer = "scored"'))
         with pytest.raises(ModelError, match=r'hosted needs log-prob.*player = "generated"'):
             finished(path, tmp_path / "a")

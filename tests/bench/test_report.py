@@ -22,8 +22,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.chromium import chromium
 from support.paths import ROOT
-from support.replays import replay, replayed
-from support.report_run import AGENT, EVIL, EXPERT, KEYS, POURED, make_run
+from support.report_run import AGENT, EVIL, EXPERT, KEYS, POURED, make_run, replay, replayed
 from typer.testing import CliRunner
 
 from karma.agent.journal.records import EpisodeRecord, EpisodeTiming

@@ -10,8 +10,7 @@ from urllib.parse import quote
 
 import pytest
 from support.chromium import chromium
-from support.replays import replayed
-from support.report_run import AGENT, EXPERT, make_run
+from support.report_run import AGENT, EXPERT, make_run, replayed
 
 from karma.agent.journal.run_folder import read_run
 from karma.agent.journal.steps import Action, Ended, Instruction, Planned, SkillStep, Start

@@ -75,13 +75,12 @@ def lives(run):
     """(a home that was traced, one that was not, the trace, records of both)."""
     one = msgspec.convert(run.header.experiment, run.benchmark.experiment_kind)
     spec = next(spec for spec in one.specs() if spec.name == "40 %/home_070")
-    embedder, tracer = MiniLm(), HomeTracer()
+    tracer = HomeTracer()
     made = [
-        HomeLife(one, one.rows[0], spec, 0, embedder, Reader(embedder), watch)
-        for watch in (tracer, None)
+        HomeLife(one, one.rows[0], spec, 0, Reader(MiniLm()), watch) for watch in (tracer, None)
     ]
     records = [[life.day(day) for day in range(2)] for life in made]
-    return made[0], tracer.trace(), records
+    return made[0], tracer.trace, records
 
 
 def test_records_with_a_tracer_are_those_without_and_those_of_the_run(lives, run):

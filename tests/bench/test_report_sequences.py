@@ -11,8 +11,7 @@ from urllib.parse import quote
 import msgspec
 import pytest
 from support.chromium import chromium
-from support.replays import replay, replayed, scene_of
-from support.report_run import AGENT, EXPERT, SEQUENCE_KEYS, make_run
+from support.report_run import AGENT, EXPERT, SEQUENCE_KEYS, make_run, replay, replayed, scene_of
 from typer.testing import CliRunner
 
 from karma.agent.journal.records import EpisodeRecord

@@ -147,3 +147,12 @@ def beside(folder):
         dumps=write(folder / "dump.jsonl.gz", dump()),
         layouts=write(folder / "layouts.json", layout()),
     )
+
+
+def reference(folder):
+    """Write the reference data of our kitchen below a folder, which is returned."""
+    for name, data in (("thor5/scenes.jsonl.gz", dump()), ("alfred/layouts.json.gz", layout())):
+        path = folder / "data" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(path, data)
+    return folder

@@ -2,15 +2,15 @@
 
 import json
 
+import pytest
+
 from karma.agent.journal.header import EPISODES, RESULTS, TABLE
-from karma.bench.suites.alfred.experiment import read_tasks
-from karma.bench.suites.alfred.play import TrialRooms, read_rooms
-from karma.bench.suites.alfred.players import ExpertPlayer
+from karma.bench.engine.run import Run
+from karma.bench.suites.alfred.benchmark import TrialRooms
 from karma.world.alfred.facts import gather
-from karma.world.eb_alfred.actions import ActionTypes, read_types
+from karma.world.eb_alfred.actions import ActionTypes
 from karma.world.eb_alfred.environment import Environment
 from support import alfred_kitchen as ours
-from support.paths import SHARED
 
 TYPES = ActionTypes(
     objs=("Apple", "Egg", "Knife", "Fridge", "DiningTable", "Drawer", "Pen"),
@@ -65,32 +65,51 @@ def say(env, *names):
     return [env.step(numbers[name]) for name in names][-1]
 
 
-def played(player, env):
-    """The environment after a player has played it to its end."""
-    while not env.end:
-        plan = player.plan(env)
-        if not plan:
-            env.give_up()
-            break
-        for number in plan:
-            if not env.step(number).ok or env.end:
-                break
-    return env
+def hosted(url, *rows):
+    """Rows of an experiment that ask one hosted model."""
+    return "".join(f"[[rows]]\n{row}\n" for row in rows) + (
+        '[models]\nplanner = "openai"\n[models.hosted.planner]\n'
+        f'base_url = "{url}"\nmodel = "m"\ndialect = "plain"\nretries = 0\n'
+    )
 
 
-def shared_half():
-    """The half's tasks, the rooms, and the lists of types; who asks is marked `shared`."""
-    lists, trials = SHARED / "data/eb_alfred", SHARED / "data/alfred/valid_seen.jsonl.gz"
-    tasks = read_tasks(lists / "splits_even.json")
-    return tasks, read_rooms(trials), read_types(lists / "action_types.json")
-
-
-def expert_result(trial, facts, types, *, strict=False):
-    """Whether the demonstration's plan reaches the goal, and what was refused on the way."""
-    env = played(ExpertPlayer(), Environment(trial, facts, types, strict=strict))
-    return env.end == "goal met", [(step.name, step.feedback) for step in env.steps if not step.ok]
+def finished(path, folder, workers=1, **more):
+    """The records of an experiment's run, and its files."""
+    run = Run(path, folder, **more)
+    return list(run.episodes(workers)), run_files(folder)
 
 
 def run_files(folder):
     """All that must be the same in every run."""
     return {name: (folder / name).read_bytes() for name in (EPISODES, RESULTS, TABLE)}
+
+
+@pytest.fixture
+def experiment(tmp_path, monkeypatch):
+    """A function that writes an experiment over our kitchen and returns its path."""
+    monkeypatch.setenv("KARMA_SHARED", str(ours.reference(tmp_path / "ref")))
+    types, trials = types_file(tmp_path), ours.write(tmp_path / "trials.jsonl", ours.trial())
+    published = tmp_path / "published.csv"
+    published.write_text("model,subset,score\nDeep Thought,average,42\nDeep Thought,base,41.5\n")
+
+    def write(rows=ROWS, *, tasks=None, **changed):
+        lists = {
+            "base": [("ours_1", "Put the apple into the fridge."), ("ours_1", "Cool some fruit.")],
+            "spatial": [("ours_1", "The apple goes into the fridge."), ("ours_1", "Chill it.")],
+        }
+        given = {
+            name: [
+                {"task": f"x/{one}", "repeat_idx": 0, "instruction": text} for one, text in found
+            ]
+            for name, found in (tasks or lists).items()
+        }
+        (tmp_path / "splits.json").write_text(json.dumps(given))
+        fields = {
+            "name": "x", "benchmark": "eb_alfred", "tasks": str(tmp_path / "splits.json"),
+            "types": str(types), "trials": str(trials), "published": str(published), **changed,
+        }  # fmt: skip
+        path = tmp_path / "x.toml"
+        path.write_text("".join(f"{k} = {json.dumps(v)}\n" for k, v in fields.items()) + rows)
+        return path
+
+    return write

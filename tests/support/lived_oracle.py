@@ -6,7 +6,7 @@ against the forms, times are computed anew, and where things are is replayed fro
 
 import re
 
-from karma.bench.suites.lived.forms import request_forms
+from karma.bench.suites.lived.request import request_forms
 from karma.household.types import in_words, object_types
 from tests.support.lived import DAY_S, HOUR_S
 

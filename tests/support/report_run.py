@@ -13,6 +13,8 @@ from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.bench.engine.episode import run_episode
 from karma.bench.figures.columns import added_up
+from karma.bench.report.episodes import EpisodeReplay
+from karma.bench.report.replay import replaying
 from karma.bench.rows.expert import ExpertMethod
 from karma.contracts import SceneRef, SubTask, Task
 from karma.infer.scripted import ScriptedModel
@@ -141,3 +143,21 @@ def _method(row, name, folder):
         Planner(ScriptedModel(ANSWERS[name]), "compact"), CosineRecall(Words()), MetadataVision(),
         KarmaSettings(policy="fifo-merge[2]", attempts=1, seen_kept=2), maps=folder / "maps",
     )  # fmt: skip
+
+
+def replay(*given, **named):
+    """The replay that comes last, after the shares that are done."""
+    *_, found = replaying(*given, **named)
+    return found
+
+
+def replayed(replayer, *records):
+    """The episodes that can be stepped through, after the shares that are done."""
+    return [one for one in replayer.replaying(*records) if isinstance(one, EpisodeReplay)]
+
+
+def scene_of(story, moment):
+    """The room that the agent is in after a moment."""
+    if moment.kind == "enter":
+        return moment.text
+    return story.parts[moment.part].scene if moment.part >= 0 else story.scene

@@ -6,7 +6,7 @@ import pytest
 from support import alfred_kitchen as ours
 from typer.testing import CliRunner
 
-from karma.bench.suites.alfred.play import room_files
+from karma.bench.suites.alfred.benchmark import room_files
 from karma.cli import app
 from karma.errors import FileError
 from karma.world.alfred.trial import read_trials

@@ -7,9 +7,9 @@ from karma.agent.journal.formats import UNKNOWN, range_text
 from karma.bench.figures.sheet import Sheet
 from karma.bench.report.html import data_uri, fill
 from karma.bench.suites.policies.figure import Results, caption_of, pictures_of, read_figure
-from karma.bench.suites.policies.intervals import Bootstrapped
 from karma.bench.suites.policies.paper_claims import CLAIMS
 from karma.bench.suites.policies.plot import svg_of
+from karma.bench.suites.policies.sweep import Bootstrapped
 
 READS = {
     "curves": (

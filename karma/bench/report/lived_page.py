@@ -13,8 +13,7 @@ from karma.bench.report.lived_day import WALK_S, day_name, told_day
 from karma.bench.report.page import columns_of, facts_of
 from karma.bench.report.room import plan_of
 from karma.bench.suites.lived.benchmark import LivedHomes
-from karma.bench.suites.lived.records import LivedRecord
-from karma.bench.suites.lived.request import DAY_S
+from karma.bench.suites.lived.request import DAY_S, LivedRecord
 from karma.bench.suites.lived.table import (
     ALL,
     KINDS,

@@ -36,7 +36,7 @@ def drawn(reader):
             name="x", benchmark="lived", rows=(ROW,), homes=1, first_home=home + 60, days=4
         )
         spec = next(experiment.specs())
-        life = HomeLife(experiment, ROW, spec, 0, MiniLm(), reader)
+        life = HomeLife(experiment, ROW, spec, 0, reader)
         for day in range(4):
             life.day(day)
             view = life._view()
@@ -264,7 +264,7 @@ def test_people_of_any_script_are_read(reader, who):
 
 def test_a_question_that_is_not_understood_is_not_answered(drawn):
     experiment = LivedExperiment(name="x", benchmark="lived", rows=(ROW,), homes=1, first_home=60)
-    life = HomeLife(experiment, ROW, next(experiment.specs()), 0, MiniLm(), Reader(MiniLm()))
+    life = HomeLife(experiment, ROW, next(experiment.specs()), 0, Reader(MiniLm()))
     question = life._reader.read("where was the mug last week?", "Ann", life._robot.time_s)
     answer = life._server.serve(question)
     assert (answer.unknown, answer.unread) == (True, ("last week",))

@@ -5,27 +5,28 @@ from dataclasses import replace
 import pytest
 
 from karma.bench.suites.lived.body import HomeRobot
-from karma.bench.suites.lived.serve import Server, ServeSettings
+from karma.bench.suites.lived.experiment import LivedRow
+from karma.bench.suites.lived.serve import Server
 from karma.contracts import HomeQuestion, Meaning, SaidThing
 from karma.memory.lived.designs import DESIGNS
 from karma.memory.lived.setting import MemorySetting
 from karma.world.residents import Household
 from tests.support.lived import HOUR_S, LetterEmbedder, small_home, small_map
 
-TRUSTING = ServeSettings(verify="never")
+TRUSTING = LivedRow(name="trusting", design="none", verify="never")
 MEMORIES = ("ours", "last-seen", "append-only")
 
 
 class Home:
     """A robot with a memory in a home where nobody lives; it has looked at all furniture."""
 
-    def __init__(self, design, settings=TRUSTING, rooms=2, seed=4):
+    def __init__(self, design, row=TRUSTING, rooms=2, seed=4):
         self.map = small_map(rooms, seed)
         self.household = Household(small_home(rooms, seed), seed=0, people=0, disturbance=0.0)
         given = MemorySetting(embedder=LetterEmbedder(), places=self.map.places)
         self.memory = DESIGNS[design](given)
         self.robot = HomeRobot(self.household, self.map, self.memory.take_in)
-        self.server = Server(self.robot, self.memory, settings)
+        self.server = Server(self.robot, self.memory, row, tokens=400)
         for place_id in self.map.places:
             self.robot.look_at(place_id)
 
@@ -108,7 +109,7 @@ def test_a_question_is_answered_from_memory_without_a_step(design):
 
 
 def test_who_always_looks_goes_there_first():
-    home = Home("last-seen", ServeSettings(verify="always"))
+    home = Home("last-seen", LivedRow(name="sure", design="none", verify="always"))
     thing = home.lonely()[0]
     before = home.robot.actions
     answer = home.server.serve(home.asked(thing.type))
@@ -135,7 +136,9 @@ def test_a_stale_belief_is_found_out_and_the_thing_is_brought_from_elsewhere(des
 
 
 def test_an_open_loop_gives_up_where_memory_was_wrong():
-    home = Home("last-seen", replace(TRUSTING, closed_loop=False))
+    home = Home(
+        "last-seen", LivedRow(name="open", design="none", verify="never", closed_loop=False)
+    )
     thing = home.lonely()[0]
     elsewhere = home.free_place(thing)
     home.move(thing, elsewhere)

@@ -1,10 +1,13 @@
 """CAPEAM-style (after Kim et al. 2023): frames from a context, a memory of the environment.
 
+The memory is of objects instead of pictures, over one sequence of instructions.
+
 The source's networks are not rebuilt; what stands for them is in docs/methods.md.
 """
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -15,31 +18,126 @@ from karma.agent.body.skills import Skills
 from karma.agent.options import settings_of
 from karma.agent.planning.planner import Planner
 from karma.agent.tour import floor_of, position_of
-from karma.bench.rows.baseline import Budget, RoomByRoom, is_known_tap, request_for
+from karma.bench.rows.baseline import (
+    Budget,
+    RoomByRoom,
+    RoomMemory,
+    is_known_tap,
+    likely_places,
+    request_for,
+)
 from karma.bench.rows.capeam.frames import ProgramReader, SubGoal, expand
-from karma.bench.rows.capeam.memory import EnvironmentMemory
 from karma.contracts import (
     Area,
     Outcome,
     Plan,
-    PlanRequest,
     Resources,
     SceneRef,
     SeenObject,
     SkillCall,
     SkillResult,
     SubTask,
+    Vec3,
     World,
 )
 from karma.household.pieces import base_type
-from karma.household.uses import FOUND_BY_SKILL
+from karma.household.types import object_types
+from karma.household.uses import FOUND_BY_SKILL, covers
 from karma.memory.scene_graph import SceneGraph
 from karma.seeds import stream
 
+NEAR_M = 1.5  # furniture this near to an area speaks for it
+ANYWHERE = 0.05  # what a place weighs of which nothing is known
 UNIFORM_STEPS = 30  # so early nothing is known that could tell areas apart
 _OF_THE_THING = ("Pickup", "Slice", "ToggleOn", "ToggleOff")  # acts on what must be found first
 
 Work = Generator[SkillResult, None, bool]  # returns whether it worked
+
+
+@dataclass
+class EnvironmentMemory(RoomMemory):
+    """Maps the objects of one room that were seen, and where the agent cut and put them."""
+
+    put: dict[tuple[str, str], list[str]] = field(default_factory=dict)  # thing, place -> ids
+    sliced_at: dict[str, Vec3] = field(default_factory=dict)  # type -> where it was cut
+    explored: set[str] = field(default_factory=set)  # areas looked round from
+    masked: set[str] = field(default_factory=set)  # ids that this sub-goal passes over
+
+    # ------------------------------------------------------------- writing
+
+    def was_put(self, thing: str, place: str, object_id: str) -> None:
+        """Note where a thing was put."""
+        ids = self.put.setdefault((thing, place), [])
+        if object_id not in ids:
+            ids.append(object_id)
+
+    def begin_subgoal(self, thing: str = "", place: str = "") -> None:
+        """Set the objects to ignore: only things of a type that already are at a type of place."""
+        self.masked = set(self.put.get((thing, place), ()))
+
+    # ------------------------------------------------------------- reading
+
+    def best(self, name: str) -> SeenObject | None:
+        """Return the nearest object of a type or piece of one that is not masked.
+
+        Of what was cut the pieces count, the nearest to where that was.
+        """
+        cut = self.sliced_at.get(name)
+        x, _, z = cut or self.here()
+
+        def rank(one: SeenObject) -> tuple[bool, float, str]:
+            whole = cut is not None and one.object_type == name
+            at = one.box_center_m
+            return whole, round(math.dist((at[0], at[2]), (x, z)), 3), one.object_id
+
+        fitting = [one for one in self._all(name) if one.object_id not in self.masked]
+        return min(fitting, key=rank, default=None)
+
+    def passes_over(self, kind: str) -> bool:
+        """Return whether an object of this type is masked."""
+        return any(one.object_id in self.masked for one in self._all(kind))
+
+    def _all(self, kind: str) -> list[SeenObject]:
+        return [one for one in self.seen.values() if covers(kind, one.object_type)]
+
+    # ------------------------------------------------------------- where to look
+
+    def weights(self, kind: str, areas: Iterable[Area]) -> list[float]:
+        """Return how likely a thing of a type is near each area, from the furniture seen there."""
+        shares = likely_places(kind)
+        found = []
+        for area in areas:
+            near = {
+                one.object_type for one in self.seen.values() if _gap(one, area.position_m) < NEAR_M
+            }
+            found.append(ANYWHERE + sum(shares.get(name, 0.0) for name in sorted(near)))
+        return found
+
+    def closed(self, kind: str) -> list[tuple[SeenObject, float]]:
+        """Return the closed receptacles that can hold a type, by id, and how likely it is there."""
+        shares, kinds = likely_places(kind), object_types()
+        thing = kinds.get(kind)
+        if thing is None or not thing.can("pickupable"):
+            return []
+        shut = [
+            one
+            for _, one in sorted(self.seen.items())
+            if "closed" in one.states and (box := kinds.get(one.object_type)) is not None
+            if box.can("receptacle") and thing.fits(box)
+        ]
+        types = [one.object_type for one in shut]
+        return [
+            (one, (ANYWHERE + shares.get(one.object_type, 0.0)) / types.count(one.object_type))
+            for one in shut
+        ]
+
+
+def _gap(one: SeenObject, point: Vec3) -> float:
+    gaps = (
+        max(abs(point[axis] - one.box_center_m[axis]) - one.box_size_m[axis] / 2, 0.0)
+        for axis in (0, 2)
+    )
+    return math.hypot(*gaps)
 
 
 class Runner:
@@ -109,7 +207,7 @@ class Runner:
         held = self.skills.experience.held
         call = SkillCall.of(step.skill, *names)
         result = self.skills.run(call, max_actions=self.budget.left)
-        self._look()
+        self.memory.observe(self.skills.experience)
         yield result
         if not result.ok:
             self.budget.failures += 1
@@ -136,9 +234,6 @@ class Runner:
         if held is None or name not in (held.object_type, base_type(held.object_type)):
             return None
         return held
-
-    def _look(self) -> None:
-        self.memory.observe(self.skills.experience)
 
     # ------------------------------------------------------------- exploring
 
@@ -167,7 +262,7 @@ class Runner:
                 self._searched.add(place.object_id)
             if result.actions or result.explorations:  # else it was looked at before
                 yield result
-            self._look()
+            self.memory.observe(self.skills.experience)
         return self.memory.best(kind) is not None
 
     def _draw(self, kind: str, first: str) -> Area | SeenObject | None:
@@ -236,8 +331,7 @@ class CapeamMethod:
 
     def __init__(self, planner: Planner, settings: CapeamSettings | None = None) -> None:
         self.settings = settings or CapeamSettings()
-        decoding = replace(planner.decoding, inspected=False)
-        self.planner = planner.drawn_by(decoding)
+        self.planner = planner.drawn_by(replace(planner.decoding, inspected=False))
 
     @classmethod
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
@@ -245,8 +339,7 @@ class CapeamMethod:
 
         KarmaError if an option is unknown or of the wrong type.
         """
-        settings = settings_of(CapeamSettings, options)
-        return cls(Planner.of(resources), settings)
+        return cls(Planner.of(resources), settings_of(CapeamSettings, options))
 
     def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "CapeamEpisode":
         """Start an episode: an empty map."""
@@ -278,7 +371,10 @@ class CapeamEpisode(RoomByRoom[_CapeamRoom]):
         runner = Runner(budget, self.memory, areas, rng)
         skills.look()
         plan = None
-        for plan in self._planner.plan(self._request(subtask, skills)):
+        self._room.floor.observe(self.memory.seen.values())
+        furniture = self._room.floor if self.settings.furniture else None
+        request = request_for(subtask.instruction, skills.experience.held, furniture)
+        for plan in self._planner.plan(request):
             yield plan
         finished = plan is not None and bool(plan.calls)
         if plan is not None and plan.calls:
@@ -294,9 +390,3 @@ class CapeamEpisode(RoomByRoom[_CapeamRoom]):
                     finished = False
                     break
         yield Outcome(finished=finished, resident=(), handled_ids=skills.experience.handled_ids)
-
-    def _request(self, subtask: SubTask, skills: Skills) -> PlanRequest:
-        """Return what the planner is told: the instruction and the hand."""
-        self._room.floor.observe(self.memory.seen.values())
-        told = self._room.floor if self.settings.furniture else None
-        return request_for(subtask.instruction, skills.experience.held, told)

@@ -228,8 +228,7 @@ class HelperMethod:
         self, planner: Planner, embedder: Embedder, settings: HelperSettings | None = None
     ) -> None:
         self.settings = settings or HelperSettings()
-        decoding = replace(planner.decoding, inspected=False)
-        self.planner = planner.drawn_by(decoding)
+        self.planner = planner.drawn_by(replace(planner.decoding, inspected=False))
         examples, errors = seed_examples()
         self.examples = ExampleMemory(embedder, examples)
         self.errors = ExampleMemory(embedder, errors)

@@ -1,16 +1,16 @@
 """Lived-in homes as a run plays them: a chain for each row in each home, a record a day."""
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, ClassVar
 
 from karma.agent.loading.models import filled
 from karma.bench.engine.suite import BenchmarkResults, Chain, Play
 from karma.bench.suites.lived.experiment import LivedExperiment
-from karma.bench.suites.lived.forms import FORMS
-from karma.bench.suites.lived.play import player, traced
+from karma.bench.suites.lived.play import HomeLife
 from karma.bench.suites.lived.reading import Reader
-from karma.bench.suites.lived.records import LivedRecord
+from karma.bench.suites.lived.request import FORMS, LivedRecord
 from karma.bench.suites.lived.table import (
     figures_of,
     kinds_sheet,
@@ -19,7 +19,7 @@ from karma.bench.suites.lived.table import (
     truth_sheet,
     work_sheet,
 )
-from karma.bench.suites.lived.trace import HomeTrace
+from karma.bench.suites.lived.trace import HomeTrace, HomeTracer
 from karma.contracts import Embedder
 from karma.errors import KarmaError
 from karma.infer.hosted.session import Session
@@ -57,11 +57,12 @@ class LivedHomes:
 
     def begin(self, session: Session) -> Play:
         """Load the embedder and the reader's words."""
-        embedder = self._embedder(session)
-        play = player(self._experiment, embedder, Reader(embedder))
+        reader = Reader(self._embedder(session))
 
         def played(chain: Chain) -> Iterator[LivedRecord]:
-            yield from play(chain.row, chain.tasks[0].rpartition("/")[0], chain.seed)
+            with closing(self._life(chain, reader)) as life:
+                for day in range(self._experiment.days):
+                    yield life.day(day)
 
         return played
 
@@ -69,9 +70,18 @@ class LivedHomes:
         self, chain: Chain, days: int, *, after_day: Callable[[], object] = lambda: None
     ) -> tuple[list[LivedRecord], HomeTrace]:
         """Live the first days of a chain again; return their records, and what went on."""
-        embedder = self._embedder(Session())
-        reader = Reader(embedder)
-        return traced(self._experiment, chain, embedder, reader, days, after_day=after_day)
+        tracer, records = HomeTracer(), []
+        with closing(self._life(chain, Reader(self._embedder(Session())), tracer)) as life:
+            for day in range(days):
+                records.append(life.day(day))
+                after_day()
+            return records, tracer.trace
+
+    def _life(self, chain: Chain, reader: Reader, tracer: HomeTracer | None = None) -> HomeLife:
+        one, home = self._experiment, chain.tasks[0].rpartition("/")[0]
+        row = next(row for row in one.rows if row.name == chain.row)
+        spec = next(spec for spec in one.specs() if spec.name == home)
+        return HomeLife(one, row, spec, chain.seed, reader, tracer)
 
     def results(self, records: Sequence[LivedRecord]) -> BenchmarkResults:
         """Return success by kind of request, and what lies behind it."""

@@ -12,14 +12,16 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from karma.bench.suites.lived.forms import (
+from karma.bench.suites.lived.request import (
+    HomeView,
+    LivedKind,
+    LivedRequest,
     meant_by,
     place_phrase,
     request_forms,
     room_phrase,
     thing_word,
 )
-from karma.bench.suites.lived.request import HomeView, LivedKind, LivedRequest
 from karma.contracts import Asked, Deed, Sighting
 from karma.household.places import HAND
 from karma.household.saying import plural_of

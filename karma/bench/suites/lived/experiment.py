@@ -10,7 +10,6 @@ from msgspec import Meta
 from karma.agent.loading.models import Models
 from karma.bench.engine.experiment import check_listed
 from karma.bench.suites.lived.request import MOST_PEOPLE, Words, drawn_people
-from karma.bench.suites.lived.serve import ServeSettings, Verify
 from karma.memory.lived.designs import DESIGNS
 
 EXPERT = "expert"  # acts on the truth
@@ -22,17 +21,13 @@ class LivedRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     name: str
     design: str  # a key of `karma.memory.lived.designs.DESIGNS`, or "expert"
     closed_loop: bool = True
-    verify: Verify = "doubted"
+    verify: Literal["never", "doubted", "always"] = "doubted"  # before it says where a thing is
 
     def __post_init__(self) -> None:
         """Refuse a design that there is not."""
         if self.design != EXPERT and self.design not in DESIGNS:
             known = ", ".join((*DESIGNS, EXPERT))
             raise ValueError(f"design: there is no {self.design!r}; there are {known}")
-
-    def settings(self, tokens: int) -> ServeSettings:
-        """Return how the row serves requests."""
-        return ServeSettings(closed_loop=self.closed_loop, verify=self.verify, budget_tokens=tokens)
 
 
 class LivedSetting(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -4,29 +4,29 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from karma.bench.engine.suite import Chain
 from karma.bench.suites.lived.body import HomeRobot, nearest_next
 from karma.bench.suites.lived.drawing import draw_request
 from karma.bench.suites.lived.experiment import EXPERT, HomeSpec, LivedExperiment, LivedRow
 from karma.bench.suites.lived.home_map import HomeMap
 from karma.bench.suites.lived.reading import Reader
 from karma.bench.suites.lived.recalling import fits
-from karma.bench.suites.lived.records import CheckedDoubt, LivedRecord, ServedRequest
 from karma.bench.suites.lived.request import (
     DAY_S,
     HOUR_S,
+    CheckedDoubt,
     DayItem,
     HomeView,
+    LivedRecord,
     LivedRequest,
+    ServedRequest,
     answered_rightly,
     day_plan,
     done,
     room_right,
 )
 from karma.bench.suites.lived.serve import Server
-from karma.bench.suites.lived.trace import HomeTrace, HomeTracer
+from karma.bench.suites.lived.trace import HomeTracer
 from karma.contracts import (
-    Embedder,
     Fact,
     HomeMemory,
     HomeMoment,
@@ -97,7 +97,7 @@ class HomeLife:
 
     def __init__(
         self, experiment: LivedExperiment, row: LivedRow, spec: HomeSpec, seed: int,
-        embedder: Embedder, reader: Reader, tracer: HomeTracer | None = None,
+        reader: Reader, tracer: HomeTracer | None = None,
     ) -> None:  # fmt: skip
         self._experiment, self._row, self._spec, self._seed = experiment, row, spec, seed
         self._reader, self._tracer = reader, tracer
@@ -106,8 +106,8 @@ class HomeLife:
         self._household = home.household.fork()
         self._robot = HomeRobot(self._household, self._map, self._told)
         self._robot.actions = home.actions
-        self._memory = self._made(embedder)
-        self._server = Server(self._robot, self._memory, row.settings(experiment.tokens))
+        self._memory = self._made()
+        self._server = Server(self._robot, self._memory, row, experiment.tokens)
         self._scheduled: list[HomeMoment] = []  # learnt on rounds and waits: the same for every row
         self._serving = False
         self._seen: dict[str, Sighting] = {}  # the last of each thing, whatever its memory
@@ -169,11 +169,11 @@ class HomeLife:
 
     # ------------------------------------------------------------- parts
 
-    def _made(self, embedder: Embedder) -> HomeMemory:
+    def _made(self) -> HomeMemory:
         if self._row.design == EXPERT:
             return ExpertMemory(self.now, self._map.places)
         setting = MemorySetting(
-            embedder=embedder,
+            embedder=self._reader.embedder,
             places=self._map.places,
             units=self._spec.setting.units,
             seed=self._seed,
@@ -291,44 +291,6 @@ def _checked(fact: Fact, truth: Mapping[str, Sighting]) -> CheckedDoubt:
 def _type_read(request: LivedRequest, types: tuple[str, ...]) -> bool:
     """Return whether the type that is meant was understood; True where none is said."""
     return not request.object_type or request.object_type in types
-
-
-def player(
-    experiment: LivedExperiment, embedder: Embedder, reader: Reader
-) -> Callable[[str, str, int], Iterator[LivedRecord]]:
-    """Return what plays one row in one home: yields a record per day."""
-    rows: Mapping[str, LivedRow] = {row.name: row for row in experiment.rows}
-    specs: Mapping[str, HomeSpec] = {spec.name: spec for spec in experiment.specs()}
-
-    def played(row: str, home: str, seed: int) -> Iterator[LivedRecord]:
-        life = HomeLife(experiment, rows[row], specs[home], seed, embedder, reader)
-        try:
-            for day in range(experiment.days):
-                yield life.day(day)
-        finally:
-            life.close()
-
-    return played
-
-
-def traced(
-    experiment: LivedExperiment, chain: Chain, embedder: Embedder, reader: Reader, days: int,
-    *, after_day: Callable[[], object],
-) -> tuple[list[LivedRecord], HomeTrace]:  # fmt: skip
-    """Live the first days of a chain again; return their records, and what went on."""
-    row = next(one for one in experiment.rows if one.name == chain.row)
-    home = chain.tasks[0].rpartition("/")[0]
-    spec = next(one for one in experiment.specs() if one.name == home)
-    tracer = HomeTracer()
-    life = HomeLife(experiment, row, spec, chain.seed, embedder, reader, tracer)
-    records: list[LivedRecord] = []
-    try:
-        for day in range(days):
-            records.append(life.day(day))
-            after_day()
-        return records, tracer.trace()
-    finally:
-        life.close()
 
 
 class ExpertMemory:

@@ -7,7 +7,7 @@ import re
 from dataclasses import replace
 from functools import cache
 
-from karma.bench.suites.lived.forms import request_forms
+from karma.bench.suites.lived.request import request_forms
 from karma.contracts import Asked, Embedder, HomeQuestion, Meaning, SaidThing
 from karma.errors import KarmaError
 from karma.household.places import ROOMS
@@ -44,7 +44,7 @@ class Reader:
                 "  To fix: use the embedder 'minilm'"
             )
         self._words: Words = words
-        self._embedder = embedder
+        self.embedder = embedder
         self._meanings: dict[str, tuple[Meaning, ...]] = {}
 
     def read(self, text: str, speaker: str, time_s: float) -> HomeQuestion:
@@ -104,7 +104,7 @@ class Reader:
             if named is not None:
                 found: tuple[Meaning, ...] = (Meaning(name=named, similarity=1.0),)
             else:
-                near = self._words.nearest(self._embedder.embed([noun])[0], is_deed=False)
+                near = self._words.nearest(self.embedder.embed([noun])[0], is_deed=False)
                 found = near
             self._meanings[noun] = found
         return self._meanings[noun]

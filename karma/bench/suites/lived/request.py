@@ -1,12 +1,23 @@
-"""Requests of residents: when they come, their truth, and whether an answer is right."""
+"""Requests of residents: their words, when they come, what is right, and what a day came to."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Literal, get_args
 
+import msgspec
+import numpy as np
+
 from karma.contracts import Asked, Deed, HomeAnswer, HomeMoment, Sighting
+from karma.files import read_toml
+from karma.household.places import ON_TOP
+from karma.household.types import in_words
+from karma.language.lexemes import lexicon, pick_common, types_called, unseen_lexicon
 from karma.memory.lived.setting import KnownPlace
 from karma.seeds import stream
+
+FORMS = Path(__file__).with_name("forms.toml")
 
 LivedKind = Literal[
     "exact",  # a thing named plainly, still where it was last seen
@@ -57,6 +68,86 @@ class HomeView:
     start: Mapping[str, Sighting]  # the same at the first midnight
     takes: Callable[[str, str], bool]  # whether a place, by id, has room for a thing, by id
     words: Words = "known"
+
+
+# ----------------------------------------------------------------- sentences, verbs and names
+
+
+class _FormsOfKind(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    forms: tuple[str, ...]
+
+
+class RequestForms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """All of `forms.toml`."""
+
+    place: _FormsOfKind
+    errand: _FormsOfKind
+    place_then: _FormsOfKind
+    time: _FormsOfKind
+    who: _FormsOfKind
+    count: _FormsOfKind
+    did: Mapping[str, tuple[str, ...]]  # action -> verbs, past
+    do: Mapping[str, tuple[str, ...]]  # action -> verbs, after "did"
+
+
+@cache
+def request_forms() -> RequestForms:
+    """Return the table, read once."""
+    return read_toml(FORMS, RequestForms)
+
+
+def thing_word(
+    object_type: str, present: Iterable[str], rng: np.random.Generator, *, words: Words
+) -> str | None:
+    """Return a word for a type that fits no other type of the home; None if there is none."""
+    if words == "plain":
+        return in_words(object_type)
+    table = unseen_lexicon() if words == "held-out" else lexicon()
+    entry = table.get(object_type)
+    if entry is None:
+        return in_words(object_type)
+    others = set(present) - {object_type}
+    names = tuple(
+        one
+        for one in entry.names
+        if not others & set(types_called(one)) and not one.startswith("the ")
+    )
+    return pick_common(rng, names) if names else None
+
+
+def place_phrase(place: KnownPlace, places: Mapping[str, KnownPlace]) -> str:
+    """Return a place as people say it: its kind, and its room where others have one too.
+
+    >>> here = KnownPlace(place_id="a", place_type="CoffeeTable", room="living_1",
+    ...     room_kind="living", openable=False)
+    >>> place_phrase(here, {"a": here})
+    'on the coffee table'
+    """
+    return f"{'on' if place.place_type in ON_TOP else 'in'} the {_called(place, places)}"
+
+
+def _called(place: KnownPlace, places: Mapping[str, KnownPlace]) -> str:
+    name = in_words(place.place_type)
+    rooms = {one.room for one in places.values() if one.place_type == place.place_type}
+    if len(rooms) == 1:
+        return name
+    return f"{name} in the {room_phrase(place.room_kind)}"
+
+
+def room_phrase(kind: str) -> str:
+    """Return a kind of room as people say it."""
+    return "living room" if kind == "living" else kind
+
+
+def meant_by(place: KnownPlace, places: Mapping[str, KnownPlace]) -> tuple[str, ...]:
+    """Return the ids of all places that its phrase may mean."""
+    rooms = {one.room for one in places.values() if one.place_type == place.place_type}
+    return tuple(
+        one.place_id
+        for one in places.values()
+        if one.place_type == place.place_type
+        and (len(rooms) == 1 or one.room_kind == place.room_kind)
+    )
 
 
 # ----------------------------------------------------------------- judged by the truth alone
@@ -117,6 +208,9 @@ def _within(request: LivedRequest, time_s: float | None) -> bool:
     return request.after_s <= time_s <= request.before_s
 
 
+# ----------------------------------------------------------------- when they come
+
+
 DAY_S = 86_400.0
 HOUR_S = 3_600.0
 MOST_PEOPLE = 4
@@ -162,3 +256,64 @@ def day_plan(
         kind = turn[int(which)]
         plan.append(DayItem(time_s=start + hour * HOUR_S, what="request", kind=kind))
     return tuple(sorted(plan, key=lambda one: one.time_s))
+
+
+# ----------------------------------------------------------------- what a day leaves behind
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckedDoubt:
+    """What a memory thought of one of its facts, and what was so."""
+
+    holds: float | None  # None: the design has no notion of it
+    was_so: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServedRequest:
+    """One request and what came of it; counts of actions are of the world's."""
+
+    kind: str
+    asked: str
+    text: str
+    time_s: float
+    right: bool
+    unknown: bool  # it said that it does not know, or gave up
+    room_right: bool | None  # of a question for a place: at least the room was right
+    actions: int
+    places: int  # looked at
+    wasted: int  # of them, in vain
+    believed: int  # of them, because memory said so
+    stale: int  # of these, in vain
+    stale_actions: int  # spent on those
+    repairs: int  # plans made anew
+    tokens: int  # of facts
+    recalls: int
+    read: bool  # the reader found what is asked, and the type that is meant
+    knew: bool | None = None  # memory had the thing where it was when asked for; None: none is
+    known_s: float | None = None  # when the robot saw it there last; None: it did not
+    doubts: tuple[CheckedDoubt, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LivedRecord:
+    """One day of one row in one home; the same in every run of the same experiment."""
+
+    row: str
+    task: str  # "usual/home_003/day_2"
+    seed: int
+    success: bool  # every request of the day was served rightly
+    end: str
+    setting: str
+    home: int
+    day: int
+    rooms: int
+    people: int
+    things: int  # movable
+    moved: float  # share of them that residents moved that day
+    requests: tuple[ServedRequest, ...]
+    missing: int  # requests that the home had no occasion for
+    round_actions: int
+    memory_bytes: int
+    units: int  # that short-term memory may have
+    error: str = ""

@@ -7,9 +7,9 @@ is gone is made anew from there, within a budget of places. Open loop (the paper
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from typing import Literal
 
 from karma.bench.suites.lived.body import HomeRobot, look_cost, looks
+from karma.bench.suites.lived.experiment import LivedRow
 from karma.bench.suites.lived.recalling import Recollection, fits, ids_of, plain, recollect
 from karma.contracts import (
     Fact,
@@ -25,19 +25,9 @@ from karma.household.places import HAND
 from karma.memory.lived.said import is_of_past, is_said_place, types_meant
 
 COUNTED = 0.2  # chance from which on a thing is counted, where it was seen or where it may lie
-Verify = Literal["never", "doubted", "always"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ServeSettings:
-    """How a row uses its memory; the same for all but the controls."""
-
-    closed_loop: bool = True
-    verify: Verify = "doubted"  # before it says where something is now
-    budget_places: int = 16  # looked at for one errand
-    budget_looks: int = 8  # for one question
-    budget_tokens: int = 400  # of facts in one prompt
-    wrong_costs: float = 400.0  # actions that a wrong answer is as bad as
+MOST_PLACES = 16  # looked at for one errand
+MOST_LOOKS = 8  # for one question
+WRONG_COSTS = 400.0  # actions that a wrong answer is as bad as
 
 
 @dataclass(slots=True)
@@ -67,10 +57,10 @@ class MeantThing:
 
 
 class Server:
-    """Serves requests with one memory."""
+    """Serves requests with one memory, used as a row says; `tokens` of facts in one prompt."""
 
-    def __init__(self, robot: HomeRobot, memory: HomeMemory, settings: ServeSettings) -> None:
-        self._robot, self._memory, self._settings = robot, memory, settings
+    def __init__(self, robot: HomeRobot, memory: HomeMemory, row: LivedRow, tokens: int) -> None:
+        self._robot, self._memory, self._row, self._tokens = robot, memory, row, tokens
         self._places = robot.map.places
         self.effort = Effort()
 
@@ -94,9 +84,7 @@ class Server:
     # ------------------------------------------------------------- what memory says
 
     def _recall(self, question: HomeQuestion) -> Recollection:
-        found = recollect(
-            self._memory, question, self._places, budget_tokens=self._settings.budget_tokens
-        )
+        found = recollect(self._memory, question, self._places, budget_tokens=self._tokens)
         self.effort.recalls += 1
         self.effort.tokens += found.tokens
         return found
@@ -164,18 +152,18 @@ class Server:
             self.effort.doubts.append(fact)
             if not self._looks_first(fact):
                 return _answer(self._robot, fact.sighting, fact.holds)
-        seen = self._find(question, targets[:1], self._settings.budget_looks)
+        seen = self._find(question, targets[:1], MOST_LOOKS)
         return HomeAnswer(unknown=True) if seen is None else _answer(self._robot, seen, 1.0)
 
     def _looks_first(self, fact: Fact) -> bool:
         """Return whether a look is worth its way: what it costs against a wrong answer."""
         place_id = fact.sighting.place_id or ""
-        if self._settings.verify == "never" or place_id not in self._robot.map.spots:
+        if self._row.verify == "never" or place_id not in self._robot.map.spots:
             return False
-        if self._settings.verify == "always":
+        if self._row.verify == "always":
             return True
         wrong = 0.0 if fact.holds is None else 1.0 - fact.holds  # its chance; none is told
-        return wrong * self._settings.wrong_costs > look_cost(self._robot, place_id)
+        return wrong * WRONG_COSTS > look_cost(self._robot, place_id)
 
     def _where_then(self, question: HomeQuestion) -> HomeAnswer:
         """Answer where a thing was: the newest fact of that time, else the last one before it."""
@@ -244,17 +232,17 @@ class Server:
         targets = self._meant(question)
         if targets and targets[0].fact is not None and targets[0].fact.ended_s is None:
             self.effort.doubts.append(targets[0].fact)
-        searched = self._settings.closed_loop and self._may_be_searched(question.thing)
+        searched = self._row.closed_loop and self._may_be_searched(question.thing)
         if not targets and not searched:
             return HomeAnswer(unknown=True)
-        seen = self._find(question, targets, self._settings.budget_places)
+        seen = self._find(question, targets, MOST_PLACES)
         if seen is None or not self._take(seen):
             return HomeAnswer(unknown=True)
         for place_id in self._destinations(question):
             if self._robot.put(place_id):
                 return _answer(self._robot, replace(seen, place_id=place_id), 1.0)
             self.effort.repairs += 1
-            if not self._settings.closed_loop:
+            if not self._row.closed_loop:
                 break
         self._robot.put_down()
         return HomeAnswer(unknown=True)
@@ -297,7 +285,7 @@ class Server:
         fact = targets[0].fact
         if fact is not None and not self._looks_first(fact):
             return fact.sighting.place_id
-        seen = self._find(asked, targets[:1], self._settings.budget_looks)
+        seen = self._find(asked, targets[:1], MOST_LOOKS)
         if seen is not None:
             return seen.place_id
         return None if fact is None else fact.sighting.place_id
@@ -330,12 +318,12 @@ class Server:
             return False
 
         for place_id in islice(looks(self._robot, kind, facts, likely), budget):
-            if not self._settings.closed_loop and place_id not in believed:
+            if not self._row.closed_loop and place_id not in believed:
                 break
             if self._look_at(place_id, is_it, believed=place_id in believed):
                 return found[0]
             self.effort.repairs += 1
-            if not self._settings.closed_loop:
+            if not self._row.closed_loop:
                 break
         return None
 

@@ -12,8 +12,7 @@ from karma.agent.journal.formats import UNKNOWN, figure_text, range_text
 from karma.bench.figures.sheet import Sheet
 from karma.bench.figures.statistics import bootstrap, rate, times_in
 from karma.bench.suites.lived.experiment import LivedExperiment
-from karma.bench.suites.lived.records import LivedRecord, ServedRequest
-from karma.bench.suites.lived.request import LivedKind
+from karma.bench.suites.lived.request import LivedKind, LivedRecord, ServedRequest
 from karma.seeds import stream
 
 ALL = "all"

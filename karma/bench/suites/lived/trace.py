@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from karma.bench.suites.lived.body import HomeRobot
-from karma.bench.suites.lived.records import ServedRequest
-from karma.bench.suites.lived.request import LivedRequest
+from karma.bench.suites.lived.request import LivedRequest, ServedRequest
 from karma.contracts import Deed, Fact, HomeAnswer, HomeMoment, Pose, Sighting, Vec3
 from karma.memory.lived.setting import KnownPlace
 from karma.world.core.objects import Objects
@@ -76,43 +75,39 @@ class HomeTrace:
     residents: tuple[Resident, ...]
     rooms: Mapping[str, str]  # in which residents are at first
     start: Pose  # of the robot
-    things: tuple[TracedThing, ...]  # first where each is at first, then changes
-    deeds: tuple[TracedDeed, ...]
-    walks: tuple[TracedWalk, ...]
-    looks: tuple[TracedLook, ...]
-    requests: tuple[TracedRequest, ...]
+    things: list[TracedThing]  # first where each is at first, then changes
+    deeds: list[TracedDeed]
+    walks: list[TracedWalk]
+    looks: list[TracedLook]
+    requests: list[TracedRequest]
 
 
 class HomeTracer:
-    """Writes down what goes on in one home; see `HomeLife`."""
-
-    def __init__(self) -> None:
-        self._things: list[TracedThing] = []
-        self._deeds: list[TracedDeed] = []
-        self._walks: list[TracedWalk] = []
-        self._looks: list[TracedLook] = []
-        self._requests: list[TracedRequest] = []
-        self._now: dict[str, TracedThing] = {}
+    """Writes down what goes on in one home into its `trace`; see `HomeLife`."""
 
     def enter(self, scene: Scene, household: Household, robot: HomeRobot) -> None:
         """Begin, before anything has happened."""
-        self._scene, self._household = scene, household
-        self._rooms = {one.name: household.room_of(one.name) for one in household.residents}
-        self._start = household.world.state.pose
+        self.trace = HomeTrace(
+            scene=scene, places=robot.map.places, residents=household.residents,
+            rooms={one.name: household.room_of(one.name) for one in household.residents},
+            start=household.world.state.pose,
+            things=[], deeds=[], walks=[], looks=[], requests=[],
+        )  # fmt: skip
+        self._now: dict[str, TracedThing] = {}
         self._objects: Objects | None = None
         self._held: frozenset[str] = frozenset()
-        self._note_things(0.0)
         self.follow(household, robot)
+        self._note_things(0.0)
 
     def follow(self, household: Household, robot: HomeRobot) -> None:
         """Go on with a fork of the home."""
-        self._household, self._robot = household, robot
+        self._household = household
         household.watch, robot.watch = self._changed, self._walked
 
     def learnt(self, moment: HomeMoment) -> None:
         """Write down a look; deeds are in the log."""
         if moment.deed is None:
-            self._looks.append(
+            self.trace.looks.append(
                 TracedLook(
                     time_s=moment.time_s,
                     seen=tuple(one.object_id for one in moment.seen),
@@ -125,7 +120,7 @@ class HomeTracer:
         answer: HomeAnswer, served: ServedRequest,
     ) -> None:  # fmt: skip
         """Write down a request with what came of it; the truth is of when it was asked."""
-        self._requests.append(
+        self.trace.requests.append(
             TracedRequest(
                 request=request,
                 over_s=self._household.clock_s,
@@ -136,31 +131,16 @@ class HomeTracer:
             )
         )
 
-    def trace(self) -> HomeTrace:
-        """Return what was written down so far."""
-        return HomeTrace(
-            scene=self._scene,
-            places=self._robot.map.places,
-            residents=self._household.residents,
-            rooms=self._rooms,
-            start=self._start,
-            things=tuple(self._things),
-            deeds=tuple(self._deeds),
-            walks=tuple(self._walks),
-            looks=tuple(self._looks),
-            requests=tuple(self._requests),
-        )
-
     # ------------------------------------------------------------- what is shown to it
 
     def _walked(self, start: Pose, begun_s: float) -> None:
         end, over_s = self._household.world.state.pose, self._household.clock_s
-        self._walks.append(TracedWalk(begun_s=begun_s, over_s=over_s, start=start, end=end))
+        self.trace.walks.append(TracedWalk(begun_s=begun_s, over_s=over_s, start=start, end=end))
 
     def _changed(self, deeds: Sequence[Deed]) -> None:
         """Write down deeds, who carries what meanwhile, and where things are afterwards."""
         for deed in deeds:
-            self._deeds.append(TracedDeed(deed=deed, at_m=self._place_of(deed)))
+            self.trace.deeds.append(TracedDeed(deed=deed, at_m=self._place_of(deed)))
             if deed.action == "PickupObject" and deed.who != ROBOT:
                 self._note(deed.object_id, deed.object_type, deed.time_s, None, deed.who)
         self._note_things(deeds[-1].time_s if deeds else self._household.clock_s)
@@ -170,8 +150,8 @@ class HomeTracer:
         before = self._now.get(deed.object_id)
         if deed.action != "PutObject" and before is not None and before.center_m is not None:
             return before.center_m
-        if deed.action != "PutObject" and before is not None and self._deeds:
-            return self._deeds[-1].at_m
+        if deed.action != "PutObject" and before is not None and self.trace.deeds:
+            return self.trace.deeds[-1].at_m
         return self._household.world.state.objects[deed.object_id].center
 
     def _note_things(self, time_s: float) -> None:
@@ -198,4 +178,4 @@ class HomeTracer:
             time_s=time_s, object_id=object_id, object_type=object_type, center_m=center_m,
             holder=holder,
         )  # fmt: skip
-        self._things.append(self._now[object_id])
+        self.trace.things.append(self._now[object_id])

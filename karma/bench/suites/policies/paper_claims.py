@@ -12,11 +12,12 @@ from typing import Literal
 import msgspec
 
 from karma.agent.journal.formats import UNKNOWN, percent_text, range_text
-from karma.bench.suites.policies.intervals import Bootstrapped, Resampler
 from karma.bench.suites.policies.simulate import BELADY
 from karma.bench.suites.policies.sweep import (
+    Bootstrapped,
     Exploration,
     PolicyRow,
+    Resampler,
     Sweep,
     division_of,
     family_of,
