@@ -9,17 +9,18 @@ from karma.contracts import Vec3
 from karma.household.places import FLOOR
 from karma.household.types import object_types
 from karma.household.uses import BURNER
+from karma.world.core.arrays import Floats
 from karma.world.core.boxes import Box
 from karma.world.core.hiding import hidden_rows
 from karma.world.core.holes import WORKTOP, holes_by_row
 from karma.world.core.objects import Objects
+from karma.world.core.rays import own_frame
 from karma.world.core.scene import SceneObject
 from karma.world.core.thing import bottom, box_of, is_inert, is_shut
 from karma.world.render.cases import SLIDE
 from karma.world.render.form import LIQUIDS, WATER, Form, Rectangle
-from karma.world.render.frame import Floats, ObjectFrame, frame
 from karma.world.render.furniture import SURFACES
-from karma.world.render.looks import Look, looks, pick, rgb
+from karma.world.render.looks import Front, Look, looks, pick, rgb
 from karma.world.render.mesh import Mesh, box, joined
 from karma.world.render.pixels import PIECES
 from karma.world.render.shapes import shape
@@ -29,6 +30,16 @@ WIDE_M = 1.8  # wider ones go round a corner
 SLIVER_M = 0.015
 STAND_COLOUR = (96.0, 99.0, 104.0)
 STRIP_M = 0.13  # narrower remains of a bent worktop are left out
+REACH_M = 0.55  # the place before a front is this far from it
+OWN_M = 0.2  # how much less free the side may be that the object's own turn names
+
+
+class ObjectFrame(NamedTuple):
+    """An upright or lying box: axes x, y, z as rows, the middle of its lower side, its sides."""
+
+    axes: Floats  # (3, 3)
+    foot: Floats  # (3,)
+    size: Vec3  # along the own axes: width, height, depth
 
 
 class DrawingTask(NamedTuple):
@@ -115,22 +126,81 @@ def _slides(objects: Objects, cells: Floats) -> dict[str, Vec3]:
     found: dict[str, Vec3] = {}
     for drawer in objects.of_types("Drawer"):
         if drawer.openness > 0:
-            stand = _frame(drawer, looks()["Drawer"], cells)
+            stand = frame(drawer, looks()["Drawer"], cells)
             x, y, z = stand.axes[2] * stand.size[2] * SLIDE * drawer.openness
             for child in objects.containment.inside(drawer.id):
                 found[child] = (float(x), float(y), float(z))
     return found
 
 
-def _frame(thing: SceneObject, look: Look, cells: Floats) -> ObjectFrame:
-    return frame(thing, cells, front=look.front, laid=look.laid)
+def frame(thing: SceneObject, look: Look, cells: Floats) -> ObjectFrame:
+    """Return the frame of an object among cells (x, z) where an agent can stand, shape (n, 2).
+
+    Its front is where its yaw points ("turn"), or the side before which an agent can best stand
+    ("room"), among those across the thinner ("thin") or along the longer side ("long"). What is
+    laid has its longest side as depth and its shortest as height, as cutlery.
+    """
+    axes, size = own_frame(thing)
+    if look.laid:
+        axes, size = _sorted(axes, size)
+    middle = np.array(thing.center)
+    if thing.corners is not None:
+        middle = np.array(thing.corners).mean(axis=0)
+    quarters = _choices(size, look.front)
+    if len(quarters) > 1 and len(cells):
+        turn = _best(axes, size, middle, quarters, cells)
+        axes, size = _quarter(axes, size, turn)
+    elif quarters:
+        axes, size = _quarter(axes, size, quarters[0])
+    return ObjectFrame(axes, middle - axes[1] * size[1] / 2, size)
+
+
+def _sorted(axes: Floats, size: Vec3) -> tuple[Floats, Vec3]:
+    thin, middle, long = np.argsort(size, kind="stable")
+    up = axes[thin] * (1.0 if axes[thin][1] >= 0 else -1.0)
+    along = axes[long]
+    return np.array([np.cross(up, along), up, along]), (size[middle], size[thin], size[long])
+
+
+def _quarter(axes: Floats, size: Vec3, turn: int) -> tuple[Floats, Vec3]:
+    """Return the frame seen from the side that a number of quarter turns names."""
+    x, y, z = axes
+    w, h, d = size
+    turned = ((x, y, z), (-z, y, x), (-x, y, -z), (z, y, -x))[turn]
+    return np.array(turned), ((w, h, d) if turn % 2 == 0 else (d, h, w))
+
+
+def _choices(size: Vec3, front: Front) -> tuple[int, ...]:
+    if front == "turn":
+        return ()
+    wide = size[0] >= size[2]
+    if front == "room":
+        return (0, 1, 2, 3)
+    if front == "thin":
+        return (0, 2) if wide else (1, 3)
+    return (1, 3) if wide else (0, 2)
+
+
+def _best(
+    axes: Floats, size: Vec3, middle: Floats, quarters: tuple[int, ...], cells: Floats
+) -> int:  # fmt: skip
+    """Return the quarter turn whose front has cells nearest; the own one if nearly as good."""
+    gaps = []
+    for turn in quarters:
+        facing, (_, _, depth) = _quarter(axes, size, turn)
+        place = middle + facing[2] * (depth / 2 + REACH_M)
+        gaps.append(float(np.hypot(*(cells - place[[0, 2]]).T).min()))
+    best = min(gaps)
+    if quarters[0] == 0 and gaps[0] <= best + OWN_M:
+        return 0
+    return quarters[gaps.index(best)]
 
 
 def drawn(task: DrawingTask, cells: Floats, room_name: str) -> Mesh:
     """Return an object's triangles where they are in the room."""
     thing = task.thing
     look = looks()[thing.type]
-    stand = _frame(thing, look, cells)
+    stand = frame(thing, look, cells)
     ground = _ground(task, stand)
     form = _form(thing, look, stand, ground, room_name)
     local = shape(look.shape, form, thing.temperature)

@@ -5,15 +5,16 @@ from functools import cache
 from hashlib import blake2b
 from pathlib import Path
 from types import MappingProxyType
+from typing import Literal
 
 import msgspec
 
 from karma.errors import FileError
 from karma.files import read_toml
 from karma.household.types import RoomType, object_types
-from karma.world.render.frame import Front
 from karma.world.render.mesh import Colour
 
+Front = Literal["turn", "room", "thin", "long"]
 TABLE = Path(__file__).parent / "looks.toml"
 
 
