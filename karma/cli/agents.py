@@ -9,7 +9,6 @@ import typer
 from rich.markup import escape
 
 from karma.cli.options import Computed, Kept, option
-from karma.cli.progress import bar, workers_for
 from karma.cli.shared import (
     FAILED,
     STOPPED,
@@ -212,6 +211,8 @@ class EvalCommand(Computed, Kept, EvalOptions):
 
     def _do_episodes(self, run: "Run") -> None:
         """Do what is left of a run, with a line that says how far it is."""
+        from karma.cli.progress import bar, workers_for
+
         workers = workers_for(run, self.workers, self.ray)
         with bar() as progress:
             line = progress.add_task("episodes", total=run.total, completed=len(run.records))
@@ -225,6 +226,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
         from karma.agent.journal.header import TABLE
         from karma.agent.journal.not_run import in_words
         from karma.bench.figures.sheet import to_markdown
+        from karma.cli.progress import workers_for
 
         workers = workers_for(run, self.workers, self.ray)
         with console.status(""):
@@ -244,6 +246,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
 
         from karma.agent.journal.header import RESULTS
         from karma.bench.suites.policies.figure import figure_run
+        from karma.cli.progress import bar
 
         workers = self.workers if self.ray else self.workers or 1
         with bar() as progress:
@@ -265,6 +268,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
             typer.Exit: code 1 where a cell failed, 130 when stopped.
         """
         from karma.bench.engine.sweep_folder import figures_by_cell
+        from karma.cli.progress import bar
 
         seen: set[tuple[str, ...]] = set()  # tasks that were looked at; most cells have the same
         try:

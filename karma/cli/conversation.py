@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
-from karma.cli.progress import AnswerView
 from karma.cli.shared import (
     ASKED,
     DONE,
@@ -16,6 +15,7 @@ from karma.cli.shared import (
     REFUSED,
     STOPPED,
     UNFINISHED,
+    AnswerView,
     console,
     readable,
     tell,

@@ -5,11 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.progress import DownloadColumn
 from rich.table import Table
 
 from karma.agent.journal.formats import UNKNOWN, figure_text
-from karma.cli.progress import bar
 from karma.cli.shared import Json, console, tell, write_json
 from karma.errors import ModelError
 from karma.files import write_atomic
@@ -122,6 +120,9 @@ def models_add(
     Files of a model of the manifest are recognised, and refused by name if they are not what it
     says; anything else becomes a model of its own. Nothing is ever fetched.
     """
+    from rich.progress import DownloadColumn
+
+    from karma.cli.progress import bar
     from karma.infer.manifest.added import AddOptions, add_model
 
     options = AddOptions(
@@ -171,6 +172,7 @@ def models_bring(name: Annotated[str, typer.Argument(help="A model of the manife
     The one command that uses the network, and only when it is called. What was fetched is kept
     until all is there: called again, it goes on.
     """
+    from karma.cli.progress import bar
     from karma.infer.llama.gguf_merge import make_merged
     from karma.infer.manifest.brought import bring
     from karma.infer.manifest.manifest import check, find_model
@@ -261,6 +263,7 @@ def vlm_eval(
     html: Annotated[Path | None, typer.Option(help="Also write a page with the failures.")] = None,
 ) -> None:
     """Score a vision model on frames of rooms that its training never saw."""
+    from karma.cli.progress import bar
     from karma.infer.llama.vision import LlamaVision
     from karma.infer.vision.transformers import TransformersVision
     from karma.train.vision.score import Clock, examine, held_out_rooms, page, score

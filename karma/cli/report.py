@@ -8,7 +8,6 @@ from typing import Annotated, TypeVar
 import typer
 
 from karma.cli.options import option
-from karma.cli.progress import bar
 from karma.cli.shared import console, refuse_options, tell, write_for
 from karma.errors import KarmaError
 
@@ -88,6 +87,7 @@ class ReportCommand:
     def _write_lived(self, run: Path) -> None:
         """Write the page of a run of lived-in homes, with one day to watch."""
         from karma.bench.report.lived_page import chosen_day, lived_again, read_lived, render_lived
+        from karma.cli.progress import bar
 
         found = read_lived(run)
         record = chosen_day(found, self.home, self.day, self.row)
@@ -167,6 +167,8 @@ class ReportCommand:
 
 def _with_bar(steps: Iterable[float | T], words: str) -> list[T]:
     """Return what is made in steps, with a bar while their shares of the work come in between."""
+    from karma.cli.progress import bar
+
     made: list[T] = []
     with bar(passing=True) as progress:
         line = progress.add_task(words, total=100)

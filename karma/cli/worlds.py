@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from statistics import mean
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import msgspec
@@ -12,7 +11,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from karma.agent.journal.formats import figure_text, percent_text
-from karma.cli.progress import bar
 from karma.cli.shared import Json, console, tell, write_json
 from karma.errors import FileError, KarmaError
 from karma.files import below, to_json, write_atomic
@@ -103,6 +101,8 @@ def world_floors(
     json: Json = None,
 ) -> None:
     """Hold the floor that importing works out from boxes against recorded cells."""
+    from statistics import mean
+
     from karma.world.importing.scenes import floor_scores
 
     scores = list(_shown(floor_scores(dump, layouts), "rooms"))
@@ -185,6 +185,8 @@ def _trials(
 
 def _shown(items: Iterable[T], text: str, total: int | None = None) -> Iterator[T]:
     """Return the items, with a bar on a terminal while they are taken."""
+    from karma.cli.progress import bar
+
     with bar(passing=True) as progress:
         yield from progress.track(items, total=total, description=escape(text))
 
@@ -310,6 +312,7 @@ def tasks_check(
     from karma import registry
     from karma.agent.goals.files import load_tasks, task_lines
     from karma.bench.engine.task_check import findings, quick_findings
+    from karma.cli.progress import bar
 
     tasks, make = load_tasks(file), registry.load("worlds", world)
     lines = task_lines(file)

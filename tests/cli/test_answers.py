@@ -13,8 +13,7 @@ from karma import Agent
 from karma.agent.journal.run_folder import read_run
 from karma.cli import app, conversation, progress
 from karma.cli.conversation import say
-from karma.cli.progress import AnswerView
-from karma.cli.shared import SafeConsole
+from karma.cli.shared import AnswerView, SafeConsole
 from karma.contracts import Heard
 from karma.errors import KarmaError
 

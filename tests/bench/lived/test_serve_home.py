@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from karma.bench.suites.lived.body import HomeRobot
+from karma.bench.suites.lived.designs import DESIGNS
 from karma.bench.suites.lived.serve import Server, ServeSettings
 from karma.contracts import HomeQuestion, Meaning, SaidThing
-from karma.memory.lived.designs import DESIGNS
 from karma.memory.lived.setting import MemorySetting
 from karma.world.residents import Household
 from tests.support.lived import HOUR_S, LetterEmbedder, small_home, small_map
