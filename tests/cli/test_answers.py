@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from karma import Agent
 from karma.agent.journal.run_folder import read_run
-from karma.cli import app, conversation, progress
+from karma.cli import app, conversation, shared
 from karma.cli.conversation import say
 from karma.cli.shared import AnswerView, SafeConsole
 from karma.contracts import Heard
@@ -73,7 +73,7 @@ def test_first_token_is_told_of_before_any_line_is_whole(capsys):
 def test_what_a_model_says_steers_no_terminal_and_is_no_markup(terminal, monkeypatch, capsys):
     screen = StringIO()
     console = SafeConsole(force_terminal=terminal, file=screen, width=80)
-    monkeypatch.setattr(progress, "console", console)
+    monkeypatch.setattr(shared, "console", console)
     view = AnswerView()
     status = console.status("thinking ...")
     view.request(status)
@@ -89,7 +89,7 @@ def test_what_a_model_says_steers_no_terminal_and_is_no_markup(terminal, monkeyp
 def test_terminal_shows_the_last_lines_under_way_with_tokens_and_seconds(monkeypatch):
     screen = StringIO()
     console = SafeConsole(force_terminal=True, file=screen, width=60)
-    monkeypatch.setattr(progress, "console", console)
+    monkeypatch.setattr(shared, "console", console)
     view = AnswerView()
     status = console.status("thinking ...")
     view.request(status)
