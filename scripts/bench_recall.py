@@ -23,7 +23,7 @@ from measuring import in_turns, table
 from karma.agent.loading.models import Models, load_resources
 from karma.contracts import MemoryUnit, Recall
 from karma.language.lexemes import lexicon
-from karma.memory.index import UnitIndex
+from karma.memory.recall import UnitIndex
 from karma.offline.guard import go_offline
 from karma.seeds import stream
 

@@ -12,8 +12,7 @@ from PIL import Image
 
 from karma.contracts import Embedder, ImageEmbedder, MemoryUnit, Vectors
 from karma.errors import FileError, KarmaError
-from karma.memory.index import UnitIndex
-from karma.memory.recall import CosineRecall, verbaliser
+from karma.memory.recall import CosineRecall, UnitIndex, verbaliser
 
 
 class MultimodalRecall(CosineRecall):

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from karma.contracts import MemoryUnit
-from karma.memory.index import UnitIndex
+from karma.memory.recall import UnitIndex
 from karma.seeds import stream
 
 DIMENSION = 16

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from karma import registry
 from karma.errors import KarmaError, UnknownNameError
 from karma.memory.policies import Fifo, FifoMerge, FifoMergeWhenFull, Lfu, Lru, make_policy
-from karma.memory.sketch import CAP, CountMin4, ExactCounts
-from karma.memory.wtinylfu import CaffeineWTinyLfu, KarmaWTinyLfu
+from karma.memory.wtinylfu import CAP, CaffeineWTinyLfu, CountMin4, ExactCounts, KarmaWTinyLfu
 
 KEYS = st.text("01234567", max_size=70)
 SIZES = st.integers(1, 6)

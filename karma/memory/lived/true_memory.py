@@ -12,8 +12,14 @@ from karma.memory.lived.ageing import SURE, Ageing, AskedFor, HomePrior, home_pr
 from karma.memory.lived.beliefs import OVERLOOKED, Beliefs, doubt_of
 from karma.memory.lived.episodes import MOST_EPISODES, Belief, EpisodeLog, EpisodeQuery
 from karma.memory.lived.likely import PlaceShares
-from karma.memory.lived.said import has_states, is_of_past, is_said_place, ranks_of, types_meant
-from karma.memory.lived.setting import MemorySetting
+from karma.memory.lived.setting import (
+    MemorySetting,
+    has_states,
+    is_of_past,
+    is_said_place,
+    ranks_of,
+    types_meant,
+)
 
 OTHERS = 0.08  # chance that is left for places of no opinion
 ELSEWHERE = 0.05  # what a place counts that is not of the kind that was said

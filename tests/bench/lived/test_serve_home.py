@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 
 from karma.bench.suites.lived.body import HomeRobot
+from karma.bench.suites.lived.designs import DESIGNS
 from karma.bench.suites.lived.experiment import LivedRow
 from karma.bench.suites.lived.serve import Server
 from karma.contracts import HomeQuestion, Meaning, SaidThing
-from karma.memory.lived.designs import DESIGNS
 from karma.memory.lived.setting import MemorySetting
 from karma.world.residents import Household
 from tests.support.lived import HOUR_S, LetterEmbedder, small_home, small_map

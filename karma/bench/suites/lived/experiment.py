@@ -9,8 +9,8 @@ from msgspec import Meta
 
 from karma.agent.loading.models import Models
 from karma.bench.engine.experiment import check_listed
+from karma.bench.suites.lived.designs import DESIGNS
 from karma.bench.suites.lived.request import MOST_PEOPLE, Words, drawn_people
-from karma.memory.lived.designs import DESIGNS
 
 EXPERT = "expert"  # acts on the truth
 
@@ -19,7 +19,7 @@ class LivedRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """One row of the table: a memory design, and how it is used."""
 
     name: str
-    design: str  # a key of `karma.memory.lived.designs.DESIGNS`, or "expert"
+    design: str  # a key of `karma.bench.suites.lived.designs.DESIGNS`, or "expert"
     closed_loop: bool = True
     verify: Literal["never", "doubted", "always"] = "doubted"  # before it says where a thing is
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from karma.bench.suites.lived.body import HomeRobot, nearest_next
+from karma.bench.suites.lived.designs import DESIGNS
 from karma.bench.suites.lived.drawing import draw_request
 from karma.bench.suites.lived.experiment import EXPERT, HomeSpec, LivedExperiment, LivedRow
 from karma.bench.suites.lived.home_map import HomeMap
@@ -34,9 +35,7 @@ from karma.contracts import (
     LikelyPlace,
     Sighting,
 )
-from karma.memory.lived.designs import DESIGNS
-from karma.memory.lived.said import is_of_past, types_meant
-from karma.memory.lived.setting import KnownPlace, MemorySetting
+from karma.memory.lived.setting import KnownPlace, MemorySetting, is_of_past, types_meant
 from karma.seeds import stream
 from karma.world.core.placement import find_place
 from karma.world.houses import build_home

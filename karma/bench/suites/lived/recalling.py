@@ -9,8 +9,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from karma.contracts import Fact, HomeMemory, HomeQuestion, SaidThing, Sighting
-from karma.memory.lived.said import has_states, is_said_place, types_meant
-from karma.memory.lived.setting import KnownPlace, sighting_text
+from karma.memory.lived.setting import (
+    KnownPlace,
+    has_states,
+    is_said_place,
+    sighting_text,
+    types_meant,
+)
 
 MOST_FACTS = 64  # asked of a memory at once
 DAYS = ("Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun")

@@ -22,7 +22,7 @@ from karma.contracts import (
     Sighting,
 )
 from karma.household.places import HAND
-from karma.memory.lived.said import is_of_past, is_said_place, types_meant
+from karma.memory.lived.setting import is_of_past, is_said_place, types_meant
 
 COUNTED = 0.2  # chance from which on a thing is counted, where it was seen or where it may lie
 MOST_PLACES = 16  # looked at for one errand

@@ -11,10 +11,9 @@ from itertools import chain
 
 import numpy as np
 
+from karma.bench.suites.lived.texts import TextVectors, best_first
 from karma.contracts import Deed, Fact, HomeMemory, HomeMoment, HomeQuestion, LikelyPlace, Sighting
-from karma.memory.lived.said import is_said_place, ranks_of
-from karma.memory.lived.setting import MemorySetting, sighting_text
-from karma.memory.lived.texts import TextVectors, best_first
+from karma.memory.lived.setting import MemorySetting, is_said_place, ranks_of, sighting_text
 from karma.memory.lived.true_memory import TrueMemory
 from karma.memory.lived.true_units import TrueUnits
 from karma.memory.policies import make_policy

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from karma.bench.suites.lived.designs import DESIGNS
 from karma.contracts import Deed
-from karma.memory.lived.designs import DESIGNS
 from tests.support.lived import PLACES, moment, seen, setting, where
 
 KINDS = ("Mug", "Book", "Apple")

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from karma.bench.suites.lived.designs import DESIGNS
 from karma.contracts import Deed, HomeMoment, HomeQuestion, Meaning, SaidThing, Sighting
 from karma.errors import FileError
-from karma.memory.lived.designs import DESIGNS
 from karma.memory.lived.setting import KnownPlace, MemorySetting
 
 HOUR = 3600.0

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from karma.bench.suites.lived.designs import CAPTIONS, DESIGNS
+from karma.bench.suites.lived.texts import query_text
 from karma.contracts import Deed
-from karma.memory.lived.designs import CAPTIONS, DESIGNS
 from karma.memory.lived.setting import sighting_text
-from karma.memory.lived.texts import query_text
 from karma.memory.policies import make_policy
 from tests.support.lived import PLACES, LetterEmbedder, moment, seen, setting, where
 from tests.support.paths import ROOT
@@ -103,7 +103,7 @@ def test_no_foreign_design_has_chances_or_an_order_of_places(name):
 
 
 HASHED = """
-from tests.memory.lived.test_designs_mechanisms import *
+from tests.bench.lived.test_designs_mechanisms import *
 moments = [put(f"{KINDS[n % 3]}|{n % 7}", list(PLACES)[n * n % 5], 60.0 * n) for n in range(60)]
 for name in DESIGNS:
     print(name, shown(told(name, moments, QUESTION)))
