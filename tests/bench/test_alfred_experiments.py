@@ -73,7 +73,7 @@ def write(tmp_path, monkeypatch, planner):
 
 
 def loaded(path):
-    return load(read_experiment(path), path, path.parent / "run")
+    return load(read_experiment(path), path)
 
 
 def tasks_of(path):

@@ -1,12 +1,12 @@
 """The tasks of an experiment, ours, the authors' or ALFRED's, and the rooms that they bring."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import NamedTuple, Protocol, TypeVar
 
-from karma.agent.goals.files import in_rooms, load_tasks
+from karma.agent.goals.files import load_tasks
 from karma.bench.engine.experiment import Experiment
 from karma.bench.engine.experiment_file import is_called, meant_path
 from karma.bench.tasks.alfred import alfred_tasks
@@ -36,10 +36,8 @@ class Loaded(NamedTuple):
     scenes: Mapping[str, bytes]  # name -> content of its file; where they belong, tasks say
 
 
-def load(experiment: Experiment, path: Path, folder: Path) -> Loaded:
-    """Load the tasks that an experiment selects; nothing is written.
-
-    Imported floor plans will lie below the run's folder; `path` is named in messages.
+def load(experiment: Experiment, path: Path) -> Loaded:
+    """Load the tasks that an experiment selects; `path` is named in messages.
 
     Raises:
         FileError: the task file is damaged, or a task of `only` is not in it.
@@ -52,8 +50,7 @@ def load(experiment: Experiment, path: Path, folder: Path) -> Loaded:
         tasks, scenes = _loaded(experiment)
     except FileError as error:
         raise meant_path(path, error) from error
-    known = tuple(placed(task, scenes, folder) for task in tasks)
-    chosen = select(known, experiment.only, path)[: experiment.limit]
+    chosen = select(tasks, experiment.only, path)[: experiment.limit]
     check_seeds(chosen, experiment.seeds)
     return Loaded(tasks=chosen, scenes=_brought(chosen, scenes))
 
@@ -116,16 +113,6 @@ def _alike(one: SceneRef, other: SceneRef) -> bool:
 def scene_path(folder: Path, name: str) -> Path:
     """Return where an imported floor plan lies in a run folder; FileError if its name leaves it."""
     return below(folder / "scenes", f"{name}.json")
-
-
-def placed(task: Task, names: Collection[str], folder: Path) -> Task:
-    """Return a task whose imported rooms lie in a run folder; ours have a name only."""
-
-    def place(scene: SceneRef) -> SceneRef:
-        known = scene.name in names
-        return replace(scene, path=str(scene_path(folder, scene.name))) if known else scene
-
-    return in_rooms(task, place)
 
 
 def _authors_tasks(experiment: Experiment) -> Loaded:
