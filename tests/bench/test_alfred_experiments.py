@@ -10,8 +10,8 @@ from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma.agent.goals.goals import GoalTracker
+from karma.bench.engine.experiment import load
 from karma.bench.engine.experiment_file import read_experiment
-from karma.bench.engine.experiment_tasks import load
 from karma.bench.engine.run import Run
 from karma.bench.figures.columns import figures
 from karma.bench.rows.expert import ExpertEpisode

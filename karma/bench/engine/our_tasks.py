@@ -29,9 +29,8 @@ from karma.agent.loading.models import (
 from karma.agent.loading.planner_files import NO_WORDS, chosen_words, may_refuse
 from karma.agent.tour import explore_room
 from karma.bench.engine.episode import run_episode
-from karma.bench.engine.experiment import Experiment, RunOptions
+from karma.bench.engine.experiment import Experiment, RunOptions, load, scene_path
 from karma.bench.engine.experiment_file import Changes, DataFolders, read_experiment
-from karma.bench.engine.experiment_tasks import load, scene_path
 from karma.bench.engine.suite import Chain, Do, Done
 from karma.bench.engine.workers import NodeFolder, loaded
 from karma.bench.figures.columns import added_up
