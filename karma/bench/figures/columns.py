@@ -50,23 +50,14 @@ Pair = tuple[TimedEpisode, TimedEpisode]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Saving:
-    """One way to say what a row saves of an amount.
+    """One way to say what a row saves of an amount."""
 
-    Args:
-        key: its name in files.
-        title: its name in tables.
-        says: what it is, in few words.
-        amount: of an episode; undefined where it is not known of one.
-        is_solved: only pairs that both rows solved; an agent that gives up early searches little.
-        digits: after the point.
-    """
-
-    key: str
-    title: str
-    says: str
-    amount: Amount
-    is_solved: bool = False
-    digits: int = 2
+    key: str  # its name in files
+    title: str  # its name in tables
+    says: str  # what it is, in few words
+    amount: Amount  # of an episode; undefined where it is not known of one
+    is_solved: bool = False  # of pairs that both solved; who gives up early searches little
+    digits: int = 2  # after the point
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

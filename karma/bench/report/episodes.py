@@ -1,4 +1,4 @@
-"""Which episodes and instructions of a run can be stepped through, and episodes made ready for it."""
+"""Episodes of a run, and of long ones instructions, chosen and made ready to be stepped through."""
 
 import re
 from bisect import bisect_left

@@ -32,6 +32,8 @@ from karma.bench.report.results import (
 from karma.bench.report.room import RoomPlan
 from karma.bench.report.story import endings
 
+_OF_PLANS = ("recalled", "prompt", "program", "error", "refused")  # fields that the script reads
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Page:
@@ -144,6 +146,7 @@ def _told_part(
         **msgspec.to_builtins(part),
         **said,
         "map_text": maps.index(part.map_text),
+        "plans": [{key: getattr(plan, key) for key in _OF_PLANS} for plan in part.plans],
         "changes": part.changes,
         "goals": goals,
         "endings": endings(part),
