@@ -217,10 +217,10 @@ def test_path_relative_to_the_working_directory_is_refused_with_the_right_one(
     monkeypatch.chdir(tmp_path)
     path = Path("sub/x.toml")
     with pytest.raises(FileError, match=r"relative to this file\n  To fix: write '\.\./t\.jsonl'"):
-        load(read_experiment(path), path, tmp_path)
+        load(read_experiment(path), path)
     (tmp_path / "t.jsonl").unlink()
     with pytest.raises(FileError, match=r"sub/t\.jsonl: No such file"):
-        load(read_experiment(path), path, tmp_path)
+        load(read_experiment(path), path)
 
 
 def test_shared_folder_may_lie_elsewhere(monkeypatch, tmp_path):
