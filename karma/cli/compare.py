@@ -70,8 +70,7 @@ def table(
     from karma.agent.journal.run_folder import read_run
     from karma.bench.engine.sweep_folder import read_sweep
     from karma.bench.figures import tables
-    from karma.bench.figures.columns import plain
-    from karma.bench.figures.counterfactual import LOTA_ROW, OFF_ROW
+    from karma.bench.figures.columns import LOTA_ROW, OFF_ROW, plain
     from karma.bench.figures.results import margin_sheet, margins, result_of, unfinished
     from karma.bench.figures.sheet import to_latex, to_markdown
     from karma.bench.figures.tables import load_published

@@ -137,8 +137,7 @@ class ReportCommand:
         from karma.agent.journal.run_folder import read_run
         from karma.bench.figures.results import result_of
         from karma.bench.figures.tables import load_published
-        from karma.bench.report.choice import choose
-        from karma.bench.report.episodes import Replayer
+        from karma.bench.report.episodes import Replayer, choose
         from karma.bench.report.html import Frames
         from karma.bench.report.page import page_of, render
         from karma.bench.report.replay import frame_choice

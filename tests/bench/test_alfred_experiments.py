@@ -10,8 +10,8 @@ from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma.agent.goals.goals import GoalTracker
+from karma.bench.engine.experiment import load
 from karma.bench.engine.experiment_file import read_experiment
-from karma.bench.engine.experiment_tasks import load
 from karma.bench.engine.run import Run
 from karma.bench.figures.columns import figures
 from karma.bench.rows.expert import ExpertEpisode
@@ -68,7 +68,7 @@ def write(tmp_path, monkeypatch, planner):
 
 
 def loaded(path):
-    return load(read_experiment(path), path, path.parent / "run")
+    return load(read_experiment(path), path)
 
 
 def tasks_of(path):
@@ -88,8 +88,7 @@ def test_listed_tasks_have_the_list_the_sentence_and_the_room_of_their_trial(wri
     task = tasks["base/0"]
     assert list(map(str, task.subtasks[0].goals)) == ["ON(Apple, Fridge): 1"]
     assert task.subtasks[0].is_whole
-    assert task.scene.path == str(path.parent / "run" / "scenes" / f"{ROOM}.json")
-    assert list(loaded(path).scenes) == [ROOM]
+    assert [task.scene.name, *loaded(path).scenes] == [ROOM, ROOM]
 
 
 def test_room_is_that_of_the_demonstration_at_its_start(write):
@@ -128,6 +127,7 @@ def test_one_list_is_counted_by_types_of_task(write):
 
 def test_expert_solves_what_can_be_asked_and_what_cannot_is_named_and_failed(write, tmp_path):
     run = Run(write(), tmp_path / "run")
+    assert run.tasks[0].scene.path == str(tmp_path / "run" / "scenes" / f"{ROOM}.json")
     records = {record.key[:2]: record for record in run.episodes()}
     assert [records["expert", name].success for name in ("base/0", "bare/0")] == [True, True]
     assert not any(one.success for (row, _), one in records.items() if row == "idle")

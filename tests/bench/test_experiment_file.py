@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from karma.agent.journal.header import without_places
 from karma.agent.journal.provenance import prompt_hashes
-from karma.bench.engine.experiment import Experiment
+from karma.bench.engine.experiment import Experiment, load
 from karma.bench.engine.experiment_file import (
     Changes,
     Setting,
@@ -22,7 +22,6 @@ from karma.bench.engine.experiment_file import (
     seeds_of,
     setting_of,
 )
-from karma.bench.engine.experiment_tasks import load
 from karma.bench.engine.our_tasks import header_of
 from karma.cli import app
 from karma.errors import FileError, KarmaError
@@ -122,12 +121,12 @@ def test_rows_are_chosen_by_name_or_pattern_in_the_file_s_order(path):
 
 def test_tasks_are_chosen_by_pattern_and_number(path):
     chosen = said(path, 'only=["simple-1?", "complex-02"]')
-    ids = [task.id for task in load(chosen, path, path.parent).tasks]
+    ids = [task.id for task in load(chosen, path).tasks]
     assert ids == [*(f"simple-{number}" for number in range(10, 16)), "complex-02"]
     first = said(path, 'only=["simple-1?"]', "limit=2")
-    assert [task.id for task in load(first, path, path.parent).tasks] == ids[:2]
+    assert [task.id for task in load(first, path).tasks] == ids[:2]
     with pytest.raises(FileError, match="no task 'simpel-'"):
-        load(said(path, 'only=["simpel-"]'), path, path.parent)
+        load(said(path, 'only=["simpel-"]'), path)
 
 
 @given(seeds=st.lists(st.integers(0, 99_999), min_size=1, max_size=9))
@@ -187,7 +186,7 @@ def test_path_in_a_file_is_relative_to_that_file(tmp_path, monkeypatch):
     path = Path("folder/x.toml")
     found = read_experiment(path)
     assert found.tasks == str(below / "t.jsonl")
-    assert len(load(found, path, tmp_path).tasks) > 40
+    assert len(load(found, path).tasks) > 40
 
 
 def test_path_that_a_command_gives_is_relative_to_where_it_is_given(path, tmp_path, monkeypatch):
@@ -218,10 +217,10 @@ def test_path_relative_to_the_working_directory_is_refused_with_the_right_one(
     monkeypatch.chdir(tmp_path)
     path = Path("sub/x.toml")
     with pytest.raises(FileError, match=r"relative to this file\n  To fix: write '\.\./t\.jsonl'"):
-        load(read_experiment(path), path, tmp_path)
+        load(read_experiment(path), path)
     (tmp_path / "t.jsonl").unlink()
     with pytest.raises(FileError, match=r"sub/t\.jsonl: No such file"):
-        load(read_experiment(path), path, tmp_path)
+        load(read_experiment(path), path)
 
 
 def test_shared_folder_may_lie_elsewhere(monkeypatch, tmp_path):

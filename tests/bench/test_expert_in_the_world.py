@@ -12,8 +12,8 @@ from karma.agent.goals.files import load_tasks
 from karma.agent.goals.goals import GoalTracker, parse_goal
 from karma.agent.seeing.perceive import truth_of
 from karma.bench.drawing.phrases import our_book
-from karma.bench.drawing.possible import OUT_OF_REACH, TAKES_NONE, TOO_BIG, Possible
 from karma.bench.engine.episode import run_episode
+from karma.bench.engine.task_check import OUT_OF_REACH, TAKES_NONE, TOO_BIG, Possible
 from karma.bench.rows.expert import ExpertEpisode, ExpertMethod
 from karma.bench.rows.expert_choices import Chooser, Lessons, Surroundings, left
 from karma.bench.tasks.alfred import task_of

@@ -10,8 +10,7 @@ from karma.agent.journal.run_folder import read_run
 from karma.bench.figures.columns import figures
 from karma.bench.figures.results import result_of
 from karma.bench.figures.tables import main_sheets, sheets
-from karma.bench.report.plots import success_plot
-from karma.bench.report.results import result_lines
+from karma.bench.report.results import result_lines, success_plot
 from karma.cli import show
 
 

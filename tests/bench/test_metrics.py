@@ -21,9 +21,8 @@ from support.made_records import (
 from karma.agent.journal.records import AnswerTiming, EpisodeTiming, SubTaskTiming
 from karma.agent.journal.run_folder import read_run
 from karma.agent.journal.steps import Ended, Enter, Instruction, Start
-from karma.bench.figures.columns import figures
+from karma.bench.figures.columns import LOTA_ROW, OFF_ROW, figures, paired, reduced, reductions
 from karma.bench.figures.columns import plain as plain_figures
-from karma.bench.figures.counterfactual import LOTA_ROW, OFF_ROW, paired, reduced, reductions
 from karma.bench.figures.failures import CAUSES, count, failures
 from karma.bench.figures.metrics import METRICS, actions, episodes_of, explorations
 from karma.bench.figures.needs import needs, related_needs

@@ -39,12 +39,11 @@ from karma.agent.journal.steps import (
 from karma.bench.figures.columns import Figures
 from karma.bench.figures.results import result_of
 from karma.bench.figures.statistics import ConfidenceInterval, Estimate
-from karma.bench.report.choice import choose, episode_key
-from karma.bench.report.episodes import Replayer
+from karma.bench.report.episodes import Replayer, choose
 from karma.bench.report.html import Frames
 from karma.bench.report.page import page_of, render
-from karma.bench.report.plots import LEFT, WIDTH, success_plot
 from karma.bench.report.replay import SIZE_PX, Rooms, frame_choice
+from karma.bench.report.results import LEFT, WIDTH, episode_key, success_plot
 from karma.bench.report.room import plan_of
 from karma.bench.report.story import changes, told
 from karma.cli import app

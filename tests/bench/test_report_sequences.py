@@ -18,11 +18,11 @@ from karma.agent.journal.records import EpisodeRecord
 from karma.agent.journal.run_folder import read_run
 from karma.agent.journal.steps import Ended, Enter, Instruction, Start, read_steps, steps_path
 from karma.bench.figures.results import result_of
-from karma.bench.report.choice import LEAST, SHORT, TOGETHER, choose, choose_instructions
-from karma.bench.report.episodes import Replayer
+from karma.bench.report.episodes import LEAST, TOGETHER, Replayer, choose, choose_instructions
 from karma.bench.report.html import Frames
 from karma.bench.report.page import page_of, render
 from karma.bench.report.replay import Rooms
+from karma.bench.report.results import SHORT
 from karma.bench.report.story import changes, told
 from karma.cli import app
 from karma.contracts import MemoryUnit

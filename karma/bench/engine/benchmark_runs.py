@@ -43,22 +43,19 @@ class BenchmarkSuite:
     """An experiment of a benchmark, see `Suite`; it is made anew in each process.
 
     The experiment is as its file and the command say it; `asked` is the same, with hosted models
-    where the command has them asked. `path` is that of the file, `folder` the run's.
+    where the command has them asked. `path` is that of the file.
     """
 
     rows: tuple[Row, ...] = ()  # with models of their own: there are none
 
-    def __init__(
-        self, experiment: ExperimentFile, asked: ExperimentFile, path: Path, folder: Path
-    ) -> None:
-        self.experiment, self._asked = experiment, asked
-        self._path, self._folder = path, folder
+    def __init__(self, experiment: ExperimentFile, asked: ExperimentFile, path: Path) -> None:
+        self.experiment, self._asked, self._path = experiment, asked, path
         self._kind = benchmark_of(experiment.benchmark, path)
         self.models = asked.models if asked.plans else NO_MODELS
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Travel as what it is made of."""
-        return BenchmarkSuite, (self.experiment, self._asked, self._path, self._folder)
+        return BenchmarkSuite, (self.experiment, self._asked, self._path)
 
     @cached_property
     def benchmark(self) -> Benchmark:
@@ -91,10 +88,10 @@ class BenchmarkSuite:
         files = self.benchmark.files()
         return {file.name: hashlib.sha256(read_bytes(file)).hexdigest() for file in files}
 
-    def files(self) -> RunFolder:
-        """Return the folder that takes what episodes leave."""
+    def files(self, folder: Path) -> RunFolder:
+        """Return the folder as what takes what episodes leave."""
         kind = self._kind.record_kind
-        return RunFolder(self._folder, steps=False, kind="benchmark", records=kind)
+        return RunFolder(folder, steps=False, kind="benchmark", records=kind)
 
     def chains(self, seeds: Sequence[int]) -> Sequence[Chain]:
         """Return all episodes in their final order; their seeds are the experiment's."""
@@ -133,7 +130,7 @@ class BenchmarkSuite:
         if experiment.plans:
             models = models_here(experiment.models, header.models)
             experiment = msgspec.structs.replace(experiment, models=models)
-        here = BenchmarkSuite(experiment, experiment, self._path, self._folder)
+        here = BenchmarkSuite(experiment, experiment, self._path)
         mine = msgspec.structs.replace(
             header,
             files=here.file_hashes(),
@@ -145,7 +142,7 @@ class BenchmarkSuite:
 
 
 def benchmark_suite(
-    path: Path, folder: Path, changes: Changes | None, computed: Mapping[str, Any], base_url: str
+    path: Path, changes: Changes | None, computed: Mapping[str, Any], base_url: str
 ) -> BenchmarkSuite:
     """Read an experiment of a benchmark; arguments and errors as of `Run`."""
     kind = benchmark_of(read_toml(path, _Benchmarked).benchmark, path)
@@ -155,7 +152,7 @@ def benchmark_suite(
     if base_url:  # where it is asked is no part of what a run depends on
         asked = msgspec.structs.replace(said, hosted=said.hosted.at(base_url))
     one, other = (msgspec.structs.replace(read, models=models) for models in (said, asked))
-    return BenchmarkSuite(one, other, path, folder)
+    return BenchmarkSuite(one, other, path)
 
 
 def benchmark_of(name: str, path: Path) -> Any:

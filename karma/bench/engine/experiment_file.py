@@ -11,7 +11,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from difflib import get_close_matches
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple, Self, TypeVar, get_args
 
@@ -20,7 +19,7 @@ import msgspec
 from karma.agent.journal.header import each_path
 from karma.agent.journal.owned_folder import Kind
 from karma.agent.loading.names import MODELS, check_models, check_row
-from karma.bench.engine.experiment import MOST_SEEDS, Experiment
+from karma.bench.engine.experiment import MOST_SEEDS, Experiment, is_called
 from karma.errors import FileError, KarmaError, did_you_mean
 from karma.files import read_toml, shipped
 
@@ -275,11 +274,6 @@ def _chosen(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> list[dict[s
     return [row for row in rows if any(is_called(row["name"], name) for name in names)]
 
 
-def is_called(name: str, wanted: str) -> bool:
-    """Return whether a name is the wanted one, in which "*" is any text and "?" any letter."""
-    return name == wanted or fnmatchcase(name, wanted)
-
-
 # ----------------------------------------------------------------- paths
 
 
@@ -317,18 +311,6 @@ def with_places_here(experiment: T, there: DataFolders) -> T:
         return str(next(inside, path))
 
     return msgspec.convert(each_path(msgspec.to_builtins(experiment), "", here), type(experiment))
-
-
-def meant_path(path: Path, error: FileError) -> FileError:
-    """Return the error of a missing file with what helps if it lies below the working directory.
-
-    `path` is the experiment's that names it.
-    """
-    said = os.path.relpath(error.path, path.parent.absolute())
-    if error.path.exists() or said.startswith("..") or not Path(said).exists():
-        return error
-    fix = f"write {os.path.relpath(said, path.parent)!r}"
-    return FileError(path, f"{said}: no {error.path}; paths are relative to this file", fix=fix)
 
 
 def _whole(tree: Any, folder: Path, key: str = "") -> Any:

@@ -55,18 +55,12 @@ def to_arrow(folder: str | Path) -> "pyarrow.Table":
     """
     pyarrow = _pyarrow()
     names, lines = episode_lines(Path(folder))
-    metrics = {metric.key for metric in METRICS}
     kinds = {
-        name: pyarrow.float64()
-        if name in metrics
-        else pyarrow.int64()
-        if name in _NUMBERS
-        else pyarrow.bool_()
-        if name == "succeeded"
-        else pyarrow.string()
-        for name in names
+        **dict.fromkeys((metric.key for metric in METRICS), pyarrow.float64()),
+        **dict.fromkeys(_NUMBERS, pyarrow.int64()),
+        "succeeded": pyarrow.bool_(),
     }
-    schema = pyarrow.schema(list(kinds.items()))
+    schema = pyarrow.schema([(name, kinds.get(name, pyarrow.string())) for name in names])
     return pyarrow.Table.from_pylist(lines, schema=schema)
 
 

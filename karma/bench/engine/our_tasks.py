@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 
 from karma import registry
+from karma.agent.goals.files import in_rooms
 from karma.agent.journal.header import RESULTS, Config, Header
 from karma.agent.journal.part import TimeLog
 from karma.agent.journal.provenance import header_of as journal_header
@@ -27,9 +28,8 @@ from karma.agent.loading.models import (
 from karma.agent.loading.planner_files import NO_WORDS, chosen_words, may_refuse
 from karma.agent.tour import explore_room
 from karma.bench.engine.episode import run_episode
-from karma.bench.engine.experiment import Experiment, RunOptions
+from karma.bench.engine.experiment import Experiment, RunOptions, load, scene_path
 from karma.bench.engine.experiment_file import Changes, DataFolders, read_experiment
-from karma.bench.engine.experiment_tasks import load, placed, scene_path
 from karma.bench.engine.suite import Chain, Do, Done
 from karma.bench.engine.workers import NodeFolder, loaded
 from karma.bench.figures.columns import added_up
@@ -53,7 +53,7 @@ class OurTasks:
     models: Models
     tasks: tuple[Task, ...]
     scenes: Mapping[str, bytes]  # that the tasks bring along, by name
-    folder: Path  # of the run, on the machine that does the episodes
+    folder: Path  # of the run, on the machine that does the episodes, for maps and pictures
     steps: bool
     states: StateOptions
 
@@ -72,17 +72,26 @@ class OurTasks:
         """What the run was told; errors as `configuration`."""
         return configuration(self.experiment)
 
-    def files(self) -> RunFolder:
-        """Return the folder that takes what episodes leave."""
-        return RunFolder(self.folder, steps=self.steps)
+    def files(self, folder: Path) -> RunFolder:
+        """Return the folder as what takes what episodes leave."""
+        return RunFolder(folder, steps=self.steps)
 
     def brought(self) -> dict[str, bytes]:
         """Return the rooms that tasks bring along by their place below the folder."""
-        places = {name: scene_path(self.folder, name) for name in self.scenes}
         return {
-            places[name].relative_to(self.folder).as_posix(): data
+            scene_path(self.folder, name).relative_to(self.folder).as_posix(): data
             for name, data in self.scenes.items()
         }
+
+    def placed(self) -> tuple[Task, ...]:
+        """Return the tasks with the rooms that they bring along where the folder has them."""
+
+        def place(scene: SceneRef) -> SceneRef:
+            if scene.name not in self.scenes:
+                return scene
+            return replace(scene, path=str(scene_path(self.folder, scene.name)))
+
+        return tuple(in_rooms(task, place) for task in self.tasks)
 
     def chains(self, seeds: Sequence[int]) -> list[Chain]:
         """Return all episodes in their final order, each by itself."""
@@ -112,7 +121,6 @@ class OurTasks:
         here = replace(
             self,
             folder=node.path,
-            tasks=tuple(placed(task, self.scenes, node.path) for task in self.tasks),
             models=node.models(header, self.models, self.rows),
         )
         return node.bringing(loaded(here, Session()))
@@ -120,11 +128,11 @@ class OurTasks:
 
 def our_tasks(
     path: Path,
-    folder: Path,
     changes: Changes | None,
     computed: Mapping[str, Any],
     base_url: str,
     *,
+    folder: Path,
     steps: bool | None,
     states: Path | None,
     half_width: float | None,
@@ -138,7 +146,7 @@ def our_tasks(
     experiment = msgspec.structs.replace(experiment, models=models)
     if base_url:  # where it is asked is no part of what a run depends on
         models = msgspec.structs.replace(models, hosted=models.hosted.at(base_url))
-    found = load(experiment, path, folder)
+    found = load(experiment, path)
     experiment = _as_sure(experiment, half_width, max_seeds)
     alike = [task.id for task in found.tasks if task.kind == "sequence"]
     if experiment.precision is not None and alike:  # another seed would be the same episode again
@@ -185,10 +193,11 @@ class Performer:
 
     def __init__(self, suite: OurTasks, session: Session) -> None:
         self._suite, self._session = suite, session
-        self._tasks = {task.id: task for task in suite.tasks}
+        self._tasks = {task.id: task for task in suite.placed()}
+        self._maps = suite.folder / MAPS
         resources = load_resources(
             suite.models,
-            maps=suite.folder / MAPS,
+            maps=self._maps,
             seed=suite.experiment.seeds[0],  # of the planner's decoding
             session=session,
             states=suite.states,
@@ -245,7 +254,7 @@ class Performer:
 
     def _know(self, scene: SceneRef) -> None:
         """Have a map of a room as it is, before somebody makes one of it on another day."""
-        path = self._suite.folder / MAPS / f"{scene.name}.json"
+        path = self._maps / f"{scene.name}.json"
         if path.exists():
             return
         try:

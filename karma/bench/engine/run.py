@@ -56,7 +56,7 @@ class Run:
     ) -> None:
         self.path, self.folder = path, folder
         self._session = Session(cassette)
-        said = (path, folder, changes, computed or {}, base_url)
+        said = (path, changes, computed or {}, base_url)
         own: dict[str, Any] = {
             "steps": steps, "states": states, "half_width": half_width, "max_seeds": max_seeds
         }  # fmt: skip
@@ -68,15 +68,15 @@ class Run:
                 raise KarmaError(f"{path}: a benchmark has no {wrong[0]}")
             self.suite = benchmark_suite(*said)
         else:
-            self.suite = our_tasks(*said, **own)
+            self.suite = our_tasks(*said, folder=folder, **own)
         self.experiment: Any = self.suite.experiment  # an `Experiment`, or a benchmark's own
         ours = self.suite if isinstance(self.suite, OurTasks) else None
-        self.tasks: tuple[Task, ...] = ours.tasks if ours else ()  # of our own
+        self.tasks: tuple[Task, ...] = ours.placed() if ours else ()  # of our own
         self.precision = ours.experiment.precision if ours else None
         self._config = ours.config if ours else None
         self._scenes = ours.brought() if ours else {}
         self.header = self.suite.header
-        self._files = self.suite.files()
+        self._files = self.suite.files(folder)
         self.records: list[Any] = []
         self.not_run: list[NotRun] = []  # of those that were tried last
         self.timings: dict[Key, Any] = {}

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Protocol
 import msgspec
 
 from karma.agent.journal.records import Key, NotRun
-from karma.agent.journal.run_folder import Finished
+from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.loading.models import Models, Row, check_asked, language_model
 from karma.bench.engine.experiment_file import DataFolders
 from karma.bench.figures.sheet import Sheet
@@ -90,8 +90,8 @@ class Suite(Protocol):
     def header(self) -> Any:
         """What records depend on."""
 
-    def files(self) -> Any:
-        """Return the folder that takes what episodes leave, a `RunFolder` or its like."""
+    def files(self, folder: Path) -> RunFolder:
+        """Return the folder as what takes what episodes leave."""
 
     def chains(self, seeds: Sequence[int]) -> Sequence[Chain]:
         """Return all episodes in their final order."""

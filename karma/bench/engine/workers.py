@@ -25,8 +25,8 @@ from karma.agent.journal.provenance import (
 )
 from karma.agent.journal.records import NotRun
 from karma.agent.loading.models import Models, Row
+from karma.bench.engine.experiment import scene_path
 from karma.bench.engine.experiment_file import DataFolders
-from karma.bench.engine.experiment_tasks import scene_path
 from karma.bench.engine.pool import JobQueue, in_processes
 from karma.bench.engine.ray_pool import WorkerNeed, in_cluster
 from karma.bench.engine.suite import Chain, Do, Done, Suite

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from karma.agent.journal.records import ALL, EpisodeRecord, is_of, kinds_of
-from karma.bench.figures.counterfactual import Pair, paired, paired_sums
+from karma.bench.figures.columns import Pair, paired, paired_sums
 from karma.bench.figures.metrics import METRICS, SUCCESS, Metric, TimedEpisode, by_task, measure
 from karma.bench.figures.statistics import (
     Estimate,

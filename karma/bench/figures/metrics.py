@@ -41,26 +41,16 @@ Amount = Callable[[TimedEpisode], Observations]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Metric:
-    """One column.
+    """One column."""
 
-    Args:
-        key: its name in files.
-        title: its name in tables.
-        says: what it is, in few words.
-        of: an episode's observations.
-        only: undefined unless one of the episodes has this: a row without a planner has no
-            planner calls, rather than 0.
-        is_rate: they are zeros and ones.
-        digits: after the point.
-    """
-
-    key: str
-    title: str
-    says: str
-    of: Amount
-    only: Callable[[EpisodeRecord], bool] | None = None
-    is_rate: bool = False
-    digits: int = 2
+    key: str  # its name in files
+    title: str  # its name in tables
+    says: str  # what it is, in few words
+    of: Amount  # an episode's observations
+    only: Callable[[EpisodeRecord], bool] | None = None  # undefined unless an episode has this:
+    # a row without a planner has no planner calls, rather than 0
+    is_rate: bool = False  # they are zeros and ones
+    digits: int = 2  # after the point
 
 
 # ----------------------------------------------------------------- what an episode shows

@@ -10,9 +10,8 @@ from karma.agent.journal.owned_folder import changed
 from karma.agent.journal.records import in_words
 from karma.agent.journal.run_folder import RunData, read_run
 from karma.agent.journal.steps import read_steps, steps_path
-from karma.bench.figures.columns import COLUMNS, figures_of
+from karma.bench.figures.columns import COLUMNS, LOTA_ROW, OFF_ROW, figures_of, reductions
 from karma.bench.figures.compare import Arm, Comparison, arm_of, compare_kinds, rows_of
-from karma.bench.figures.counterfactual import LOTA_ROW, OFF_ROW, reductions
 from karma.bench.figures.failures import Failure, failures
 from karma.bench.figures.metrics import TimedEpisode, episodes_of
 from karma.bench.figures.sheet import Sheet

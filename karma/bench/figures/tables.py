@@ -11,9 +11,15 @@ from pathlib import Path
 
 from karma.agent.journal.formats import UNKNOWN, figure_text, plural
 from karma.agent.journal.records import ALL, KINDS, NOT_TRAINED, TRAINED
-from karma.bench.figures.columns import COLUMNS, Counted, Figures, without_repeats
+from karma.bench.figures.columns import (
+    COLUMNS,
+    SAVINGS,
+    Counted,
+    Figures,
+    Reduction,
+    without_repeats,
+)
 from karma.bench.figures.compare import Comparison
-from karma.bench.figures.counterfactual import SAVINGS, Reduction
 from karma.bench.figures.failures import CAUSES, Failure, count
 from karma.bench.figures.metrics import METRICS, SUCCESS
 from karma.bench.figures.sheet import Sheet

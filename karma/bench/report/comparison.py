@@ -12,19 +12,19 @@ from karma.agent.journal.owned_folder import STEPS, kind_in
 from karma.agent.journal.records import ALL
 from karma.agent.journal.run_folder import RunData, read_run
 from karma.bench.engine.sweep_folder import read_sweep
-from karma.bench.figures.columns import COLUMNS, Figures, figures
+from karma.bench.figures.columns import COLUMNS, Figures, Saving, figures
 from karma.bench.figures.compare import compare_kinds, rows_of
-from karma.bench.figures.counterfactual import Saving
 from karma.bench.figures.metrics import Metric
 from karma.bench.figures.results import Side, check_same_rooms, split_name
-from karma.bench.report.choice import episode_key
 from karma.bench.report.html import fill
-from karma.bench.report.plots import Plot, success_plot
 from karma.bench.report.results import (
+    Plot,
     ResultLine,
     TaskLine,
     columns,
+    episode_key,
     result_lines,
+    success_plot,
     task_lines,
 )
 from karma.errors import KarmaError

@@ -9,26 +9,30 @@ import msgspec
 from karma.agent.journal.formats import UNKNOWN, figure_text
 from karma.agent.journal.records import SAID, Turn, read_turns
 from karma.agent.journal.run_folder import RunData
-from karma.bench.figures.columns import COLUMNS
+from karma.bench.figures.columns import COLUMNS, Saving
 from karma.bench.figures.compare import rows_of
-from karma.bench.figures.counterfactual import Saving
 from karma.bench.figures.failures import Failure
 from karma.bench.figures.metrics import Metric
 from karma.bench.figures.sheet import Sheet
 from karma.bench.figures.tables import Result, sheets, size_words
-from karma.bench.report.choice import episode_key
 from karma.bench.report.episodes import EpisodeReplay
 from karma.bench.report.html import Frames, fill, script_data
-from karma.bench.report.plots import Plot, bar_plot, cause_plot, success_plot
 from karma.bench.report.results import (
+    Plot,
     ResultLine,
     TaskLine,
+    bar_plot,
+    cause_plot,
     columns,
+    episode_key,
     result_lines,
+    success_plot,
     task_lines,
 )
 from karma.bench.report.room import RoomPlan
 from karma.bench.report.story import endings
+
+_OF_PLANS = ("recalled", "prompt", "program", "error", "refused")  # fields that the script reads
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,6 +146,7 @@ def _told_part(
         **msgspec.to_builtins(part),
         **said,
         "map_text": maps.index(part.map_text),
+        "plans": [{key: getattr(plan, key) for key in _OF_PLANS} for plan in part.plans],
         "changes": part.changes,
         "goals": goals,
         "endings": endings(part),

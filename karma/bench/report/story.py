@@ -14,17 +14,6 @@ MomentKind = Literal["start", "enter", "subtask", "plan", "action", "skill", "ou
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Told:
-    """One planner call."""
-
-    recalled: tuple[str, ...]  # object ids in the prompt
-    prompt: str  # the part that changes
-    program: str
-    error: str
-    refused: str = ""  # what people are told where the request is not carried out
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Done:
     """One skill call and how it went."""
 
@@ -46,7 +35,7 @@ class Part:
     finished: bool = False
     unmet: tuple[str, ...] = ()
     map_text: str = ""  # long-term memory as the prompt has it
-    plans: tuple[Told, ...] = ()
+    plans: tuple[steps.Planned, ...] = ()
     calls: tuple[Done, ...] = ()
 
     @property
@@ -169,14 +158,7 @@ class _Teller:
         return found[::-1]
 
     def _plan(self, line: steps.Planned) -> None:
-        said = Told(
-            recalled=line.recalled,
-            prompt=line.prompt,
-            program=line.program,
-            error=line.error,
-            refused=line.refused,
-        )
-        self._change(plans=(*self._part.plans, said))
+        self._change(plans=(*self._part.plans, line))
         self._moment("plan", "program", ok=not line.error, error=line.error)
 
     def _skill(self, line: steps.SkillStep) -> None:

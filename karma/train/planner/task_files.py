@@ -15,9 +15,9 @@ from karma.agent.goals.files import load_tasks
 from karma.bench.drawing.drawn_tasks import DrawnRequest, Kind, draw_task
 from karma.bench.drawing.memories import room_of
 from karma.bench.drawing.phrases import Book
-from karma.bench.drawing.possible import Possible
 from karma.bench.drawing.requests import KINDS
 from karma.bench.engine.episode import run_episode
+from karma.bench.engine.task_check import Possible
 from karma.bench.rows.expert import ExpertMethod
 from karma.contracts import World
 from karma.errors import FileError

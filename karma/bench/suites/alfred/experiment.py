@@ -7,8 +7,7 @@ from typing import Literal
 import msgspec
 
 from karma.agent.loading.models import Models
-from karma.bench.engine.experiment import check_listed
-from karma.bench.engine.experiment_tasks import select
+from karma.bench.engine.experiment import check_listed, select
 from karma.bench.suites.alfred.eb_planner import PromptOptions, kind_of
 from karma.bench.suites.alfred.lota_planner import LotaPromptOptions
 from karma.bench.tasks.alfred import ListedTask, read_lists

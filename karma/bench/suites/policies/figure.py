@@ -156,9 +156,7 @@ def figure_run(path: Path, folder: Path, *, fresh: bool = False) -> Run:
         figure=hashlib.sha256(read_bytes(path)).hexdigest(),
         tasks=hashlib.sha256(to_json([pool.source, pool.errands])).hexdigest(),
     )
-    suite = FigureSuite(
-        experiment=figure, header=header, policies=policies, pool=pool, folder=folder
-    )
+    suite = FigureSuite(experiment=figure, header=header, policies=policies, pool=pool)
     return Run(path, folder, fresh=fresh, suite=suite)
 
 
@@ -170,7 +168,6 @@ class FigureSuite:
     header: FigureHeader
     policies: tuple[str, ...]
     pool: Pool  # that is drawn from
-    folder: Path
     models: Models = NO_MODELS
     rows: tuple[Row, ...] = ()
 
@@ -180,9 +177,9 @@ class FigureSuite:
         pairs = [(workload, units) for workload in one.workloads for units in one.unit_sets]
         return {f"{workload}-{units}": (workload, units) for workload, units in pairs}
 
-    def files(self) -> "FigureFolder":
-        """Return the folder that takes the records."""
-        return FigureFolder(self.folder, steps=False, kind="figure", records=PolicyRecord)
+    def files(self, folder: Path) -> "FigureFolder":
+        """Return the folder as what takes the records."""
+        return FigureFolder(folder, steps=False, kind="figure", records=PolicyRecord)
 
     def chains(self, seeds: Sequence[int]) -> list[Chain]:
         """Return a chain for each cell."""
