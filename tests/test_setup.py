@@ -13,7 +13,7 @@ import zipfile
 import pytest
 from support.paths import ROOT
 
-from karma.bundle import wheels
+from karma.bundle import build
 from karma.files import cache
 from karma.infer.manifest.manifest import find_model
 
@@ -145,8 +145,8 @@ def test_setup_goes_on_and_says_so_where_real_weights_cannot_be_had(checkout):
 def test_bundle_takes_the_wheel_that_setup_installed(checkout, monkeypatch):
     set_up(checkout, CMAKE_ARGS="-DGGML_CUDA=on")
     monkeypatch.setattr(sys, "prefix", str(checkout / ".venv"))
-    folder = wheels.kept_wheels()
+    folder = build.kept_wheels()
     assert (folder / "cmake-args.txt").read_text() == "-DGGML_CUDA=on\n"
     assert len(list(folder.glob("llama_cpp_python-*.whl"))) == 1
-    (checkout / ".venv" / wheels.BUILT).unlink()
-    assert wheels.kept_wheels() == cache() / "wheels"
+    (checkout / ".venv" / build.BUILT).unlink()
+    assert build.kept_wheels() == cache() / "wheels"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
-from karma.bundle.wheels import kept_wheels
+from karma.bundle.build import kept_wheels
 from karma.errors import KarmaError
 from karma.files import cache
 from karma.infer.manifest.manifest import check, find_model, read_manifest

@@ -171,7 +171,7 @@ def models_bring(name: Annotated[str, typer.Argument(help="A model of the manife
     The one command that uses the network, and only when it is called. What was fetched is kept
     until all is there: called again, it goes on.
     """
-    from karma.infer.llama.gguf_merge import make_merged
+    from karma.infer.llama.gguf_files import make_merged
     from karma.infer.manifest.brought import bring
     from karma.infer.manifest.manifest import check, find_model
 
@@ -218,7 +218,7 @@ def models_tune(
     On processors some 42 tokens a second and core; a GPU is used where torch finds one.
     """
     from karma.agent.journal.formats import figure_text
-    from karma.infer.llama.gguf_merge import merge_adapter
+    from karma.infer.llama.gguf_files import merge_adapter
     from karma.infer.manifest.manifest import find_model, is_gguf_path, verify
     from karma.train.tuning import ADAPTER, ADAPTER_CONFIG, TuningRecipe, tune_file
 

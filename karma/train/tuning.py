@@ -1,4 +1,4 @@
-"""Tune the weights of a GGUF on examples: a LoRA adapter, which `gguf_merge` puts back into a GGUF.
+"""Tune the weights of a GGUF on examples: a LoRA adapter, which `gguf_files` puts back into a GGUF.
 
 One recipe for karma-mini and for a lab's own sentences. Training is transformers' Trainer, the
 adapter peft's (Hu et al. 2021); ours is only what goes in: the tokens are those that llama.cpp will

@@ -171,7 +171,7 @@ def spec(tmp_path, monkeypatch):
     (tmp_path / "models" / "manifest.toml").write_text("models = []\n")
     monkeypatch.setenv("KARMA_MODELS", str(tmp_path / "models"))
     monkeypatch.setenv("KARMA_CACHE", str(tmp_path))
-    monkeypatch.setattr("karma.bundle.wheels.BUILT", "no note")
+    monkeypatch.setattr("karma.bundle.build.BUILT", "no note")
     monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)  # this and the next may name others
     monkeypatch.delenv("PIP_FIND_LINKS", raising=False)
     folder = tmp_path / "wheels"

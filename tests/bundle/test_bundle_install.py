@@ -60,7 +60,7 @@ def bundle(tmp_path_factory):
     shutil.copy(installing.__file__, folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("KARMA_CACHE", str(folder))  # llama-cpp-python's real wheel lies in the other,
-        patch.setattr("karma.bundle.wheels.BUILT", "no note")  # or where set-up noted
+        patch.setattr("karma.bundle.build.BUILT", "no note")  # or where set-up noted
         patch.setenv("PIP_CONFIG_FILE", os.devnull)  # may name others, as the next
         patch.delenv("PIP_FIND_LINKS", raising=False)
         words = ["--out", folder / "karma.tar", "--wheels", wheels, "--lock", folder / "lock"]

@@ -21,7 +21,7 @@ from karma.infer.llama.room_states import StateOptions
 from karma.infer.llama.vision import LlamaVision
 from karma.infer.manifest.manifest import PicturePair
 from karma.infer.programs.automaton import ProgramAutomaton
-from karma.infer.vision.pictures import picture_url
+from karma.infer.vision.questions import picture_url
 from karma.train.testing import make_picture_model
 
 PROMPT = Prompt(stable="#areas\nnode_1 Fridge Sink\n" * 12, changing="#task go\n#program\n")

@@ -118,7 +118,7 @@ def test_what_is_in_no_package_says_what_to_do():
 
 
 def test_karma_mini_is_made_again_to_the_byte(tmp_path, mini, smollm):
-    from karma.infer.llama.gguf_merge import merge_adapter
+    from karma.infer.llama.gguf_files import merge_adapter
     from karma.infer.manifest.manifest import file_paths
 
     _, adapter, config = file_paths(find_model("karma-mini"))[:3]

@@ -21,7 +21,7 @@ from karma.infer.manifest.added import AddOptions, add_model
 from karma.infer.manifest.manifest import read_local, resolve_planner
 from karma.train.testing import make_planner
 from karma.train.testing.families import Size, language_keys, language_tensors
-from karma.train.testing.random_gguf import add_keys, write_random_gguf
+from karma.train.testing.models import add_keys, write_random_gguf
 
 LLAMA = "llama"
 

@@ -22,8 +22,7 @@ from karma.contracts import REFUSAL_KINDS, ProgramSpec
 from karma.errors import ProgramError
 from karma.household.types import object_types
 from karma.infer.programs.automaton import ProgramAutomaton
-from karma.infer.programs.grammars import gbnf, regex
-from karma.infer.programs.schema import program_text, schema
+from karma.infer.programs.grammars import gbnf, program_text, regex, schema
 
 SAMPLES = int(os.environ.get("KARMA_SAMPLE", "2000"))
 NODES = tuple(f"node_{number}" for number in range(1, 13))

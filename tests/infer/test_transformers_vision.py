@@ -9,7 +9,7 @@ from support.tiny_vision import FAMILIES, save_family
 from karma.contracts import SeenObject
 from karma.errors import FileError, KarmaError, ModelError
 from karma.infer.vision import transformers as transformers_vision
-from karma.infer.vision.pictures import LINE, cut
+from karma.infer.vision.questions import LINE, cut
 from karma.infer.vision.transformers import TransformersVision, VisionOptions
 
 MUG = SeenObject(

@@ -7,8 +7,7 @@ from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
-from karma.infer.llama.scoring import SkillScorer
-from karma.infer.llama.whole_names import NameBegun, best_name
+from karma.infer.llama.scoring import NameBegun, SkillScorer, best_name
 from karma.infer.programs.automaton import ProgramAutomaton
 
 SKILLS = (

@@ -1,6 +1,6 @@
 """Vision models of random weights in a few hundred kB: each family's own architecture and files."""
 
-from karma.infer.vision.text import STATES, question
+from karma.infer.vision.questions import STATES, question
 
 TEMPLATE = (
     "{% for message in messages %}{{ message['role'] }}: {% for part in message['content'] %}"

@@ -20,7 +20,7 @@ from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.vision import LlamaVision
 from karma.infer.manifest.manifest import PicturePair
 from karma.infer.programs.automaton import ProgramAutomaton
-from karma.infer.vision.pictures import picture_url
+from karma.infer.vision.questions import picture_url
 from karma.train.testing import FAMILIES, Size, make_picture_model, make_planner
 
 PROGRAMS = int(os.environ.get("KARMA_PROGRAMS", "60"))  # drawn of each family

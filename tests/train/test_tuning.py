@@ -13,8 +13,7 @@ from support.tiny import export_tiny
 from karma.agent.goals.files import load_texts
 from karma.errors import FileError, ModelError
 from karma.household.types import object_types
-from karma.infer.llama.gguf_files import read_gguf_tokenizer
-from karma.infer.llama.gguf_merge import merge_adapter
+from karma.infer.llama.gguf_files import merge_adapter, read_gguf_tokenizer
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.options import LlamaOptions
 from karma.train.testing import make_planner

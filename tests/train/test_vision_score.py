@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from karma.infer.vision.text import STATES
+from karma.infer.vision.questions import STATES
 from karma.train.vision.moments import generator, moments, room, samples
 from karma.train.vision.score import (
     NOTHING,

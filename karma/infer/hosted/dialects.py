@@ -22,9 +22,10 @@ from karma.infer.programs.grammars import (
     plan_gbnf,
     plan_regex,
     plan_schema,
+    program_text,
     regex,
+    schema,
 )
-from karma.infer.programs.schema import program_text, schema
 
 Fields = dict[str, Any]  # of a request
 

@@ -30,7 +30,7 @@ from karma.infer.hosted.cost import cost_of, usage_of
 from karma.infer.hosted.dialects import Language, Manner, language_of, manner_of
 from karma.infer.hosted.session import Endpoint, Session
 from karma.infer.programs.automaton import without_closing
-from karma.infer.vision.pictures import picture_url
+from karma.infer.vision.questions import picture_url
 from karma.language.whole import CUTS, cut_off, filtered
 
 _FIELDS = ("reasoning_content", "reasoning", "thinking")  # that servers return a thought in

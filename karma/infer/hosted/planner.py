@@ -13,8 +13,7 @@ from karma.errors import ModelError, ServerLost
 from karma.infer.hosted.dialects import Language, manner_of
 from karma.infer.hosted.model import HostedLanguageModel
 from karma.infer.hosted.session import Endpoint, Session
-from karma.infer.programs.grammars import literal
-from karma.infer.programs.schema import object_schema
+from karma.infer.programs.grammars import literal, object_schema
 from karma.seeds import stream
 
 _TIMES = 2

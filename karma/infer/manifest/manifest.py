@@ -16,8 +16,7 @@ import msgspec
 
 from karma.errors import FileError, ModelError, UnknownNameError, did_you_mean
 from karma.files import read_bytes, read_toml, repair, sha256_of, shipped
-from karma.infer.checks.gguf import is_gguf
-from karma.infer.checks.projector import split_pair
+from karma.infer.checks.gguf import is_gguf, split_pair
 
 Role = Literal["planner", "vlm", "text-embedder", "image-embedder", "parser"]
 State = Literal["ok", "absent", "open", "wrong"]

@@ -26,8 +26,7 @@ from karma.infer.torch_load import (
     quiet,
     threads,
 )
-from karma.infer.vision.pictures import cut
-from karma.infer.vision.text import Profile, question, some_picture, states_told
+from karma.infer.vision.questions import Profile, cut, question, some_picture, states_told
 
 FAMILIES = {
     "llava": ("LlavaForConditionalGeneration",),

@@ -7,8 +7,7 @@ look as those do; stand-ins answer what they were told to. Fixtures: `karma.trai
 from karma.infer.scripted import ScriptedModel
 from karma.train.testing.doubles import StubEmbedder, StubVision
 from karma.train.testing.families import FAMILIES, PICTURE_FAMILIES, Size
-from karma.train.testing.pictures import MadePair, make_picture_model
-from karma.train.testing.planners import make_llama, make_planner
+from karma.train.testing.models import MadePair, make_llama, make_picture_model, make_planner
 
 __all__ = [
     "FAMILIES",

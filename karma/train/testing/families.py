@@ -7,8 +7,8 @@ from types import MappingProxyType
 from typing import Any
 
 from karma.errors import UnknownNameError
-from karma.train.testing.random_gguf import Shape
 
+Shape = tuple[int, ...]
 _TEMPLATES = Path(__file__).parent / "templates"
 _CHATML = ("<|endoftext|>", "<|im_start|>", "<|im_end|>")
 _THOUGHT = ("<think>", "</think>")

@@ -14,7 +14,7 @@ from pathlib import Path
 from karma.agent.experience import png
 from karma.contracts import Frame, SeenObject, VisionModel
 from karma.household.states import OPPOSITES
-from karma.infer.vision.text import STATES, names_of
+from karma.infer.vision.questions import STATES, names_of
 from karma.train.vision.moments import Sample, generator, moments, room, samples, thinned
 from karma.world.core import scene as scenes
 from karma.world.core.scene import Scene
@@ -245,7 +245,7 @@ def _sight(one: Sample) -> SeenObject:
 
 
 def _shown(frame: Frame, one: Sample) -> Frame:
-    from karma.infer.vision.pictures import cut
+    from karma.infer.vision.questions import cut
 
     return cut(frame, one.region, 1.5, one.silhouette)
 

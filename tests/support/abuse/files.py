@@ -114,7 +114,7 @@ def _gguf(path: Path) -> object:
 
 
 def _projector(path: Path) -> object:
-    from karma.infer.checks.projector import check_projector
+    from karma.infer.checks.gguf import check_projector
 
     return check_projector(path)
 

@@ -1,10 +1,14 @@
-"""Ask vision models and read their answers (KARMA §3.4, Fig. 10, appendix F)."""
+"""Cut pictures, ask vision models and read their answers (KARMA §3.4, Fig. 10, appendix F)."""
 
+import base64
+import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from karma.contracts import Frame, SeenObject, State
+import numpy as np
+
+from karma.contracts import Frame, Point, Region, SeenObject, State
 from karma.errors import ModelError
 from karma.household.pieces import base_type
 
@@ -146,3 +150,46 @@ def some_picture(name: str, image: Frame | None) -> Frame:
     if image is None:
         raise ModelError(f"{name} reads pictures, and there is none: nothing was rendered")
     return image
+
+
+LEAST_PX = 32.0  # smaller things are shown with more around them
+LINE = (255, 0, 255)
+THIN = 60.0  # the square's side over the width of a line in it
+
+
+def cut(frame: Frame, region: Region, margin: float, silhouette: Sequence[Point] = ()) -> Frame:
+    """Return a square around a region of an uint8 frame, black where that ends, shape (s, s, 3).
+
+    Region and silhouette are in pixels: left, top, right, bottom, and corners; a line is drawn
+    along these, which tells a drawer from those above and below it. `margin` is the square's side
+    over the region's longer side.
+    """
+    left, top, right, bottom = region
+    side = max(1, round(max(right - left, bottom - top, LEAST_PX / margin) * margin))
+    x, y = round((left + right - side) / 2), round((top + bottom - side) / 2)
+    height, width = frame.shape[:2]
+    found = np.zeros((side, side, 3), dtype=np.uint8)
+    x0, y0, x1, y1 = max(x, 0), max(y, 0), min(x + side, width), min(y + side, height)
+    if x0 < x1 and y0 < y1:
+        found[y0 - y : y1 - y, x0 - x : x1 - x] = frame[y0:y1, x0:x1]
+    if silhouette:
+        found = _drawn(found, [(left - x, top - y) for left, top in silhouette])
+    return found
+
+
+def _drawn(picture: Frame, corners: Sequence[Point]) -> Frame:
+    from PIL import Image, ImageDraw
+
+    image = Image.fromarray(picture)
+    wide = max(1, round(len(picture) / THIN))
+    ImageDraw.Draw(image).line([*corners, corners[0]], fill=LINE, width=wide)
+    return np.asarray(image)
+
+
+def picture_url(image: Frame) -> str:
+    """Return a picture, uint8 (H, W, 3), as a data URI (PNG)."""
+    from PIL import Image
+
+    data = io.BytesIO()
+    Image.fromarray(image).save(data, "PNG")
+    return f"data:image/png;base64,{base64.b64encode(data.getvalue()).decode()}"
