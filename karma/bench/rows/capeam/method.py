@@ -339,7 +339,8 @@ class CapeamMethod:
 
         KarmaError if an option is unknown or of the wrong type.
         """
-        return cls(Planner.of(resources), settings_of(CapeamSettings, options))
+        settings = settings_of(CapeamSettings, options)
+        return cls(Planner.of(resources), settings)
 
     def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "CapeamEpisode":
         """Start an episode: an empty map."""

@@ -173,7 +173,8 @@ class LotaGenerate:
 
         KarmaError if an option is unknown or of the wrong type.
         """
-        return cls(Planner.of(resources), settings_of(LotaGenerateSettings, options))
+        settings = settings_of(LotaGenerateSettings, options)
+        return cls(Planner.of(resources), settings)
 
     def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "LotaEpisode":
         """Start an episode: no plans made; only the cells of the floor are known."""
