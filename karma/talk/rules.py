@@ -34,7 +34,8 @@ def is_rule(request: Request) -> bool:
     if any(one.verb.startswith("leave") for one in request.forbidden):
         return False
     # of "dirty things", "the red mug" nobody could say whether a request is about them
-    told = any(one.states or one.at or one.marks for one in _named(request))
+    named = [one for one in _named(request) if one.types]
+    told = not named or any(one.states or one.at or one.marks for one in named)
     return not (told or _STATES & {*re.findall(r"[a-z]+", request.text.lower())})
 
 

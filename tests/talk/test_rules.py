@@ -49,3 +49,13 @@ def test_a_rule_of_one_thing_leaves_others_alone(tmp_path):
     agent.do("never touch the bread")
     assert agent.do("put the apple in the fridge").status == "done"
     assert agent.do("put the bread in the fridge").status == "refused"
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["never mind, don't do anything", "don't ever do that again", "never put dirty things away"],
+)
+def test_what_names_nothing_that_could_be_held_to_is_no_rule(tmp_path, text):
+    agent = agent_saying(tmp_path, [STORE])
+    assert agent.do(text).status != "answered"
+    assert agent.do("put the apple in the fridge").status == "done"
