@@ -12,8 +12,8 @@ from karma.talk.home import RULE, RULE_ENDED, PastErrand
 from karma.talk.remembering import MemoryAnswer, answer
 
 _FOR_GOOD = re.compile(
-    r"\b(?:never|ever|any ?more|from now on|in (?:the )?future|at any time|no matter what"
-    r"|under any circumstances)\b",
+    r"\b(?:never(?! (?:mind|have|had)\b)|ever|any ?more|from now on|in (?:the )?future"
+    r"|at any time|no matter what|under any circumstances)\b",
     re.IGNORECASE,
 )
 _STATES = frozenset(("dirty", "hot", "cold", "empty", "full", "broken", "sliced", "cooked", "warm"))
