@@ -335,15 +335,16 @@ class Agent:
     def _one(self, said: _Clause, whole: str) -> Iterator[Moment]:
         """Carry out one request, or answer it."""
         clause, asked, reader = said.text, said.asked, self._method.reader
-        if asked and reader and (answer := self._answer(clause, asked, reader)) is not None:
+        known = rules.rules(self.home.past, reader) if reader else []
+        if asked and reader and (answer := self._answer(clause, asked, reader, known)) is not None:
             yield RequestReply(instruction=clause, answer=answer)
             return
         self._episode.clock_s = self.home.clock_s
         self._episode.mine = {**history.owned(self.home.past), **said.means}
         self._episode.told = self._remembering().told()
         self._asked = clause if asked is not None and asked.form == "errand" else ""
-        if asked is not None and reader is not None:
-            asked = rules.with_rules(asked, rules.rules(self.home.past, reader))
+        if asked is not None:
+            asked = rules.with_rules(asked, known)
         subtask = SubTask(instruction=clause, whole=clause if asked else whole, asked=asked)
         taken: list[Understanding] = []
         plans: list[Plan] = []
@@ -392,19 +393,21 @@ class Agent:
             reply = replace(reply, elsewhere=history.found_elsewhere(self.home.past))
         yield reply
 
-    def _answer(self, clause: str, asked: Request, reader: RequestReader) -> MemoryAnswer | None:
+    def _answer(
+        self, clause: str, asked: Request, reader: RequestReader, known: Sequence[Request]
+    ) -> MemoryAnswer | None:
         """Answer a question, or learn what is told; None where it is neither.
 
-        Of another room nothing is looked for, done or learnt here.
+        Of another room nothing is looked for, done or learnt here. `known` are the rules by now.
         """
         self._question = clause if asked.form == "question" else ""
         if rules.is_rule(asked):
             self.home.add(clause, RULE, (), (), self._world.last_event)
             return rules.kept_to(asked)
-        if rules.is_taken_back(asked.text, self.home.past, reader):
+        if rules.is_taken_back(asked.text, known, reader):
             self.home.add(clause, RULE_ENDED, (), (), self._world.last_event)
             return answer("I will keep to it no longer.")
-        if against := rules.against(asked, rules.rules(self.home.past, reader)):
+        if against := rules.against(asked, known):
             return against
         room = room_said(asked, self.scene.name)
         if room is not None and not room.is_here:

@@ -250,11 +250,12 @@ def which_it_was_done_to(q: AskedQuestion) -> MemoryAnswer | None:
 def _done_to(q: AskedQuestion, deed: str, rest: Sequence[str]) -> list[tuple[str, float]]:
     """Return the things of the asked kind that a deed was done to, and when, the last first."""
     order = [base_of_deed(rest[0]) or rest[0], "the", q.things[0].text, *rest[1:]]
-    asked = [errand for errand, _ in _that_was_done(q, order) or ()]
+    known = _that_was_done(q, order) or ()
+    asked = [errand for errand, deeds in known if any(one.done for one in deeds)]
     action = _ACTIONS.get(deed, "")  # else it is what was carried for an errand that asked for it
     done: dict[str, float] = {}
     for past in q.knows.past:
-        if not q.then(past.at_s) or not (action or past in asked):
+        if not q.then(past.at_s) or not (deed == "open" or past in asked):  # a search opens, too
             continue
         for did, given in past.actions:
             name = str(given.get("objectId", ""))
@@ -276,16 +277,13 @@ def whether_all_is_shut(q: AskedQuestion) -> MemoryAnswer | None:
     asks = q.first in ("did", "have") and q.open and q.has("you")
     if not (asks and q.has("close", "closed", "shut") and q.has("opened", "open")) or q.things:
         return None
-    last = {
-        str(given.get("objectId", "")): action
-        for past in q.knows.past for action, given in past.actions
-        if action in ("OpenObject", "CloseObject")
-    }  # fmt: skip
-    left = [name for name, action in last.items() if action == "OpenObject"]
-    if not last:
+    sights = (q.knows.sights.get(name) for name in sorted(looked_into(q.knows.past)))
+    opened = [one[0] for one in sights if one is not None]
+    left = [one.object_id for one in opened if "opened" in one.states]  # as it was seen last
+    if not opened:
         return answer("I have opened nothing.")
     if not left:
-        return answer(f"Yes, all {len(last)} that I opened.")
+        return answer(f"Yes, all that I opened ({len(opened)}).")
     return answer(f"No: I left open the {', the '.join(map(name_of, left))}.")
 
 

@@ -50,11 +50,10 @@ def rules(past: Sequence[PastErrand], reader: RequestReader) -> list[Request]:
     return kept
 
 
-def is_taken_back(text: str, past: Sequence[PastErrand], reader: RequestReader) -> bool:
+def is_taken_back(text: str, known: Sequence[Request], reader: RequestReader) -> bool:
     """Return whether a text takes back one of the rules: "forget that rule"."""
-    if not _TAKEN_BACK.search(text):
+    if not (known and _TAKEN_BACK.search(text)):
         return False
-    known = rules(past, reader)
     return len(_without(known, text, reader)) < len(known)
 
 

@@ -52,24 +52,10 @@ def half():
     return sorted({task.trial for task in read_tasks(DATA / "eb_alfred/splits_even.json")})
 
 
-def played(env):
-    """The environment after the demonstrator's plan, up to what is refused."""
-    player = ExpertPlayer()
-    while not env.end:
-        plan = player.plan(env)
-        if not plan:
-            env.give_up()
-            break
-        for number in plan:
-            if not env.step(number).ok or env.end:
-                break
-    return env
-
-
 def test_expert_plans_of_the_half_all_succeed_in_eb_alfred(begin, half):
     failed = {}
     for one in half:
-        env = played(begin(one, EB_ALFRED))
+        env = eb.played(ExpertPlayer(), begin(one, EB_ALFRED))
         if env.end != "goal met":
             failed[one] = [(step.name, step.feedback) for step in env.steps if not step.ok]
     assert failed == {}
@@ -90,13 +76,15 @@ def test_actions_of_every_room_begin_with_the_same_162(begin, half):
 def test_expert_plans_of_every_third_trial_succeed_in_lota_but_for_those_explained(begin):
     tasks = draw_tasks(DATA / "lota_alfred/splits_even.json", ("valid_seen",))
     chosen = sorted({task.trial for task in tasks})[::3]
-    failed = {one for one in chosen if not played(begin(one, LOTA_ALFRED)).goal_met}
+    failed = {
+        one for one in chosen if not eb.played(ExpertPlayer(), begin(one, LOTA_ALFRED)).goal_met
+    }
     assert failed == FAILS.keys() & {*chosen}
 
 
 def test_put_down_fills_the_basin_where_the_tub_is_nearer_unless_strict(begin):
     for strict in (False, True):
-        assert played(begin(TUB, LOTA_ALFRED, strict=strict)).goal_met != strict
+        assert eb.played(ExpertPlayer(), begin(TUB, LOTA_ALFRED, strict=strict)).goal_met != strict
 
 
 def training(folder, names):

@@ -16,19 +16,6 @@ TWO_APPLES = (ours.pose("Apple_2", (1.4, 0.81, 0.1), objectId=SECOND_APPLE),)
 # ----------------------------------------------------------------- the list
 
 
-def played(player, env):
-    """The environment after a player has played it to its end."""
-    while not env.end:
-        plan = player.plan(env)
-        if not plan:
-            env.give_up()
-            break
-        for number in plan:
-            if not env.step(number).ok or env.end:
-                break
-    return env
-
-
 def test_actions_begin_with_those_of_every_room_in_the_order_of_the_types(tmp_path):
     names = [str(action) for action in eb.environment(tmp_path).actions]
     assert names[:7] == [f"find a {kind}" for kind in eb.TYPES.objs]
@@ -160,7 +147,7 @@ def test_step_refuses_a_number_that_no_action_has(tmp_path):
 
 
 def test_expert_reaches_the_goal_of_our_demonstration(tmp_path):
-    env = played(ExpertPlayer(), eb.environment(tmp_path))
+    env = eb.played(ExpertPlayer(), eb.environment(tmp_path))
     assert env.end == "goal met"
     assert [step.name for step in env.steps] == [
         "find a Apple", "pick up the Apple", "find a Fridge", "open the Fridge", PUT,
@@ -169,7 +156,7 @@ def test_expert_reaches_the_goal_of_our_demonstration(tmp_path):
 
 def test_chance_is_the_same_for_the_same_episode_and_another_for_another(tmp_path):
     def names(use):
-        env = played(ChancePlayer(0, use), eb.environment(tmp_path))
+        env = eb.played(ChancePlayer(0, use), eb.environment(tmp_path))
         return [step.name for step in env.steps]
 
     assert names("base/0") == names("base/0")

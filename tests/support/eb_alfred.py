@@ -59,6 +59,19 @@ def environment(folder, *, more=(), strict=False, puts=None):
     return Environment(trial, facts, TYPES, strict=strict, puts=puts)
 
 
+def played(player, env):
+    """The environment after a player has played it to its end."""
+    while not env.end:
+        plan = player.plan(env)
+        if not plan:
+            env.give_up()
+            break
+        for number in plan:
+            if not env.step(number).ok or env.end:
+                break
+    return env
+
+
 def say(env, *names):
     """Do actions by their names; return the last step."""
     numbers = {str(action): number for number, action in enumerate(env.actions)}

@@ -273,7 +273,7 @@ def test_pieces_of_one_thing_are_one_thing(tmp_path):
         ("was the apple on the table before?", "No: the apple was in the sink before"),
         ("are the apple and the bowl in the fridge?", "No, not that I saw."),
         ("which apple did you wash?", "The apple that is now in the fridge, 1 hour ago."),
-        ("did you close everything you opened?", "Yes, all 1 that I opened."),
+        ("did you close everything you opened?", "Yes, all that I opened (1)."),
         ("what did I ask you first?", "1 hour ago: wash the apple (done)"),
         ("how long did that take?", "a second each by the home's clock: put the apple"),
         ("the fridge is shut, right?", "Yes, the fridge is shut"),
