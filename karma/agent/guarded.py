@@ -5,7 +5,7 @@ Conditions are looked at first, every thing of a plural has its turn, and what w
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 from karma import registry
 from karma.agent.attempts import put_back
@@ -31,6 +31,7 @@ from karma.contracts import (
     RefusedRequest,
     Request,
     SaidDeed,
+    SeenObject,
     SkillCall,
     SubTask,
 )
@@ -104,19 +105,17 @@ class GuardedErrand(ThingFinder):
         if refused is not None:
             yield refusal(refused)
             return
-        if not (yield from self._conditions_hold()):
-            return
-        if self.subtask.asked is None:  # nobody cut it: it is planned without what is no errand
-            text = asked.errand or self.subtask.instruction
-            self.subtask = replace(self.subtask, asked=asked, instruction=text)
-        yield from self._in_turn()
-        if came.tried:
-            for one in asked.mentions:
+        if (yield from self._conditions_hold()):
+            if self.subtask.asked is None:  # nobody cut it: planned without what is no errand
+                text = asked.errand or self.subtask.instruction
+                self.subtask = replace(self.subtask, asked=asked, instruction=text)
+            yield from self._in_turn()
+            for one in asked.mentions if came.tried else ():
                 if one.marks:
                     came.say(f"whether that is the {' '.join(one.marks)} one", "unseen")
-            for result in put_back(asked, self.episode.skills):
-                came.add(result)
-                yield result
+        for result in put_back(asked, self.episode.skills) if came.tried else ():
+            came.add(result)
+            yield result
 
     def _conditions_hold(self) -> Doing[bool]:
         """Look whether all conditions hold; says which does not."""
@@ -366,6 +365,11 @@ class GuardedErrand(ThingFinder):
             roots = {*map(root_id, tried)}
             tried = tried | {name for name in self.sights if root_id(name) in roots}
         one = self.next_known(kinds, tried, thing)
+        places = self.episode.places([*map(kind_of, thing.at)]) if one is None else []
+        if 0 < len(places) <= PLACES:
+            return (
+                yield from self.looked_over(places, partial(self.next_known, kinds, tried, thing))
+            )
         if one is None and kinds:
             one = yield from self.another(kinds, tried)
             if one is None and not tried:  # no bottle, but a spray bottle was seen on the way
@@ -463,17 +467,9 @@ class GuardedErrand(ThingFinder):
             return None
         kinds = self.kinds_of(thing)
         self.came.searched = True
-        if condition.state == "there" and condition.at:
-            for place in here_of(condition.at, self.here)[:1]:
-                yield self.go_to(kind_of(place))
-                self.episode.skills.look_around()
-            wanted = {kind_of(kind) for kind in condition.at}
-            found = any(
-                kind_of(sight.object_type) in kinds
-                and any(kind_of(parent) in wanted for parent in sight.parent_ids)
-                for sight in self.sights.values()
-            )
-            return found == condition.holds
+        if condition.state == "there":
+            so = yield from self._is_there(replace(thing, at=condition.at), kinds)
+            return so if so is None else so == condition.holds
         states: list[bool] = []
         for kind in kinds:
             result = self.episode.skills.run(SkillCall.of("Explore", kind))
@@ -481,10 +477,35 @@ class GuardedErrand(ThingFinder):
             ids = [one for one in result.object_ids if kind_of(one) == kind]
             sight = self.sights.get(ids[-1]) if ids else next(iter(self.of_kinds({kind})), None)
             if result.ok and sight is not None:
-                states.append(is_so(condition.state, sight))
-        if condition.state == "there":
-            return bool(states) == condition.holds
+                states.append((yield from self._is_so(condition.state, sight)))
         return any(states) == condition.holds if states else None
+
+    def _is_so(self, state: str, sight: SeenObject) -> Doing[bool]:
+        """Return whether a thing is in a state; whether it is empty is looked for in it."""
+        if state in ("empty", "filled") and object_types()[sight.object_type].can("receptacle"):
+            yield self.episode.skills.look_over(sight)
+            holds = {kind_of(parent) for one in self.sights.values() for parent in one.parent_ids}
+            if kind_of(sight.object_id) in holds:
+                return state == "filled"
+        return is_so(state, self.sights.get(sight.object_id) or sight)
+
+    def _is_there(self, thing: Mention, kinds: Collection[str]) -> Doing[bool | None]:
+        """Look whether there is a thing as it is told; None: at more places than were looked at."""
+        known = partial(self.next_known, kinds, frozenset[str](), thing)
+        if not thing.at:
+            while known() is None:
+                tried = {name for name in self.sights if kind_of(name) in kinds}
+                if (yield from self.another(kinds, tried)) is None:
+                    return False
+            return True
+        at = [*map(kind_of, here_of(thing.at, self.here))]
+        places = self.episode.places(at) or [one.object_id for one in self.of_kinds(at)]
+        if not places and (one := (yield from self.another(at, set()))):
+            places = [one]  # what can be carried is on no map
+        lain_in = {parent for one in self.of_kinds(kinds) for parent in one.parent_ids}
+        places = sorted(places, key=lambda one: one not in lain_in)
+        found = yield from self.looked_over(places[:PLACES], known)
+        return None if found is None and len(places) > PLACES else found is not None
 
 
 def _is_several(one: Mention) -> bool:

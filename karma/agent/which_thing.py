@@ -3,7 +3,7 @@
 What is told so is looked for until one is so; none is taken in its place.
 """
 
-from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol, TypeVar
 
@@ -33,7 +33,7 @@ from karma.household.ids import root_id, type_of
 from karma.household.pieces import is_piece
 from karma.household.places import HAND
 from karma.household.saying import name_of, spoken, told_place
-from karma.household.states import OPPOSITES
+from karma.household.states import NOT_SO, SAID_AS
 from karma.household.types import object_types
 from karma.household.uses import BASINS, BURNER, KNOB, LAMPS
 from karma.language.request_words import request_words
@@ -43,8 +43,6 @@ Doing = Generator[Plan | SkillResult, None, T]  # what happens on the way to an 
 _PUT = SaidDeed(verb="put", deed="put", start=-1)
 PLACES = 12  # of a kind that are looked over
 _MADE_SO = frozenset(("heated", "cooled", "cooked", "sliced", "filled"))  # "the hot potato"
-# a look shows the other; so with "off"
-_SHOWN_BY = {"clean": "dirty", "empty": "filled", "unbroken": "broken", "unsliced": "sliced"}
 _SHOWS = frozenset(("on", "off", "opened", "closed", "sliced"))  # states that are so for any deed
 
 
@@ -127,6 +125,7 @@ class ThingFinder:
     episode: Carrier
     asked: Request
     came: Came
+    looked_at: set[str] = field(default_factory=set, kw_only=True)  # places, for this request
 
     @property
     def here(self) -> frozenset[str]:
@@ -224,14 +223,8 @@ class ThingFinder:
 
         one = known()
         places = [] if one else self.episode.places({kind_of(kind) for kind in thing.at})
-        for place in places[:PLACES]:
-            self.came.searched = True
-            yield self.go_to(place)
-            if sight := self.sights.get(place):
-                yield self.episode.skills.look_over(sight)
-            one = known()
-            if one is not None:
-                break
+        if places:
+            one = yield from self.looked_over(places[:PLACES], known)
         # where all such places were looked over it is nowhere else, save "from there" by mistake
         looked = 0 < len(places) <= PLACES and not self._words_after(thing).startswith("from ")
         while one is None:
@@ -245,10 +238,25 @@ class ThingFinder:
                 self.came.short = True
                 where = " or ".join(spoken(kind).lower() for kind in thing.at)
                 at = f" at the {where}" if where else ""
-                self.came.say(f"I found no {thing.text}{at}", "otherwise")
+                so = "".join(f" that is {SAID_AS.get(one, one)}" for one in thing.states[:1])
+                self.came.say(f"I found no {thing.text}{so}{at}", "otherwise")
                 return ""
             one = known()
         return one
+
+    def looked_over(
+        self, places: Iterable[str], known: Callable[[], str | None]
+    ) -> Doing[str | None]:
+        """Look over places, each once, until a thing is known; returns it, None if it is not."""
+        self.came.searched = True
+        for place in (one for one in places if one not in self.looked_at):
+            self.looked_at.add(place)
+            yield self.go_to(place)
+            if sight := self.sights.get(place):
+                yield self.episode.skills.look_over(sight)
+            if (one := known()) is not None:
+                return one
+        return None
 
     def _only_one(self, thing: Mention, kinds: Collection[str]) -> str:
         """Return the one thing there is that "from the desk" can be said of; "" for several."""
@@ -436,7 +444,7 @@ def is_all(states: Sequence[str], sight: SeenObject) -> bool:
 
 def is_so(state: str, sight: SeenObject) -> bool:
     """Return whether a look shows a thing in a state."""
-    shown = _SHOWN_BY.get(state) or (OPPOSITES.get(state) if state in ("off", "closed") else None)
+    shown = NOT_SO.get(state)
     if state in ("unbroken", "unsliced") and is_piece(sight.object_type):
         return False
     return state in sight.states or (shown is not None and shown not in sight.states)

@@ -76,10 +76,26 @@ def deed_for(word: str) -> str | None:
     return DONE_BY.get(state, state) if state else None
 
 
+def lacking(state: str) -> str:
+    """Return the state of a thing that is not in one; "" where nothing is called so.
+
+    >>> lacking("dirty"), lacking("clean"), lacking("off"), lacking("hot")
+    ('clean', 'dirty', 'on', '')
+    """
+    return NOT_SO.get(state) or _LACKS.get(state, "")
+
+
 _PAIRS = (("opened", "closed"), ("on", "off"), ("dirty", "cleaned"))
 OPPOSITES: Mapping[str, str] = MappingProxyType(
     {one: other for a, b in _PAIRS for one, other in ((a, b), (b, a))}
 )  # one is so where the other is not
+NOT_SO: Mapping[str, str] = MappingProxyType(
+    {
+        "clean": "dirty", "empty": "filled", "unbroken": "broken", "unsliced": "sliced",
+        "off": "on", "closed": "opened",
+    }
+)  # states that are so where the other, which a look shows, is not  # fmt: skip
+_LACKS = {other: one for one, other in NOT_SO.items()}
 ENDS: Mapping[str, str] = MappingProxyType(
     {**OPPOSITES, "heated": "cooled", "cooled": "heated"}
 )  # a state ends the other when it comes; a thing may be neither

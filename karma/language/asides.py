@@ -20,6 +20,9 @@ _WISH = re.compile(r"\b(?:would|'d) (?:be|appreciate|like|love)\b|\bwondering$")
 _WHEN = frozenset(("when", "whenever", "once", "after", "until", "till", "before", "while"))
 _LIMITS = frozenset(("not", "n't", "never", "to", "limits", "bounds", "forbidden", "stay", "taken"))
 _DEADLINES = ("before", "by")
+_IN = frozenset(("in", "on", "inside", "at"))
+_BESIDE = frozenset(("near", "beside", "behind", "under", "next"))  # no look shows it of a place
+_BEING = frozenset(("there", "find", "see", "spot"))  # "if you find one"
 _IF = frozenset(("if", "unless", "whether", "provided"))
 _USES = ("use", "using", "touch", "touching", "disturb", "take")
 _HELPERS = ("do", "does", "should", "must", "may", "could", "would", "did", "ca", "can", "please")
@@ -225,21 +228,28 @@ class Asides:
         return bool(_WISH.search(" ".join(self.s.lows(number - 6, number))))
 
     def _condition(self, body: range, *, holds: bool) -> Condition:
-        words = self.s.lows(body.start, body.stop)
+        words, seen = self.s.lows(body.start, body.stop), request_words().seen
+        lies = [n for n in body if self.s.low(n) in _IN and self.s.begins_noun(n + 1)]
+        begins = {self.s.words[n + 1].start for n in lies}
         found = self.nouns.all_of(body)
-        seen = request_words().seen
-        state = next((seen[one] for one in reversed(words) if one in seen), "")
-        said = next((one for one in reversed(words) if one in seen), "")
-        at: tuple[str, ...] = ()
-        if "there" in words[:3]:
-            state, at = "there", found[1].types if len(found) > 1 else ()
-        elif said in ("clean", "off", "closed", "shut", "empty"):
-            state = "closed" if said == "shut" else said
-        thing = found[0] if found and not found[0].vague else None
-        negated = any(one in ("not", "n't", "no") for one in words)
+        place = next((one for one in found if one.start in begins), None)
+        things = [one for one in found if one is not place]
+        states = [seen[self.s.low(n)] for n in body if self.s.low(n) in seen and n not in lies]
+        thing = things[0] if things and not things[0].vague else None
+        at = place.types if place is not None else ()
+        if {*words[:3]} & _BEING:
+            state = "there"
+        else:
+            state = states[-1] if states else "there" if at else ""
+        if thing and at and state != "there":  # "if the lamp on the desk is off"
+            thing, at = replace(thing, at=at), ()
+        unclear = {"and", "or"} & {*words} and (len(things) > 1 or len([*lies, *states]) > 1)
+        unclear = unclear or {*_IF, *_BESIDE} & {*words} or (place is not None and place.vague)
+        unclear = unclear or (state == "there" and thing is not None and (thing.number or 1) > 1)
         orders = (n for n in body if self.s.tag(n) == "VB" and self.s.low(n) not in seen)
-        if {*_IF} & {*words} or any(is_deed(self.s.low(n)) for n in orders):
+        if unclear or any(is_deed(self.s.low(n)) for n in orders if self.s.low(n) not in _BEING):
             state = ""  # more than a condition: "if it is on and on if it is off"
+        negated = any(one in ("not", "n't", "no") for one in words)
         return Condition(text="", thing=thing, state=state, at=at, holds=holds != negated)
 
     def _times(self) -> None:

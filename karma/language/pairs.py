@@ -15,6 +15,7 @@ from karma.household.uses import (
     BURNER,
     FAUCET,
     FRIDGE,
+    HAVE_PARTS,
     KNIVES,
     LAMPS,
     MICROWAVE,
@@ -83,13 +84,13 @@ class _PairGroup:
         if not self.places:
             return None
         first, last = self.places[0], self.places[-1]
-        inner = first.types and all(kind in PARTS_OF_FURNITURE for kind in first.types)
-        return first if inner and not {*last.types} & PARTS_OF_FURNITURE else last
+        inner = first.types and PARTS_OF_FURNITURE.issuperset(first.types)
+        return first if inner and {*last.types} & HAVE_PARTS else last
 
     def pair(self, deed: str) -> Pair:
         """Return the things, and where they go; other places say which things are meant."""
         things, place = self.things, self._goal()
-        if len(self.places) > 1 and things:
+        if things and place is not None and place is not self.places[0]:
             first, marks = self.places[0], things[-1].marks + self.places[0].marks
             things = [*things[:-1], replace(things[-1], at=first.types, marks=marks)]
         if self.at:
@@ -311,17 +312,16 @@ class Pairs:
         if before == "of" and group.places and group.places[-1].types and not self._is_part(group):
             return True  # "the front burner of the stove"
         if before in ("of", "in", "inside", "within") and self._is_part(group) and one.types:
-            if types_with("openable").issuperset(one.types):
+            if types_with("openable").issuperset(one.types) and not _is_carried(one):
                 group.places[-1] = one  # "the top shelf of the fridge"
-            return True
+                return True
+            if before == "of" or {*one.types} & HAVE_PARTS:
+                return True
         of = self._s.low(number - 1) == "of" and self._s.low(number - 2) in words.regions
         told = bool(group.places) and (of or before in words.near | words.beside)
-        carried = types_with("pickupable")
-        if told and not of and one.types and carried.issuperset(one.types):
+        if told and not of and _is_carried(one):
             last = group.places[-1]
-            if last.types and types_with("pickupable").issuperset(
-                last.types
-            ):  # "on a plate near the bread"
+            if _is_carried(last):  # "on a plate near the bread"
                 group.places[-1] = replace(last, marks=(*last.marks, f"{before} {one.text}"))
             else:  # "on the bed under the pillow"
                 self._s.unread.append(f"{before} {one.text}")
@@ -493,6 +493,10 @@ class Pairs:
         """Return whether a place is named among some words."""
         to = request_words().destinations
         return any(self._s.low(n) in to and self._s.begins_noun(n + 1) for n in body)
+
+
+def _is_carried(one: Mention) -> bool:
+    return bool(one.types) and types_with("pickupable").issuperset(one.types)
 
 
 def _has_no_room_below(one: Mention) -> bool:

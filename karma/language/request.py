@@ -6,14 +6,14 @@ the same for every planner, and guesses nothing: a word that no field holds is k
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 from karma.contracts import Condition, Form, Mention, Parser, Request, SaidDeed, Word
 from karma.errors import KarmaError
 from karma.household.deeds import able_to
-from karma.household.states import NEEDS
+from karma.household.states import NEEDS, lacking
 from karma.household.types import Capability, object_types
 from karma.language.antecedents import left_out_of, of_what
 from karma.language.asides import Asides
@@ -303,6 +303,7 @@ def _read(s: SaidSentence) -> Request:
     form, deeds = SentenceDeeds(s, nouns, pairs, asides).read()
     deeds = _into_what_was_opened(deeds)
     asides.conditions = [_about(one, deeds) for one in asides.conditions]
+    deeds, asides.conditions = _of_each(deeds, asides.conditions)
     lacking = _lacking(s, deeds) if form == "errand" else ""
     if form == "errand":
         s.unread += _rest(s)
@@ -369,6 +370,47 @@ def _about(condition: Condition, deeds: Sequence[SaidDeed]) -> Condition:
     if condition.thing is not None or not condition.state or not things:
         return condition
     return replace(condition, thing=things[0])
+
+
+def _of_each(
+    deeds: Sequence[SaidDeed], conditions: Sequence[Condition]
+) -> tuple[list[SaidDeed], list[Condition]]:
+    """Return the deeds with what conditions tell of their things, and the conditions of it all.
+
+    "Wash the mugs unless they are clean" is of each: wash those that are dirty. "If there is a mug
+    on the table, wash it": the one that is there. What else is done to those of a plural is not
+    told apart so; such a condition is left without a state that can be looked for.
+    """
+    left: list[Condition] = []
+    for one in conditions:
+        same = partial(_is_same, one.thing)
+        alike = [two for deed in deeds for two in deed.things if same(two)]
+        each = bool(alike) and all(two.every or (two.number or 1) > 1 for two in alike)
+        state = one.state if one.holds or one.state == "there" else lacking(one.state)
+        if alike and one.at and one.holds:
+            deeds = [_with_things(deed, same, one.at, ()) for deed in deeds]
+        if each and state not in ("", "there") and len(deeds) == 1:
+            deeds = [_with_things(deed, same, (), (state,)) for deed in deeds]
+        elif each and not (one.holds and state == "there"):
+            left.append(replace(one, state=""))
+        else:
+            left.append(one)
+    return list(deeds), left
+
+
+def _is_same(thing: Mention | None, one: Mention) -> bool:
+    return thing is not None and bool(one.types) and one.types == thing.types and not one.other
+
+
+def _with_things(
+    deed: SaidDeed, same: Callable[[Mention], bool], at: tuple[str, ...], states: tuple[str, ...]
+) -> SaidDeed:
+    """Return a deed with more told of some of its things: where they are, or how."""
+    things = (
+        replace(one, at=at or one.at, states=(*one.states, *states)) if same(one) else one
+        for one in deed.things
+    )
+    return replace(deed, things=tuple(things))
 
 
 def _errand(s: SaidSentence, about: Mention | None) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from karma.contracts import Mention, SaidDeed, Word
-from karma.household.states import DONE_BY, OPPOSITES
+from karma.household.states import lacking
 from karma.language.lexicon import Lexicon
 from karma.language.request_words import base_of_deed, deed_verbs, is_deed, request_words
 
@@ -63,9 +63,7 @@ class SaidSentence:
         state = request_words().seen.get(self.low(at), "")
         if not state or (state in ("on", "off") and self.begins_noun(at + 1)):
             return "", number
-        if no and state == "dirty":  # nobody need have washed it
-            return "clean", at + 1
-        return OPPOSITES.get(DONE_BY.get(state, state), "") if no else state, at + 1
+        return lacking(state) if no else state, at + 1
 
     def low(self, number: int) -> str:
         """Return a word in small letters, "" beyond the ends."""

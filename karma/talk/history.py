@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from karma.agent.journal.formats import plural
 from karma.agent.planning.program import DEEDS, PUTS
 from karma.agent.seeing.perceive import place_of
 from karma.contracts import Mention, Request, SaidDeed, SeenObject, SkillResult
@@ -16,6 +17,7 @@ from karma.household.pieces import base_type
 from karma.household.places import FLOOR, HAND
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types
+from karma.household.uses import BURNER, KNOB
 from karma.language.clauses import said
 from karma.language.clock import HOUR_S
 from karma.language.request import RequestReader
@@ -46,6 +48,15 @@ _DONE_TO = re.compile(
     r"(?: (?P<way>off|up|down|away|out|(?<=turned )on|(?<=switched )on)\b)?",
     re.IGNORECASE,
 )
+_ALL_DONE_TO = re.compile(
+    r"\b(?:everything|whatever|anything|all(?: of)?(?: that| the things)?|the (?:things|ones))"
+    r" (?:that |which )?(?:you|we)(?:'ve| have| had| just)* (?P<deed>(?!left\b)[a-z]+)"
+    r"(?: (?P<way>off|up|down|away|out|(?<=turned )on|(?<=switched )on)\b)?",
+    re.IGNORECASE,
+)
+_ASKS = re.compile(
+    r"\W*(?:did|do|have|has|is|are|was|were|what|which|where|who|when|how|why)\b", re.IGNORECASE
+)
 _TAUGHT = re.compile(
     r"^\W*(?:please )?(?:remember|keep in mind|note|don't forget) that +", re.IGNORECASE
 )
@@ -61,6 +72,10 @@ _TELL = re.compile(
 )
 _USUAL = re.compile(r"\b(?:always|usually|belongs?)\b[^.;!]*[.;!]", re.IGNORECASE)
 _CUTS = re.compile(r"[.;!]|,? (?:and )?then\b|,|\band\b", re.IGNORECASE)
+_ACTIONS = {
+    "open": "OpenObject", "close": "CloseObject", "on": "ToggleObjectOn", "off": "ToggleObjectOff",
+    "slice": "SliceObject", "break": "BreakObject",
+}  # by which things a deed was done to  # fmt: skip
 _BOTH = 2
 _BELONGS = frozenset(("belongs", "belong", "goes", "go", "lives", "live"))
 _JOINING = frozenset(("and", "the", "all", "my", "our"))  # words between things that go alike
@@ -271,7 +286,8 @@ def in_turn(text: str) -> list[str]:
     ['wash the mug', 'put it back where it was']
     """
     text = _AND_BACK.sub(", then put it back where it was", text)  # "to the bath, then back again"
-    speaks = [one.start() for kind in (_ORDINAL, _DONE_TO) for one in kind.finditer(text)]
+    kinds = (_ORDINAL, _DONE_TO, _ALL_DONE_TO)
+    speaks = [one.start() for kind in kinds for one in kind.finditer(text)]
     speaks += [one.start() for one in _BACK.finditer(text) if _goes_back(one)]
     speaks += [one.start() for one in _TELL.finditer(text)]
     cuts = [0]
@@ -309,11 +325,14 @@ def in_plain_words(
 
     `seen` has the latest sights, by id.
     """
-    if not any(kind.search(text) for kind in (_ORDINAL, _DONE_TO, _BACK, _BESIDE_IT)):
+    spoken = (_ORDINAL, _DONE_TO, _ALL_DONE_TO, _BACK, _BESIDE_IT)
+    if not any(kind.search(text) for kind in spoken):
         return PlainRequest(text, {})
     speaking = _SpeakingOfThePast(past, reader, seen or {})
     text = _ORDINAL.sub(speaking.ordinal, text)
     text = _DONE_TO.sub(speaking.done_to, text)
+    if not _ASKS.match(text):
+        text = _ALL_DONE_TO.sub(speaking.all_done_to, text)
     text = _BACK.sub(speaking.back, text)
     text = _BESIDE_IT.sub(speaking.beside_it, text)
     return PlainRequest(text, speaking.means, tuple(speaking.unknown))
@@ -355,13 +374,14 @@ class _SpeakingOfThePast:
             (name, place) for one in past for change in one.changes for name, place in change.taken
         ]
         self._usual, self._reader = habits(past, reader), reader
+        self._past = past
         self._done = [one for one in past if one.status == "done"]
         self.means: dict[str, str] = {}
         self.unknown: list[str] = []
 
     def _mean(self, name: str) -> None:
-        """Note that a thing or place is meant; there is but one floor."""
-        if type_of(name) != FLOOR:
+        """Note that a thing or place is meant; there is but one floor, and no knob is named."""
+        if type_of(name) not in (FLOOR, KNOB):
             self.means[base_type(type_of(name))] = name
 
     def _not_known(self, words: str) -> str:
@@ -380,13 +400,35 @@ class _SpeakingOfThePast:
 
     def done_to(self, found: re.Match[str]) -> str:
         """Return "the laptop" for "the thing you just closed"."""
-        order = f"{base_of_deed(found['deed'].lower())} {found['way'] or ''} it".replace("  ", " ")
-        asked = {deed.deed or deed.verb for one in self._reader.read(order) for deed in one.deeds}
+        asked = self._deeds_of(found)
         for errand in reversed(self._done):
             for deed in (deed for one in self._reader.read(errand.said) for deed in one.deeds):
                 if deed.deed in asked and deed.things and deed.things[0].types:
                     return f"the {deed.things[0].text}"
         return self._not_known(found[0])
+
+    def all_done_to(self, found: re.Match[str]) -> str:
+        """Return "the mug and the plate" for "everything you washed"."""
+        names = [
+            name
+            for deed in self._deeds_of(found)
+            for name in done_to(self._past, deed, self._reader)
+        ]
+        words: list[str] = []
+        for kind in dict.fromkeys(map(_kind_switched, names)):
+            those = {name for name in names if _kind_switched(name) == kind}
+            known = {name for name in self._seen if base_type(type_of(name)) == kind}
+            if len(those) == 1:
+                self._mean(*those)
+            elif known != those:  # words tell all of a kind, or one of it
+                return self._not_known(found[0])
+            words.append("the " + plural(len(those), name_of(kind)).removeprefix("1 "))
+        return " and ".join(words) or self._not_known(found[0])
+
+    def _deeds_of(self, found: re.Match[str]) -> set[str]:
+        """Return the deeds that "washed" or "turned on" may mean."""
+        order = f"{base_of_deed(found['deed'].lower())} {found['way'] or ''} it".replace("  ", " ")
+        return {deed.deed or deed.verb for one in self._reader.read(order) for deed in one.deeds}
 
     def back(self, found: re.Match[str]) -> str:
         """Return "put the apple on the table" for "put it back", where the log knows both."""
@@ -446,6 +488,29 @@ def _kinds_of(words: str, reader: RequestReader) -> tuple[str, ...]:
         return ()
     found = reader.read(f"find {words}")
     return next((thing.types for one in found for thing in one.mentions if thing.types), ())
+
+
+def done_to(past: Sequence[PastErrand], deed: str, reader: RequestReader) -> dict[str, float]:
+    """Return the things that a deed was done to and when it was last; a search opens things, too.
+
+    What no action tells of was carried by an errand that asked for the deed.
+    """
+    done: dict[str, float] = {}
+    for errand in past:
+        asked = [one for one in deeds_in(errand, reader) if one.deed == deed and one.done]
+        for did, given in errand.actions if asked or deed == "open" else ():
+            name = str(given.get("objectId", ""))
+            kind = _kind_switched(name)
+            meant = deed == "open" or any(kind in one.things or not one.things for one in asked)
+            if did == _ACTIONS.get(deed, "PickupObject") and meant:
+                done[name] = errand.at_s
+    return done
+
+
+def _kind_switched(name: str) -> str:
+    """Return the type of a thing by which people speak of it: a knob's burner."""
+    kind = base_type(type_of(name))
+    return BURNER if kind == KNOB else kind
 
 
 def looked_into(past: Sequence[PastErrand]) -> set[str]:

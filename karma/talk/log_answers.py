@@ -15,14 +15,10 @@ from karma.household.uses import without_basin
 from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed, deed_verbs
 from karma.talk.asking import AskedQuestion
-from karma.talk.history import Move, deeds_in, deeds_of, habits_in, looked_into, moves
+from karma.talk.history import Move, deeds_in, deeds_of, done_to, habits_in, looked_into, moves
 from karma.talk.home import TOLD, PastDeed, PastErrand
 from karma.talk.remembering import MOST, MemoryAnswer, answer, unknown
 
-_ACTIONS = {
-    "open": "OpenObject", "close": "CloseObject", "on": "ToggleObjectOn", "off": "ToggleObjectOff",
-    "slice": "SliceObject", "break": "BreakObject",
-}  # by which things a deed was done to  # fmt: skip
 _MOVING = ("moved", "took", "put", "placed", "brought", "left", "carried")
 
 
@@ -48,6 +44,15 @@ def what_was_done(q: AskedQuestion) -> MemoryAnswer | None:
         return None
     if q.things or (q.has("here") and q.has("see", "seen")):
         return None
+    rest = _words_of_the_deed(q)
+    if (
+        q.has("anything", "something")
+        and rest
+        and (deed := deed_verbs().get(base_of_deed(rest[0]) or ""))
+    ):
+        names = done_to([one for one in q.knows.past if q.then(one.at_s)], deed, q.reader)
+        told = dict.fromkeys(f"the {name_of(name)}" for name in names)
+        return answer(f"Yes: {', '.join(told)}." if told else "No, not that I remember.")
     past = [
         f"{q.knows.ago(one.at_s)}: {one.plain or one.said} ({one.status})"
         for one in q.knows.past
@@ -57,8 +62,8 @@ def what_was_done(q: AskedQuestion) -> MemoryAnswer | None:
         return answer("Nothing that I know of.")
     if not past:
         return answer("Nothing then." if q.knows.past else "Nothing yet.")
-    if q.has("first"):
-        return answer(past[0], *q.of_no_time)
+    if q.has("first", "just"):
+        return answer(past[0 if q.has("first") else -1], *q.of_no_time)
     left = len(past) - MOST
     more = (f"and {left} before that",) if left > 0 else ()
     return answer(*reversed(past[-MOST:]), *more, *q.of_no_time)
@@ -252,16 +257,11 @@ def _done_to(q: AskedQuestion, deed: str, rest: Sequence[str]) -> list[tuple[str
     order = [base_of_deed(rest[0]) or rest[0], "the", q.things[0].text, *rest[1:]]
     known = _that_was_done(q, order) or ()
     asked = [errand for errand, deeds in known if any(one.done for one in deeds)]
-    action = _ACTIONS.get(deed, "")  # else it is what was carried for an errand that asked for it
-    done: dict[str, float] = {}
-    for past in q.knows.past:
-        if not q.then(past.at_s) or not (deed == "open" or past in asked):  # a search opens, too
-            continue
-        for did, given in past.actions:
-            name = str(given.get("objectId", ""))
-            if did == (action or "PickupObject") and base_type(type_of(name)) in q.things[0].types:
-                done[name] = past.at_s
-    return [*done.items()][::-1]
+    past = [
+        one for one in q.knows.past if q.then(one.at_s) and (deed == "open" or one in asked)
+    ]  # a search opens, too
+    done = done_to(past, deed, q.reader).items()
+    return [one for one in done if base_type(type_of(one[0])) in q.things[0].types][::-1]
 
 
 def _now(q: AskedQuestion, name: str) -> str:

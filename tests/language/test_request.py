@@ -202,6 +202,39 @@ def test_conditions_are_read(reader, text, state, holds):
     assert request.deeds and "if" not in request.errand.split()
 
 
+@pytest.mark.parametrize(
+    ("text", "states"),
+    [
+        ("wash the mugs unless they are clean", ("dirty",)),
+        ("turn the lamps off if they're on", ("on",)),
+        ("if the drawers are open, close them", ("opened",)),
+        ("put every mug in the sink if it's dirty", ("dirty",)),
+    ],
+)
+def test_a_condition_of_each_tells_which_are_meant(reader, text, states):
+    (request,) = reader.read(text)
+    assert request.conditions == ()
+    assert request.deeds[0].things[0].states == states
+
+
+@pytest.mark.parametrize(
+    ("text", "at", "place"),
+    [
+        ("put the fork in the drawer on the dining table", ("Drawer",), "DiningTable"),
+        ("put the forks in the drawers on the table", ("Drawer",), "CoffeeTable"),
+        ("put the cup in the cabinet in the sink", ("Cabinet",), "Sink"),
+        ("put the pen in the drawer of the desk", (), "Drawer"),
+        ("put the pen in the drawer on the desk", (), "Drawer"),
+        ("put the cup on the shelf in the cabinet", (), "Cabinet"),
+    ],
+)
+def test_a_drawer_is_where_it_goes_or_where_it_lies(reader, text, at, place):
+    (request,) = reader.read(text)
+    (deed,) = request.deeds
+    assert deed.things[0].at == at
+    assert deed.place.types[0] == place
+
+
 def test_words_that_no_field_holds_are_kept(reader):
     for text, word in (
         ("polish the mug with the toothbrush", "toothbrush"),
