@@ -35,7 +35,7 @@ from karma.household.places import HAND
 from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import NOT_SO, SAID_AS
 from karma.household.types import object_types
-from karma.household.uses import BASINS, BURNER, KNOB, LAMPS
+from karma.household.uses import BASINS, BURNER, KNOB, LAMPS, PARTS_OF_FURNITURE
 from karma.language.request_words import request_words
 
 T = TypeVar("T")
@@ -306,7 +306,8 @@ class ThingFinder:
     def _lies_told(self, thing: Mention, deed: SaidDeed) -> bool:
         """Return whether the place behind a thing says which is meant, not where it is done."""
         kinds = object_types()
-        carried = any(kinds[kind].can("pickupable") or kind in LAMPS for kind in thing.types)
+        own = (*LAMPS, *PARTS_OF_FURNITURE)  # what stands somewhere, or is of something
+        carried = any(kinds[kind].can("pickupable") or kind in own for kind in thing.types)
         done_at = {*map(kind_of, deed_kind(deed.deed).put_in or deed_kind("wash").put_in)}
         there = deed.deed in ("put", "take") or not done_at & {*map(kind_of, thing.at)}
         holds = any(kinds[place].can("receptacle") for place in thing.at)  # not "from the tap"
@@ -403,12 +404,18 @@ class ThingFinder:
         """Return whether a thing is at the place, and in the states, that a mention tells."""
         sights = self.sights
         sight = sights.get(object_id)
-        if thing.at and (sight is None or not _lies_at(sight, thing.at)):
+        if thing.at and (sight is None or not self._is_at(sight, thing.at)):
             return False
         states = states_told(thing, [kind_of(object_id)])
         if "empty" in states and any(object_id in one.parent_ids for one in sights.values()):
             return False
         return not states or (sight is not None and is_all(states, sight))
+
+    def _is_at(self, sight: SeenObject, places: Sequence[str]) -> bool:
+        """Return whether a thing lies at a place of some types, or is a part of one: its drawer."""
+        kinds, part = {*map(kind_of, places)}, sight.object_type in PARTS_OF_FURNITURE
+        wholes = (one for one in self.sights.values() if kind_of(one.object_type) in kinds)
+        return _lies_at(sight, places) or (part and any(is_below(sight, one) for one in wholes))
 
     def holds_already(self, object_id: str, deed: SaidDeed, own: Mapping[str, str]) -> bool:
         """Return whether a deed would leave a thing as it is, by the agent's own eyes."""
@@ -452,3 +459,11 @@ def is_so(state: str, sight: SeenObject) -> bool:
 
 def _lies_at(sight: SeenObject, places: Sequence[str]) -> bool:
     return any(kind_of(parent) in {*map(kind_of, places)} for parent in sight.parent_ids)
+
+
+def is_below(sight: SeenObject, whole: SeenObject) -> bool:
+    """Return whether the middle of a thing is within, or below, the box of a piece of furniture."""
+    off = [abs(a - b) for a, b in zip(sight.box_center_m, whole.box_center_m, strict=True)]
+    reach_x, reach_y, reach_z = (size / 2 for size in whole.box_size_m)
+    top = whole.box_center_m[1] + reach_y
+    return off[0] <= reach_x and off[2] <= reach_z and sight.box_center_m[1] <= top

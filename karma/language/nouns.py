@@ -6,6 +6,7 @@ from dataclasses import replace
 from karma.contracts import Mention
 from karma.household.saying import spoken
 from karma.household.types import types_with
+from karma.household.uses import PARTS_OF_FURNITURE
 from karma.language.hints import singular
 from karma.language.phrases import phrases_of
 from karma.language.request_words import deed_states, request_words
@@ -337,7 +338,22 @@ class Nouns:
         if plural and head not in lists.own_plurals and singular(text) != text:
             every = self._types((*words[:-1], singular(head)), start) == types
         besides, marks = self._besides(words, types), self._marks(words)
-        return replace(bare, text=text, types=types, every=every, besides=besides, marks=marks)
+        return replace(
+            bare, text=text, types=types, every=every, besides=besides, marks=marks,
+            at=self._whole_of(types, words[:-1], start),
+        )  # fmt: skip
+
+    def _whole_of(self, types: Sequence[str], words: Sequence[str], start: int) -> tuple[str, ...]:
+        """Return the types of the furniture whose part is named: "the desk drawer"."""
+        if not PARTS_OF_FURNITURE.issuperset(types):
+            return ()
+        owner = words
+        if self._s.low(start - 1) in ("'s", "’s"):
+            owner = self._s.lows(start - 4, start - 1)
+        named = self._s.lexicon.named
+        wholes = (named(" ".join(owner[n:])) for n in range(len(owner)))
+        found = next(filter(None, wholes), ())
+        return tuple(kind for kind in found if kind not in types_with("pickupable"))
 
     def _marks(self, words: Sequence[str]) -> tuple[str, ...]:
         """Return the words ahead of a name that say which one is meant: "the second drawer"."""

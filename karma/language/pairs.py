@@ -73,7 +73,8 @@ class _PairGroup:
     def told_by(self, place: Mention, deed: str) -> None:
         """Take a place that says which thing is meant."""
         if self.things:
-            self.tell(states=place.states, marks=place.marks, at=place.types)
+            whole = (f"from the {place.text}",) if place.at else ()  # "the desk drawer"
+            self.tell(states=place.states, marks=(*place.marks, *whole), at=place.types)
         elif deed in ("wash", "look"):
             self.things.append(place)
         else:
@@ -85,12 +86,12 @@ class _PairGroup:
             return None
         first, last = self.places[0], self.places[-1]
         inner = first.types and PARTS_OF_FURNITURE.issuperset(first.types)
-        return first if inner and {*last.types} & HAVE_PARTS else last
+        return replace(first, at=last.types) if inner and {*last.types} & HAVE_PARTS else last
 
     def pair(self, deed: str) -> Pair:
         """Return the things, and where they go; other places say which things are meant."""
         things, place = self.things, self._goal()
-        if things and place is not None and place is not self.places[0]:
+        if things and place is not None and place.start != self.places[0].start:
             first, marks = self.places[0], things[-1].marks + self.places[0].marks
             things = [*things[:-1], replace(things[-1], at=first.types, marks=marks)]
         if self.at:
@@ -311,11 +312,16 @@ class Pairs:
         words = request_words()
         if before == "of" and group.places and group.places[-1].types and not self._is_part(group):
             return True  # "the front burner of the stove"
+        parts = group.things[-1].types if group.things and not group.places else ()
+        if before == "of" and parts and PARTS_OF_FURNITURE.issuperset(parts) and one.types:
+            group.tell(at=one.types)  # "the drawers of the desk"
+            return True
         if before in ("of", "in", "inside", "within") and self._is_part(group) and one.types:
             if types_with("openable").issuperset(one.types) and not _is_carried(one):
                 group.places[-1] = one  # "the top shelf of the fridge"
                 return True
             if before == "of" or {*one.types} & HAVE_PARTS:
+                group.places[-1] = replace(group.places[-1], at=one.types)
                 return True
         of = self._s.low(number - 1) == "of" and self._s.low(number - 2) in words.regions
         told = bool(group.places) and (of or before in words.near | words.beside)

@@ -35,7 +35,6 @@ from karma.talk.remembering import (
     Sight,
     answer,
     few,
-    is_at,
     last_first,
     unknown,
 )
@@ -89,7 +88,7 @@ def _how_many(q: AskedQuestion) -> MemoryAnswer | None:
         return _what_lies_there(q, counted=True)
     pieces = q.has(*request_words().pieces)
     known = q.knows.pieces_of(q.things[0]) if pieces else q.knows.of(q.things[0])
-    found = [one for one in known if is_at(one[0], q.at if q.about else ())]
+    found = [one for one in known if q.knows.lies_at(one[0], q.at if q.about else ())]
     if q.state:
         found = [one for one in found if is_so(q.state, one[0])]
     if not pieces:  # what was cut is one thing, wherever its pieces are
@@ -129,7 +128,7 @@ def _what_lies_there(q: AskedQuestion, *, counted: bool = False) -> MemoryAnswer
     if q.near:
         lying, where = _beside(q, [sight for sight, _ in known]), f"near the {place.text}"
     else:
-        at = (one for one in q.knows.sights.values() if is_at(one[0], [place]))
+        at = (one for one in q.knows.sights.values() if q.knows.lies_at(one[0], [place]))
         lying = [one for one in at if one[0].pickupable]
         where = told_place(known[0][0].object_id if known else place.types[0])
     if q.has("was", "were") and (left := _what_left(q, place, lying)):
@@ -331,7 +330,7 @@ def _whether_so_many(q: AskedQuestion, number: int, count: int) -> MemoryAnswer:
 
 def _is_there(q: AskedQuestion, sight: SeenObject, places: Sequence[Mention]) -> bool:
     if not q.near or not places:
-        return is_at(sight, places)
+        return q.knows.lies_at(sight, places)
     those = [one for place in places for one, _ in q.knows.of(place)]
     return any(one.object_id == sight.object_id for one, _ in _beside(q, those))
 
@@ -399,7 +398,7 @@ def _which_place(q: AskedQuestion) -> MemoryAnswer | None:
     if q.asks not in ("which", "what") or len(q.about) != 1 or not q.at or q.near:
         return None
     known = q.knows.of(q.about[0])
-    there = [one for one in known if is_at(one[0], q.at)]
+    there = [one for one in known if q.knows.lies_at(one[0], q.at)]
     name, place = name_of(q.about[0].types[0]), name_of(q.at[0].types[0])
     lines = [
         f"The {name_of(one[0].object_id)} is {_lies(q, *one)}." for one in (there or known)[:2]
@@ -487,6 +486,8 @@ def _lies(q: AskedQuestion, sight: SeenObject, when: float, about: str = PLACE_T
 def _place(q: AskedQuestion, sight: SeenObject) -> str:
     """Return where a thing is, in words; of what nobody moves, that it is in the room."""
     place = place_of(sight)
+    if (whole := q.knows.whole_of(sight)) is not None:
+        return f"at the {name_of(whole)}"
     kind = object_types().get(sight.object_type)
     fixed = not sight.pickupable and (kind is None or not kind.can("pickupable"))
     return f"in {q.knows.room}" if place != HAND and (fixed or place is None) else told_place(place)

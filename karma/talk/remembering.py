@@ -1,14 +1,15 @@
 """What questions are answered from: what was seen, when, and what a person told of it."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from karma.agent.seeing.perceive import place_of
+from karma.agent.which_thing import is_below
 from karma.contracts import MemoryUnit, Mention, SeenObject
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import base_type, is_piece
-from karma.household.uses import without_basin
+from karma.household.uses import HAVE_PARTS, PARTS_OF_FURNITURE, without_basin
 from karma.language.request_words import request_words
 from karma.talk.history import how_sure
 from karma.talk.home import PLACE_TOLD, TOLD, PastErrand
@@ -90,7 +91,29 @@ class Remembering:
             one for one in self.all()
             if kinds & {one[0].object_type, base_type(one[0].object_type)}
             and (not pieces or is_piece(one[0].object_type))
+            and (not _is_of_furniture(thing) or self._is_part_of(one[0], thing.at))
         )  # fmt: skip
+
+    def _is_part_of(self, sight: SeenObject, kinds: Collection[str]) -> bool:
+        """Return whether a drawer is one of some furniture: of the desk."""
+        return any(one.object_type in kinds and is_below(sight, one) for one, _ in self.all())
+
+    def whole_of(self, sight: SeenObject) -> str | None:
+        """Return the id of the furniture that a drawer is one of, None where none was seen."""
+        if sight.object_type not in PARTS_OF_FURNITURE:
+            return None
+        wholes = (one for one, _ in self.all() if one.object_type in HAVE_PARTS)
+        return next((one.object_id for one in wholes if is_below(sight, one)), None)
+
+    def lies_at(self, sight: SeenObject, places: Sequence[Mention]) -> bool:
+        """Return whether a thing lies in or on one of some places; of none it always does."""
+        whole = (one for one in places if not _is_of_furniture(one))
+        kinds = {without_basin(kind) for place in whole for kind in place.types}
+        parts = (self.of(one) for one in places if _is_of_furniture(one))
+        ids = {one.object_id for found in parts for one, _ in found}
+        return not places or any(
+            one in ids or without_basin(type_of(one)) in kinds for one in sight.parent_ids
+        )
 
     def all(self) -> Iterator[Sight]:
         """Yield each thing that was seen, in the states that are known, with when it was seen."""
@@ -138,6 +161,11 @@ class Remembering:
         return max(told, default=-1.0)
 
 
+def _is_of_furniture(thing: Mention) -> bool:
+    """Return whether a part of furniture is told by what it is of: "the desk drawer"."""
+    return bool(thing.at and thing.types) and PARTS_OF_FURNITURE.issuperset(thing.types)
+
+
 def _heap(sight: SeenObject) -> tuple[str, str | None]:
     """Return what stands for a thing: the pieces of one whole at one place are one."""
     name, piece = sight.object_id, is_piece(sight.object_type)
@@ -154,9 +182,3 @@ def age(seconds: float) -> str:
         if (count := int(seconds // size)) > 0:
             return f"{count} {unit}{'s' * (count > 1)} ago"
     return "just now"
-
-
-def is_at(sight: SeenObject, places: Sequence[Mention]) -> bool:
-    """Return whether a thing lies in or on one of some places; of none it always does."""
-    kinds = {without_basin(kind) for place in places for kind in place.types}
-    return not kinds or any(without_basin(type_of(one)) in kinds for one in sight.parent_ids)

@@ -16,7 +16,7 @@ from karma.language.request_words import base_of_deed, deed_verbs, request_words
 from karma.talk.history import can_lie_in, habits_in, is_owning
 from karma.talk.home import PLACE_TOLD, STATE_TOLD
 from karma.talk.offers import offer_against
-from karma.talk.remembering import MemoryAnswer, Remembering, answer, is_at, unknown
+from karma.talk.remembering import MemoryAnswer, Remembering, answer, unknown
 
 _BELOW = re.compile(r"\b(?:under|underneath|below|beneath|behind|above|over)\b", re.IGNORECASE)
 _NOT_NOW = frozenset(
@@ -60,7 +60,9 @@ def told_of(
     name, where = name_of(thing.types[0]), told_place(place.types[0])
     if found and place_of(found[0][0]) == HAND:
         return ToldPlace(answer(f"I have the {name} in my hand."), None)
-    own = [one for one, _ in found if is_at(one, [place])] if is_owning(request.text) else []
+    own = (
+        [one for one, _ in found if knows.lies_at(one, [place])] if is_owning(request.text) else []
+    )
     if len(own) == 1:
         mine = f"I will remember: the {name} {told_place(place_of(own[0]))} is yours."
         return ToldPlace(answer(mine), replace(change, seen=(own[0],)))

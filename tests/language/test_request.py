@@ -225,6 +225,7 @@ def test_a_condition_of_each_tells_which_are_meant(reader, text, states):
         ("put the cup in the cabinet in the sink", ("Cabinet",), "Sink"),
         ("put the pen in the drawer of the desk", (), "Drawer"),
         ("put the pen in the drawer on the desk", (), "Drawer"),
+        ("put the pen in the desk's drawer", (), "Drawer"),
         ("put the cup on the shelf in the cabinet", (), "Cabinet"),
     ],
 )
@@ -233,6 +234,23 @@ def test_a_drawer_is_where_it_goes_or_where_it_lies(reader, text, at, place):
     (deed,) = request.deeds
     assert deed.things[0].at == at
     assert deed.place.types[0] == place
+    assert deed.place.at == (("Desk",) if "desk" in text else ())
+
+
+@pytest.mark.parametrize(
+    ("text", "whole"),
+    [
+        ("open the desk drawer", ("Desk",)),
+        ("close the drawers of the dresser", ("Dresser",)),
+        ("open the side table's drawer", ("SideTable",)),
+        ("open the kitchen cabinet", ()),
+        ("open the fridge drawer", ("Fridge",)),
+    ],
+)
+def test_a_part_is_told_by_its_furniture(reader, text, whole):
+    (request,) = reader.read(text)
+    (deed,) = request.deeds
+    assert deed.things[0].at == whole
 
 
 def test_words_that_no_field_holds_are_kept(reader):
