@@ -43,7 +43,7 @@ from karma.household.places import HAND
 from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import ENDS, SAID_AS
 from karma.household.types import Capability, object_types, types_with
-from karma.household.uses import LAMPS
+from karma.household.uses import BURNER, LAMPS
 from karma.language.clauses import context_left_out, said
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
@@ -432,10 +432,14 @@ class GuardedErrand(ThingFinder):
 
     def _all_switches(self) -> tuple[list[str], list[str]]:
         """Return kinds and ids of what "everything" means that is switched."""
-        here = self.here
+        here, sights = self.here, sorted(self.sights.items())
         kinds = [kind for kind in _SWITCHED if kind in here or kind == "LightSwitch"]
-        sights = sorted(self.sights.items())
-        return kinds, [name for name, sight in sights if kind_of(sight.object_type) in kinds]
+        found = [name for name, sight in sights if kind_of(sight.object_type) in kinds]
+        if self.asked.deeds[0].deed == "off":  # a tap, a knob: whatever runs
+            runs = [(name, one.object_type) for name, one in sights if "on" in one.states]
+            apart = {*kinds, BURNER} | types_with("pickupable")
+            found += [name for name, kind in runs if kind not in apart]
+        return [*dict.fromkeys(map(kind_of, found))], found
 
     def _all_that_are_so(self) -> tuple[list[str], list[str]]:
         """Return kinds and ids of what was seen in the states that a thing is told by."""

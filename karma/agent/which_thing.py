@@ -184,6 +184,9 @@ class ThingFinder:
         found: str | None = None
         if thing.at and BURNER in kinds:
             found = self._burner_under(thing)
+            on_it = [*map(kind_of, thing.at)]
+            if not found and (yield from self.another(on_it, set())) is not None:
+                found = self._burner_under(thing)
             if not found:
                 yield refusal(RefusedRequest(kind="unclear", by="guard", words=(thing.text,)))
         elif self._is_told(thing, kinds, deed) or self.left_aside(kinds):
