@@ -320,6 +320,7 @@ class Nouns:
         if not words:
             return None
         lists, text, head = request_words(), " ".join(words), words[-1]
+        self._s.unread += [one for one in words[:-1] if one in lists.compared]
         own = self._s.low(end - 2) == "its" and words[-1] not in HOLDERS
         if own and len(words) == 1:  # its lid, its door
             return replace(bare, text="it", vague=True)

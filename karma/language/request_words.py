@@ -41,6 +41,7 @@ class RequestWords(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     of_itself: frozenset[str]
     small_verbs: frozenset[str]
     dropped: frozenset[str]
+    compared: frozenset[str]
     marks: frozenset[str]
     never_mind: frozenset[str]
     rooms: frozenset[str]
