@@ -226,8 +226,9 @@ class GuardedErrand(ThingFinder):
             return
         own = {**own, **place}
         only = {**own, kind_of(before): before} if before and kind_of(before) in kinds else own
-        other = before and thing.other and len(kinds) > 1  # "the other lamp"
-        subtask = self._of_one(kind_of(before)) if before and other else self.subtask
+        told = bool(thing.other or thing.at or thing.states)  # "the lamp that is on"
+        one_kind = before and told and len(kinds) > 1
+        subtask = self._of_one(kind_of(before)) if before and one_kind else self.subtask
         yield from episode.planned(subtask, came, only)
         self.tell_left_behind(kinds)
         for result in came.programs[-1].results if came.programs else ():

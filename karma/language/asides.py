@@ -23,6 +23,8 @@ _DEADLINES = ("before", "by")
 _IN = frozenset(("in", "on", "inside", "at"))
 _BESIDE = frozenset(("near", "beside", "behind", "under", "next"))  # no look shows it of a place
 _BEING = frozenset(("there", "find", "see", "spot"))  # "if you find one"
+_MUTUAL = (("each", "other"), ("one", "another"), ("side", "by", "side"))
+_TO_ONE_ANOTHER = ("next", "close", "near", "beside", "on", "top", "of", "to", "from", "with", "by")
 _IF = frozenset(("if", "unless", "whether", "provided"))
 _USES = ("use", "using", "touch", "touching", "disturb", "take")
 _HELPERS = ("do", "does", "should", "must", "may", "could", "would", "did", "ca", "can", "please")
@@ -30,8 +32,9 @@ _NOUN_TAGS = ("DT", "PRP$", "NN", "NNS", "NNP")
 
 
 def _is_known(one: Mention) -> bool:
-    """Return whether it is known what is left out: not of "all except one", "but the second"."""
-    return bool(one.types or one.at or one.states or one.other) and not one.marks
+    """Return whether it is known what is left out: not of "except one mug", "but the second"."""
+    told = bool(one.at or one.states or one.other)
+    return (told or bool(one.types and one.number is None)) and not one.marks
 
 
 @dataclass(slots=True)
@@ -59,6 +62,7 @@ class Asides:
             self._background(verb)
         self._conditions()
         self._times()
+        self._to_each_other()
         number = 0
         while number < len(self.s.words):
             number = self._excluded(number) or number + 1
@@ -265,6 +269,18 @@ class Asides:
         for number in range(len(self.s.words)):
             if number not in self.s.taken and self._waits(number):
                 self._time(number, self.s.clause_end(number + 1))
+
+    def _to_each_other(self) -> None:
+        """Leave unread how things are to lie to one another, which nothing looks at."""
+        for number in range(len(self.s.words)):
+            begin = number
+            size = next(
+                (len(one) for one in _MUTUAL if self.s.lows(number)[: len(one)] == [*one]), 0
+            )
+            while size and begin and self.s.low(begin - 1) in _TO_ONE_ANOTHER:
+                begin -= 1
+            if size:
+                self.s.unread.append(self.s.drop(begin, number + size))
 
     def _time(self, begin: int, end: int) -> None:
         """Take words that say when; what is done at once is done "before the guests arrive"."""

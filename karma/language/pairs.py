@@ -478,6 +478,8 @@ class Pairs:
             return "near"  # "left of the sink"
         if earlier not in lists.of_a_part and earlier in lists.regions:
             ahead = of - 2
+            if self._s.low(ahead) == "opposite":  # no look shows it, as "the end" is anywhere
+                self._s.unread.append(f"{self._s.low(ahead)} {earlier}")
             while ahead >= least and self._s.low(ahead) not in lists.links:
                 ahead -= 1
             found = self._s.low(ahead) if ahead >= least else "of"

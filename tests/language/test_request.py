@@ -668,3 +668,16 @@ def test_a_verb_of_putting_without_its_thing_or_place_puts_nothing(reader, text,
 def test_with_and_elsewhere_say_where_a_thing_goes(reader, text, place, near, at):
     (deed,) = (deed for one in reader.read(text) for deed in one.deeds)
     assert (deed.place.types, deed.near, deed.things[0].at) == (place, near, at)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "put the mugs next to each other on the table", "put both remotes side by side on the sofa",
+        "stack the plates on top of one another", "put the cups at opposite ends of the table",
+        "put all the toilet paper in the cabinet apart from one roll",
+        "put the lighter of the two books on the shelf", "give me the nearer one",
+    ],
+)  # fmt: skip
+def test_what_nothing_looks_at_is_left_unread(reader, text):
+    assert any(one.unread for one in reader.read(text))

@@ -41,3 +41,11 @@ def test_what_only_the_others_tell_apart_is_asked_about(agent, text):
 def test_a_question_after_an_order_is_of_the_same_thing(agent):
     reply = str(agent.do("open the fridge and tell me what's inside"))
     assert "In the fridge: " in reply and "the lettuce" in reply
+
+
+def test_the_lamp_that_is_on_is_of_whichever_kind(tmp_path):
+    agent = Agent("living_4", planner="karma-nano", folder=tmp_path)
+    assert {"FloorLamp", "DeskLamp"} <= still_on(agent)
+    assert agent.do("turn off the floor lamp").status == "done"
+    assert agent.do("turn off whichever lamp is on").status == "done"
+    assert not still_on(agent) & {"FloorLamp", "DeskLamp"}
