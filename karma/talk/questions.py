@@ -90,7 +90,7 @@ def _how_many(q: AskedQuestion) -> MemoryAnswer | None:
     known = q.knows.pieces_of(q.things[0]) if pieces else q.knows.of(q.things[0])
     found = [one for one in known if q.knows.lies_at(one[0], q.at if q.about else ())]
     if q.state:
-        found = [one for one in found if is_so(q.state, one[0])]
+        found = [one for one in found if _is_so(q, q.state, one[0])]
     if not pieces:  # what was cut is one thing, wherever its pieces are
         found = [*{root_id(one[0].object_id): one for one in reversed(found)}.values()][::-1]
     if not found:
@@ -207,7 +207,7 @@ def _which_are_so(q: AskedQuestion) -> MemoryAnswer | None:
         and (need is None or kinds or object_types()[base_type(one[0].object_type)].can(need))
         if not kinds or kinds & {one[0].object_type, base_type(one[0].object_type)}
     ]
-    so = [one for one in known if is_so(q.state, one[0])]
+    so = [one for one in known if _is_so(q, q.state, one[0])]
     every = q.has("everything", "all") and q.asks == ""
     told = [one for one in known if one not in so] if every else so
     word = q.state_word
@@ -217,6 +217,16 @@ def _which_are_so(q: AskedQuestion) -> MemoryAnswer | None:
     names = few(last_first(told), lambda one: f"{_the(one[0])} ({_lies(q, *one, STATE_TOLD)})")
     lead = f"No, not {word}: " if every else "Yes: " if q.asks == "" else f"{word.capitalize()}: "
     return answer(f"{lead}{names}.")
+
+
+def _is_so(q: AskedQuestion, state: str, sight: SeenObject) -> bool:
+    """Return whether a thing was seen in a state; empty is only what was looked into."""
+    if state not in ("empty", "filled") or not object_types()[sight.object_type].can("receptacle"):
+        return is_so(state, sight)
+    if any(sight.object_id in one.parent_ids for one, _ in q.knows.sights.values()):
+        return state == "filled"
+    shut = has_door(sight.object_type) and sight.object_id not in looked_into(q.knows.past)
+    return not shut and is_so(state, sight)
 
 
 def _what_is_known(q: AskedQuestion) -> MemoryAnswer | None:
@@ -342,7 +352,7 @@ def _state_told(
     plural = thing.every or (thing.number or 0) > 1
     several = plural and len(found) > 1
     some = found if several else found[:1]
-    so = [one for one in some if is_so(state or q.state, one[0])]
+    so = [one for one in some if _is_so(q, state or q.state, one[0])]
     yes = bool(so) if q.has("any", "either") else len(so) == len(some)
     word = state or next(w for w in reversed(q.words) if w in request_words().seen)
     sight, when = (so if yes else [one for one in some if one not in so])[0]
@@ -355,7 +365,9 @@ def _state_told(
         return answer(f"No, the one {name} that I have seen is not {word}; {seen}.")
     if not plural:
         lead = f"{'Yes' if yes else 'No'}, the {name} is {'' if yes else 'not '}{word}; {seen}."
-        other = (one for one, _ in found[1:] if one.states and is_so(state or q.state, one) != yes)
+        other = (
+            one for one, _ in found[1:] if one.states and _is_so(q, state or q.state, one) != yes
+        )
         lines = [f"It is otherwise with {_the(one)} {_place(q, one)}." for one in other]
         return answer(lead, *lines[:2])
     if yes:
