@@ -87,11 +87,3 @@ def test_what_was_done_is_asked_about_and_done_something_else_to(tmp_path):
     reply = agent.do("put everything you washed on the table")
     assert reply.status == "done"
     assert "the apple is on the dining table: seen" in str(reply)
-
-
-def test_what_nobody_looked_into_is_not_said_to_be_empty(tmp_path):
-    agent = agent_saying(tmp_path, ["OpenObject(robot, 'Cabinet')\n"])
-    agent.do("if the apple is on the table, tell me")
-    assert "Empty: " not in str(agent.do("which cabinet is empty?"))
-    assert agent.do("open the cabinet").status == "done"
-    assert "Empty: the cabinet" in str(agent.do("which cabinet is empty?"))

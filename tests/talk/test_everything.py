@@ -1,5 +1,7 @@
 """All that runs is switched off, and what is told by the others is asked about."""
 
+import re
+
 import pytest
 
 from karma import Agent
@@ -49,3 +51,13 @@ def test_the_lamp_that_is_on_is_of_whichever_kind(tmp_path):
     assert agent.do("turn off the floor lamp").status == "done"
     assert agent.do("turn off whichever lamp is on").status == "done"
     assert not still_on(agent) & {"FloorLamp", "DeskLamp"}
+
+
+def test_what_nobody_looked_into_is_not_said_to_be_empty(agent):
+    agent.do("find the plate")
+    actions = (one for errand in agent.home.past for one in errand.actions)
+    opened = {given["objectId"] for name, given in actions if name == "OpenObject"}
+    answer = str(agent.do("how many cabinets are empty?"))
+    said = re.search(r"(\d+) that I have seen", answer)
+    assert said is None or int(said[1]) <= sum("Cabinet" in one for one in opened)
+    assert int(re.search(r"(\d+) that", str(agent.do("how many cabinets are there?")))[1]) > 1
