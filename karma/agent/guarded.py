@@ -4,7 +4,7 @@ Conditions are looked at first, every thing of a plural has its turn, and what w
 """
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 
 from karma import registry
@@ -91,6 +91,7 @@ class GuardedErrand(ThingFinder):
     """One request under way; `came` takes what came of it."""
 
     subtask: SubTask
+    meant: dict[str, str] = field(default_factory=dict)  # by a condition: kind -> id
 
     def carry_out(self) -> Doing[None]:
         """Do what was asked, if it can be and its conditions hold; then put back the rest.
@@ -158,7 +159,8 @@ class GuardedErrand(ThingFinder):
             if not (_is_several(one) or one.other or one.at or one.told)
         )  # fmt: skip
         kinds = {kind_of(kind) for one in single for kind in one.types}
-        return {kind: name for kind, name in self.episode.mine.items() if kind in kinds}
+        mine = {kind: name for kind, name in self.episode.mine.items() if kind in kinds}
+        return {**mine, **self.meant}
 
     # ------------------------------------------------------------- without a planner
 
@@ -473,44 +475,65 @@ class GuardedErrand(ThingFinder):
         kinds = self.kinds_of(thing)
         self.came.searched = True
         if condition.state == "there":
-            so = yield from self._is_there(replace(thing, at=condition.at), kinds)
-            return so if so is None else so == condition.holds
+            thing = replace(thing, at=condition.at)
+            one = yield from self._is_there(thing, kinds)
+            self._mean(thing, one)
+            return one if one is None else bool(one) == condition.holds
         states: list[bool] = []
+        for sight in (yield from self._looked_for(thing, kinds)):
+            states.append((yield from self._is_so(condition.state, sight)))
+            self._mean(thing, sight.object_id)
+        return any(states) == condition.holds if states else None
+
+    def _looked_for(self, thing: Mention, kinds: Collection[str]) -> Doing[list[SeenObject]]:
+        """Return the first that is found of each kind, or the one that is at its place."""
+        if thing.at:
+            one = yield from self._is_there(thing, kinds)
+            return [self.sights[one]] if one else []
+        found: list[SeenObject] = []
         for kind in kinds:
             result = self.episode.skills.run(SkillCall.of("Explore", kind))
             yield result
             ids = [one for one in result.object_ids if kind_of(one) == kind]
             sight = self.sights.get(ids[-1]) if ids else next(iter(self.of_kinds({kind})), None)
-            if result.ok and sight is not None:
-                states.append((yield from self._is_so(condition.state, sight)))
-        return any(states) == condition.holds if states else None
+            found += [sight] if result.ok and sight is not None else []
+        return found
 
     def _is_so(self, state: str, sight: SeenObject) -> Doing[bool]:
         """Return whether a thing is in a state; whether it is empty is looked for in it."""
+        name = sight.object_id
         if state in ("empty", "filled") and object_types()[sight.object_type].can("receptacle"):
             yield self.episode.skills.look_over(sight)
-            holds = {kind_of(parent) for one in self.sights.values() for parent in one.parent_ids}
-            if kind_of(sight.object_id) in holds:
+            holds = (parent for one in self.sights.values() for parent in one.parent_ids)
+            if any(parent.startswith(name) for parent in holds):  # in it, or in its basin
                 return state == "filled"
-        return is_so(state, self.sights.get(sight.object_id) or sight)
+        return is_so(state, self.sights.get(name) or sight)
 
-    def _is_there(self, thing: Mention, kinds: Collection[str]) -> Doing[bool | None]:
-        """Look whether there is a thing as it is told; None: at more places than were looked at."""
+    def _is_there(self, thing: Mention, kinds: Collection[str]) -> Doing[str | None]:
+        """Look for a thing as it is told; "": there is none, None: not every place was seen."""
         known = partial(self.next_known, kinds, frozenset[str](), thing)
         if not thing.at:
-            while known() is None:
+            while (one := known()) is None:
                 tried = {name for name in self.sights if kind_of(name) in kinds}
                 if (yield from self.another(kinds, tried)) is None:
-                    return False
-            return True
+                    return ""
+            return one
         at = [*map(kind_of, here_of(thing.at, self.here))]
         places = self.episode.places(at) or [one.object_id for one in self.of_kinds(at)]
-        if not places and (one := (yield from self.another(at, set()))):
-            places = [one]  # what can be carried is on no map
+        if not places and (carried := (yield from self.another(at, set()))):
+            places = [carried]  # it is on no map
         lain_in = {parent for one in self.of_kinds(kinds) for parent in one.parent_ids}
         places = sorted(places, key=lambda one: one not in lain_in)
         found = yield from self.looked_over(places[:PLACES], known)
-        return None if found is None and len(places) > PLACES else found is not None
+        return found or (None if len(places) > PLACES else "")
+
+    def _mean(self, thing: Mention, name: str | None) -> None:
+        """Note which thing a condition was looked at of: what is done to it is done to that one."""
+        deeds = self.asked.deeds
+        said = [*(one for deed in deeds for one in deed.things), *(deed.place for deed in deeds)]
+        for one in (one for one in said if one is not None and name):
+            if one.types == thing.types and one.at in ((), thing.at) and not _is_several(one):
+                self.meant[kind_of(name or "")] = name or ""
 
 
 def _is_several(one: Mention) -> bool:

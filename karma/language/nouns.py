@@ -6,7 +6,7 @@ from dataclasses import replace
 from karma.contracts import Mention
 from karma.household.saying import spoken
 from karma.household.types import types_with
-from karma.household.uses import PARTS_OF_FURNITURE
+from karma.household.uses import BURNER, PARTS_OF_FURNITURE
 from karma.language.hints import singular
 from karma.language.phrases import phrases_of
 from karma.language.request_words import deed_states, request_words
@@ -196,10 +196,15 @@ class Nouns:
     def _is_measure(self, at: int) -> bool:
         """Return whether "of" leads to what is meant: "a slice of bread", "all of the cups"."""
         head = self._s.low(at - 1)
-        return head in word_lists().measures or head in (
+        return self._is_part(head) or head in word_lists().measures or head in (
             *_PARTS, *_OF_A_WHOLE, *_VESSELS, "all", "both", "each",
             *request_words().pieces, *request_words().measures,
         )  # fmt: skip
+
+    def _is_part(self, head: str) -> bool:
+        """Return whether a word names what is a part of furniture: a drawer, a shelf."""
+        found = self._s.lexicon.named(singular(head))
+        return bool(found) and (PARTS_OF_FURNITURE | {BURNER}).issuperset(found)
 
     def run_end(self, begin: int) -> int:
         """Return where a row of noun phrases ends that begins here: "the pen and the pencil"."""
@@ -225,8 +230,10 @@ class Nouns:
         number, every, start = self._counted(begin, end)
         start_at, end_at = self._s.words[begin].start, self._s.words[end - 1].end
         other = bool({"other", "another", "remaining"} & set(lows))
-        compared = (n for n in range(begin, end - 1) if self._s.tag(n) in ("JJR", "JJS"))
-        self._s.unread += [self._s.low(n) for n in compared if self._s.low(n) not in _NEAREST]
+        tags, known = ("JJR", "JJS"), request_words().compared
+        ahead = [n for n in range(begin, end - 1) if self._s.low(n) not in _NEAREST]
+        compared = [n for n in ahead if self._s.low(n) in known or self._s.tag(n) in tags]
+        self._s.unread += map(self._s.low, compared)
         bare = Mention(text=" ".join(lows), start=start_at, end=end_at, other=other)
         if start < 0:
             return replace(bare, vague=True)
@@ -239,6 +246,9 @@ class Nouns:
                 inner, number=number, every=every, start=start_at, end=end_at, other=other
             )
         words = lows[start - begin :]
+        if "of" in words and self._is_part(words[words.index("of") - 1]):
+            of = start + words.index("of")
+            return self._part(start, of, end, replace(bare, number=number, every=every))
         if "of" in words and (words[0] in _PARTS or words[0] in _VESSELS):
             of = words.index("of")
             if words[0] in _VESSELS:
@@ -304,6 +314,16 @@ class Nouns:
             found, number=found.number or couple, every=found.every or first in ("bars", "rolls")
         )
 
+    def _part(self, start: int, of: int, end: int, bare: Mention) -> Mention | None:
+        """Read "the drawers of the desk"; a shelf of what has a door is that: of the fridge."""
+        found, whole = self._named(self._s.lows(start, of), start, of, bare), self.read(of + 1, end)
+        if found is None or whole is None or not whole.types:
+            return found
+        doors = types_with("openable") - types_with("pickupable")
+        if doors.issuperset(whole.types):
+            return replace(whole, start=bare.start, end=bare.end)
+        return replace(found, at=whole.types) if BURNER not in found.types else found
+
     def _vessel(self, start: int, of: int, end: int, bare: Mention) -> Mention | None:
         """Read "a glass of water", "the bowl of apples"; of what cannot be had nothing is made."""
         found = self._named(self._s.lows(start, of), start, of, bare)
@@ -320,7 +340,6 @@ class Nouns:
         if not words:
             return None
         lists, text, head = request_words(), " ".join(words), words[-1]
-        self._s.unread += [one for one in words[:-1] if one in lists.compared]
         own = self._s.low(end - 2) == "its" and words[-1] not in HOLDERS
         if own and len(words) == 1:  # its lid, its door
             return replace(bare, text="it", vague=True)

@@ -312,10 +312,6 @@ class Pairs:
         words = request_words()
         if before == "of" and group.places and group.places[-1].types and not self._is_part(group):
             return True  # "the front burner of the stove"
-        parts = group.things[-1].types if group.things and not group.places else ()
-        if before == "of" and parts and PARTS_OF_FURNITURE.issuperset(parts) and one.types:
-            group.tell(at=one.types)  # "the drawers of the desk"
-            return True
         if before in ("of", "in", "inside", "within") and self._is_part(group) and one.types:
             if types_with("openable").issuperset(one.types) and not _is_carried(one):
                 group.places[-1] = one  # "the top shelf of the fridge"

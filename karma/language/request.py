@@ -387,8 +387,8 @@ def _of_each(
         alike = [two for deed in deeds for two in deed.things if same(two)]
         each = bool(alike) and all(two.every or (two.number or 1) > 1 for two in alike)
         state = one.state if one.holds or one.state == "there" else lacking(one.state)
-        if alike and one.at and one.holds:
-            deeds = [_with_things(deed, same, one.at, ()) for deed in deeds]
+        at = (one.thing.at if one.thing else ()) or (one.at if one.holds else ())
+        deeds = [_with_things(deed, same, at, ()) for deed in deeds]
         if each and state not in ("", "there") and len(deeds) == 1:
             deeds = [_with_things(deed, same, (), (state,)) for deed in deeds]
         elif each and not (one.holds and state == "there"):
@@ -406,11 +406,12 @@ def _with_things(
     deed: SaidDeed, same: Callable[[Mention], bool], at: tuple[str, ...], states: tuple[str, ...]
 ) -> SaidDeed:
     """Return a deed with more told of some of its things: where they are, or how."""
-    things = (
-        replace(one, at=at or one.at, states=(*one.states, *states)) if same(one) else one
-        for one in deed.things
-    )
-    return replace(deed, things=tuple(things))
+
+    def told(one: Mention) -> Mention:
+        return replace(one, at=one.at or at, states=(*one.states, *states)) if same(one) else one
+
+    place = deed.place and told(deed.place)
+    return replace(deed, things=tuple(map(told, deed.things)), place=place)
 
 
 def _errand(s: SaidSentence, about: Mention | None) -> str:

@@ -53,3 +53,28 @@ def test_furniture_without_drawers_has_none(agent):
     reply = agent.do("put the pencil in the bed's drawer")
     assert reply.status != "done"
     assert "I found no" in str(reply)
+
+
+def test_what_a_condition_was_looked_at_of_is_what_it_is_done_to(tmp_path):
+    agent = Agent("living_4", planner="karma-nano", folder=tmp_path)
+
+    def lit():
+        found = agent._world.last_event.metadata["objects"]
+        return {one["objectType"] for one in found if one["isToggled"]} & {"DeskLamp", "FloorLamp"}
+
+    assert agent.do("turn off the floor lamp").status == "done"
+    assert "so: seen" in str(agent.do("if the lamp on the side table is off, turn on the tv"))
+    assert lit() == {"DeskLamp"}
+    assert agent.do("if the lamp on the side table is on, turn it off").status == "done"
+    assert lit() == set()
+    dresser = next(
+        one["position"] for one in agent._world.last_event.metadata["objects"]
+        if one["objectType"] == "Dresser"
+    )  # fmt: skip
+    assert agent.do("if the drawer of the dresser is empty, put a book in it").status == "done"
+    opened = [given["objectId"] for name, given in agent.home.past[-1].actions if "Open" in name]
+    assert opened and all(
+        abs(float(one.split("|")[1]) - dresser["x"]) < 0.6
+        and abs(float(one.split("|")[3]) - dresser["z"]) < 0.6
+        for one in opened
+    )
