@@ -355,6 +355,9 @@ class SaidDeed:
     near: bool = False  # beside the place, not in or on it
 
 
+Quantity = Literal["one", "any", "each", "all"]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Condition:
     """What has to be so for a request to be carried out."""
@@ -364,6 +367,7 @@ class Condition:
     state: str = ""  # of `household.states`, or "there"; "" it was not understood
     at: tuple[str, ...] = ()  # types of the place where a thing that is to be "there" is
     holds: bool = True  # False: where it is not so
+    of: Quantity = "one"  # of several: "either", "they", "both"
 
 
 Form = Literal["errand", "question", "statement", "teaching", "talk", "incomplete"]

@@ -480,13 +480,18 @@ class GuardedErrand(ThingFinder):
             self._mean(thing, one)
             return one if one is None else bool(one) == condition.holds
         states: list[bool] = []
-        for sight in (yield from self._looked_for(thing, kinds)):
+        several = condition.of != "one"
+        for sight in (yield from self._looked_for(thing, kinds, several=several)):
             states.append((yield from self._is_so(condition.state, sight)))
-            self._mean(thing, sight.object_id)
-        return any(states) == condition.holds if states else None
+            if states[-1] or not several:
+                self._mean(thing, sight.object_id)
+        whole = all if condition.of in ("all", "each") else any
+        return whole(states) == condition.holds if states else None
 
-    def _looked_for(self, thing: Mention, kinds: Collection[str]) -> Doing[list[SeenObject]]:
-        """Return the first that is found of each kind, or the one that is at its place."""
+    def _looked_for(
+        self, thing: Mention, kinds: Collection[str], *, several: bool
+    ) -> Doing[list[SeenObject]]:
+        """Return the first that is found of each kind, or all; or the one that is at its place."""
         if thing.at:
             one = yield from self._is_there(thing, kinds)
             return [self.sights[one]] if one else []
@@ -497,7 +502,16 @@ class GuardedErrand(ThingFinder):
             ids = [one for one in result.object_ids if kind_of(one) == kind]
             sight = self.sights.get(ids[-1]) if ids else next(iter(self.of_kinds({kind})), None)
             found += [sight] if result.ok and sight is not None else []
-        return found
+        if not several:
+            return found
+        carried = [kind for kind in kinds if object_types()[kind].can("pickupable")]
+        places = self.episode.places({*kinds} - {*carried})
+        for name in places if len(places) <= PLACES else ():
+            yield self.go_to(name)
+        seen: set[str] = set()
+        while carried and (yield from self.another(carried, seen)) is not None:
+            seen = {name for name in self.sights if kind_of(name) in carried}
+        return self.of_kinds(kinds) if len(places) <= PLACES else []
 
     def _is_so(self, state: str, sight: SeenObject) -> Doing[bool]:
         """Return whether a thing is in a state; whether it is empty is looked for in it."""

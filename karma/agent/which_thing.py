@@ -169,13 +169,33 @@ class ThingFinder:
         """Return the place that words tell of, type -> id; {}: any will do, None: there is none."""
         place = self.asked.deeds[0].place
         kinds = [] if place is None else self.kinds_of(place)
-        if place is None or place.every or not self._is_told(place, kinds, _PUT):
+        if place is None or place.every:
+            return {}
+        if "empty" in states_told(place, kinds) and not object_types()[kinds[0]].can("pickupable"):
+            return (yield from self._empty_place(place, kinds))
+        if not self._is_told(place, kinds, _PUT):
             return {}
         alike = self._alike(kinds, replace(place, text="", states=(), at=()))
         if len(alike) < 2 and not object_types()[kinds[0]].can("pickupable"):
             return {}
         one = yield from self._the_one_told(place, kinds)
         return {kind_of(one): one} if one else None
+
+    def _empty_place(self, place: Mention, kinds: Sequence[str]) -> Doing[dict[str, str] | None]:
+        """Return the first place that is seen to hold nothing; None where there is none."""
+        bare = replace(place, text="", states=())
+        for name in self.episode.places(kinds)[:PLACES]:
+            self.came.searched = True
+            yield self.go_to(name)
+            if (sight := self.sights.get(name)) is None or not self.fits(name, bare):
+                continue
+            yield self.episode.skills.look_over(sight)
+            holds = (parent for one in self.sights.values() for parent in one.parent_ids)
+            if not any(parent.startswith(name) for parent in holds):
+                return {kind_of(name): name}
+        self.came.short = True
+        self.came.say(f"I found none that is empty: {spoken(kinds[0]).lower()}", "otherwise")
+        return None
 
     def told_apart_by_words(self, kinds: Collection[str]) -> Doing[str | None]:
         """Return the one of several that words tell of; "" where none is, None: any will do."""

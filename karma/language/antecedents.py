@@ -89,6 +89,8 @@ def with_antecedents(
 
 def _together(fresh: Sequence[Mention], earlier: SaidDeed | None) -> tuple[Mention, ...]:
     """Return what "them" stands for: what was named last, or all that the last deed was about."""
+    if any(one.start >= 0 and one.every for one in fresh[-1:]):  # "if the mugs are clean, ..."
+        return tuple(fresh[-1:])
     last = {one.types for one in fresh[-1:]}
     about = tuple(one for one in earlier.things if one.types) if earlier else ()
     place = (earlier.place,) if earlier and earlier.place else ()

@@ -4,9 +4,10 @@ All of it is taken out of the words that a planner is told.
 """
 
 import re
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
-from karma.contracts import Condition, Mention, SaidDeed
+from karma.contracts import Condition, Mention, Quantity, SaidDeed
 from karma.language.clock import time_words
 from karma.language.nouns import Nouns
 from karma.language.pairs import Pairs
@@ -23,12 +24,27 @@ _DEADLINES = ("before", "by")
 _IN = frozenset(("in", "on", "inside", "at"))
 _BESIDE = frozenset(("near", "beside", "behind", "under", "next"))  # no look shows it of a place
 _BEING = frozenset(("there", "find", "see", "spot"))  # "if you find one"
+_OPEN = frozenset(("anything", "something", "everything", "nothing", "anybody", "somebody"))
+_NOT = frozenset(("not", "n't", "no", "neither", "none"))
 _MUTUAL = (("each", "other"), ("one", "another"), ("side", "by", "side"))
 _TO_ONE_ANOTHER = ("next", "close", "near", "beside", "on", "top", "of", "to", "from", "with", "by")
 _IF = frozenset(("if", "unless", "whether", "provided"))
 _USES = ("use", "using", "touch", "touching", "disturb", "take")
 _HELPERS = ("do", "does", "should", "must", "may", "could", "would", "did", "ca", "can", "please")
 _NOUN_TAGS = ("DT", "PRP$", "NN", "NNS", "NNP")
+
+
+def _quantity(words: Collection[str], thing: Mention | None) -> Quantity:
+    """Return of how many of several things a condition is said."""
+    if {*words} & {"any", "either", "neither", "none", "no", "some"}:
+        return "any"
+    if {*words} & {"both", "all", "every", "each"}:
+        return "all"
+    return "each" if thing is not None and thing.every else "one"
+
+
+def _is_counted(thing: Mention | None) -> bool:
+    return thing is not None and (thing.number or 1) > 1
 
 
 def _is_known(one: Mention) -> bool:
@@ -249,12 +265,14 @@ class Asides:
             thing, at = replace(thing, at=at), ()
         unclear = {"and", "or"} & {*words} and (len(things) > 1 or len([*lies, *states]) > 1)
         unclear = unclear or {*_IF, *_BESIDE} & {*words} or (place is not None and place.vague)
-        unclear = unclear or (state == "there" and thing is not None and (thing.number or 1) > 1)
+        of = _quantity(words, thing)
+        unclear = unclear or {*words} & _OPEN or (thing is not None and not thing.types)
+        unclear = unclear or (state == "there" and (of == "all" or _is_counted(thing)))
         orders = (n for n in body if self.s.tag(n) == "VB" and self.s.low(n) not in seen)
         if unclear or any(is_deed(self.s.low(n)) for n in orders if self.s.low(n) not in _BEING):
             state = ""  # more than a condition: "if it is on and on if it is off"
-        negated = any(one in ("not", "n't", "no") for one in words)
-        return Condition(text="", thing=thing, state=state, at=at, holds=holds != negated)
+        holds = holds != bool(_NOT & {*words})
+        return Condition(text="", thing=thing, state=state, at=at, holds=holds, of=of)
 
     def _times(self) -> None:
         offset = self.s.words[0].start

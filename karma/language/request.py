@@ -389,6 +389,7 @@ def _of_each(
         state = one.state if one.holds or one.state == "there" else lacking(one.state)
         at = (one.thing.at if one.thing else ()) or (one.at if one.holds else ())
         deeds = [_with_things(deed, same, at, ()) for deed in deeds]
+        each = each and one.of not in ("any", "all")
         if each and state not in ("", "there") and len(deeds) == 1:
             deeds = [_with_things(deed, same, (), (state,)) for deed in deeds]
         elif each and not (one.holds and state == "there"):

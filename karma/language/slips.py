@@ -222,6 +222,7 @@ def without_lead(sentence: str) -> str:
     head = words[0].lower()
     doing = head.endswith("ing")
     yours = head.startswith(("you", "we")) and lead not in ("after", "before", "for")
+    yours = yours and words[1:2] not in (["see"], ["spot"], ["notice"], ["come"])  # "the pen"
     why = lead in ("despite", "for", "given") and len(words) <= _MOST_WHY
     told = not any(map(is_deed, words)) and not time_words(f"{lead} {found['body']}")
     meanwhile = yours and (lead in _MEANWHILE or head == "you're" or words[1:2] == ["are"])

@@ -681,3 +681,32 @@ def test_with_and_elsewhere_say_where_a_thing_goes(reader, text, place, near, at
 )  # fmt: skip
 def test_what_nothing_looks_at_is_left_unread(reader, text):
     assert any(one.unread for one in reader.read(text))
+
+
+@pytest.mark.parametrize(
+    ("text", "of", "holds"),
+    [
+        ("if either mug is dirty, open the fridge", "any", True),
+        ("if neither mug is on the table, open the fridge", "any", False),
+        ("if both mugs are clean, put them on the table", "all", True),
+        ("unless all the drawers are closed, open the fridge", "all", False),
+        ("if the lamps are on, open the fridge", "each", True),
+        ("if the mug is dirty, open the fridge", "one", True),
+        ("when you see the pen, open the fridge", "one", True),
+    ],
+)
+def test_a_condition_is_of_so_many(reader, text, of, holds):
+    (request,) = reader.read(text)
+    (condition,) = request.conditions
+    assert (condition.of, condition.holds) == (of, holds)
+    assert condition.state
+    assert [one.deed for one in request.deeds] == [request.deeds[0].deed]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["if I left anything on the floor, open the fridge", "if the soup is hot, open the fridge"],
+)
+def test_a_condition_of_what_no_type_is_called_by_is_not_guessed_at(reader, text):
+    (request,) = reader.read(text)
+    assert [one.state for one in request.conditions] == [""]
