@@ -224,7 +224,7 @@ class WorldEvent(Event):  # type: ignore[misc]
 
     def _frames(self, picture: "Picture", view: Camera) -> dict[str, Any]:
         """Return the wanted frames of what a camera sees, by name."""
-        from karma.world.render.colours import class_frame, instance_frame
+        from karma.world.render.pixels import class_frame, instance_frame
 
         wanted, objects = self.images, self.state.objects
         found: dict[str, Any] = {"frame": picture.rgb}
@@ -328,7 +328,7 @@ def _colors(state: WorldState, images: Images) -> list[dict[str, Any]] | None:
     """Return the colour table that goes with segmentation."""
     if not (images.rgb and (images.instances or images.classes)):
         return None
-    from karma.world.render.colours import colour_table
+    from karma.world.render.pixels import colour_table
 
     return list(colour_table(state.objects))
 

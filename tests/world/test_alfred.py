@@ -18,13 +18,13 @@ from karma.household.ids import type_of
 from karma.household.types import object_type
 from karma.world.alfred.build import build
 from karma.world.alfred.facts import Files, gather
-from karma.world.alfred.ids import object_id
 from karma.world.alfred.replay import replay, replay_all, without_one
 from karma.world.alfred.steps import UntranslatableError, translated, visited
 from karma.world.alfred.trial import (
     ApiAction,
     RoomLayout,
     Spots,
+    object_id,
     read_ids,
     read_table,
     read_trials,

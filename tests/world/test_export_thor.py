@@ -18,7 +18,7 @@ from karma.files import to_json
 from karma.world.core.scene import load
 from karma.world.importing.scenes import import_dump
 from karma.world.player import command
-from karma.world.recorded.sessions import read_events, replay_events
+from karma.world.recorded import read_events, replay_events
 from karma.world.sim import EmbeddedWorld
 from karma.world.thor.export import chosen
 

@@ -9,7 +9,7 @@ import numpy as np
 from karma.contracts import Vec3
 from karma.world.actions.moving import hang
 from karma.world.core.arguments import Place
-from karma.world.core.arrays import Floats
+from karma.world.core.boxes import Floats
 from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.posing import angles, rotation_matrix, spun, vector, with_contents
 from karma.world.core.state import Performed, Refusal, Result, WorldState

@@ -10,11 +10,11 @@ import msgspec
 from karma.contracts import Vec3
 from karma.household.types import Capability, object_types
 from karma.world.actions.aiming import on_object, target
+from karma.world.actions.arranging import lot
 from karma.world.actions.moving import hang
-from karma.world.actions.spawning import lot
 from karma.world.core.arguments import ObjectStates
+from karma.world.core.effects import broken, in_pieces, left_behind
 from karma.world.core.objects import Objects
-from karma.world.core.pieces import broken, in_pieces, left_behind
 from karma.world.core.placement import find_place, flight, land, parents_in
 from karma.world.core.posing import emptied
 from karma.world.core.rules import rules

@@ -13,7 +13,7 @@ import numpy as np
 
 from karma.household.places import FLOOR
 from karma.world.actions.aiming import on_object
-from karma.world.core.arrays import Floats, crossing
+from karma.world.core.boxes import Floats, crossing
 from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import BODY_M, Performed, Refusal, Result, WorldState

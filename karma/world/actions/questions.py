@@ -10,7 +10,7 @@ from karma.world.actions.aiming import outside, shown_at
 from karma.world.actions.moving import between_cells, coordinates, lacks, unknown, yaw_of
 from karma.world.core import navigate, scene
 from karma.world.core.arguments import Place
-from karma.world.core.arrays import Floats, crossing
+from karma.world.core.boxes import Floats, crossing
 from karma.world.core.ground import walk
 from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.state import Camera, Cell, Performed, Refusal, Result, WorldState, refuse

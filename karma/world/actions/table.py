@@ -13,15 +13,13 @@ from msgspec import Struct
 
 from karma.files import read_toml
 from karma.world.actions import (
-    cameras,
+    arranging,
     hand,
     handling,
     moving,
     pushing,
     questions,
     setup,
-    spawning,
-    teleporting,
 )
 from karma.world.core.arguments import fit, kinds
 from karma.world.core.state import Refusal, Result, WorldState
@@ -115,7 +113,7 @@ _SIGNED: dict[str, Callable[..., Result]] = {
     "GetObjectInFrame": questions.object_in_frame,
     "GetCoordinateFromRaycast": questions.coordinate,
     "GetVisibleObjects": questions.visible_objects,
-    "GetMapViewCameraProperties": cameras.map_view,
+    "GetMapViewCameraProperties": setup.map_view,
     # handling
     "PickupObject": handling.pick_up,
     "PutObject": handling.put,
@@ -136,15 +134,15 @@ _SIGNED: dict[str, Callable[..., Result]] = {
     "MoveHeldObjectDown": hand.mover(0.0, -1.0, 0.0),
     "RotateHeldObject": hand.rotate,
     # arranging the household
-    "PlaceObjectAtPoint": teleporting.place_at_point,
-    "TeleportObject": teleporting.teleport_object,
-    "RemoveFromScene": teleporting.remove,
-    "DisableObject": teleporting.disable,
-    "EnableObject": teleporting.enable,
-    "InitialRandomSpawn": spawning.initial_random_spawn,
+    "PlaceObjectAtPoint": arranging.place_at_point,
+    "TeleportObject": arranging.teleport_object,
+    "RemoveFromScene": arranging.remove,
+    "DisableObject": arranging.disable,
+    "EnableObject": arranging.enable,
+    "InitialRandomSpawn": arranging.initial_random_spawn,
     # cameras
-    "AddThirdPartyCamera": cameras.add,
-    "UpdateThirdPartyCamera": cameras.update,
+    "AddThirdPartyCamera": setup.add,
+    "UpdateThirdPartyCamera": setup.update,
     # setting up
     "SetObjectFilter": setup.set_object_filter,
     "SetObjectFilterForType": setup.set_object_filter_for_type,
@@ -177,7 +175,7 @@ _LEGACY: dict[str, Callable[..., Result]] = {
     "PushObject": pushing.pusher("PushObject", 0.0),
     "PullObject": pushing.pusher("PullObject", 180.0),
     "DirectionalPush": pushing.directional_push,
-    "SetObjectPoses": teleporting.set_object_poses,
+    "SetObjectPoses": arranging.set_object_poses,
     "SetObjectStates": handling.set_object_states,
     "RandomToggleStateOfAllObjects": handling.random_states,
     "RandomToggleSpecificState": handling.random_state,

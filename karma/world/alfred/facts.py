@@ -9,28 +9,65 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
 
 from karma.contracts import Vec3
 from karma.household.ids import made_at, part_id, type_of
 from karma.household.uses import WHOLE_OF, without_basin
-from karma.world.alfred.ids import object_id, spelt_out
 from karma.world.alfred.steps import named, visited
-from karma.world.alfred.trial import (
-    FixedObjects,
-    LabelledSpot,
-    PlannerAction,
-    Receptacle,
-    RoomLayout,
-    Spot,
-    Spots,
-    Trial,
-    read_table,
-)
+from karma.world.alfred.trial import PlannerAction, Spot, Trial, object_id, read_table, spelt_out
 from karma.world.core.scene import Scene, SceneObject
 from karma.world.importing.scenes import import_dump
 
 SAME_M = 0.03  # two places of one type that are one object, where ids carry centimetres
 _BASIN_M = 1.0  # between a basin and the sink or tub whose place its id carries
+
+
+class RoomLayout(msgspec.Struct, frozen=True, kw_only=True):
+    """What ALFRED's layouts tell of a room: cells (x, z), types, poses to see receptacles from."""
+
+    reachable: tuple[tuple[float, float], ...] = ()
+    object_types: tuple[str, ...] = ()
+    receptacle_points: dict[str, tuple[float, ...]] = {}
+
+
+class FixedObject(msgspec.Struct, frozen=True, kw_only=True):
+    """A fixed object; its place to better than the centimetre of its id, where known."""
+
+    pos: Vec3 | None = None
+
+
+class FixedObjects(msgspec.Struct, frozen=True, kw_only=True):
+    """The fixed objects of a room by id."""
+
+    fixed: dict[str, FixedObject]
+
+
+class Receptacle(msgspec.Struct, frozen=True, kw_only=True):
+    """One fixed receptacle of a room."""
+
+    type: str
+    pos: Vec3
+    id: str | None = None
+
+
+class LabelledSpot(NamedTuple):
+    """Where an object of some trial lay, and the receptacle that the planner names for it."""
+
+    x: float
+    y: float
+    z: float
+    receptacle: str
+    trial: str
+    thing: str
+
+
+class Spots(msgspec.Struct, frozen=True, kw_only=True):
+    """The labelled positions by FloorPlan."""
+
+    spots: dict[str, tuple[LabelledSpot, ...]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

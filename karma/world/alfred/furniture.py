@@ -24,11 +24,10 @@ from karma.household.places import FLOOR
 from karma.household.types import object_types
 from karma.household.uses import BASIN_OF, BASINS, FAUCET
 from karma.household.water import POURS_M
-from karma.world.alfred.facts import RoomFacts
-from karma.world.alfred.ids import type_now
-from karma.world.alfred.trial import LabelledSpot
+from karma.world.alfred.facts import LabelledSpot, RoomFacts
+from karma.world.alfred.trial import type_now
 from karma.world.core.boxes import Box
-from karma.world.core.holes import EDGE_M, WORKTOP, built_in
+from karma.world.core.hiding import EDGE_M, WORKTOP, built_in
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.thing import bottom, difference, gaps, moved, top

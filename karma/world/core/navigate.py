@@ -12,7 +12,7 @@ import numpy as np
 
 from karma.contracts import Pose
 from karma.household.places import FLOOR
-from karma.world.core.arrays import Flags, Floats
+from karma.world.core.boxes import Flags, Floats
 from karma.world.core.ground import outside, walk
 from karma.world.core.hiding import blocking, hidden_rows
 from karma.world.core.rays import stopped

@@ -12,7 +12,7 @@ import numpy as np
 from karma.contracts import Vec3
 from karma.household.places import FLOOR
 from karma.household.types import object_types
-from karma.world.core.arrays import Flags, Floats
+from karma.world.core.boxes import Flags, Floats
 from karma.world.core.hiding import blocking, inert_rows, solid_boxes
 from karma.world.core.objects import Objects
 from karma.world.core.rules import rules

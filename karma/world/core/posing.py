@@ -10,7 +10,7 @@ from karma.contracts import Vec3
 from karma.household.places import FLOOR
 from karma.household.types import object_types
 from karma.world.core.arguments import Place
-from karma.world.core.arrays import Floats
+from karma.world.core.boxes import Floats
 from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.objects import Objects
 from karma.world.core.placement import floor_id, land, parents_in

@@ -11,7 +11,7 @@ import numpy as np
 from karma.contracts import Pose, Vec3
 from karma.household.places import FLOOR
 from karma.household.types import RULES
-from karma.world.core.holes import walked_in
+from karma.world.core.hiding import walked_in
 from karma.world.core.metadata import box
 from karma.world.core.objects import Derived, Objects
 from karma.world.core.rays import RoomShell

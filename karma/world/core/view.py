@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.contracts import Pose, Vec3
-from karma.world.core.arrays import Flags, Floats
+from karma.world.core.boxes import Flags, Floats
 from karma.world.core.hiding import blocking, hidden_rows, solid_boxes
 from karma.world.core.objects import Change, Derived, Objects, per_object
 from karma.world.core.rays import NO_SHELL, RoomShell, cut, farthest, stopped

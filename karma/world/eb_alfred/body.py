@@ -12,8 +12,14 @@ from karma.household.ids import is_id, is_part, root_type, type_of
 from karma.household.uses import BASIN_OF, BASINS, FAUCET, FRIDGE, MICROWAVE, SINK
 from karma.world.alfred.goal import Deeds, noteworthy
 from karma.world.core.view import CAMERA_M
-from karma.world.eb_alfred.actions import EB_ALFRED, NumberedAction, RoomProtocol
-from karma.world.eb_alfred.choosing import Thing, by_id, nearest
+from karma.world.eb_alfred.actions import (
+    EB_ALFRED,
+    NumberedAction,
+    RoomProtocol,
+    Thing,
+    by_id,
+    nearest,
+)
 from karma.world.event import WorldEvent
 from karma.world.sim import EmbeddedWorld
 

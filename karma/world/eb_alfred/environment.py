@@ -14,12 +14,12 @@ from karma.world.eb_alfred.actions import (
     ActionTypes,
     NumberedAction,
     RoomProtocol,
+    Thing,
     actions_in,
     names_in,
     skills_of,
 )
 from karma.world.eb_alfred.body import Body
-from karma.world.eb_alfred.choosing import Thing
 from karma.world.sim import EmbeddedWorld
 
 UNKNOWN = -1  # number of what is no action

@@ -17,8 +17,7 @@ from karma.household.places import (
     ROUND_A_CORNER,
 )
 from karma.household.uses import BASINS
-from karma.world.core.arrays import Flags, Floats
-from karma.world.core.boxes import Box
+from karma.world.core.boxes import Box, Flags, Floats
 from karma.world.core.ground import AGENT_HEIGHT_M, AGENT_RADIUS_M, Cell, Key, distances, parts
 from karma.world.core.thing import heading
 from karma.world.importing.dump import Seen

@@ -15,8 +15,7 @@ import numpy as np
 
 from karma.files import read_toml
 from karma.world.render import cases, furniture, things
-from karma.world.render.form import Builder, Form, dial, shade
-from karma.world.render.looks import rgb
+from karma.world.render.form import Builder, Form, dial, rgb, shade
 from karma.world.render.mesh import (
     GHOST,
     GLASS,

@@ -10,7 +10,7 @@ import numpy as np
 
 from karma.contracts import Area, Known, Pose
 from karma.memory.lived.setting import KnownPlace
-from karma.world.core.arrays import Flags, Floats
+from karma.world.core.boxes import Flags, Floats
 from karma.world.core.hiding import blocking
 from karma.world.core.navigate import interactable_poses
 from karma.world.core.rays import stopped

@@ -25,9 +25,7 @@ from karma.household.uses import BASINS
 from karma.world.core.ground import Cell
 from karma.world.core.scene import AgentPose, Scene, SceneObject
 from karma.world.core.thing import bottom, gaps
-from karma.world.importing.dump import EXPORT, Xyz, read_layouts, rows
-from karma.world.importing.scenes import scene_from_dump
-from karma.world.recorded.differences import (
+from karma.world.differences import (
     KINDS,
     MISSING,
     Attribution,
@@ -39,6 +37,8 @@ from karma.world.recorded.differences import (
     shown,
     values,
 )
+from karma.world.importing.dump import EXPORT, Xyz, read_layouts, rows
+from karma.world.importing.scenes import scene_from_dump
 from karma.world.sim import EmbeddedWorld
 
 _SETTINGS = ("visibilityDistance", "fieldOfView", "rotateStepDegrees", "snapToGrid")

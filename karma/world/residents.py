@@ -24,8 +24,8 @@ from karma.world.core.scene import Scene, SceneObject
 from karma.world.core.state import Performed, WorldState
 from karma.world.core.thing import is_inert, is_movable
 from karma.world.event import WorldEvent
+from karma.world.habits import HomeRates, Span, habits
 from karma.world.houses import room_name
-from karma.world.residents.habits import HomeRates, Span, habits
 from karma.world.sim import EmbeddedWorld
 
 DAY_S, HOUR_S = 86_400.0, 3_600.0
