@@ -10,6 +10,7 @@ import sys
 
 import msgspec
 import pytest
+from export_thor_scenes import chosen
 from support import fake_player
 from support.household import kitchen, thing
 from support.paths import ROOT
@@ -20,7 +21,6 @@ from karma.world.importing.scenes import import_dump
 from karma.world.player import command
 from karma.world.recorded import read_events, replay_events
 from karma.world.sim import EmbeddedWorld
-from karma.world.thor.export import chosen
 
 pytest.importorskip("ai2thor", reason="needs the package ai2thor")
 
