@@ -117,8 +117,9 @@ def test_a_table_without_a_type_is_refused(tmp_path, monkeypatch):
     text = form.TABLE.read_text().replace("Apple = {", "Appel = {", 1)
     broken = tmp_path / "form.toml"
     broken.write_text(text)
+    monkeypatch.setattr(form, "TABLE", broken)
     with pytest.raises(FileError, match=r"types\.Appel"):
-        form.read_looks(broken)
+        form.looks_table.__wrapped__()
 
 
 # ------------------------------------------------------------------ solids

@@ -14,11 +14,10 @@ from karma.world.alfred.facts import LabelledSpot, RoomFacts, middling
 from karma.world.alfred.furniture import furnished
 from karma.world.alfred.steps import STEP_M
 from karma.world.alfred.trial import SpawnPose, Trial, type_now
-from karma.world.core.boxes import Box
 from karma.world.core.posing import posed
 from karma.world.core.rules import rules
 from karma.world.core.scene import AgentPose, Scene, SceneObject, check
-from karma.world.core.thing import bottom, gaps, top, turned
+from karma.world.core.thing import bottom, box_of, gaps, top, turned
 from karma.world.importing.scenes import ORIGIN_M, room_box, room_by_name, room_by_things
 
 
@@ -43,7 +42,7 @@ def build(trial: Trial, facts: RoomFacts, *, widened: Mapping[str, float] | None
     loose = [_in(thing, parents) for thing in movables]
     things = _named_apart([_at_start(thing, trial) for thing in (*fixed, *loose)])
     cells = facts.cells
-    boxes = (Box.around(thing.center, thing.size) for thing in things if thing.type != FLOOR)
+    boxes = (box_of(thing) for thing in things if thing.type != FLOOR)
     box = room_box(boxes, floor_y, cells)
     scene = Scene(
         name=facts.name,

@@ -30,7 +30,7 @@ from karma.world.core.boxes import Box
 from karma.world.core.hiding import EDGE_M, WORKTOP, built_in
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
-from karma.world.core.thing import bottom, difference, gaps, moved, top
+from karma.world.core.thing import bottom, box_of, difference, gaps, moved, top
 
 _BESIDE_M = 0.35  # two versions of one object, across the floor
 _ABOVE_M = 1.2  # and in height
@@ -232,12 +232,12 @@ def _down_to_basin(tap: SceneObject, things: Sequence[SceneObject]) -> SceneObje
     gap, low = min(far, default=(math.inf, 0.0))
     if gap > POURS_M or low >= bottom(tap):
         return tap
-    return _boxed(tap, Box.around(tap.center, tap.size)._replace(y0=low))
+    return _boxed(tap, box_of(tap)._replace(y0=low))
 
 
 def _to_fronts(thing: SceneObject, things: Sequence[SceneObject], facts: RoomFacts) -> SceneObject:
     """Return a worktop that ends at the fronts of what is built in beneath it, where one stands."""
-    own = Box.around(thing.center, thing.size)
+    own = box_of(thing)
     beneath, sides = built_in(own, things), own._asdict()
     for low, high, across in (("x0", "x1", ("z0", "z1")), ("z0", "z1", ("x0", "x1"))):
         for side, sign, first in ((low, 1.0, min), (high, -1.0, max)):
@@ -265,8 +265,8 @@ def _wholes(things: Sequence[SceneObject], facts: RoomFacts) -> Iterator[SceneOb
         kind, place = root_type(whole), made_at(whole)
         if basin.type not in BASINS or not is_part(basin.id, of=whole) or place is None:
             continue
-        ground = Box.around(basin.center, basin.size).grown(_RIM_M, 0.0, _RIM_M)
-        alike = [Box.around(one.center, one.size) for one in things if one.type == kind]
+        ground = box_of(basin).grown(_RIM_M, 0.0, _RIM_M)
+        alike = [box_of(one) for one in things if one.type == kind]
         seen = any(ground.overlaps(one._replace(y0=ground.y0, y1=ground.y1)) for one in alike)
         if seen or kind not in (facts.types or BASIN_OF):
             continue

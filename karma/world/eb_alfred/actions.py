@@ -30,6 +30,7 @@ Verb = Literal[
 Thing = Mapping[str, Any]  # one object of the metadata
 PUT, DROP = "put down the object in hand", "drop the object in hand"
 DONE = "done"
+_ONE = ("find", "open", "close")  # verbs whose bare name means the first of a type
 _AS_IT_STANDS = ("CD",)  # in LoTa-Bench
 
 
@@ -108,7 +109,7 @@ def actions_in(types: ActionTypes, things: Sequence[Thing]) -> tuple[NumberedAct
     others = _several(one for one in things if one["pickupable"] and not one["receptacle"])
     first = {kind: ids[0] for kind, ids in {**receptacles, **others}.items()}
     fixed = [
-        NumberedAction(verb=verb, noun=kind, object_id=_meant(verb, kind, first))
+        NumberedAction(verb=verb, noun=kind, object_id=first.get(kind, "") if verb in _ONE else "")
         for verb, kind in _listed(types, _EVERYWHERE)
     ]
     return (*fixed, *_more(types, receptacles, others))
@@ -151,10 +152,6 @@ def _several(things: Iterable[Thing]) -> dict[str, list[str]]:
     for one in things:
         found.setdefault(type_of(one["objectId"]), []).append(one["objectId"])
     return {kind: ids for kind, ids in found.items() if len(ids) > 1}
-
-
-def _meant(verb: Verb, kind: str, first: Mapping[str, str]) -> str:
-    return first.get(kind, "") if verb in ("find", "open", "close") else ""
 
 
 def _more(

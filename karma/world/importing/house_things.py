@@ -18,6 +18,7 @@ from karma.household.uses import BASIN_OF, BURNER, FRIDGE, KNOB
 from karma.world.core.boxes import Box, rounded
 from karma.world.core.posing import rotation_matrix
 from karma.world.core.scene import LARGEST_M, SceneObject
+from karma.world.core.thing import box_of
 from karma.world.importing.dump import Xyz
 from karma.world.importing.house_floor import HouseShell, off
 from karma.world.importing.house_record import FIX, HouseRecord, HouseThing
@@ -224,7 +225,7 @@ def obstacles(objects: Sequence[SceneObject]) -> Iterator[Box]:
     for one in objects:
         loose = "pickupable" in one.capabilities and floors.isdisjoint(one.parents)
         if one.id not in floors and not loose:
-            yield Box.around(one.center, one.size)
+            yield box_of(one)
 
 
 def _state(told: HouseThing, kind: ObjectType, above: SceneObject | None) -> dict[str, Any]:

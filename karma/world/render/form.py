@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from hashlib import blake2b
 from pathlib import Path
-from types import MappingProxyType
 from typing import Literal, NamedTuple
 
 import msgspec
@@ -46,38 +45,35 @@ class Walls(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     ceiling: str = "#f3f1ec"
 
 
-class _LooksTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class LooksTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """All of `looks.toml`."""
+
     rooms: dict[RoomType, Walls]
     types: dict[str, Look]
 
 
 @cache
-def looks() -> Mapping[str, Look]:
-    """Return all looks by type, read once from `looks.toml`; errors as in `read_looks`."""
-    return read_looks(TABLE)
-
-
-@cache
-def _table(path: Path) -> _LooksTable:
-    return read_toml(path, _LooksTable)
-
-
-def read_looks(path: Path) -> Mapping[str, Look]:
-    """Read a table of looks.
+def looks_table() -> LooksTable:
+    """Return the table, read once.
 
     Raises:
-        FileError: the table is damaged, or its types are not those of types.toml.
+        FileError: it is damaged, or its types are not those of types.toml.
     """
-    found = _table(path).types
-    for name in sorted(found.keys() ^ object_types().keys()):
-        fault = "not a type" if name in found else "missing"
-        raise FileError(path, f"types.{name}: {fault}")
-    return MappingProxyType(found)
+    table = read_toml(TABLE, LooksTable)
+    for name in sorted(table.types.keys() ^ object_types().keys()):
+        fault = "not a type" if name in table.types else "missing"
+        raise FileError(TABLE, f"types.{name}: {fault}")
+    return table
+
+
+def looks() -> Mapping[str, Look]:
+    """Return all looks by type."""
+    return looks_table().types
 
 
 def walls(room: RoomType) -> Walls:
     """Return how rooms of a type are painted."""
-    return _table(TABLE).rooms[room]
+    return looks_table().rooms[room]
 
 
 def rgb(text: str) -> Colour:
