@@ -150,12 +150,10 @@ class Form(NamedTuple):
         """Return a box between two corners given in shares."""
         return mesh.box(self.at(*low), self.at(*high), colour)
 
-    def in_front(
-        self, low: Pair, high: Pair, colour: Colour, thick: float = 0.002, *, glow: bool = False
-    ) -> Mesh:
+    def in_front(self, low: Pair, high: Pair, colour: Colour, thick: float) -> Mesh:
         """Return a plate on the front, between two corners (x, y) in shares."""
         (x0, y0, z), (x1, y1, _) = self.at(*low, 1), self.at(*high, 1)
-        return mesh.box((x0, y0, z), (x1, y1, z + thick), colour, glow=glow)
+        return mesh.box((x0, y0, z), (x1, y1, z + thick), colour)
 
     def frame(self, edge: float) -> list[Mesh]:
         """Return a border all round the front, as deep as the object; `edge` in metres."""
