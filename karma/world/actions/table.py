@@ -17,7 +17,6 @@ from karma.world.actions import (
     hand,
     handling,
     moving,
-    pushing,
     questions,
     setup,
 )
@@ -30,13 +29,10 @@ class _Group(Struct, frozen=True, forbid_unknown_fields=True):
     names: tuple[str, ...]
 
 
-class _LeftOut(Struct, frozen=True, forbid_unknown_fields=True):
-    group: tuple[_Group, ...]
-
-
+_TABLE = Path(__file__).with_name("left_out.toml")
 LEFT_OUT: Mapping[str, str] = {  # why, by name
     name: group.reason
-    for group in read_toml(Path(__file__).with_name("left_out.toml"), _LeftOut).group
+    for group in read_toml(_TABLE, dict[str, tuple[_Group, ...]])["group"]
     for name in group.names
 }
 
@@ -89,10 +85,6 @@ def _action(name: str, handler: Callable[..., Result], *, lenient: bool = False)
     types = {name: kinds(annotation) for name, annotation in takes.items()}
     required = tuple(p.name for p in parameters if p.default is inspect.Parameter.empty)
     return ActionEntry(name, handler, takes, types, required, lenient)
-
-
-def _legacy(name: str, handler: Callable[..., Result]) -> ActionEntry:
-    return _action(name, handler, lenient=True)
 
 
 _SIGNED: dict[str, Callable[..., Result]] = {
@@ -172,27 +164,17 @@ _LEGACY: dict[str, Callable[..., Result]] = {
     "SliceObject": handling.slice_object,
     "BreakObject": handling.break_object,
     "FillObjectWithLiquid": handling.fill,
-    "PushObject": pushing.pusher("PushObject", 0.0),
-    "PullObject": pushing.pusher("PullObject", 180.0),
-    "DirectionalPush": pushing.directional_push,
+    "PushObject": hand.pusher("PushObject", 0.0),
+    "PullObject": hand.pusher("PullObject", 180.0),
+    "DirectionalPush": hand.directional_push,
     "SetObjectPoses": arranging.set_object_poses,
     "SetObjectStates": handling.set_object_states,
     "RandomToggleStateOfAllObjects": handling.random_states,
     "RandomToggleSpecificState": handling.random_state,
-}
-_STATE_CHANGES: dict[str, tuple[Any, ...]] = {
-    "DirtyObject": ("dirtyable", "is_dirty", True, "dirty"),
-    "CleanObject": ("dirtyable", "is_dirty", False, "clean"),
-    "EmptyLiquidFromObject": ("canFillWithLiquid", "is_filled", False, "empty"),
-    "UseUpObject": ("canBeUsedUp", "is_used_up", True, "used up"),
-    "CookObject": ("cookable", "is_cooked", True, "cooked"),
+    **handling.STATE_CHANGES,
+    **{name: _refuser(name, reason) for name, reason in LEFT_OUT.items()},
 }
 ACTIONS: Mapping[str, ActionEntry] = {
     **{name: _action(name, handler) for name, handler in _SIGNED.items()},
-    **{name: _legacy(name, handler) for name, handler in _LEGACY.items()},
-    **{
-        name: _legacy(name, handling.state_changer(name, *row))
-        for name, row in _STATE_CHANGES.items()
-    },
-    **{name: _legacy(name, _refuser(name, reason)) for name, reason in LEFT_OUT.items()},
+    **{name: _action(name, handler, lenient=True) for name, handler in _LEGACY.items()},
 }
