@@ -208,8 +208,8 @@ def coordinates(
 ) -> dict[str, float]:
     """Return the coordinates that were said, either way of saying them."""
     axes = {k: v for k, v in (("x", x), ("y", y), ("z", z)) if v is not None}
-    said: Mapping[str, Any] = position or {}
-    return {**said, **axes}
+    given: Mapping[str, Any] = position or {}
+    return {**given, **axes}
 
 
 def teleport_full(

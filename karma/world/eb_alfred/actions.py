@@ -193,8 +193,8 @@ def skills_of(types: ActionTypes) -> tuple[NumberedAction, ...]:
 def _skill(verb: Verb, kind: str) -> NumberedAction:
     words = kind if kind in _AS_IT_STANDS else in_words(kind)
     article = "the" if verb != "find" else "an" if words[0] in "aeiou" else "a"
-    said = "put down" if verb == "put" else verb
-    return NumberedAction(verb=verb, noun=kind, written=f"{said} {article} {words}")
+    phrase = "put down" if verb == "put" else verb
+    return NumberedAction(verb=verb, noun=kind, written=f"{phrase} {article} {words}")
 
 
 # ----------------------------------------------------------------- which object a name means

@@ -152,7 +152,7 @@ def rows(path: Path) -> Iterator[tuple[str, Any]]:
         if all(isinstance(one, dict) and "objectId" in one for one in many):
             reason = "objects alone: the scene's name and its cells are missing"
             raise FileError(path, reason, fix=EXPORT)
-        yield from ((f"scene {number}", _told(row)) for number, row in enumerate(many, 1))
+        yield from ((f"scene {number}", _as_export(row)) for number, row in enumerate(many, 1))
         return
     for number, line in enumerate(lines, 1):
         if line.strip():
@@ -160,10 +160,10 @@ def rows(path: Path) -> Iterator[tuple[str, Any]]:
                 row = json.loads(line)
             except (ValueError, RecursionError) as error:
                 raise FileError(path, f"line {number}: not JSON: {error}", fix=COPY) from error
-            yield f"line {number}", _told(row)
+            yield f"line {number}", _as_export(row)
 
 
-def _told(row: Any) -> Any:
+def _as_export(row: Any) -> Any:
     """Return a row in an export's form, where it is metadata of an event as AI2-THOR has it."""
     alone = isinstance(row, dict) and row.keys() == {"metadata"}  # recordings have an action, too
     row = row["metadata"] if alone else row

@@ -220,9 +220,9 @@ def _odd_wall(record: HouseRecord) -> str:
             return f"{key}.polygon: {len(wall.polygon)} points; a wall has 3 to {MOST_POINTS}"
         if wall.ends[0] == wall.ends[1]:
             return f"{key}.polygon: the wall has no length"
-        told = wall.room_id
-        if told is not None and told not in rooms and OUTSIDE not in told + wall.id:
-            return f"{key}.roomId: no room {told!r}"
+        room_id = wall.room_id
+        if room_id is not None and room_id not in rooms and OUTSIDE not in room_id + wall.id:
+            return f"{key}.roomId: no room {room_id!r}"
     return ""
 
 
@@ -232,9 +232,9 @@ def _odd_door(record: HouseRecord) -> str:
     for index, door in enumerate(record.doors):
         key = f"doors[{index}]"
         for end, known in (("room0", rooms), ("room1", rooms), ("wall0", walls), ("wall1", walls)):
-            told: str = getattr(door, end)
-            if told not in known and OUTSIDE not in told:
-                return f"{key}.{end}: no {end[:4]} {told!r}"
+            end_id: str = getattr(door, end)
+            if end_id not in known and OUTSIDE not in end_id:
+                return f"{key}.{end}: no {end[:4]} {end_id!r}"
         if door.hole_polygon is None and door.bounding_box is None:
             return f"{key}: neither holePolygon nor boundingBox"
         low, high = door.hole
