@@ -13,7 +13,7 @@ from karma.errors import KarmaError
 from karma.files import cache
 from karma.infer.manifest.manifest import check, find_model, read_manifest
 from karma.offline.guard import DEFAULTS, LOG, OFFLINE, SWITCHES, is_armed, network_allowed
-from karma.world.thor.checks import CheckResult
+from karma.world.thor.builds import CheckResult
 
 NEEDED = ("karma-nano", "minilm")  # what `karma run` can do with, where karma-mini is not here
 _PROXIES = ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY", "http_proxy", "https_proxy", "all_proxy")

@@ -18,7 +18,7 @@ from karma.errors import KarmaError
 
 if TYPE_CHECKING:
     from karma.bench.engine.model_doctor import ModelSeen
-    from karma.world.thor.checks import CheckResult
+    from karma.world.thor.builds import CheckResult
 
 MARKS = {"ok": "[green]ok[/]", "note": "[yellow]note[/]", "problem": "[red]problem[/]"}
 
@@ -42,7 +42,7 @@ def doctor_offline(json: Json = None) -> None:
     """List every condition of a run without a network; exit code 1 if one does not hold."""
     from karma.bundle import conditions
     from karma.offline.guard import DEFAULTS, SWITCHES
-    from karma.world.thor.checks import CheckResult
+    from karma.world.thor.builds import CheckResult
 
     with console.status("looking; models are hashed ..."):
         findings = conditions.examine()
@@ -152,12 +152,11 @@ def doctor_thor(
 
     Looks at this machine only: no network, and nothing is started without --start.
     """
-    from karma.world.thor import checks
-    from karma.world.thor.builds import PLATFORMS
+    from karma.world.thor.builds import PLATFORMS, examine
 
     if platform is not None and platform not in PLATFORMS:
         raise KarmaError(f"no platform {platform!r}; there are {', '.join(PLATFORMS)}")
-    findings = checks.examine(executable, platform, display)
+    findings = examine(executable, platform, display)
     good = _show("AI2-THOR on this machine", findings)
     tried = _try(executable, platform, display, scene) if start else None
     good = good and not (tried or {}).get("error")

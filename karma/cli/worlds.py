@@ -258,7 +258,7 @@ def _told(result: "TrialResult") -> str:
 
 
 def _replay_events(files: Sequence[Path], layouts: Path | None, json: Path | None) -> None:
-    from karma.world.recorded.sessions import replay_events, total_rate
+    from karma.world.recorded import replay_events, total_rate
 
     reports = [
         replay_events(path, layouts=layouts) for path in _shown(files, "replaying", len(files))

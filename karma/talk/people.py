@@ -7,8 +7,8 @@ from karma.contracts import World
 from karma.errors import KarmaError
 from karma.talk.home import BEGINS_S, HomeCard
 from karma.world.core.scene import load
-from karma.world.residents.habits import habits
-from karma.world.residents.household import Household
+from karma.world.habits import habits
+from karma.world.residents import Household
 from karma.world.sim import EmbeddedWorld
 
 DISTURBANCE = 0.25  # share of the movable things that are moved at least once a day

@@ -176,25 +176,24 @@ class WorldEvent(Event):  # type: ignore[misc]
     @cached_property
     def picture(self) -> "Picture":
         """What the agent's camera sees; drawn even when the event has no frame."""
-        from karma.world.render.picture import agent_camera, render
+        from karma.world.render.picture import agent_camera
 
         if self.before is not None:
             return self.before.picture
-        settings = self.state.settings
-        return render(self.state, agent_camera(self.state), settings.width, settings.height)
+        return self._rendered(agent_camera(self.state))
 
     @cached_property
     def camera_pictures(self) -> "list[Picture]":
         """What each third-party camera sees."""
-        from karma.world.render.picture import render
-
         if self.before is not None:
             return self.before.camera_pictures
+        return [self._rendered(camera) for camera in self.state.cameras]
+
+    def _rendered(self, view: Camera, *, normals: bool = False) -> "Picture":
+        from karma.world.render.picture import render
+
         settings = self.state.settings
-        return [
-            render(self.state, camera, settings.width, settings.height)
-            for camera in self.state.cameras
-        ]
+        return render(self.state, view, settings.width, settings.height, normals=normals)
 
     def draw_agent(self) -> None:
         """Set the agent's frames, masks and boxes."""
@@ -224,7 +223,7 @@ class WorldEvent(Event):  # type: ignore[misc]
 
     def _frames(self, picture: "Picture", view: Camera) -> dict[str, Any]:
         """Return the wanted frames of what a camera sees, by name."""
-        from karma.world.render.colours import class_frame, instance_frame
+        from karma.world.render.pixels import class_frame, instance_frame
 
         wanted, objects = self.images, self.state.objects
         found: dict[str, Any] = {"frame": picture.rgb}
@@ -240,10 +239,7 @@ class WorldEvent(Event):  # type: ignore[misc]
 
     def _normals(self, view: Camera) -> np.ndarray:
         """Return a camera's normals as a picture: each axis from -1..1 to 0..255."""
-        from karma.world.render.picture import render
-
-        settings = self.state.settings
-        found = render(self.state, view, settings.width, settings.height, normals=True).normals
+        found = self._rendered(view, normals=True).normals
         return np.round((np.zeros(3) if found is None else found) * 127.5 + 127.5).astype(np.uint8)
 
     def _reader(self, frame: np.ndarray) -> Any:
@@ -328,7 +324,7 @@ def _colors(state: WorldState, images: Images) -> list[dict[str, Any]] | None:
     """Return the colour table that goes with segmentation."""
     if not (images.rgb and (images.instances or images.classes)):
         return None
-    from karma.world.render.colours import colour_table
+    from karma.world.render.pixels import colour_table
 
     return list(colour_table(state.objects))
 

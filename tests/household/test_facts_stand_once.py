@@ -26,7 +26,7 @@ EXEMPT = {
     "contracts.py": "`hand` says how far programs are constrained",
     "bench/drawing/phrases.py": "a `|` between the words of an annotation's alternatives",
     "world/event_base.py": "`hand` is AI2-THOR's other name for a field of its metadata",
-    "world/render/colours.py": "`Floor` names a surface of a room, as Wall and Ceiling do",
+    "world/render/pixels.py": "`Floor` names a surface of a room, as Wall and Ceiling do",
 }
 
 

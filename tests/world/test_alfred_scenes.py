@@ -5,8 +5,7 @@ import json
 import pytest
 from support import alfred_kitchen as ours
 
-from karma.world.alfred.build import build
-from karma.world.alfred.contents import contained
+from karma.world.alfred.build import build, contained
 from karma.world.alfred.facts import Files, gather
 from karma.world.alfred.steps import visited
 from karma.world.core.boxes import Box

@@ -10,6 +10,7 @@ import sys
 
 import msgspec
 import pytest
+from export_thor_scenes import chosen
 from support import fake_player
 from support.household import kitchen, thing
 from support.paths import ROOT
@@ -18,9 +19,8 @@ from karma.files import to_json
 from karma.world.core.scene import load
 from karma.world.importing.scenes import import_dump
 from karma.world.player import command
-from karma.world.recorded.sessions import read_events, replay_events
+from karma.world.recorded import read_events, replay_events
 from karma.world.sim import EmbeddedWorld
-from karma.world.thor.export import chosen
 
 pytest.importorskip("ai2thor", reason="needs the package ai2thor")
 

@@ -8,8 +8,8 @@ import pytest
 from support.household import find, kitchen
 
 from karma.errors import FileError
-from karma.world.recorded.differences import CAUSES, FLAGS
-from karma.world.recorded.sessions import EventReport, replay_events, scene_of, total_rate
+from karma.world.differences import CAUSES, FLAGS
+from karma.world.recorded import EventReport, replay_events, scene_of, total_rate
 from karma.world.sim import EmbeddedWorld
 
 

@@ -13,17 +13,17 @@ from karma.household.types import object_types
 from karma.world.core.scene import SCENES, load
 from karma.world.core.state import Settings, begin
 from karma.world.core.thing import is_inert
-from karma.world.render import looks
-from karma.world.render.colours import (
+from karma.world.render import form, pixels
+from karma.world.render.drawn import DrawingTask, drawn
+from karma.world.render.mesh import ball, box, drum, rod, turned
+from karma.world.render.picture import agent_camera, render
+from karma.world.render.pixels import (
     class_frame,
     colour,
     colour_table,
     instance_frame,
     names,
 )
-from karma.world.render.drawn import DrawingTask, drawn
-from karma.world.render.mesh import ball, box, drum, rod, turned
-from karma.world.render.picture import agent_camera, render
 from karma.world.render.shapes import builder
 
 SHAPED = [kind for kind in object_types() if kind != "Floor"]
@@ -106,19 +106,20 @@ def test_slices_show_flesh():
 
 
 def test_all_looks_name_builders_and_colours():
-    for kind, look in looks.looks().items():
+    for kind, look in form.looks().items():
         assert kind in object_types()
         assert callable(builder(look.shape))
         for text in (*look.colours, look.second, look.third):
-            assert len(looks.rgb(text)) == 3
+            assert len(form.rgb(text)) == 3
 
 
 def test_a_table_without_a_type_is_refused(tmp_path, monkeypatch):
-    text = looks.TABLE.read_text().replace("Apple = {", "Appel = {", 1)
-    broken = tmp_path / "looks.toml"
+    text = form.TABLE.read_text().replace("Apple = {", "Appel = {", 1)
+    broken = tmp_path / "form.toml"
     broken.write_text(text)
+    monkeypatch.setattr(form, "TABLE", broken)
     with pytest.raises(FileError, match=r"types\.Appel"):
-        looks.read_looks(broken)
+        form.looks_table.__wrapped__()
 
 
 # ------------------------------------------------------------------ solids
@@ -164,13 +165,12 @@ def test_colours_are_unique_and_complete(name):
 
 
 def test_a_clash_is_resolved_the_same_way_each_time(monkeypatch):
-    from karma.world.render import colours
 
-    monkeypatch.setattr(colours, "colour", lambda name, turn=0: (len(name) + turn, 0, 0))
-    colours.assigned.cache_clear()
-    first = colours.assigned(("ab", "cd", "efg"))
+    monkeypatch.setattr(pixels, "colour", lambda name, turn=0: (len(name) + turn, 0, 0))
+    pixels.assigned.cache_clear()
+    first = pixels.assigned(("ab", "cd", "efg"))
     assert first == {"ab": (2, 0, 0), "cd": (3, 0, 0), "efg": (4, 0, 0)}
-    colours.assigned.cache_clear()
+    pixels.assigned.cache_clear()
 
 
 def test_colours_depend_on_names_alone():

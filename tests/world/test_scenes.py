@@ -21,7 +21,7 @@ from karma.world.core.scene import SCENES, load
 from karma.world.generation import generate
 from karma.world.generation.furnish import LocalFrame, NoRoomError
 from karma.world.generation.generate import build_scene, object_id
-from karma.world.generation.rooms import TABLE, read_rooms, rooms
+from karma.world.generation.rooms import TABLE, rooms
 
 NAMES = sorted(path.stem for path in SCENES.glob("*.json"))
 KINDS = ("bathroom", "bedroom", "kitchen", "living")
@@ -274,11 +274,12 @@ def test_object_id_signs_and_rounds_as_ai2thor(position, said):
      ("height = 2.6", 'height = "high"', "height"),
      ("height = 2.6", "hight = 2.6", "hight")],
 )  # fmt: skip
-def test_rooms_damaged_table_says_where(tmp_path, old, new, said):
+def test_rooms_damaged_table_says_where(tmp_path, monkeypatch, old, new, said):
     path = tmp_path / "rooms.toml"
     path.write_text(TABLE.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
+    monkeypatch.setattr("karma.world.generation.rooms.TABLE", path)
     with pytest.raises(FileError, match=said) as caught:
-        read_rooms(path)
+        rooms.__wrapped__()
     assert caught.value.path == path
 
 

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from karma.cli import app
 from karma.errors import KarmaError
-from karma.world.thor import builds, checks
+from karma.world.thor import builds
 
 pytest.importorskip("ai2thor", reason="needs the package ai2thor")
 
@@ -41,7 +41,7 @@ def build(home):
 
 
 def of(name, **options):
-    return next(one for one in checks.examine(**options) if one.name == name)
+    return next(one for one in builds.examine(**options) if one.name == name)
 
 
 def mended(finding):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from support.household import kitchen, look, on, thing
 
-from karma.world.core.holes import walked_in
+from karma.world.core.hiding import walked_in
 from karma.world.core.rays import own_frame
 from karma.world.core.rules import rules
 from karma.world.render.drawn import DrawingTask, drawn

@@ -134,17 +134,17 @@ def test_reachable_positions_may_be_too_many(world):
 # ----------------------------------------------------------------- turning, looking
 
 
-def test_turn_by_any_positive_angle_and_no_other(world):
-    assert world.step("RotateRight", degrees=33.3).metadata["agent"]["rotation"]["y"] == 33.3
-    assert world.step("RotateLeft", degrees=33.3).metadata["agent"]["rotation"]["y"] == 0.0
-    assert world.step("RotateLeft").metadata["agent"]["rotation"]["y"] == 270.0
-    for degrees in (0, -90):
-        assert not world.step("RotateRight", degrees=degrees)
-
-
-def test_look_by_a_fraction_that_is_no_tenth_is_refused(world):
-    assert "multiple of 0.1" in world.step("LookDown", degrees=0.25).message
-    assert "negative" in world.step("LookUp", degrees=-10).message
+@pytest.mark.parametrize(
+    ("action", "degrees", "message"),
+    [
+        ("RotateRight", 0, "greater than 0"),
+        ("RotateLeft", -90, "greater than 0"),
+        ("LookDown", 0.25, "multiple of 0.1"),
+        ("LookUp", -10, "negative"),
+    ],
+)
+def test_turn_by_an_angle_that_there_is_not_is_refused(world, action, degrees, message):
+    assert message in world.step(action, degrees=degrees).message
 
 
 # ----------------------------------------------------------------- teleporting

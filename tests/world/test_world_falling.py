@@ -6,7 +6,7 @@ from support.household import find, kitchen, look, thing
 
 from karma.world.core.thing import moved
 from karma.world.importing.scenes import import_dump
-from karma.world.recorded.sessions import with_falling
+from karma.world.recorded import with_falling
 from karma.world.sim import EmbeddedWorld
 
 BASIN = next(one for one in kitchen().objects if one.type == "SinkBasin")  # its bottom at 0.78

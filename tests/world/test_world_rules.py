@@ -15,7 +15,7 @@ from support.household import bring, find, kitchen, look, on, reach, thing
 from karma.contracts import Pose
 from karma.errors import FileError
 from karma.world.core import scene
-from karma.world.core.holes import holes
+from karma.world.core.hiding import holes
 from karma.world.core.objects import Objects
 from karma.world.core.rules import rules
 from karma.world.core.view import sight

@@ -33,9 +33,8 @@ from karma.household.pieces import piece_type
 from karma.household.types import Capability, object_types
 from karma.household.uses import covers
 from karma.world.alfred.facts import RoomFacts, gather, side_files
-from karma.world.alfred.ids import names_then, type_now
 from karma.world.alfred.replay import fitted
-from karma.world.alfred.trial import Trial, read_trials
+from karma.world.alfred.trial import Trial, names_then, read_trials, type_now
 
 
 class _ListedEntry(msgspec.Struct, frozen=True, kw_only=True):

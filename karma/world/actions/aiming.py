@@ -3,14 +3,19 @@
 import inspect
 from collections.abc import Callable
 from functools import wraps
+from math import radians, tan
 from typing import Any
+
+import numpy as np
 
 from karma.household.types import Capability
 from karma.world.actions.moving import lacks, unknown
+from karma.world.core.boxes import Floats
+from karma.world.core.rays import cut
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Performed, Refusal, Result, WorldState, refuse
 from karma.world.core.thing import is_inert
-from karma.world.core.view import aim
+from karma.world.core.view import camera, camera_axes
 
 Handler = Callable[..., Result]
 
@@ -105,9 +110,21 @@ def outside(x: float, y: float) -> Refusal | None:
 
 
 def shown_at(state: WorldState, x: float, y: float) -> str | None:
-    """Return the id of what a place in the picture shows and the hand can reach."""
-    settings, seen = state.settings, state.sight.interactable - state.in_hand
-    return aim(
-        state.objects, state.pose, x, y,
-        seen=frozenset(seen), fov_deg=settings.fov_deg, aspect=settings.aspect,
-    )  # fmt: skip
+    """Return the id of what a place in the picture shows and the hand can reach, the nearest."""
+    boxes, found = state.objects.boxes, []
+    eye, ray = ray_through(state, x, y)
+    for object_id in state.sight.interactable - state.in_hand:
+        row = state.objects.rows[object_id]
+        if cut(eye, (eye + ray * 20.0)[None], boxes.low[row], boxes.high[row])[0]:
+            size = float(np.prod(boxes.half[row]))
+            found.append((float(np.linalg.norm(boxes.center[row] - eye)), size, object_id))
+    return min(found)[2] if found else None
+
+
+def ray_through(state: WorldState, x: float, y: float) -> tuple[Floats, Floats]:
+    """Return the camera's place and the way to a place in the picture, 1 long straight ahead."""
+    settings, pose = state.settings, state.pose
+    scale = tan(radians(settings.fov_deg) / 2)
+    right, up, forward = camera_axes(pose.yaw_deg, pose.horizon_deg)
+    ray = forward + right * (2 * x - 1) * scale * settings.aspect + up * (1 - 2 * y) * scale
+    return np.array(camera(pose)), ray

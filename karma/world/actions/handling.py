@@ -10,12 +10,11 @@ import msgspec
 from karma.contracts import Vec3
 from karma.household.types import Capability, object_types
 from karma.world.actions.aiming import on_object, target
+from karma.world.actions.arranging import lot
 from karma.world.actions.moving import hang
-from karma.world.actions.spawning import lot
 from karma.world.core.arguments import ObjectStates
-from karma.world.core.objects import Objects
-from karma.world.core.pieces import broken, in_pieces, left_behind
-from karma.world.core.placement import find_place, flight, land, parents_in
+from karma.world.core.effects import broken, in_pieces, left_behind
+from karma.world.core.placement import find_place, flight, land, nested, parents_in
 from karma.world.core.posing import emptied
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
@@ -121,19 +120,8 @@ def _released(state: WorldState, middle: Vec3, holder: str | None) -> WorldState
     parents = () if holder is None else parents_in(objects, there, holder)
     changes[thing.id] = msgspec.structs.replace(there, parents=parents)
     objects = objects.changed(changes)
-    changes = {child: _nested(objects, child) for child in objects.carried(thing.id)}
+    changes = {c: nested(objects, objects[c]) for c in objects.carried(thing.id)}
     return replace(emptied(state), objects=objects.changed(changes))
-
-
-def _nested(objects: Objects, child: str) -> SceneObject:
-    """Return what lies in a thing just put down, lying also in what that thing lies in."""
-    thing = objects[child]
-    if not thing.parents:
-        return thing
-    parents = dict.fromkeys(
-        (*thing.parents, *(p for own in thing.parents for p in parents_in(objects, thing, own)))
-    )
-    return msgspec.structs.replace(thing, parents=tuple(parents))
 
 
 def drop(state: WorldState, *, forceAction: bool = False, autoSimulation: bool = True) -> Result:
@@ -265,6 +253,16 @@ def state_changer(
     return change
 
 
+_CHANGES: dict[str, tuple[Capability, str, bool, str]] = {
+    "DirtyObject": ("dirtyable", "is_dirty", True, "dirty"),
+    "CleanObject": ("dirtyable", "is_dirty", False, "clean"),
+    "EmptyLiquidFromObject": ("canFillWithLiquid", "is_filled", False, "empty"),
+    "UseUpObject": ("canBeUsedUp", "is_used_up", True, "used up"),
+    "CookObject": ("cookable", "is_cooked", True, "cooked"),
+}
+STATE_CHANGES = {name: state_changer(name, *row) for name, row in _CHANGES.items()}
+
+
 @on_object("FillObjectWithLiquid", "canFillWithLiquid")
 def fill(state: WorldState, thing: SceneObject, *, fillLiquid: str = "water") -> Result:
     """Fill a vessel; coffee makes it hot."""
@@ -312,10 +310,6 @@ class _State(NamedTuple):
     undo: Callable[..., Result] | None
 
 
-def _change(can: Capability, field: str, value: bool) -> Callable[..., Result]:
-    return state_changer("SetObjectStates", can, field, value, "so")
-
-
 # AI2-THOR's words for StateChange of RandomToggleSpecificState, and those of SetObjectStates
 _STATES = (
     _State("CanOpen", "openable", "openness", "isOpen",
@@ -323,13 +317,13 @@ _STATES = (
     _State("CanToggleOnOff", "toggleable", "is_toggled", "isToggled",
            toggler(True), toggler(False)),
     _State("CanBeDirty", "dirtyable", "is_dirty", "isDirty",
-           _change("dirtyable", "is_dirty", True), _change("dirtyable", "is_dirty", False)),
+           STATE_CHANGES["DirtyObject"], STATE_CHANGES["CleanObject"]),
     _State("CanBeFilled", "canFillWithLiquid", "is_filled", "isFilledWithLiquid",
-           fill, _change("canFillWithLiquid", "is_filled", False)),
+           fill, STATE_CHANGES["EmptyLiquidFromObject"]),
     _State("CanBeCooked", "cookable", "is_cooked", "isCooked",
-           _change("cookable", "is_cooked", True), None),
+           STATE_CHANGES["CookObject"], None),
     _State("CanBeUsedUp", "canBeUsedUp", "is_used_up", "isUsedUp",
-           _change("canBeUsedUp", "is_used_up", True), None),
+           STATE_CHANGES["UseUpObject"], None),
     _State("CanBeSliced", "sliceable", "is_sliced", "isSliced", slice_object, None),
     _State("CanBreak", "breakable", "is_broken", "isBroken", break_object, None),
 )  # fmt: skip

@@ -193,13 +193,12 @@ def teleport(
         horizon_deg=state.pose.horizon_deg if horizon is None else float(horizon),
         standing=state.pose.standing if standing is None else standing,
     )
-    refusal = None if forceAction else _cannot_be(state, pose)
-    if refusal is not None:
+    if not forceAction and (refusal := _cannot_be(state, pose)):
         return refusal
     at = _on_grid(state, to[0], to[2])
     if at is not None and abs(to[1] - here[1]) <= _FLOOR_SLACK_M:
         pose = replace(pose, position_m=(at[0], here[1], at[1]))
-    elif refusal is None and not forceAction:
+    elif not forceAction:
         pose = replace(pose, position_m=(to[0], here[1], to[2]))
     return Performed(with_pose(state, pose))
 
@@ -209,8 +208,8 @@ def coordinates(
 ) -> dict[str, float]:
     """Return the coordinates that were said, either way of saying them."""
     axes = {k: v for k, v in (("x", x), ("y", y), ("z", z)) if v is not None}
-    said: Mapping[str, Any] = position or {}
-    return {**said, **axes}
+    given: Mapping[str, Any] = position or {}
+    return {**given, **axes}
 
 
 def teleport_full(

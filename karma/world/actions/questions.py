@@ -6,16 +6,16 @@ from typing import Any
 import numpy as np
 
 from karma.contracts import Pose
-from karma.world.actions.aiming import outside, shown_at
+from karma.world.actions.aiming import outside, ray_through, shown_at
 from karma.world.actions.moving import between_cells, coordinates, lacks, unknown, yaw_of
 from karma.world.core import navigate, scene
 from karma.world.core.arguments import Place
-from karma.world.core.arrays import Floats, crossing
+from karma.world.core.boxes import Floats, crossing
 from karma.world.core.ground import walk
 from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.state import Camera, Cell, Performed, Refusal, Result, WorldState, refuse
 from karma.world.core.thing import heading
-from karma.world.core.view import CAMERA_M, camera, camera_axes, in_picture
+from karma.world.core.view import CAMERA_M, camera_axes, in_picture
 
 _FINEST_M = 0.02  # of the grids that GetReachablePositions can be asked for
 _MOST_STEPS = 10_000  # of GetReachablePositions, per square metre of a step
@@ -27,7 +27,8 @@ def coordinate(state: WorldState, *, x: float, y: float) -> Result:
     """Return the point that a place in the picture shows."""
     if refusal := outside(x, y):
         return refusal
-    eye, ray = _ray(state, x, y)
+    eye, ray = ray_through(state, x, y)
+    ray /= np.linalg.norm(ray)
     far, _ = _first_hit(state, eye, ray)
     far = min(far, _wall(state, eye, ray))
     point = eye + ray * far if math.isfinite(far) else np.zeros(3)
@@ -42,7 +43,8 @@ def object_in_frame(state: WorldState, *, x: float, y: float, checkVisible: bool
     if checkVisible:
         found = shown_at(state, x, y)
     else:
-        _, found = _first_hit(state, *_ray(state, x, y))
+        eye, ray = ray_through(state, x, y)
+        _, found = _first_hit(state, eye, ray / np.linalg.norm(ray))
     if found is None:
         return Refusal(f"No object is shown at ({x:g}, {y:g}).")
     return Performed(state, found, 0.0)
@@ -87,15 +89,6 @@ def _seen_by(state: WorldState, one: Camera, reach: float) -> Result:
 
 
 # ----------------------------------------------------------------- rays
-
-
-def _ray(state: WorldState, x: float, y: float) -> tuple[Floats, Floats]:
-    """Return the camera's place and the way to a place in the picture, of length 1."""
-    settings, pose = state.settings, state.pose
-    scale = math.tan(math.radians(settings.fov_deg) / 2)
-    right, up, forward = camera_axes(pose.yaw_deg, pose.horizon_deg)
-    ray = forward + right * (2 * x - 1) * scale * settings.aspect + up * (1 - 2 * y) * scale
-    return np.array(camera(pose)), ray / np.linalg.norm(ray)
 
 
 def _first_hit(state: WorldState, eye: Floats, ray: Floats) -> tuple[float, str | None]:

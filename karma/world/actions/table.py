@@ -13,15 +13,12 @@ from msgspec import Struct
 
 from karma.files import read_toml
 from karma.world.actions import (
-    cameras,
+    arranging,
     hand,
     handling,
     moving,
-    pushing,
     questions,
     setup,
-    spawning,
-    teleporting,
 )
 from karma.world.core.arguments import fit, kinds
 from karma.world.core.state import Refusal, Result, WorldState
@@ -32,13 +29,10 @@ class _Group(Struct, frozen=True, forbid_unknown_fields=True):
     names: tuple[str, ...]
 
 
-class _LeftOut(Struct, frozen=True, forbid_unknown_fields=True):
-    group: tuple[_Group, ...]
-
-
+_TABLE = Path(__file__).with_name("left_out.toml")
 LEFT_OUT: Mapping[str, str] = {  # why, by name
     name: group.reason
-    for group in read_toml(Path(__file__).with_name("left_out.toml"), _LeftOut).group
+    for group in read_toml(_TABLE, dict[str, tuple[_Group, ...]])["group"]
     for name in group.names
 }
 
@@ -93,10 +87,6 @@ def _action(name: str, handler: Callable[..., Result], *, lenient: bool = False)
     return ActionEntry(name, handler, takes, types, required, lenient)
 
 
-def _legacy(name: str, handler: Callable[..., Result]) -> ActionEntry:
-    return _action(name, handler, lenient=True)
-
-
 _SIGNED: dict[str, Callable[..., Result]] = {
     # walking and looking
     "MoveAhead": moving.mover(0.0),
@@ -115,7 +105,7 @@ _SIGNED: dict[str, Callable[..., Result]] = {
     "GetObjectInFrame": questions.object_in_frame,
     "GetCoordinateFromRaycast": questions.coordinate,
     "GetVisibleObjects": questions.visible_objects,
-    "GetMapViewCameraProperties": cameras.map_view,
+    "GetMapViewCameraProperties": setup.map_view,
     # handling
     "PickupObject": handling.pick_up,
     "PutObject": handling.put,
@@ -136,15 +126,15 @@ _SIGNED: dict[str, Callable[..., Result]] = {
     "MoveHeldObjectDown": hand.mover(0.0, -1.0, 0.0),
     "RotateHeldObject": hand.rotate,
     # arranging the household
-    "PlaceObjectAtPoint": teleporting.place_at_point,
-    "TeleportObject": teleporting.teleport_object,
-    "RemoveFromScene": teleporting.remove,
-    "DisableObject": teleporting.disable,
-    "EnableObject": teleporting.enable,
-    "InitialRandomSpawn": spawning.initial_random_spawn,
+    "PlaceObjectAtPoint": arranging.place_at_point,
+    "TeleportObject": arranging.teleport_object,
+    "RemoveFromScene": arranging.remove,
+    "DisableObject": arranging.disable,
+    "EnableObject": arranging.enable,
+    "InitialRandomSpawn": arranging.initial_random_spawn,
     # cameras
-    "AddThirdPartyCamera": cameras.add,
-    "UpdateThirdPartyCamera": cameras.update,
+    "AddThirdPartyCamera": setup.add,
+    "UpdateThirdPartyCamera": setup.update,
     # setting up
     "SetObjectFilter": setup.set_object_filter,
     "SetObjectFilterForType": setup.set_object_filter_for_type,
@@ -174,27 +164,17 @@ _LEGACY: dict[str, Callable[..., Result]] = {
     "SliceObject": handling.slice_object,
     "BreakObject": handling.break_object,
     "FillObjectWithLiquid": handling.fill,
-    "PushObject": pushing.pusher("PushObject", 0.0),
-    "PullObject": pushing.pusher("PullObject", 180.0),
-    "DirectionalPush": pushing.directional_push,
-    "SetObjectPoses": teleporting.set_object_poses,
+    "PushObject": hand.pusher("PushObject", 0.0),
+    "PullObject": hand.pusher("PullObject", 180.0),
+    "DirectionalPush": hand.directional_push,
+    "SetObjectPoses": arranging.set_object_poses,
     "SetObjectStates": handling.set_object_states,
     "RandomToggleStateOfAllObjects": handling.random_states,
     "RandomToggleSpecificState": handling.random_state,
-}
-_STATE_CHANGES: dict[str, tuple[Any, ...]] = {
-    "DirtyObject": ("dirtyable", "is_dirty", True, "dirty"),
-    "CleanObject": ("dirtyable", "is_dirty", False, "clean"),
-    "EmptyLiquidFromObject": ("canFillWithLiquid", "is_filled", False, "empty"),
-    "UseUpObject": ("canBeUsedUp", "is_used_up", True, "used up"),
-    "CookObject": ("cookable", "is_cooked", True, "cooked"),
+    **handling.STATE_CHANGES,
+    **{name: _refuser(name, reason) for name, reason in LEFT_OUT.items()},
 }
 ACTIONS: Mapping[str, ActionEntry] = {
     **{name: _action(name, handler) for name, handler in _SIGNED.items()},
-    **{name: _legacy(name, handler) for name, handler in _LEGACY.items()},
-    **{
-        name: _legacy(name, handling.state_changer(name, *row))
-        for name, row in _STATE_CHANGES.items()
-    },
-    **{name: _legacy(name, _refuser(name, reason)) for name, reason in LEFT_OUT.items()},
+    **{name: _action(name, handler, lenient=True) for name, handler in _LEGACY.items()},
 }

@@ -9,28 +9,65 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
 
 from karma.contracts import Vec3
 from karma.household.ids import made_at, part_id, type_of
 from karma.household.uses import WHOLE_OF, without_basin
-from karma.world.alfred.ids import object_id, spelt_out
 from karma.world.alfred.steps import named, visited
-from karma.world.alfred.trial import (
-    FixedObjects,
-    LabelledSpot,
-    PlannerAction,
-    Receptacle,
-    RoomLayout,
-    Spot,
-    Spots,
-    Trial,
-    read_table,
-)
+from karma.world.alfred.trial import PlannerAction, Spot, Trial, object_id, read_table, spelt_out
 from karma.world.core.scene import Scene, SceneObject
 from karma.world.importing.scenes import import_dump
 
 SAME_M = 0.03  # two places of one type that are one object, where ids carry centimetres
 _BASIN_M = 1.0  # between a basin and the sink or tub whose place its id carries
+
+
+class RoomLayout(msgspec.Struct, frozen=True, kw_only=True):
+    """What ALFRED's layouts tell of a room: cells (x, z), types, poses to see receptacles from."""
+
+    reachable: tuple[tuple[float, float], ...] = ()
+    object_types: tuple[str, ...] = ()
+    receptacle_points: dict[str, tuple[float, ...]] = {}
+
+
+class FixedObject(msgspec.Struct, frozen=True, kw_only=True):
+    """A fixed object; its place to better than the centimetre of its id, where known."""
+
+    pos: Vec3 | None = None
+
+
+class FixedObjects(msgspec.Struct, frozen=True, kw_only=True):
+    """The fixed objects of a room by id."""
+
+    fixed: dict[str, FixedObject]
+
+
+class Receptacle(msgspec.Struct, frozen=True, kw_only=True):
+    """One fixed receptacle of a room."""
+
+    type: str
+    pos: Vec3
+    id: str | None = None
+
+
+class LabelledSpot(NamedTuple):
+    """Where an object of some trial lay, and the receptacle that the planner names for it."""
+
+    x: float
+    y: float
+    z: float
+    receptacle: str
+    trial: str
+    thing: str
+
+
+class Spots(msgspec.Struct, frozen=True, kw_only=True):
+    """The labelled positions by FloorPlan."""
+
+    spots: dict[str, tuple[LabelledSpot, ...]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,8 +126,8 @@ def gather(trials: Iterable[Trial], files: Files) -> dict[str, RoomFacts]:
         rooms.setdefault(trial.scene.floor_plan, []).append(trial)
     layouts = read_table(files.layouts, dict[str, RoomLayout]) if files.layouts else {}
     fixed = read_table(files.fixed, dict[str, FixedObjects]) if files.fixed else {}
-    told = dict[str, tuple[Receptacle, ...]]
-    receptacles = read_table(files.receptacles, told) if files.receptacles else {}
+    of_rooms = dict[str, tuple[Receptacle, ...]]
+    receptacles = read_table(files.receptacles, of_rooms) if files.receptacles else {}
     spots = read_table(files.spots, Spots).spots if files.spots else {}
     dumps = {scene.name: scene for scene in import_dump(files.dumps)} if files.dumps else {}
     models = _models(dumps.values())
@@ -98,7 +135,7 @@ def gather(trials: Iterable[Trial], files: Files) -> dict[str, RoomFacts]:
     for name, played in sorted(rooms.items()):
         layout = layouts.get(name, RoomLayout())
         places = _places(layout, fixed.get(name), receptacles.get(name, ()))
-        places, own = _told(places, played)
+        places, own = _with_trials(places, played)
         cells = {cell for trial in played for cell in visited(trial)}
         cells.update((float(x), float(z)) for x, z in layout.reachable)
         found[name] = RoomFacts(
@@ -143,10 +180,10 @@ def _places(
 ) -> dict[str, Vec3]:
     """Return the ids that the side files know, with the best place each has."""
     found: dict[str, Vec3] = {}
-    told: list[tuple[str, Vec3 | None]] = [(one, None) for one in layout.receptacle_points]
-    told += [(spelt_out(one.id or object_id(one.type, one.pos)), one.pos) for one in receptacles]
-    told += [(one, facts.pos) for one, facts in (fixed.fixed if fixed else {}).items()]
-    for one, position in told:
+    known: list[tuple[str, Vec3 | None]] = [(one, None) for one in layout.receptacle_points]
+    known += [(spelt_out(one.id or object_id(one.type, one.pos)), one.pos) for one in receptacles]
+    known += [(one, facts.pos) for one, facts in (fixed.fixed if fixed else {}).items()]
+    for one, position in known:
         _add(found, one, position)
     return found
 
@@ -158,16 +195,16 @@ def _add(found: dict[str, Vec3], one: str, position: Vec3 | None) -> None:
         found[one] = place
 
 
-def _told(
+def _with_trials(
     places: dict[str, Vec3], trials: Sequence[Trial]
 ) -> tuple[dict[str, Vec3], tuple[LabelledSpot, ...]]:
     """Return the places with what trials add, and what the trials label."""
     movable = {pose.id for trial in trials for pose in trial.scene.object_poses}
     for trial in trials:
-        told: list[tuple[str, Vec3 | None]] = [(one, None) for one in named(trial)]
+        known: list[tuple[str, Vec3 | None]] = [(one, None) for one in named(trial)]
         for goal in trial.plan.high_pddl:
-            told += ((one, at.position) for one, at in _named_spots(goal.planner_action))
-        for one, position in told:
+            known += ((one, at.position) for one, at in _named_spots(goal.planner_action))
+        for one, position in known:
             if one not in movable:
                 _add(places, one, position)
     labels = [label for trial in trials for label in _labels(places, trial)]

@@ -14,7 +14,6 @@ which only the basin is recorded is inferred from it.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
 
 import msgspec
 
@@ -24,14 +23,13 @@ from karma.household.places import FLOOR
 from karma.household.types import object_types
 from karma.household.uses import BASIN_OF, BASINS, FAUCET
 from karma.household.water import POURS_M
-from karma.world.alfred.facts import RoomFacts
-from karma.world.alfred.ids import type_now
-from karma.world.alfred.trial import LabelledSpot
+from karma.world.alfred.facts import LabelledSpot, RoomFacts
+from karma.world.alfred.trial import type_now
 from karma.world.core.boxes import Box
-from karma.world.core.holes import EDGE_M, WORKTOP, built_in
+from karma.world.core.hiding import EDGE_M, WORKTOP, built_in
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
-from karma.world.core.thing import bottom, difference, gaps, moved, top
+from karma.world.core.thing import bottom, box_of, difference, gaps, moved, top
 
 _BESIDE_M = 0.35  # two versions of one object, across the floor
 _ABOVE_M = 1.2  # and in height
@@ -45,13 +43,6 @@ _STAND_M = 0.75  # from a cell to the front of furniture that is used from it
 _RIM_M = 0.05  # of a sink or bathtub, round its basin
 
 
-class _Match(NamedTuple):
-    """A fixed object of ALFRED's and what of the dump it is."""
-
-    thing: SceneObject
-    moved: bool = False  # it stands elsewhere here
-
-
 def furnished(facts: RoomFacts, floor_y: float, kinds: frozenset[str]) -> list[SceneObject]:
     """Return everything but what trials place themselves; the dump's own of `kinds` go."""
     places = {
@@ -61,15 +52,16 @@ def furnished(facts: RoomFacts, floor_y: float, kinds: frozenset[str]) -> list[S
     }
     dump = [] if facts.dump is None else [*facts.dump.objects]
     rest = [o for o in dump if "pickupable" not in o.capabilities and o.type not in kinds]
-    matches = _matched(places, rest)
+    here, elsewhere = _matched(places, rest)
     found, ids, guessed = [], dict[str, str](), set[str]()
     for one, place in places.items():
-        if match := matches.get(one):
-            ids.setdefault(match.thing.id, one)
-            found.append((_at if match.moved else _same)(match.thing, one, place))
-        else:
+        thing = here.get(one, elsewhere.get(one))
+        if thing is None:
             guessed.add(one)
             found.append(_typical(one, place, facts, floor_y))
+        else:
+            ids.setdefault(thing.id, one)
+            found.append((_same if one in here else _at)(thing, one, place))
     found += [o for o in rest if o.id not in ids and o.id not in places]
     found += _wholes(found, facts)
     found = [_fitted(thing, found, facts) if thing.id in guessed else thing for thing in found]
@@ -80,24 +72,27 @@ def furnished(facts: RoomFacts, floor_y: float, kinds: frozenset[str]) -> list[S
 # ----------------------------------------------------------------- matching
 
 
-def _matched(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> dict[str, _Match]:
-    found: dict[str, _Match] = {}
+def _matched(
+    places: Mapping[str, Vec3], things: Sequence[SceneObject]
+) -> tuple[dict[str, SceneObject], dict[str, SceneObject]]:
+    """Return what of the dump each id is: where it stands, and, of the rest, what was moved."""
+    found: dict[str, SceneObject] = {}
     taken: set[str] = set()
     for pairs in (_of_one_kind(places, things), _of_one_origin(places, things)):
         _pair(sorted(pairs), things, found, taken)
     for _, one, index in sorted(_of_one_kind(places, things)):  # two ids of one object
         gap = math.dist(places[one], things[index].position)
         if one not in found and gap <= _ONE_M:
-            found[one] = _Match(things[index])
+            found[one] = things[index]
     elsewhere = sorted(
         (math.dist(place, thing.position), one, index)
         for one, place in places.items()
         for index, thing in enumerate(things)
         if one not in found and thing.type == type_now(type_of(one))
     )
-    fresh: dict[str, _Match] = {}
-    _pair(elsewhere, things, fresh, taken)
-    return found | {one: _Match(match.thing, moved=True) for one, match in fresh.items()}
+    strays: dict[str, SceneObject] = {}
+    _pair(elsewhere, things, strays, taken)
+    return found, strays
 
 
 _Pair = tuple[float, str, int]  # how far, id, index of the dump's object
@@ -106,14 +101,14 @@ _Pair = tuple[float, str, int]  # how far, id, index of the dump's object
 def _pair(
     pairs: Sequence[_Pair],
     things: Sequence[SceneObject],
-    found: dict[str, _Match],
+    found: dict[str, SceneObject],
     taken: set[str],
 ) -> None:
     """Match the nearest pairs first, each side once."""
     for _, one, index in pairs:
         thing = things[index]
         if one not in found and thing.id not in taken:
-            found[one] = _Match(thing)
+            found[one] = thing
             taken.add(thing.id)
 
 
@@ -233,12 +228,12 @@ def _down_to_basin(tap: SceneObject, things: Sequence[SceneObject]) -> SceneObje
     gap, low = min(far, default=(math.inf, 0.0))
     if gap > POURS_M or low >= bottom(tap):
         return tap
-    return _boxed(tap, Box.around(tap.center, tap.size)._replace(y0=low))
+    return _boxed(tap, box_of(tap)._replace(y0=low))
 
 
 def _to_fronts(thing: SceneObject, things: Sequence[SceneObject], facts: RoomFacts) -> SceneObject:
     """Return a worktop that ends at the fronts of what is built in beneath it, where one stands."""
-    own = Box.around(thing.center, thing.size)
+    own = box_of(thing)
     beneath, sides = built_in(own, things), own._asdict()
     for low, high, across in (("x0", "x1", ("z0", "z1")), ("z0", "z1", ("x0", "x1"))):
         for side, sign, first in ((low, 1.0, min), (high, -1.0, max)):
@@ -266,8 +261,8 @@ def _wholes(things: Sequence[SceneObject], facts: RoomFacts) -> Iterator[SceneOb
         kind, place = root_type(whole), made_at(whole)
         if basin.type not in BASINS or not is_part(basin.id, of=whole) or place is None:
             continue
-        ground = Box.around(basin.center, basin.size).grown(_RIM_M, 0.0, _RIM_M)
-        alike = [Box.around(one.center, one.size) for one in things if one.type == kind]
+        ground = box_of(basin).grown(_RIM_M, 0.0, _RIM_M)
+        alike = [box_of(one) for one in things if one.type == kind]
         seen = any(ground.overlaps(one._replace(y0=ground.y0, y1=ground.y1)) for one in alike)
         if seen or kind not in (facts.types or BASIN_OF):
             continue

@@ -16,6 +16,7 @@ in behind a door stays out of reach.
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 from karma.errors import KarmaError
 from karma.offline.children import forking, starting
@@ -94,19 +95,16 @@ def replay_all(
     workers: int = 1,
 ) -> Iterator[TrialResult]:
     """Replay trials as `replay`, yielding each result in their order, whatever the workers."""
-    jobs = [(trial, facts[trial.scene.floor_plan], mutate, strict) for trial in trials]
+    job = partial(replay, mutate=mutate, strict=strict)
+    played = list(trials)
+    rooms = [facts[trial.scene.floor_plan] for trial in played]
     if workers <= 1:
-        yield from map(_job, jobs)
+        yield from map(job, played, rooms)
         return
     with ProcessPoolExecutor(max_workers=workers, mp_context=forking(__name__)) as pool:
         with starting():
-            found = pool.map(_job, jobs, chunksize=4)
+            found = pool.map(job, played, rooms, chunksize=4)
         yield from found
-
-
-def _job(job: tuple[Trial, RoomFacts, int | None, bool]) -> TrialResult:
-    trial, facts, mutate, strict = job
-    return replay(trial, facts, mutate=mutate, strict=strict)
 
 
 def fitted(trial: Trial, facts: RoomFacts) -> Scene:

@@ -7,8 +7,9 @@ described it. Keys that are not read are allowed.
 
 import json
 import re
+import struct
 from collections.abc import Iterator
-from math import isfinite
+from decimal import ROUND_HALF_EVEN, ROUND_HALF_UP, Context, Decimal
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -17,8 +18,67 @@ import msgspec
 from karma.contracts import Vec3
 from karma.errors import FileError
 from karma.household.ids import made_at, root_id, type_of
-from karma.world.alfred.ids import object_id
-from karma.world.importing.dump import COPY, Xyz, read_unzipped
+from karma.household.types import object_types
+from karma.world.importing.dump import COPY, Coordinate, Xyz, read_unzipped
+
+# types that AI2-THOR renamed or dropped after ALFRED was recorded
+_RENAMED = {
+    "Cart": "ShelvingUnit", "Glassbottle": "Bottle", "PaperTowel": "PaperTowelRoll",
+    "ToiletPaperRoll": "ToiletPaper",
+}  # fmt: skip
+_SEVEN_DIGITS = Context(prec=7, rounding=ROUND_HALF_EVEN)
+_CENT = Decimal("0.01")
+
+
+def object_id(kind: str, position: Vec3) -> str:
+    """Return the id of an object that spawned at a position, metres.
+
+    The simulator holds a coordinate as a 32-bit float, takes its text of 7 significant digits, and
+    rounds that to 2 decimals, halves away from zero; what rounds to zero from below has no sign.
+
+    >>> object_id("Apple", (-0.465, 1.125, -0.0049))
+    'Apple|-00.47|+01.13|00.00'
+    """
+    return "|".join([kind, *map(_coordinate, position)])
+
+
+def _coordinate(value: float) -> str:
+    single = struct.unpack("f", struct.pack("f", value))[0]
+    rounded = _SEVEN_DIGITS.create_decimal_from_float(single).quantize(_CENT, ROUND_HALF_UP)
+    digits = f"{abs(rounded):05.2f}"
+    if value >= 0:
+        return f"+{digits}"
+    return f"-{digits}" if rounded else digits
+
+
+def spelt_out(name: str) -> str:
+    """Return the id of what a side file names by type and exact place only, e.g. `Type@[x, y, z]`.
+
+    >>> spelt_out("Shelf@[-1.029, 1.529, -1.593]"), spelt_out("Bed|+00.00|+00.10|+01.00")
+    ('Shelf|-01.03|+01.53|-01.59', 'Bed|+00.00|+00.10|+01.00')
+    """
+    kind, at, rest = name.partition("@")
+    try:
+        x, y, z = map(float, rest.strip("[]").split(","))
+    except ValueError:
+        return name
+    return object_id(kind, (x, y, z)) if at else name
+
+
+def names_then() -> frozenset[str]:
+    """Return the types that ALFRED's ids may begin with: ours, and those renamed since."""
+    return frozenset((*object_types(), *_RENAMED))
+
+
+def type_now(kind: str) -> str | None:
+    """Return the name that AI2-THOR 5.0.0 has for a type of ALFRED; None if it has none.
+
+    >>> type_now("Glassbottle"), type_now("Apple"), type_now("LaundryHamperLid")
+    ('Bottle', 'Apple', None)
+    """
+    name = _RENAMED.get(kind, kind)
+    return name if name in object_types() else None
+
 
 _BETWEEN = re.compile(r"[\s,\[\]]*")  # JSON values
 T = TypeVar("T")
@@ -31,7 +91,6 @@ TYPES_OF_TASK = (
     "pick_cool_then_place_in_recep",
     "pick_and_place_with_movable_recep",
 )
-_FARTHEST_M = 1000.0
 _ROUNDED_M = 0.0052  # half a hundredth, which ids round away, and a little
 _LOCATION = re.compile(r"loc\|(-?\d+)\|(-?\d+)\|([0-3])\|(-?\d+)")
 _FORM = "this takes ALFRED's files; recordings of AI2-THOR: karma world replay --events"
@@ -66,11 +125,11 @@ class ToggleState(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
 class StartPose(msgspec.Struct, frozen=True, kw_only=True):
     """The agent's first pose: metres, degrees."""
 
-    x: float
-    y: float
-    z: float
-    rotation: float
-    horizon: float
+    x: Coordinate
+    y: Coordinate
+    z: Coordinate
+    rotation: Coordinate
+    horizon: Coordinate
 
 
 class SceneFacts(msgspec.Struct, frozen=True, kw_only=True):
@@ -201,51 +260,6 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
         return said.anns if isinstance(said, _Annotations) else said
 
 
-class RoomLayout(msgspec.Struct, frozen=True, kw_only=True):
-    """What ALFRED's layouts tell of a room: cells (x, z), types, poses to see receptacles from."""
-
-    reachable: tuple[tuple[float, float], ...] = ()
-    object_types: tuple[str, ...] = ()
-    receptacle_points: dict[str, tuple[float, ...]] = {}
-
-
-class FixedObject(msgspec.Struct, frozen=True, kw_only=True):
-    """A fixed object; its place to better than the centimetre of its id, where known."""
-
-    pos: Vec3 | None = None
-
-
-class FixedObjects(msgspec.Struct, frozen=True, kw_only=True):
-    """The fixed objects of a room by id."""
-
-    fixed: dict[str, FixedObject]
-
-
-class Receptacle(msgspec.Struct, frozen=True, kw_only=True):
-    """One fixed receptacle of a room."""
-
-    type: str
-    pos: Vec3
-    id: str | None = None
-
-
-class LabelledSpot(NamedTuple):
-    """Where an object of some trial lay, and the receptacle that the planner names for it."""
-
-    x: float
-    y: float
-    z: float
-    receptacle: str
-    trial: str
-    thing: str
-
-
-class Spots(msgspec.Struct, frozen=True, kw_only=True):
-    """The labelled positions by FloorPlan."""
-
-    spots: dict[str, tuple[LabelledSpot, ...]]
-
-
 # ----------------------------------------------------------------- reading
 
 
@@ -352,24 +366,15 @@ def _wrong(trial: Trial) -> Iterator[str]:
         yield "`id` and `task_id` are both missing"
     if trial.task_type not in TYPES_OF_TASK:
         yield f"{trial.task_type!r} is not a task type of ALFRED - at `$.task_type`"
-    start = trial.scene.init_action
-    if not _sane((start.x, start.y, start.z)):
-        yield "not a place in a room - at `$.scene.init_action`"
     for number, pose in enumerate(trial.scene.object_poses):
-        field = f"at `$.scene.object_poses[{number}]`"
-        if not _sane(pose.position.tuple):
-            yield f"not a place in a room - {field}"
         if type_of(pose.id) != pose.kind:
+            field = f"at `$.scene.object_poses[{number}]`"
             yield f"{pose.id!r} is not an id of {pose.object_name!r} - {field}"
     for number, goal in enumerate(trial.plan.high_pddl):
         step = goal.planner_action
         if step.action == "GotoLocation" and step.pose is None:
             field = f"at `$.plan.high_pddl[{number}].planner_action.location`"
             yield f"{step.location!r} is not loc|x|z|quarter turns|horizon - {field}"
-
-
-def _sane(position: Vec3) -> bool:
-    return all(isfinite(value) and abs(value) <= _FARTHEST_M for value in position)
 
 
 def read_ids(path: str | Path) -> tuple[str, ...]:

@@ -92,9 +92,9 @@ def fit(action: str, name: str, value: Any, annotation: Any, admitted: tuple[typ
         return Refusal(f"{text}: {error}", "UnhandledException")
 
 
-def _misfit(action: str, name: str, said: str, admitted: tuple[type, ...]) -> Refusal:
+def _misfit(action: str, name: str, shown: str, admitted: tuple[type, ...]) -> Refusal:
     wanted = " or ".join(kind.__name__ for kind in admitted if kind is not NoneType)
-    text = f"action: {action} has an invalid argument: {name} (=={said})."
+    text = f"action: {action} has an invalid argument: {name} (=={shown})."
     return Refusal(f"{text} Cannot convert to: {wanted}", "InvalidArgument")
 
 

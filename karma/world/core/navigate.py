@@ -12,7 +12,7 @@ import numpy as np
 
 from karma.contracts import Pose
 from karma.household.places import FLOOR
-from karma.world.core.arrays import Flags, Floats
+from karma.world.core.boxes import Flags, Floats
 from karma.world.core.ground import outside, walk
 from karma.world.core.hiding import blocking, hidden_rows
 from karma.world.core.rays import stopped
@@ -103,16 +103,11 @@ def interactable_poses(
     near = [cell for cell, gap in zip(wanted, gaps, strict=True) if gap <= reach]
     found: list[Pose] = []
     looks = _Looks(tuple(dict.fromkeys(standings)), list(product(yaws, horizons)))
-    for chunk in _chunks(near):
-        found.extend(_look(state, row, chunk, looks))
+    for first in range(0, len(near), _CHUNK):
+        found.extend(_look(state, row, near[first : first + _CHUNK], looks))
         if limit is not None and len(found) >= limit:
             return found[:limit]
     return found
-
-
-def _chunks(cells: Sequence[Cell]) -> Iterator[Sequence[Cell]]:
-    for first in range(0, len(cells), _CHUNK):
-        yield cells[first : first + _CHUNK]
 
 
 def _gap(state: WorldState, row: int, cells: Sequence[Cell]) -> Floats:

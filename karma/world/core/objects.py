@@ -4,7 +4,7 @@ from collections.abc import Callable, ItemsView, Iterable, Iterator, Mapping, Se
 from dataclasses import dataclass
 from typing import Any, Generic, Literal, TypeVar
 
-from karma.world.core.arrays import BoxArrays
+from karma.world.core.boxes import BoxArrays
 from karma.world.core.rules import STATES
 from karma.world.core.scene import SceneObject
 from karma.world.core.thing import is_inert, is_movable

@@ -7,12 +7,13 @@ worth of plates does fit a table whose boxes claim otherwise.
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from karma.contracts import Vec3
 from karma.household.places import FLOOR
 from karma.household.types import object_types
-from karma.world.core.arrays import Flags, Floats
+from karma.world.core.boxes import Flags, Floats
 from karma.world.core.hiding import blocking, inert_rows, solid_boxes
 from karma.world.core.objects import Objects
 from karma.world.core.rules import rules
@@ -294,6 +295,13 @@ def parents_in(objects: Objects, thing: SceneObject, holder: str) -> tuple[str, 
         elif is_loose(place) and bottom(thing) - bottom(place) <= rules().put.surface_reach_m:
             found.append(other)
     return tuple(found)
+
+
+def nested(objects: Objects, thing: SceneObject) -> SceneObject:
+    """Return what lies in a thing just put down, lying also in what that thing lies in."""
+    around = (p for own in thing.parents for p in parents_in(objects, thing, own))
+    parents = tuple(dict.fromkeys((*thing.parents, *around)))
+    return msgspec.structs.replace(thing, parents=parents)
 
 
 def floor_reach(objects: Objects, floor: str) -> float:

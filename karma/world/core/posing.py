@@ -10,10 +10,10 @@ from karma.contracts import Vec3
 from karma.household.places import FLOOR
 from karma.household.types import object_types
 from karma.world.core.arguments import Place
-from karma.world.core.arrays import Floats
+from karma.world.core.boxes import Flags, Floats
 from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.objects import Objects
-from karma.world.core.placement import floor_id, land, parents_in
+from karma.world.core.placement import floor_id, land, nested, parents_in
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import HAND_M, Refusal, WorldState
@@ -129,9 +129,7 @@ def with_contents(objects: Objects, there: SceneObject) -> Objects:
     objects = objects.changed(changes)
     for child in carried:
         inner = objects[child]
-        around = (p for own in inner.parents for p in parents_in(objects, inner, own))
-        parents = tuple(dict.fromkeys((*inner.parents, *around)))
-        objects = objects.changed({child: msgspec.structs.replace(inner, parents=parents)})
+        objects = objects.changed({child: nested(objects, inner)})
     return objects
 
 
@@ -204,12 +202,17 @@ def stuck_in(state: WorldState, there: SceneObject) -> str | None:
     mine = {there.id, *objects.containment.inside(there.id), *state.in_hand}
     if holder is not None:
         mine.update((holder, *objects.containment.around(holder)))
-    low, high = solid_boxes(objects)
     half = np.maximum(np.array(there.size) / 2 - _CLOSE_M, 0.0)
     center = np.array(there.center)
-    overlap = np.all((low < center + half) & (high > center - half), axis=1) & ~inert_rows(objects)
     ids = list(objects)
-    for row in np.flatnonzero(overlap):
+    for row in np.flatnonzero(met_by(objects, center - half, center + half)):
         if ids[row] not in mine and objects[ids[row]].type != FLOOR:
             return objects[ids[row]].name
     return None
+
+
+def met_by(objects: Objects, low: Floats, high: Floats) -> Flags:
+    """Return which objects' solid parts a box overlaps, shape (n,)."""
+    solid_low, solid_high = solid_boxes(objects)
+    overlap: Flags = np.all((solid_low < high) & (solid_high > low), axis=1)
+    return overlap & ~inert_rows(objects)

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.contracts import Vec3
-from karma.world.core.arrays import Flags, Floats, crossing
+from karma.world.core.boxes import Flags, Floats, crossing
 from karma.world.core.ground import outside
-from karma.world.core.hiding import solid_boxes
-from karma.world.core.holes import holes_by_row
+from karma.world.core.hiding import holes_by_row, solid_boxes
 from karma.world.core.objects import Change, Derived, Objects
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject

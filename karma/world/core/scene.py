@@ -6,6 +6,7 @@ them (they are frozen), so a snapshot of the world is a scene again.
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from graphlib import CycleError, TopologicalSorter
 from itertools import chain
 from pathlib import Path
 from typing import Literal
@@ -186,22 +187,13 @@ def _lengths(scene: Scene) -> Iterator[tuple[str, Iterable[float], float]]:
 
 def _refuse_loops(by_id: dict[str, SceneObject], path: str | Path) -> None:
     """Raise FileError if something lies in itself, or too deep, through however many others."""
-    depth: dict[str, int] = {}  # of what is known to lie in no loop
-    for start in by_id:
-        inside, stack = {start}, [iter(by_id[start].parents)]
-        order = [start]
-        while stack:
-            parent = next(stack[-1], None)
-            if parent is None:
-                stack.pop()
-                done = order.pop()
-                inside.discard(done)
-                depth[done] = 1 + max((depth[one] for one in by_id[done].parents), default=0)
-                if depth[done] > MOST_NESTED:
-                    raise FileError(path, f"{done!r}: more than {MOST_NESTED} lie in one another")
-            elif parent in inside:
-                raise FileError(path, f"{start!r} and {parent!r} contain each other")
-            elif parent not in depth:
-                inside.add(parent)
-                order.append(parent)
-                stack.append(iter(by_id[parent].parents))
+    sorter = TopologicalSorter({thing.id: thing.parents for thing in by_id.values()})
+    depth: dict[str, int] = {}
+    try:
+        for one in sorter.static_order():  # what holds others comes first
+            depth[one] = 1 + max((depth[parent] for parent in by_id[one].parents), default=0)
+            if depth[one] > MOST_NESTED:
+                raise FileError(path, f"{one!r}: more than {MOST_NESTED} lie in one another")
+    except CycleError as error:
+        first, second = error.args[1][:2]
+        raise FileError(path, f"{first!r} and {second!r} contain each other") from error

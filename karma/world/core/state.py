@@ -11,7 +11,7 @@ import numpy as np
 from karma.contracts import Pose, Vec3
 from karma.household.places import FLOOR
 from karma.household.types import RULES
-from karma.world.core.holes import walked_in
+from karma.world.core.hiding import walked_in
 from karma.world.core.metadata import box
 from karma.world.core.objects import Derived, Objects
 from karma.world.core.rays import RoomShell
@@ -144,13 +144,13 @@ class Room:
             return BODY_M
         return min((math.hypot(*gaps(home, *at)) for at in self.cells.values()), default=BODY_M)
 
-    def stands(self, x: float, z: float, radius_m: float = 0.2) -> bool:
-        """Return whether the agent can stand within a radius: nothing rests there but on floor."""
+    def stands(self, x: float, z: float) -> bool:
+        """Return whether the agent's body can be over a place: nothing rests there but on floor."""
         column, row = self.key(x, z)
         for key in ((column + i, row + j) for i in (-1, 0, 1) for j in (-1, 0, 1)):
             if key in self.cells:
                 cell_x, cell_z = self.cells[key]
-                if (cell_x - x) ** 2 + (cell_z - z) ** 2 <= radius_m**2:
+                if (cell_x - x) ** 2 + (cell_z - z) ** 2 <= BODY_M**2:
                     return True
         return False
 

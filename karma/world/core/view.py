@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.contracts import Pose, Vec3
-from karma.world.core.arrays import Flags, Floats
+from karma.world.core.boxes import Flags, Floats
 from karma.world.core.hiding import blocking, hidden_rows, solid_boxes
 from karma.world.core.objects import Change, Derived, Objects, per_object
-from karma.world.core.rays import NO_SHELL, RoomShell, cut, farthest, stopped
+from karma.world.core.rays import NO_SHELL, RoomShell, farthest, stopped
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.thing import ground, heading, is_inert
@@ -294,22 +294,3 @@ def boxes_round(objects: Objects, x: float, z: float) -> Flags:
         np.abs(boxes.center[:, [0, 2]] - (x, z)) <= boxes.half[:, [0, 2]], axis=1
     )
     return inside
-
-
-def aim(
-    objects: Objects, pose: Pose, x: float, y: float, *, seen: frozenset[str], fov_deg: float,
-    aspect: float = 1.0,
-) -> str | None:  # fmt: skip
-    """Return the object among the seen nearest behind a point, in [0, 1] from the upper left."""
-    scale = math.tan(math.radians(fov_deg) / 2)
-    right, up, forward = camera_axes(pose.yaw_deg, pose.horizon_deg)
-    ray = forward + right * (2 * x - 1) * scale * aspect + up * (1 - 2 * y) * scale
-    eye = np.array(camera(pose))
-    best: tuple[float, float, str] | None = None
-    for object_id in seen:
-        row = objects.rows[object_id]
-        if cut(eye, (eye + ray * 20.0)[None], objects.boxes.low[row], objects.boxes.high[row])[0]:
-            size = float(np.prod(objects.boxes.half[row]))
-            found = (float(np.linalg.norm(objects.boxes.center[row] - eye)), size, object_id)
-            best = found if best is None else min(best, found)
-    return None if best is None else best[2]

@@ -18,8 +18,11 @@ from typing import Any, Literal
 import msgspec
 
 from karma.files import read_json
-from karma.household.ids import type_of
+from karma.household.ids import names_part, root_type, type_of
+from karma.household.pieces import is_piece
 from karma.household.types import in_words
+from karma.household.uses import BURNER
+from karma.world.core.rules import rules
 
 Verb = Literal[
     "find", "pick up", "put", "drop", "open", "close", "turn on", "turn off", "slice", "done",
@@ -27,6 +30,7 @@ Verb = Literal[
 Thing = Mapping[str, Any]  # one object of the metadata
 PUT, DROP = "put down the object in hand", "drop the object in hand"
 DONE = "done"
+_ONE = ("find", "open", "close")  # verbs whose bare name means the first of a type
 _AS_IT_STANDS = ("CD",)  # in LoTa-Bench
 
 
@@ -105,7 +109,7 @@ def actions_in(types: ActionTypes, things: Sequence[Thing]) -> tuple[NumberedAct
     others = _several(one for one in things if one["pickupable"] and not one["receptacle"])
     first = {kind: ids[0] for kind, ids in {**receptacles, **others}.items()}
     fixed = [
-        NumberedAction(verb=verb, noun=kind, object_id=_meant(verb, kind, first))
+        NumberedAction(verb=verb, noun=kind, object_id=first.get(kind, "") if verb in _ONE else "")
         for verb, kind in _listed(types, _EVERYWHERE)
     ]
     return (*fixed, *_more(types, receptacles, others))
@@ -150,10 +154,6 @@ def _several(things: Iterable[Thing]) -> dict[str, list[str]]:
     return {kind: ids for kind, ids in found.items() if len(ids) > 1}
 
 
-def _meant(verb: Verb, kind: str, first: Mapping[str, str]) -> str:
-    return first.get(kind, "") if verb in ("find", "open", "close") else ""
-
-
 def _more(
     types: ActionTypes, receptacles: Mapping[str, list[str]], others: Mapping[str, list[str]]
 ) -> Iterator[NumberedAction]:
@@ -193,5 +193,59 @@ def skills_of(types: ActionTypes) -> tuple[NumberedAction, ...]:
 def _skill(verb: Verb, kind: str) -> NumberedAction:
     words = kind if kind in _AS_IT_STANDS else in_words(kind)
     article = "the" if verb != "find" else "an" if words[0] in "aeiou" else "a"
-    said = "put down" if verb == "put" else verb
-    return NumberedAction(verb=verb, noun=kind, written=f"{said} {article} {words}")
+    phrase = "put down" if verb == "put" else verb
+    return NumberedAction(verb=verb, noun=kind, written=f"{phrase} {article} {words}")
+
+
+# ----------------------------------------------------------------- which object a name means
+
+_SHUT_IN, _IN_USE, _UNSEEN, _PIECE = 100_000.0, 10_000.0, 1_000.0, -100.0  # metres more
+
+
+def nearest(
+    things: Sequence[Thing],
+    word: str,
+    *,
+    able: str = "",
+    by_sight: bool = False,
+    pieces_first: bool = False,
+    parts_only: bool = False,
+    any_lid: bool = False,
+    other_than: str = "",
+) -> Thing | None:
+    """Return the object of a type with the least distance and penalties; None if there is none.
+
+    Pieces count as the whole that they were cut from, basins as their sink or bathtub. The object
+    has to have the flag `able` ("pickupable"). With `by_sight` what is out of view comes later,
+    with `parts_only` only basins and pieces count, with `any_lid` a toilet's lid shuts in, too,
+    what lies on top of it.
+    """
+    shut = {
+        one["objectId"]
+        for one in things
+        if one["openable"] and not one["isOpen"] and (any_lid or hides(one["objectType"]))
+    }
+    found = []
+    for number, one in enumerate(things):
+        object_id = one["objectId"]
+        if root_type(object_id) != word or object_id == other_than or (able and not one[able]):
+            continue
+        if parts_only and not names_part(object_id):
+            continue
+        cost = float(one["distance"])
+        cost += _SHUT_IN if not shut.isdisjoint(one["parentReceptacles"] or ()) else 0.0
+        cost += _IN_USE if word == BURNER and one["receptacleObjectIds"] else 0.0
+        cost += _UNSEEN if by_sight and not one["visible"] else 0.0
+        cost += _PIECE if pieces_first and is_piece(type_of(object_id)) else 0.0
+        found.append((cost, number))
+    return things[min(found)[1]] if found else None
+
+
+def hides(kind: str) -> bool:
+    """Return whether what is in such a thing cannot be seen while it is shut."""
+    return kind in rules().view.hides_when_closed
+
+
+def by_id(things: Sequence[Thing], object_id: str) -> Thing | None:
+    """Return the object of an id; None if there is none."""
+    return next((one for one in things if one["objectId"] == object_id), None)

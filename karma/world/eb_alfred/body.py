@@ -12,8 +12,14 @@ from karma.household.ids import is_id, is_part, root_type, type_of
 from karma.household.uses import BASIN_OF, BASINS, FAUCET, FRIDGE, MICROWAVE, SINK
 from karma.world.alfred.goal import Deeds, noteworthy
 from karma.world.core.view import CAMERA_M
-from karma.world.eb_alfred.actions import EB_ALFRED, NumberedAction, RoomProtocol
-from karma.world.eb_alfred.choosing import Thing, by_id, nearest
+from karma.world.eb_alfred.actions import (
+    EB_ALFRED,
+    NumberedAction,
+    RoomProtocol,
+    Thing,
+    by_id,
+    nearest,
+)
 from karma.world.event import WorldEvent
 from karma.world.sim import EmbeddedWorld
 
@@ -85,7 +91,8 @@ class Body:
 
     def _find(self, action: NumberedAction) -> str:
         self.target = action.object_id or action.noun
-        thing = self._nearest(_word(action), by_sight=True, pieces_first=self.cutting)
+        word = root_type(action.object_id) if action.object_id else action.noun
+        thing = self._nearest(word, by_sight=True, pieces_first=self.cutting)
         if action.object_id and not (thing and is_part(thing["objectId"], of=action.object_id)):
             thing = by_id(self._things, action.object_id)
         if thing is None:
@@ -197,10 +204,6 @@ class Body:
 
 _EMPTY = "the hand holds nothing"
 _DROPPED = "putting it down failed, and it was dropped"
-
-
-def _word(action: NumberedAction) -> str:
-    return root_type(action.object_id) if action.object_id else action.noun
 
 
 _TRIES, _FROM_THE_SIDE = 20, 10

@@ -14,12 +14,12 @@ from karma.world.eb_alfred.actions import (
     ActionTypes,
     NumberedAction,
     RoomProtocol,
+    Thing,
     actions_in,
     names_in,
     skills_of,
 )
 from karma.world.eb_alfred.body import Body
-from karma.world.eb_alfred.choosing import Thing
 from karma.world.sim import EmbeddedWorld
 
 UNKNOWN = -1  # number of what is no action
@@ -106,7 +106,7 @@ class Environment:
         """Return what the robot saw after its last actions, now last; drawn when asked for."""
         return tuple(event.frame for event in self._seen[-number:] if number > 0)
 
-    def step(self, said: int | str) -> Step:
+    def step(self, choice: int | str) -> Step:
         """Do one action by its number; what is no action counts as one that failed.
 
         Raises:
@@ -115,13 +115,13 @@ class Environment:
         """
         if self.end:
             raise ValueError(f"the episode has ended: {self.end}")
-        if isinstance(said, str):
-            return self._taken(UNKNOWN, said[:_LONGEST_NAME], "there is no such action")
-        if not 0 <= said < len(self.actions):
-            raise IndexError(f"there is no action {said}")
-        action = self.actions[said]
+        if isinstance(choice, str):
+            return self._taken(UNKNOWN, choice[:_LONGEST_NAME], "there is no such action")
+        if not 0 <= choice < len(self.actions):
+            raise IndexError(f"there is no action {choice}")
+        action = self.actions[choice]
         message = "" if action.verb == "done" else self.body.act(action)
-        step = self._taken(said, str(action), message)
+        step = self._taken(choice, str(action), message)
         if action.verb == "done":
             self.end = "done"
         elif self.protocol.stops_at_goal and self.goal_met:

@@ -52,7 +52,7 @@ def object_id(type_name: str, position: Vec3) -> str:
     """Return AI2-THOR's id of an object that starts at this position.
 
     Two decimals with a sign; what rounds to zero from below has none. Halves go to even here, not
-    away from zero as in alfred/ids.py: another rule would rename things in the rooms that ship.
+    away from zero as in alfred/trial.py: another rule would rename things in the rooms that ship.
 
     >>> object_id("Apple", (-0.465, 1.15, -0.001))
     'Apple|-00.47|+01.15|00.00'

@@ -118,20 +118,15 @@ def rooms() -> RoomTable:
     Raises:
         FileError: it is damaged, or names a type, piece or placement that there is not.
     """
-    return read_rooms(TABLE)
-
-
-def read_rooms(path: Path) -> RoomTable:
-    """Read a table of rooms; errors as in `rooms`."""
-    table = read_toml(path, RoomTable)
+    table = read_toml(TABLE, RoomTable)
     for place, name in _names(table):
         if name not in object_types() and not (name in table.pieces and "furniture" in place):
-            raise FileError(path, f"{place}: names {name!r}, which is not a type or piece")
+            raise FileError(TABLE, f"{place}: names {name!r}, which is not a type or piece")
     for kind, room in table.kinds.items():
         for name, thing in room.things.items():
             for place in thing.places:
                 if not object_types()[name].fits(object_types()[place]):
-                    raise FileError(path, f"kinds.{kind}.things.{name}: cannot go in {place}")
+                    raise FileError(TABLE, f"kinds.{kind}.things.{name}: cannot go in {place}")
     return table
 
 

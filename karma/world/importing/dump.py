@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterator, Mapping
-from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,7 +13,7 @@ from karma.files import read_bytes, unpack
 from karma.household.types import object_types
 from karma.world.core.boxes import Box
 from karma.world.core.ground import Cell
-from karma.world.core.scene import AgentPose, Temperature
+from karma.world.core.scene import FARTHEST_M, AgentPose, Temperature
 
 COPY = "copy the file again"
 EXPORT = (
@@ -23,12 +22,15 @@ EXPORT = (
 )
 
 
+Coordinate = Annotated[float, msgspec.Meta(ge=-FARTHEST_M, le=FARTHEST_M)]  # never NaN
+
+
 class Xyz(msgspec.Struct, frozen=True):
     """A point, metres, or angles, degrees."""
 
-    x: float
-    y: float
-    z: float
+    x: Coordinate
+    y: Coordinate
+    z: Coordinate
 
     @property
     def tuple(self) -> Vec3:
@@ -150,7 +152,7 @@ def rows(path: Path) -> Iterator[tuple[str, Any]]:
         if all(isinstance(one, dict) and "objectId" in one for one in many):
             reason = "objects alone: the scene's name and its cells are missing"
             raise FileError(path, reason, fix=EXPORT)
-        yield from ((f"scene {number}", _told(row)) for number, row in enumerate(many, 1))
+        yield from ((f"scene {number}", _as_export(row)) for number, row in enumerate(many, 1))
         return
     for number, line in enumerate(lines, 1):
         if line.strip():
@@ -158,10 +160,10 @@ def rows(path: Path) -> Iterator[tuple[str, Any]]:
                 row = json.loads(line)
             except (ValueError, RecursionError) as error:
                 raise FileError(path, f"line {number}: not JSON: {error}", fix=COPY) from error
-            yield f"line {number}", _told(row)
+            yield f"line {number}", _as_export(row)
 
 
-def _told(row: Any) -> Any:
+def _as_export(row: Any) -> Any:
     """Return a row in an export's form, where it is metadata of an event as AI2-THOR has it."""
     alone = isinstance(row, dict) and row.keys() == {"metadata"}  # recordings have an action, too
     row = row["metadata"] if alone else row
@@ -185,20 +187,19 @@ def named(row: Any, path: str | Path, place: str) -> tuple[str, list[Any]]:
     return row["scene"], row["objects"]
 
 
-class _Yaw(msgspec.Struct, frozen=True):
-    y: float
+class AgentStance(msgspec.Struct, frozen=True, rename="camel"):
+    """The agent of an event's metadata."""
 
-
-class _AgentStance(msgspec.Struct, frozen=True, rename="camel"):
     position: Xyz
-    rotation: _Yaw
+    rotation: Xyz
     camera_horizon: float
+    is_standing: bool | None = None
 
 
 class _Stance(msgspec.Struct, frozen=True):
     """What an export of ours tells besides the objects."""
 
-    agent: _AgentStance | None = None
+    agent: AgentStance | None = None
     reachable: tuple[Xyz, ...] = ()
 
 
@@ -216,8 +217,8 @@ def stance(row: Any, path: str | Path, place: str) -> tuple[AgentPose | None, tu
     if found.agent is None:
         return None, cells
     one = found.agent
-    pose = AgentPose(position=one.position.tuple, yaw=one.rotation.y, horizon=one.camera_horizon)
-    return pose, cells
+    yaw, horizon = one.rotation.y % 360, one.camera_horizon + 0.0
+    return AgentPose(position=one.position.tuple, yaw=yaw, horizon=horizon), cells
 
 
 class _Cells(msgspec.Struct, frozen=True):
@@ -252,8 +253,6 @@ def seen_object(scene_name: str, index: int, row: Mapping[str, Any]) -> Seen:
     if one.type not in object_types():
         reason = f"object {label!r}: unknown objectType {one.type!r}"
         raise FileError(scene_name, reason)
-    shape = one.axis_aligned_bounding_box
-    numbers = (*one.position.tuple, *one.rotation.tuple, *shape.center.tuple, *shape.size.tuple)
-    if not all(map(isfinite, numbers)) or min(shape.size.tuple) < 0:
-        raise FileError(scene_name, f"object {label!r}: position or box is not a finite number")
+    if min(one.axis_aligned_bounding_box.size.tuple) < 0:
+        raise FileError(scene_name, f"object {label!r}: its box has a size below 0")
     return one

@@ -17,8 +17,7 @@ from karma.household.places import (
     ROUND_A_CORNER,
 )
 from karma.household.uses import BASINS
-from karma.world.core.arrays import Flags, Floats
-from karma.world.core.boxes import Box
+from karma.world.core.boxes import Box, Flags, Floats
 from karma.world.core.ground import AGENT_HEIGHT_M, AGENT_RADIUS_M, Cell, Key, distances, parts
 from karma.world.core.thing import heading
 from karma.world.importing.dump import Seen
@@ -41,11 +40,11 @@ def start_of(seen: Sequence[Seen]) -> Vec3 | None:
 
     AI2-THOR gives for every object how far its origin is from the agent's.
     """
-    told = [one for one in seen if one.distance is not None]
-    if len(told) < 5:
+    measured = [one for one in seen if one.distance is not None]
+    if len(measured) < 5:
         return None
-    places = np.array([one.position.tuple for one in told])
-    far = np.array([one.distance for one in told])
+    places = np.array([one.position.tuple for one in measured])
+    far = np.array([one.distance for one in measured])
     normal = 2 * (places[1:] - places[0])
     offset = (places[1:] ** 2).sum(1) - (places[0] ** 2).sum() - far[1:] ** 2 + far[0] ** 2
     place, _, rank, _ = np.linalg.lstsq(normal, offset, rcond=1e-3)

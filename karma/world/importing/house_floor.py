@@ -6,8 +6,7 @@ from math import ceil, dist, floor
 
 import numpy as np
 
-from karma.world.core.arrays import Floats
-from karma.world.core.boxes import Box
+from karma.world.core.boxes import Box, Floats
 from karma.world.core.ground import (
     AGENT_HEIGHT_M,
     GRID_M,

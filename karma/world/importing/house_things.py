@@ -18,6 +18,7 @@ from karma.household.uses import BASIN_OF, BURNER, FRIDGE, KNOB
 from karma.world.core.boxes import Box, rounded
 from karma.world.core.posing import rotation_matrix
 from karma.world.core.scene import LARGEST_M, SceneObject
+from karma.world.core.thing import box_of
 from karma.world.importing.dump import Xyz
 from karma.world.importing.house_floor import HouseShell, off
 from karma.world.importing.house_record import FIX, HouseRecord, HouseThing
@@ -41,7 +42,7 @@ class HouseAsset(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
 class _Placed:
     """A thing with its place among the others."""
 
-    told: HouseThing
+    item: HouseThing
     key: str
     kind: ObjectType
     parent: int | None
@@ -86,9 +87,9 @@ class HouseThings:
         """Yield the things of known types, each after what it lies in."""
         numbers: dict[str, int] = {}
         gone: set[str] = set()
-        for key, told in self.record.every_thing():
+        for key, item in self.record.every_thing():
             above = key.rpartition(".children")[0]
-            type_name = self._type(told)
+            type_name = self._type(item)
             if above in gone or type_name not in object_types():
                 gone.add(key)
                 if above in gone:
@@ -96,27 +97,27 @@ class HouseThings:
                 else:
                     self.left_out[type_name] += 1
                 continue
-            room = self._room(key, told)
+            room = self._room(key, item)
             numbers[key] = len(numbers)
-            yield _Placed(told, key, object_types()[type_name], numbers.get(above), room)
+            yield _Placed(item, key, object_types()[type_name], numbers.get(above), room)
 
-    def _type(self, told: HouseThing) -> str:
+    def _type(self, item: HouseThing) -> str:
         """Return a thing's type: its asset's, else that its id or its asset's name begins with."""
-        asset, named = self.assets.get(told.asset_id), root_type(told.id)
+        asset, named = self.assets.get(item.asset_id), root_type(item.id)
         if asset and asset.object_type:
             return asset.object_type
         if named in object_types():
             return named
-        return type_in(told.asset_id) or type_in(named) or told.asset_id or named
+        return type_in(item.asset_id) or type_in(named) or item.asset_id or named
 
-    def _room(self, key: str, told: HouseThing) -> int:
+    def _room(self, key: str, item: HouseThing) -> int:
         """Return the number of the room that a thing is in, or nearest to."""
-        x, y, z = told.position.tuple
+        x, y, z = item.position.tuple
         far = [off(corners, x, z) for corners in self.shell.floors]
         nearest = int(np.argmin(far))
         level = self.shell.floor_y - _OUT_M <= y <= self.shell.ceiling_y + _OUT_M
         if far[nearest] > _OUT_M or not level:
-            reason = f"{key}.position: {told.id!r} lies outside the house"
+            reason = f"{key}.position: {item.id!r} lies outside the house"
             raise FileError(self.name, reason, fix=FIX)
         return nearest
 
@@ -142,10 +143,10 @@ class HouseThings:
     def _object(
         self, one: _Placed, found: Sequence[SceneObject], first: int, taken: set[str]
     ) -> SceneObject:
-        told, kind = one.told, one.kind
-        center, place = told.position.tuple, rounded(told.position.tuple)
-        size, corners = _turned(self._size(one), told.rotation.tuple, center)
-        can = self._capabilities(told, kind)
+        item, kind = one.item, one.kind
+        center, place = item.position.tuple, rounded(item.position.tuple)
+        size, corners = _turned(self._size(one), item.rotation.tuple, center)
+        can = self._capabilities(item, kind)
         movable = "pickupable" in can or "moveable" in can
         above = None if one.parent is None else found[first + one.parent]
         low = center[1] - size[1] / 2
@@ -155,14 +156,14 @@ class HouseThings:
         basin = above is not None and BASIN_OF.get(above.type) == kind.name
         held = above is not None and "receptacle" in above.capabilities and not basin
         identity = f"{above.id}|{kind.name}" if above and basin else _identity(kind.name, place)
-        kept = not basin and type_of(told.id) == kind.name and told.id not in taken
+        kept = not basin and type_of(item.id) == kind.name and item.id not in taken
         return SceneObject(
-            id=told.id if kept else _free(identity, taken),
+            id=item.id if kept else _free(identity, taken),
             type=kind.name,
-            name=told.id,
-            asset=told.asset_id,
+            name=item.id,
+            asset=item.asset_id,
             position=place,
-            rotation=rounded(told.rotation.tuple),
+            rotation=rounded(item.rotation.tuple),
             center=place,
             size=rounded(size),
             corners=corners,
@@ -170,26 +171,26 @@ class HouseThings:
             mass_kg=kind.mass_kg if movable else 0.0,
             materials=kind.materials if movable else None,
             parents=(above.id,) if above is not None and held else (),
-            **_state(told, kind, above),
+            **_state(item, kind, above),
         )
 
-    def _capabilities(self, told: HouseThing, kind: ObjectType) -> tuple[Capability, ...]:
+    def _capabilities(self, item: HouseThing, kind: ObjectType) -> tuple[Capability, ...]:
         """Return what a thing can do: its type's, less what this one cannot."""
         without = set()
-        if told.kinematic and "pickupable" not in kind.capabilities:
+        if item.kinematic and "pickupable" not in kind.capabilities:
             without.add("moveable")
-        if BASIN_OF.get(kind.name) in {self._type(child) for child in told.children}:
+        if BASIN_OF.get(kind.name) in {self._type(child) for child in item.children}:
             without.add("receptacle")  # things lie in the basin
         return tuple(one for one in kind.capabilities if one not in without)
 
     def _size(self, one: _Placed) -> Vec3:
-        asset = self.assets.get(one.told.asset_id)
+        asset = self.assets.get(one.item.asset_id)
         if asset is None:
             self.usual += 1
             return one.kind.size_m
         size = asset.bounding_box.tuple
         if not all(0 < side <= LARGEST_M for side in size):
-            reason = f"asset {one.told.asset_id!r}: boundingBox {size} is no size"
+            reason = f"asset {one.item.asset_id!r}: boundingBox {size} is no size"
             raise FileError(self.name, reason, fix="give it another database of assets")
         return size
 
@@ -224,18 +225,18 @@ def obstacles(objects: Sequence[SceneObject]) -> Iterator[Box]:
     for one in objects:
         loose = "pickupable" in one.capabilities and floors.isdisjoint(one.parents)
         if one.id not in floors and not loose:
-            yield Box.around(one.center, one.size)
+            yield box_of(one)
 
 
-def _state(told: HouseThing, kind: ObjectType, above: SceneObject | None) -> dict[str, Any]:
+def _state(item: HouseThing, kind: ObjectType, above: SceneObject | None) -> dict[str, Any]:
     """Return the fields in which a thing differs from rest."""
-    openness = float(kind.starts_open) if told.openness is None else told.openness
+    openness = float(kind.starts_open) if item.openness is None else item.openness
     state: dict[str, Any] = {}
     if "openable" in kind.capabilities and openness > 0:
         state["openness"] = min(openness, 1.0)
     if "toggleable" in kind.capabilities:
-        state["is_toggled"] = kind.starts_on if told.is_on is None else told.is_on
-    if "dirtyable" in kind.capabilities and told.is_dirty:
+        state["is_toggled"] = kind.starts_on if item.is_on is None else item.is_on
+    if "dirtyable" in kind.capabilities and item.is_dirty:
         state["is_dirty"] = True
     if above is not None and "isColdSource" in above.capabilities:
         state["temperature"] = "Cold"

@@ -156,10 +156,10 @@ def _standing(
         points = np.array([free[key] for key in part])
         return [bool(inside(room.corners, points[:, 0], points[:, 1]).any()) for room in floors]
 
-    told = record.metadata.agent
+    start = record.metadata.agent
     best = max(together, key=lambda part: (sum(met(part)), len(part)))
-    if told is not None:
-        best = min(together, key=lambda part: min(_gap2(free[key], told.position) for key in part))
+    if start is not None:
+        best = min(together, key=lambda part: min(_gap2(free[key], start.position) for key in part))
     missed = [room.name for room, hit in zip(floors, met(best), strict=True) if not hit]
     return {key: free[key] for key in best}, missed
 
@@ -167,14 +167,14 @@ def _standing(
 def _agent(record: HouseRecord, cells: Mapping[Key, Cell]) -> AgentPose:
     """Return the start that the house tells, moved to the nearest cell; else one in the middle."""
     y = round(record.floor_y + ORIGIN_M, 4)
-    told = record.metadata.agent
+    start = record.metadata.agent
     order = sorted(cells.values())
-    if told is None:
+    if start is None:
         x, z = nearest_to_centre(order)
         return AgentPose(position=(x, y, z))
-    x, z = min(order, key=lambda cell: _gap2(cell, told.position))
-    horizon = min(max(told.horizon, _HORIZONS_DEG[0]), _HORIZONS_DEG[1])
-    return AgentPose(position=(x, y, z), yaw=told.rotation.y % 360, horizon=horizon)
+    x, z = min(order, key=lambda cell: _gap2(cell, start.position))
+    horizon = min(max(start.horizon, _HORIZONS_DEG[0]), _HORIZONS_DEG[1])
+    return AgentPose(position=(x, y, z), yaw=start.rotation.y % 360, horizon=horizon)
 
 
 def _gap2(cell: Cell, place: Xyz) -> float:

@@ -206,23 +206,23 @@ def room_box(boxes: Iterable[Box], floor_y: float, cells: Sequence[Cell]) -> Box
 def _standing(
     seen: Sequence[Seen],
     box: Box,
-    told: Sequence[Cell],
+    recorded: Sequence[Cell],
     agent: AgentPose | None,
     stood: Sequence[Cell],
     grid_m: float,
 ) -> tuple[tuple[Cell, ...], AgentPose | None, str]:
     """Return the cells to stand on, the agent's start, and what had to be done about the cells.
 
-    Arguments as of `scene_from_dump`; `told` are its `reachable`.
+    Arguments as of `scene_from_dump`; `recorded` are its `reachable`.
     """
     place = agent.position if agent is not None else start_of(seen)
-    if told and agent is None and place is not None and not _on_grid(place, told, grid_m):
+    if recorded and agent is None and place is not None and not _on_grid(place, recorded, grid_m):
         place = None
     start = None if place is None else (place[0], place[2])
-    origin = start or (told[0] if told else (0.0, 0.0))
+    origin = start or (recorded[0] if recorded else (0.0, 0.0))
     floor = Floor(seen, box, start=start, origin=origin, grid_m=grid_m)
-    if told:
-        every = _with_places(told, (*stood, *filter(None, [start])), grid_m)
+    if recorded:
+        every = _with_places(recorded, (*stood, *filter(None, [start])), grid_m)
         cells, note = floor.connected(every, from_start=agent is not None)
     else:
         cells, note = floor.walkable(stood), "floor computed from the boxes"

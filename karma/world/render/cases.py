@@ -227,15 +227,16 @@ def laptop(f: Form) -> list[Mesh]:
     tall = min(deep, y) * 0.97
     screen = [
         box((-x, 0, -thick), (x, tall, 0), f.main),
-        *glass(x * 0.92, tall * 0.07, tall * 0.94, 0.002, f, lit=f.on and not f.broken),
+        *glass(x * 0.92, tall * 0.07, tall * 0.94, 0.002, f),
     ]
     lean = turned(joined(screen), 82 * (1 - f.openness) - 8, axis=0)
     standing = _moved(lean, 0, thick, back + thick)
     return [base, box(*keys, f.second), box(*pad, shade(f.main, 0.8)), standing]
 
 
-def glass(x: float, y0: float, y1: float, z: float, f: Form, *, lit: bool) -> list[Mesh]:
+def glass(x: float, y0: float, y1: float, z: float, f: Form) -> list[Mesh]:
     """Return a screen at z: dark, lit with a picture, or cracked."""
+    lit = f.on and not f.broken
     dark = (10.0, 11.0, 14.0) if not f.broken else (34.0, 36.0, 40.0)
     parts = [box((-x, y0, z - 0.002), (x, y1, z), f.third if lit else dark, glow=lit)]
     tall, left = y1 - y0, -x * 0.85

@@ -9,18 +9,15 @@ from karma.contracts import Vec3
 from karma.household.places import FLOOR
 from karma.household.types import object_types
 from karma.household.uses import BURNER
-from karma.world.core.arrays import Floats
-from karma.world.core.boxes import Box
-from karma.world.core.hiding import hidden_rows
-from karma.world.core.holes import WORKTOP, holes_by_row
+from karma.world.core.boxes import Box, Floats
+from karma.world.core.hiding import WORKTOP, hidden_rows, holes_by_row
 from karma.world.core.objects import Objects
 from karma.world.core.rays import own_frame
 from karma.world.core.scene import SceneObject
 from karma.world.core.thing import bottom, box_of, is_inert, is_shut
 from karma.world.render.cases import SLIDE
-from karma.world.render.form import LIQUIDS, WATER, Form, Rectangle
+from karma.world.render.form import LIQUIDS, WATER, Form, Front, Look, Rectangle, looks, pick, rgb
 from karma.world.render.furniture import SURFACES
-from karma.world.render.looks import Front, Look, looks, pick, rgb
 from karma.world.render.mesh import Mesh, box, joined
 from karma.world.render.pixels import PIECES
 from karma.world.render.shapes import shape

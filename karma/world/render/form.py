@@ -1,14 +1,95 @@
-"""Describe one object to its builder: its measures, colours and state; and draw parts of it.
+"""Describe one object to its builder: its looks (`looks.toml`), measures and state; draw parts.
 
 A part is placed by shares of the object: (1, 1, 1) is its upper, right, front corner, (0, 0, 0) the
 middle of its lower side. Solids by metres are in `mesh`.
 """
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from hashlib import blake2b
+from pathlib import Path
+from typing import Literal, NamedTuple
 
+import msgspec
+
+from karma.errors import FileError
+from karma.files import read_toml
+from karma.household.types import RoomType, object_types
 from karma.world.render import mesh
 from karma.world.render.mesh import SOLID, Colour, Mesh, Point
+
+Front = Literal["turn", "room", "thin", "long"]
+TABLE = Path(__file__).parent / "looks.toml"
+
+
+class Look(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How objects of a type are drawn; colours as "#rrggbb"."""
+
+    shape: str  # a builder of shapes.py
+    colours: tuple[str, ...]  # one is drawn by lot, the same for an object each time
+    second: str = "#4a4a4a"  # of handles, legs, rims
+    third: str = "#e8e4da"  # of insides, labels, lights
+    front: Front = "turn"
+    laid: bool = False  # the longest side is the depth, whatever its axes
+    alike: bool = False  # one colour for all of a room
+    style: str = ""  # what the builder makes of it
+
+
+class Walls(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The room itself."""
+
+    floor: str
+    floor_pattern: str  # planks, tiles or carpet
+    wall: str
+    tiled_to_m: float = 0.0  # height of wall tiles
+    ceiling: str = "#f3f1ec"
+
+
+class LooksTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """All of `looks.toml`."""
+
+    rooms: dict[RoomType, Walls]
+    types: dict[str, Look]
+
+
+@cache
+def looks_table() -> LooksTable:
+    """Return the table, read once.
+
+    Raises:
+        FileError: it is damaged, or its types are not those of types.toml.
+    """
+    table = read_toml(TABLE, LooksTable)
+    for name in sorted(table.types.keys() ^ object_types().keys()):
+        fault = "not a type" if name in table.types else "missing"
+        raise FileError(TABLE, f"types.{name}: {fault}")
+    return table
+
+
+def looks() -> Mapping[str, Look]:
+    """Return all looks by type."""
+    return looks_table().types
+
+
+def walls(room: RoomType) -> Walls:
+    """Return how rooms of a type are painted."""
+    return looks_table().rooms[room]
+
+
+def rgb(text: str) -> Colour:
+    """Return the three parts of "#rrggbb".
+
+    >>> rgb("#ff8000")
+    (255.0, 128.0, 0.0)
+    """
+    red, green, blue = bytes.fromhex(text.removeprefix("#"))
+    return (float(red), float(green), float(blue))
+
+
+def pick(count: int, name: str) -> int:
+    """Return a number below `count` that depends on the name alone."""
+    return blake2b(name.encode(), digest_size=2).digest()[0] % count
+
 
 Rectangle = tuple[float, float, float, float]  # x0, z0, x1, z1
 Pair = tuple[float, float]
@@ -69,12 +150,10 @@ class Form(NamedTuple):
         """Return a box between two corners given in shares."""
         return mesh.box(self.at(*low), self.at(*high), colour)
 
-    def in_front(
-        self, low: Pair, high: Pair, colour: Colour, thick: float = 0.002, *, glow: bool = False
-    ) -> Mesh:
+    def in_front(self, low: Pair, high: Pair, colour: Colour, thick: float) -> Mesh:
         """Return a plate on the front, between two corners (x, y) in shares."""
         (x0, y0, z), (x1, y1, _) = self.at(*low, 1), self.at(*high, 1)
-        return mesh.box((x0, y0, z), (x1, y1, z + thick), colour, glow=glow)
+        return mesh.box((x0, y0, z), (x1, y1, z + thick), colour)
 
     def frame(self, edge: float) -> list[Mesh]:
         """Return a border all round the front, as deep as the object; `edge` in metres."""

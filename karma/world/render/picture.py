@@ -16,8 +16,8 @@ from karma.world.core.thing import heading
 from karma.world.core.view import camera as eye
 from karma.world.render import shell
 from karma.world.render.drawn import DrawingTask, drawn, support, supports, tasks
+from karma.world.render.form import rgb
 from karma.world.render.layer import Layer, rays
-from karma.world.render.looks import rgb
 from karma.world.render.mesh import Colour, Floats, Mesh, Packed, ball, box, joined, lathe, packed
 from karma.world.render.pixels import AGENT, NOTHING, STAND, Pixels, look, scenery
 

@@ -15,8 +15,7 @@ import numpy as np
 
 from karma.files import read_toml
 from karma.world.render import cases, furniture, things
-from karma.world.render.form import Builder, Form, dial, shade
-from karma.world.render.looks import rgb
+from karma.world.render.form import Builder, Form, dial, rgb, shade
 from karma.world.render.mesh import (
     GHOST,
     GLASS,
@@ -92,7 +91,7 @@ class Solid(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             return cases.cracks(x, low, high, front, _colour(f, str(self.colour)))
         if self.solid == "screen":
             x, low, high, front = _metres(self.at, "xyyz", sizes)
-            return cases.glass(x, low, high, front, f, lit=f.on and not f.broken)
+            return cases.glass(x, low, high, front, f)
         moves = [_metres(move, "xz", sizes) for move in self.moves]
         if self.turn[0]:
             x, y, z = _metres(self.about, "xyz", sizes)

@@ -18,7 +18,7 @@ from karma.world.core.ground import outside
 from karma.world.core.hiding import inert_rows
 from karma.world.core.objects import Objects
 from karma.world.core.state import Room
-from karma.world.render.looks import Walls, rgb, walls
+from karma.world.render.form import Walls, rgb, walls
 from karma.world.render.mesh import Floats, packed
 
 TEXEL_M = 0.025

@@ -154,19 +154,9 @@ def flask(f: Form) -> list[Mesh]:
 # ------------------------------------------------------------------ cutlery, its head in front
 
 
-def _cutlery(build: Builder) -> Builder:
-    """Return a builder of what would be too thin to be seen."""
-    return lambda f: build(f.at_least(0.006)._replace(width=max(f.width, 0.014)))
-
-
-def _handle(f: Form, share: float, wide: float) -> Mesh:
-    z = f.depth / 2
-    return box((-wide / 2, 0, -z), (wide / 2, f.height, -z + f.depth * share), f.second)
-
-
-@_cutlery
 def knife(f: Form) -> list[Mesh]:
     """Return a knife, or the narrower one for butter."""
+    f = f.at_least(0.006)._replace(width=max(f.width, 0.014))  # else too thin to be seen
     x, y, z = f.half
     share, narrow = (0.38, 1.0) if f.style == "knife" else (0.45, 0.8)
     root = -z + f.depth * share
@@ -174,10 +164,9 @@ def knife(f: Form) -> list[Mesh]:
     points = blade.vertices.copy()
     points[:, 0] *= x * narrow
     points[:, 1] = y * 0.5 + (points[:, 1] - y * 0.5) * 0.25 * y
-    return [_handle(f, share, x * narrow), blade._replace(vertices=points)]
-
-
-# ------------------------------------------------------------------ rolls
+    wide = x * narrow / 2
+    handle = box((-wide, 0, -z), (wide, y, root), f.second)
+    return [handle, blade._replace(vertices=points)]
 
 
 # ------------------------------------------------------------------ plants and food

@@ -244,20 +244,18 @@ class ThorWorld:
 
     def _begin(self, scene: str | None) -> Any:
         try:
-            return self._keep(self._begun(scene))
+            if self._client is not None:
+                try:
+                    return self._keep(self._called("reset", "reset", scene))
+                except WorldLost as loss:  # it died between two episodes: this one gets a fresh one
+                    log.warning("%s", loss)
+            self._client = ClientProcess(
+                _writable(self._folder), limit_s=self._start_s, scene=scene, **self._settings
+            )
+            return self._keep(self._client.last_event)
         except RuntimeError as error:
             what = scene or "the first scene"
             raise KarmaError(f"{what}: the player refuses to begin: {error}") from error
-
-    def _begun(self, scene: str | None) -> Any:
-        if self._client is not None:
-            try:
-                return self._called("reset", "reset", scene)
-            except WorldLost as loss:  # it died between two episodes: this one gets a fresh one
-                log.warning("%s", loss)
-        place = _writable(self._folder)
-        self._client = ClientProcess(place, limit_s=self._start_s, scene=scene, **self._settings)
-        return self._client.last_event
 
     def _called(self, during: str, name: str, *given: Any, **named: Any) -> Any:
         try:

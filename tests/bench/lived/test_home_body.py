@@ -4,8 +4,7 @@ import pytest
 
 from karma.bench.suites.lived.body import HomeRobot
 from karma.household.places import HAND
-from karma.world.residents import Household
-from karma.world.residents.household import ACTION_S
+from karma.world.residents import ACTION_S, Household
 from tests.support.lived import DAY_S, HOUR_S, small_home, small_map
 
 ROOMS = ((2, 4), (3, 11))

@@ -14,8 +14,7 @@ from karma.household.ids import root_id, root_type
 from karma.household.uses import FAUCET
 from karma.seeds import stream
 from karma.world.alfred.trial import PlannerAction
-from karma.world.eb_alfred.actions import Verb
-from karma.world.eb_alfred.choosing import Thing, by_id, hides
+from karma.world.eb_alfred.actions import Thing, Verb, by_id, hides
 from karma.world.eb_alfred.environment import Environment
 
 KEPT = 20_000  # characters of an answer that a record keeps

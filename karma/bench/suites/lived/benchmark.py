@@ -24,7 +24,7 @@ from karma.contracts import Embedder
 from karma.errors import KarmaError
 from karma.infer.hosted.session import Session
 from karma.memory.lived.ageing import PRIOR
-from karma.world.residents.habits import TABLE
+from karma.world.habits import TABLE
 
 
 class LivedHomes:

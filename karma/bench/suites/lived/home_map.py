@@ -10,7 +10,7 @@ import numpy as np
 
 from karma.contracts import Area, Known, Pose
 from karma.memory.lived.setting import KnownPlace
-from karma.world.core.arrays import Flags, Floats
+from karma.world.core.boxes import Flags, Floats
 from karma.world.core.hiding import blocking
 from karma.world.core.navigate import interactable_poses
 from karma.world.core.rays import stopped
@@ -19,7 +19,7 @@ from karma.world.core.state import Cell, Settings, WorldState, begin
 from karma.world.core.thing import gaps
 from karma.world.core.view import camera, camera_axes, in_picture, occluders
 from karma.world.houses import room_name
-from karma.world.residents import resting_places
+from karma.world.residents import kind_of_room, resting_places
 
 
 class HomeMap:
@@ -31,12 +31,12 @@ class HomeMap:
         self.spots: dict[str, tuple[Pose, ...]] = {}
         self._known: dict[str, Known] = {}
         state = begin(scene, Settings(grid_m=scene.grid_m))
-        for place_id, place in resting_places(scene).items():
+        for place_id, room in resting_places(scene).items():
             thing = state.objects[place_id]
             if poses := look_poses(state, thing):
                 self.places[place_id] = KnownPlace(
-                    place_id=place_id, place_type=thing.type, room=place.room,
-                    room_kind=place.kind, openable="openable" in thing.capabilities,
+                    place_id=place_id, place_type=thing.type, room=room,
+                    room_kind=kind_of_room(room), openable="openable" in thing.capabilities,
                 )  # fmt: skip
                 self.spots[place_id] = tuple(poses)
                 self._known[place_id] = Known(

@@ -10,8 +10,7 @@ from karma.memory.lived.setting import KnownPlace
 from karma.world.core.objects import Objects
 from karma.world.core.scene import Scene
 from karma.world.core.thing import is_inert
-from karma.world.residents import Household
-from karma.world.residents.household import Resident
+from karma.world.residents import Household, Resident
 
 ROBOT = "robot"
 

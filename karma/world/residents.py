@@ -24,8 +24,8 @@ from karma.world.core.scene import Scene, SceneObject
 from karma.world.core.state import Performed, WorldState
 from karma.world.core.thing import is_inert, is_movable
 from karma.world.event import WorldEvent
+from karma.world.habits import Span, habits, rates_drawn
 from karma.world.houses import room_name
-from karma.world.residents.habits import HomeRates, Span, habits
 from karma.world.sim import EmbeddedWorld
 
 DAY_S, HOUR_S = 86_400.0, 3_600.0
@@ -93,7 +93,7 @@ class Household:
         self._places = resting_places(scene)
         things = {one.id: one.type for one in scene.objects if is_movable(one)}
         rng = stream(seed, "residents", "rates")
-        self._rates = HomeRates.drawn(things, disturbance if people else 0.0, rng)
+        self._rates = rates_drawn(things, disturbance if people else 0.0, rng)  # moves a day
         self._usual = {one.id: one.parents[0] for one in scene.objects if one.parents}
         self._waiting: list[_Move] = []  # the last one first
         self._drawn_days = 0
@@ -154,13 +154,12 @@ class Household:
         for thing in filter(is_movable, state.objects.values()):
             there = (one for one in thing.parents if not among or one in among)
             place_id = HAND if thing.id in state.in_hand else next(there, None)
-            place = self._places.get(place_id or "")
             found[thing.id] = Sighting(
                 time_s=self.clock_s,
                 object_id=thing.id,
                 object_type=thing.type,
                 place_id=place_id,
-                room=self._room_at(thing) if place is None else place.room,
+                room=self._places.get(place_id or "") or self._room_at(thing),
                 position_m=thing.center,
                 states=states_of(thing),
             )
@@ -171,10 +170,10 @@ class Household:
     def _draw_day(self, day: int) -> None:
         """Draw the moves of a day; each thing has draws of its own."""
         table, rng = habits(), stream(self._seed, "residents", "day", str(day))
-        rates = self._rates.per_day
+        rates = self._rates
         counts = rng.poisson(np.fromiter(rates.values(), dtype=float, count=len(rates)))
         moves = []
-        for (object_id, _), count in zip(rates.items(), counts.tolist(), strict=True):
+        for object_id, count in zip(rates, counts.tolist(), strict=True):
             for _ in range(min(count, 12)):
                 names = table.types[type_of(object_id)].activities
                 name = names[int(rng.integers(len(names)))]
@@ -220,14 +219,9 @@ class Household:
             and types[thing.type].fits(types[objects[place_id].type], self.world.state.room.rules)
         ]
         if move.draws[5] >= people.stray:
-            wanted = [
-                one
-                for one in fitting
-                if objects[one].type in activity.to and self._places[one].kind in activity.rooms
-            ]
-            fitting = (
-                wanted or [one for one in fitting if objects[one].type in activity.to] or fitting
-            )
+            to = [one for one in fitting if objects[one].type in activity.to]
+            wanted = [one for one in to if kind_of_room(self._places[one]) in activity.rooms]
+            fitting = wanted or to or fitting
         return objects[fitting[int(draw * len(fitting))]] if fitting else None
 
     # ------------------------------------------------------------- deeds
@@ -304,7 +298,6 @@ class Household:
         activity: str,
     ) -> None:
         thing = self.world.state.objects[object_id]
-        place = self._places.get(place_id or "")
         self.log.append(
             Deed(
                 time_s=round(time_s, 1),
@@ -313,7 +306,7 @@ class Household:
                 object_id=object_id,
                 object_type=thing.type,
                 place_id=place_id,
-                room=place.room if place is not None else self._room_at(thing),
+                room=self._places.get(place_id or "") or self._room_at(thing),
                 states=states_of(thing),
                 activity=activity,
             )
@@ -337,14 +330,6 @@ class Household:
     @staticmethod
     def _is_shut(thing: SceneObject) -> bool:
         return "openable" in thing.capabilities and thing.openness <= 0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RestingPlace:
-    """Furniture that things are brought to."""
-
-    room: str
-    kind: str  # of the room
 
 
 def states_of(thing: SceneObject) -> tuple[str, ...]:
@@ -379,15 +364,19 @@ class _Attempt:
         return self.fine
 
 
-def resting_places(scene: Scene) -> Mapping[str, RestingPlace]:
-    """Return the furniture that things are put in or on, by id: what nobody carries away."""
+def resting_places(scene: Scene) -> Mapping[str, str]:
+    """Return the rooms of the furniture that things are put in or on, by its id."""
     found = {}
     for thing in scene.objects:
         can = thing.capabilities
         if "receptacle" in can and "pickupable" not in can and thing.type != FLOOR:
-            room = room_name(scene, thing.center[0], thing.center[2])
-            found[thing.id] = RestingPlace(room=room, kind=room.rpartition("_")[0])
+            found[thing.id] = room_name(scene, thing.center[0], thing.center[2])
     return found
+
+
+def kind_of_room(name: str) -> str:
+    """Return the kind that a room's name begins with: "kitchen" of "kitchen_1"."""
+    return name.rpartition("_")[0]
 
 
 def _bedroom(scene: Scene) -> str:

@@ -1,7 +1,6 @@
 """What `habits.toml` says, checked, and what of it one home has drawn for itself."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -84,24 +83,18 @@ def habits() -> Habits:
     return table
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HomeRates:
-    """How often each thing of a home is moved: moves a day, by object id."""
+def rates_drawn(
+    things: Mapping[str, str], disturbance: float, rng: np.random.Generator
+) -> dict[str, float]:
+    """Draw how often a home's movable things, id -> type, are moved: moves a day, by id.
 
-    per_day: Mapping[str, float]
-
-    @classmethod
-    def drawn(
-        cls, things: Mapping[str, str], disturbance: float, rng: np.random.Generator
-    ) -> "HomeRates":
-        """Draw a home's rates by its movable things, id -> type, and the share moved on a day."""
-        table = habits()
-        spread = rng.normal(0.0, table.people.temper, size=len(things))
-        base = np.array([table.types[t].rate if t in table.types else 0.0 for t in things.values()])
-        rates = base * np.exp(spread)
-        return cls(
-            per_day=dict(zip(things, (rates * _scale(rates, disturbance)).tolist(), strict=True))
-        )
+    `disturbance` is the share that is moved on a day.
+    """
+    table = habits()
+    spread = rng.normal(0.0, table.people.temper, size=len(things))
+    base = np.array([table.types[t].rate if t in table.types else 0.0 for t in things.values()])
+    rates = base * np.exp(spread)
+    return dict(zip(things, (rates * _scale(rates, disturbance)).tolist(), strict=True))
 
 
 def _scale(rates: np.ndarray, disturbance: float) -> float:

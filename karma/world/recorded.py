@@ -23,11 +23,9 @@ from karma.errors import FileError
 from karma.household.ids import made_at
 from karma.household.uses import BASINS
 from karma.world.core.ground import Cell
-from karma.world.core.scene import AgentPose, Scene, SceneObject
+from karma.world.core.scene import Scene, SceneObject
 from karma.world.core.thing import bottom, gaps
-from karma.world.importing.dump import EXPORT, Xyz, read_layouts, rows
-from karma.world.importing.scenes import scene_from_dump
-from karma.world.recorded.differences import (
+from karma.world.differences import (
     KINDS,
     MISSING,
     Attribution,
@@ -39,6 +37,8 @@ from karma.world.recorded.differences import (
     shown,
     values,
 )
+from karma.world.importing.dump import EXPORT, AgentStance, read_layouts, rows, stance
+from karma.world.importing.scenes import scene_from_dump
 from karma.world.sim import EmbeddedWorld
 
 _SETTINGS = ("visibilityDistance", "fieldOfView", "rotateStepDegrees", "snapToGrid")
@@ -111,13 +111,6 @@ def total_rate(reports: Sequence[EventReport]) -> float | None:
 # ----------------------------------------------------------------- reading
 
 
-class _RecordedAgent(msgspec.Struct, frozen=True, rename="camel"):
-    position: Xyz
-    rotation: Xyz
-    camera_horizon: float
-    is_standing: bool | None = None
-
-
 class _Named(msgspec.Struct, frozen=True, rename="camel"):
     object_id: str
 
@@ -125,7 +118,7 @@ class _Named(msgspec.Struct, frozen=True, rename="camel"):
 class _Metadata(msgspec.Struct, frozen=True, rename="camel"):
     scene_name: str
     last_action_success: bool
-    agent: _RecordedAgent
+    agent: AgentStance
     objects: list[_Named]
     inventory_objects: list[_Named]
 
@@ -170,19 +163,14 @@ def scene_of(
     Raises:
         FileError: the metadata is no scene; the path is the scene's name.
     """
-    name, agent = str(metadata["sceneName"]), metadata["agent"]
-    x, y, z = (float(agent["position"][axis]) for axis in "xyz")
-    pose = AgentPose(
-        position=(x, y, z),
-        yaw=float(agent["rotation"]["y"]) % 360,
-        horizon=float(agent["cameraHorizon"]) + 0.0,
-    )
+    name = str(metadata["sceneName"])
+    agent, _ = stance(metadata, name, "Initialize")
     scene = scene_from_dump(
         name.removesuffix("_physics"),
         metadata["objects"],
         reachable=reachable,
         stood=stood,
-        agent=pose,
+        agent=agent,
         grid_m=float(action.get("gridSize") or _LAYOUT_M),
     )
     return msgspec.structs.replace(scene, objects=with_falling(scene.objects))

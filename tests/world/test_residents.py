@@ -10,10 +10,9 @@ import pytest
 
 from karma.errors import KarmaError
 from karma.household.places import HAND
+from karma.world.habits import habits
 from karma.world.houses import build_home
-from karma.world.residents import Household
-from karma.world.residents.habits import habits
-from karma.world.residents.household import ACTION_S, _Move
+from karma.world.residents import ACTION_S, Household, _Move
 from tests.support.lived import DAY_S, HOUR_S, small_home
 
 DIGEST = """

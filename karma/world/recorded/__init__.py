@@ -1,1 +1,0 @@
-"""Replay recorded sessions of the real simulator and compare."""
