@@ -108,7 +108,7 @@ class ChatCommand(Computed, Kept, RequestOptions):
         from karma.agent.loading.models import Models, preset
         from karma.infer.hosted.session import Session
         from karma.infer.llama.room_states import StateOptions
-        from karma.infer.manifest.manifest import default_planner
+        from karma.infer.manifest import default_planner
         from karma.talk.agent import ANSWER_SECONDS, Agent
         from karma.talk.home import SCENE
 

@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 from karma.errors import KarmaError, ModelError
 from karma.infer.checks.folder import CheckedFolder, check_folder, check_sizes, read_config
 from karma.infer.checks.memory import check_memory, weights_mb
-from karma.infer.manifest.manifest import Role, resolve_folder
+from karma.infer.manifest import Role, resolve_folder
 
 DType = Literal["auto", "float32", "bfloat16", "float16"]
 _DEVICES = re.compile(r"auto|cpu|mps|cuda(:\d+)?|xpu(:\d+)?")

@@ -15,13 +15,13 @@ from typer.testing import CliRunner
 
 from karma.cli import app
 from karma.contracts import ProgramSpec, Prompt, Skill
+from karma.infer.automaton import ProgramAutomaton
 from karma.infer.llama import devices
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.llama.vision import LlamaVision
-from karma.infer.manifest.manifest import PicturePair
-from karma.infer.programs.automaton import ProgramAutomaton
-from karma.infer.vision.questions import picture_url
+from karma.infer.manifest import PicturePair
+from karma.infer.picture_questions import picture_url
 from karma.train.testing import make_picture_model
 
 PROMPT = Prompt(stable="#areas\nnode_1 Fridge Sink\n" * 12, changing="#task go\n#program\n")

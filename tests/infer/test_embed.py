@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from karma.errors import ModelError
 from karma.infer.embed.minilm import FILES, MiniLm
 from karma.infer.embed.sentence import SentenceEmbedder
-from karma.infer.manifest.manifest import file_paths, find_model
+from karma.infer.manifest import file_paths, find_model
 from karma.language.hints import TYPE_WORDS
 
 TEXTS = ["apple", "red fruit", "a sofa in the living room", "", "apple", "ünïcödé 苹果", "x " * 600]
@@ -123,8 +123,8 @@ def test_importing_loads_nothing_heavy():
     program = (
         "import sys, karma.infer.embed.sentence, karma.infer.llama.model\n"
         "import karma.infer.llama.gguf_files, karma.infer.embed.clip\n"
-        "import karma.infer.manifest.added\n"
-        "import karma.infer.vision.transformers, karma.infer.hosted.vision\n"
+        "import karma.infer.added\n"
+        "import karma.infer.transformers_vision, karma.infer.hosted.vision\n"
         "heavy = {'torch', 'transformers', 'llama_cpp', 'sentence_transformers', 'gguf', 'openai',"
         " 'PIL', 'safetensors'}\n"
         "sys.exit(' '.join(heavy & set(sys.modules)) or 0)\n"

@@ -4,10 +4,10 @@ import pytest
 from support.paths import ROOT
 
 from karma.contracts import ProgramSpec, Prompt, Skill
+from karma.infer.automaton import ProgramAutomaton
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
-from karma.infer.programs.automaton import ProgramAutomaton
 
 NANO = ROOT / "models/nano/planner.gguf"
 SKILLS = (

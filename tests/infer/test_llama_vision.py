@@ -15,14 +15,14 @@ from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.contracts import SeenObject
 from karma.errors import ModelError, UnknownNameError
+from karma.infer.added import AddOptions, add_model
 from karma.infer.checks import memory
 from karma.infer.checks.gguf import check_projector
 from karma.infer.llama import vision as llama_vision
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.vision import LlamaVision, require_pictures
-from karma.infer.manifest.added import AddOptions, add_model
-from karma.infer.manifest.manifest import PicturePair, find_model, resolve_pair
-from karma.infer.vision.questions import picture_url
+from karma.infer.manifest import PicturePair, find_model, resolve_pair
+from karma.infer.picture_questions import picture_url
 from karma.registry import load
 from karma.train.testing import PICTURE_FAMILIES, Size, make_picture_model, make_planner
 

@@ -23,15 +23,14 @@ from karma.contracts import (
     VisionModel,
 )
 from karma.errors import ModelError
+from karma.infer.automaton import ProgramAutomaton
 from karma.infer.checks import memory
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.llama import gguf_model
 from karma.infer.llama.gguf_files import new_tokenizer
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
-from karma.infer.programs.automaton import ProgramAutomaton
-from karma.infer.scripted import ScriptedModel
-from karma.infer.vision.metadata import MetadataVision
+from karma.infer.scripted import MetadataVision, ScriptedModel
 from karma.registry import load, names
 from karma.train.testing import make_llama
 

@@ -17,7 +17,7 @@ from karma.contracts import SeenObject
 from karma.errors import KarmaError, ModelError
 from karma.infer.embed.sentence import SentenceEmbedder
 from karma.infer.torch_load import TorchOptions, bytes_of, device_of
-from karma.infer.vision.transformers import TransformersVision, VisionOptions
+from karma.infer.transformers_vision import TransformersVision, VisionOptions
 
 HALF = TorchOptions(device="cpu", dtype="bfloat16")
 FRAME = np.random.default_rng(0).integers(0, 255, (300, 300, 3), dtype=np.uint8)

@@ -8,9 +8,9 @@ from support.tiny_vision import FAMILIES, save_family
 
 from karma.contracts import SeenObject
 from karma.errors import FileError, KarmaError, ModelError
-from karma.infer.vision import transformers as transformers_vision
-from karma.infer.vision.questions import LINE, cut
-from karma.infer.vision.transformers import TransformersVision, VisionOptions
+from karma.infer import transformers_vision
+from karma.infer.picture_questions import LINE, cut
+from karma.infer.transformers_vision import TransformersVision, VisionOptions
 
 MUG = SeenObject(
     object_id="Mug|1", object_type="Mug", position_m=(0, 0, 0), box_center_m=(0, 0, 0),

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from karma.contracts import SeenObject
 from karma.household.pieces import base_type
-from karma.infer.vision.questions import STATES, again, names_of, question, read_answer
+from karma.infer.picture_questions import STATES, again, names_of, question, read_answer
 
 
 def thing(kind, number=1, left=0.0):

@@ -14,13 +14,13 @@ from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import render, skills_of
 from karma.contracts import END, Area, MemoryUnit, PlanRequest, Prompt
 from karma.errors import ModelError
+from karma.infer.automaton import ProgramAutomaton
 from karma.infer.checks.gguf import read_header
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.vision import LlamaVision
-from karma.infer.manifest.manifest import PicturePair
-from karma.infer.programs.automaton import ProgramAutomaton
-from karma.infer.vision.questions import picture_url
+from karma.infer.manifest import PicturePair
+from karma.infer.picture_questions import picture_url
 from karma.train.testing import FAMILIES, Size, make_picture_model, make_planner
 
 PROGRAMS = int(os.environ.get("KARMA_PROGRAMS", "60"))  # drawn of each family

@@ -20,8 +20,8 @@ from karma.bench.drawing.memories import room_of
 from karma.errors import FileError
 from karma.infer.scripted import ScriptedModel
 from karma.seeds import stream
-from karma.train.planner.reading import read_goals, tell
-from karma.train.planner.samples import draw_alfred, draw_step
+from karma.train.figures import read_goals, tell
+from karma.train.samples import draw_alfred, draw_step
 from karma.world.core import scene
 
 PLACES = ("CounterTop", "Fridge", "Microwave", "Cabinet", "Sink", "GarbageCan")

@@ -24,8 +24,8 @@ from karma.bench.tasks.authors import load_authors_tasks
 from karma.errors import ModelError
 from karma.infer.scripted import ScriptedModel
 from karma.language.lexemes import every_word
-from karma.train.planner.reading import read_goals, tell
-from karma.train.planner.sources import Sources
+from karma.train.figures import read_goals, tell
+from karma.train.sources import Sources
 
 _SLOT = re.compile(r"\{\w+\}")
 _WORD = re.compile(r"[a-z]+")

@@ -6,7 +6,7 @@ from support.hint_figures import DEEDS, WAYS, AskedWord, asked_words, figures
 from karma import registry
 from karma.language.hints import WordFile, own_texts
 from karma.language.lexemes import held_out, lexicon, unseen_lexemes
-from karma.train.planner.hinted import KeptRows, words_file
+from karma.train.hinted import KeptRows, words_file
 
 FILE = WordFile(
     types={"Cup": ("glass", "drinking vessel"), "Knife": ("knife",), "Pen": ("pen",), "Bed": ()},

@@ -6,8 +6,8 @@ import pytest
 from karma.contracts import PlanRequest
 from karma.language.hints import WordFile, Words
 from karma.seeds import stream
-from karma.train.planner.hinted import INVENTED, UNKNOWN, DrawnHints, invented_word
-from karma.train.planner.samples import TrainingExample
+from karma.train.hinted import INVENTED, UNKNOWN, DrawnHints, invented_word
+from karma.train.samples import TrainingExample
 
 FILE = WordFile(
     types={"Cup": ("glass", "beaker"), "Mug": ("mug", "tea mug"), "Pen": ("pen",)},

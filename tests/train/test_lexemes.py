@@ -21,10 +21,10 @@ from karma.language.lexemes import (
     unseen_lexicon,
 )
 from karma.seeds import stream
-from karma.train.planner.hinted import called, words_file
-from karma.train.planner.packs import PlannerRecipe, draw_pack
-from karma.train.planner.sources import Sources
-from karma.train.planner.task_files import draw_tasks, fresh_rooms
+from karma.train.hinted import called, words_file
+from karma.train.packs import PlannerRecipe, draw_pack
+from karma.train.sources import Sources
+from karma.train.task_files import draw_tasks, fresh_rooms
 from karma.world.core import scene
 
 BOOK = our_book()

@@ -12,9 +12,9 @@ from karma.bench.drawing.phrases import our_book
 from karma.contracts import REFUSAL_KINDS
 from karma.language.lexemes import types_called
 from karma.seeds import stream
-from karma.train.planner import refusals
-from karma.train.planner.packs import Data, PlannerRecipe, draw_pack
-from karma.train.planner.samples import draw_facts, situation
+from karma.train import refusals
+from karma.train.packs import Data, PlannerRecipe, draw_pack
+from karma.train.samples import draw_facts, situation
 
 BOOK = our_book().part(held_out=False)
 PATTERNS = (

@@ -6,9 +6,9 @@ import re
 import numpy as np
 import pytest
 
-from karma.infer.vision.questions import STATES
-from karma.train.vision.moments import generator, moments, room, samples
-from karma.train.vision.score import (
+from karma.infer.picture_questions import STATES
+from karma.train.moments import generator, moments, room, samples
+from karma.train.picture_score import (
     NOTHING,
     AskedCrop,
     Clock,

@@ -38,7 +38,7 @@ from karma.infer.hosted.planner import open_planner
 from karma.infer.hosted.session import Endpoint, Hosted, Session
 from karma.infer.llama.options import KvType, LlamaOptions, Switch
 from karma.infer.llama.room_states import StateOptions
-from karma.infer.manifest.manifest import default_planner, resolve_planner
+from karma.infer.manifest import default_planner, resolve_planner
 from karma.infer.torch_load import DType, TorchOptions
 
 

@@ -28,7 +28,7 @@ from karma.infer.hosted.session import Session
 from karma.infer.llama.devices import devices, free_mb
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.options import KV_BYTES
-from karma.infer.manifest.manifest import ModelEntry, resolve_planner
+from karma.infer.manifest import ModelEntry, resolve_planner
 from karma.infer.torch_load import import_transformers
 
 CARDS = {  # what a driver puts on this machine -> (whose, what llama.cpp is built with for it)

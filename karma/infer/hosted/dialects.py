@@ -14,9 +14,8 @@ from typing import Any
 
 from karma.contracts import AnswerSpec, PlanSpec, Thinking
 from karma.errors import ModelError, ServerLost
-from karma.infer.hosted.session import Constraint, DialectName, Endpoint, Session
-from karma.infer.programs.automaton import ProgramAutomaton
-from karma.infer.programs.grammars import (
+from karma.infer.automaton import ProgramAutomaton
+from karma.infer.grammars import (
     admits_plan,
     gbnf,
     plan_gbnf,
@@ -26,6 +25,7 @@ from karma.infer.programs.grammars import (
     regex,
     schema,
 )
+from karma.infer.hosted.session import Constraint, DialectName, Endpoint, Session
 
 Fields = dict[str, Any]  # of a request
 

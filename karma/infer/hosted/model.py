@@ -24,13 +24,13 @@ from karma.contracts import (
     Vectors,
 )
 from karma.errors import ModelError, RequestRefused
+from karma.infer.automaton import without_closing
 from karma.infer.embed import REMEMBERED, stacked, unit_row
 from karma.infer.hosted.cassette import Exchange
 from karma.infer.hosted.cost import cost_of, usage_of
 from karma.infer.hosted.dialects import Language, Manner, language_of, manner_of
 from karma.infer.hosted.session import Endpoint, Session
-from karma.infer.programs.automaton import without_closing
-from karma.infer.vision.questions import picture_url
+from karma.infer.picture_questions import picture_url
 from karma.language.whole import CUTS, cut_off, filtered
 
 _FIELDS = ("reasoning_content", "reasoning", "thinking")  # that servers return a thought in

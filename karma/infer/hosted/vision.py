@@ -6,7 +6,7 @@ from karma.contracts import Frame, SeenObject
 from karma.errors import ModelError
 from karma.infer.hosted.model import messages_of, options_of, said_in, sendable
 from karma.infer.hosted.session import Endpoint, Session
-from karma.infer.vision.questions import question, some_picture, states_told
+from karma.infer.picture_questions import question, some_picture, states_told
 
 MAX_TOKENS = 1024  # four steps of reasoning
 ATTEMPTS = 2  # the second quotes what could not be used

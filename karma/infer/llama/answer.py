@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.contracts import AnswerSpec, Certainty, Heard, Listener, ProgramSpec
+from karma.infer.automaton import refusal_lines
 from karma.infer.llama.constrain import Logits, TokenTable
-from karma.infer.programs.automaton import refusal_lines
 from karma.language.whole import cut_off
 
 

@@ -1,4 +1,4 @@
-"""Choose tokens so that only programs come out: see `karma.infer.programs.automaton`.
+"""Choose tokens so that only programs come out: see `karma.infer.automaton`.
 
 Tokens are chosen by sample-then-check: the best token first, and only if it is refused the next
 best, in exact order. The result equals masking the whole vocabulary, at the price of one check.
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.errors import ModelError
-from karma.infer.programs.automaton import ProgramAutomaton, State
+from karma.infer.automaton import ProgramAutomaton, State
 
 Logits = NDArray[np.float32]
 

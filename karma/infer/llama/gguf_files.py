@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from karma.errors import FileError, ModelError
 from karma.files import read_bytes, write_atomic
 from karma.infer.checks.template import TEMPLATE
-from karma.infer.manifest.manifest import ModelEntry, check_file, file_paths, find_model, verify
+from karma.infer.manifest import ModelEntry, check_file, file_paths, find_model, verify
 
 # The expression llama.cpp uses for tokenizer.ggml.pre = "llama-bpe"; letter case is spelled out
 # because "(?i:...)" would also admit letters that fold to these.

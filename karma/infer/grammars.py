@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from karma.contracts import REFUSAL_KINDS, PlanSpec, ProgramSpec, RefusedRequest, SkillCall
-from karma.infer.programs.automaton import (
+from karma.infer.automaton import (
     CLOSINGS,
     Argument,
     LineForm,

@@ -23,7 +23,7 @@ from karma.files import sha256_of, write_atomic
 from karma.infer.checks.folder import PICKLES, check_weights, read_config
 from karma.infer.checks.gguf import check_gguf, check_projector, is_gguf, is_projector, split_pair
 from karma.infer.checks.memory import gguf_parts_mb, projector_mb, weights_mb
-from karma.infer.manifest.manifest import (
+from karma.infer.manifest import (
     Manifest,
     ModelEntry,
     ModelFile,

@@ -14,8 +14,8 @@ from pathlib import Path
 from karma.agent.experience import png
 from karma.contracts import Frame, SeenObject, VisionModel
 from karma.household.states import OPPOSITES
-from karma.infer.vision.questions import STATES, names_of
-from karma.train.vision.moments import Sample, generator, moments, room, samples, thinned
+from karma.infer.picture_questions import STATES, names_of
+from karma.train.moments import Sample, generator, moments, room, samples, thinned
 from karma.world.core import scene as scenes
 from karma.world.core.scene import Scene
 from karma.world.event import WorldEvent
@@ -245,12 +245,12 @@ def _sight(one: Sample) -> SeenObject:
 
 
 def _shown(frame: Frame, one: Sample) -> Frame:
-    from karma.infer.vision.questions import cut
+    from karma.infer.picture_questions import cut
 
     return cut(frame, one.region, 1.5, one.silhouette)
 
 
-TEMPLATE = Path(__file__).parent / "page.html.j2"
+TEMPLATE = Path(__file__).parent / "picture_score.html.j2"
 MOST_FAILURES = 120
 
 
