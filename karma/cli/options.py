@@ -12,7 +12,7 @@ from karma.errors import KarmaError
 
 if TYPE_CHECKING:
     from karma.infer.hosted.cassette import Cassette
-    from karma.infer.hosted.session import Hosted
+    from karma.infer.hosted.endpoint import Hosted
 
 
 class Command(Protocol):
@@ -96,7 +96,7 @@ class Kept:
     def hosted(self, planner: str, model: str, **settings: str) -> "Hosted":
         """Return where the planner is, if it is a hosted one."""
         from karma.agent.loading.models import OPENAI
-        from karma.infer.hosted.session import Hosted
+        from karma.infer.hosted.endpoint import Hosted
 
         if planner != OPENAI and not (self.base_url or model):
             return Hosted()

@@ -45,7 +45,7 @@ from karma.contracts import (
 )
 from karma.errors import KarmaError
 from karma.files import read_bytes
-from karma.infer.hosted.cost import Spent
+from karma.infer.hosted.endpoint import Spent
 from karma.infer.hosted.session import Session
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.room_states import StateOptions

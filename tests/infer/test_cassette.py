@@ -9,8 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from karma.errors import FileError
-from karma.infer.hosted.cassette import FILE, Cassette, CassetteError, Reply, canonical, key_of
-from karma.infer.hosted.nearest_request import MAX_LINES, MAX_WIDTH
+from karma.infer.hosted.cassette import (
+    FILE,
+    MAX_LINES,
+    MAX_WIDTH,
+    Cassette,
+    CassetteError,
+    Reply,
+    canonical,
+    key_of,
+)
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.text()

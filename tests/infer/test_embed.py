@@ -124,7 +124,7 @@ def test_importing_loads_nothing_heavy():
         "import sys, karma.infer.embed.sentence, karma.infer.llama.model\n"
         "import karma.infer.llama.gguf_files, karma.infer.embed.clip\n"
         "import karma.infer.added\n"
-        "import karma.infer.transformers_vision, karma.infer.hosted.vision\n"
+        "import karma.infer.transformers_vision, karma.infer.hosted.model\n"
         "heavy = {'torch', 'transformers', 'llama_cpp', 'sentence_transformers', 'gguf', 'openai',"
         " 'PIL', 'safetensors'}\n"
         "sys.exit(' '.join(heavy & set(sys.modules)) or 0)\n"

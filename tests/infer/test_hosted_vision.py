@@ -20,8 +20,8 @@ from karma.bench.engine.run import Run
 from karma.contracts import SeenObject
 from karma.errors import ModelError
 from karma.infer.hosted.cassette import Cassette, CassetteError
+from karma.infer.hosted.model import HostedVision
 from karma.infer.hosted.session import Session
-from karma.infer.hosted.vision import HostedVision
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 

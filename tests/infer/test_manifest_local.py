@@ -14,10 +14,10 @@ from karma.agent.loading.models import Models, Row
 from karma.agent.loading.names import check_models
 from karma.cli import app
 from karma.errors import FileError, ModelError, UnknownNameError
+from karma.infer import added as added_models
 from karma.infer.added import AddOptions, add_model, remove_model
 from karma.infer.embed.clip import ClipEmbedder
 from karma.infer.llama.model import LlamaModel
-from karma.infer import added as added_models
 from karma.infer.manifest import (
     check,
     find_model,

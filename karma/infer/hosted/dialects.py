@@ -25,7 +25,8 @@ from karma.infer.grammars import (
     regex,
     schema,
 )
-from karma.infer.hosted.session import Constraint, DialectName, Endpoint, Session
+from karma.infer.hosted.endpoint import Constraint, DialectName, Endpoint
+from karma.infer.hosted.session import Session
 
 Fields = dict[str, Any]  # of a request
 
