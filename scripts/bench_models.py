@@ -33,7 +33,7 @@ from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import gguf_parts_mb
 from karma.infer.llama.answer import CertaintyLog, UnderWay
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest import resolve_planner
 from karma.offline.guard import go_offline

@@ -18,7 +18,7 @@ from karma.agent.planning.refused_requests import FEATURES
 from karma.bench.drawing.memories import generated_rooms
 from karma.bench.drawing.phrases import our_book
 from karma.files import to_json, write_atomic
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.infer.manifest import resolve_planner
 from karma.offline.guard import go_offline
 from karma.seeds import stream

@@ -29,7 +29,7 @@ from karma.bench.drawing.phrases import disjoint_book, our_book
 from karma.bench.drawing.requests import KINDS, WITH_PAIRS
 from karma.bench.drawing.several import SEVERAL
 from karma.files import read_json, to_json
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.infer.manifest import resolve_planner
 from karma.language.hints import WordFile
 from karma.offline.guard import go_offline

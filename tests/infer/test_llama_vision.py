@@ -19,7 +19,7 @@ from karma.infer.added import AddOptions, add_model
 from karma.infer.checks import memory
 from karma.infer.checks.gguf import check_projector
 from karma.infer.llama import vision as llama_vision
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.infer.llama.vision import LlamaVision, require_pictures
 from karma.infer.manifest import PicturePair, find_model, resolve_pair
 from karma.infer.picture_questions import picture_url

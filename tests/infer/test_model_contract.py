@@ -29,7 +29,7 @@ from karma.infer.checks.gguf import check_gguf
 from karma.infer.llama import gguf_model
 from karma.infer.llama.gguf_files import new_tokenizer
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.infer.scripted import MetadataVision, ScriptedModel
 from karma.registry import load, names
 from karma.train.testing import make_llama

@@ -19,7 +19,7 @@ from karma.infer.hosted.endpoint import Endpoint
 from karma.infer.hosted.planner import open_planner
 from karma.infer.hosted.session import Session
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 
 ACTIONS = ("find a Apple", "find a Fridge", *(f"open the Drawer_{n}" for n in range(2, 14)))
 SPEC = PlanSpec(

@@ -18,7 +18,7 @@ from karma.errors import ModelError
 from karma.infer.choosing import trie_of
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.infer.llama.scoring import SkillScorer
 
 NANO = ROOT / "models/nano/planner.gguf"

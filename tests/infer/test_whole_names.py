@@ -7,7 +7,7 @@ from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.infer.automaton import ProgramAutomaton
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.infer.llama.scoring import NameBegun, SkillScorer, best_name
 
 SKILLS = (

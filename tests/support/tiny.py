@@ -4,7 +4,7 @@ import hashlib
 
 from karma.infer.llama.gguf_files import new_tokenizer
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.train.testing import make_llama
 from support.llama_export import export_llama_gguf
 

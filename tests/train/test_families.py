@@ -17,7 +17,7 @@ from karma.errors import ModelError
 from karma.infer.automaton import ProgramAutomaton
 from karma.infer.checks.gguf import read_header
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.infer.llama.vision import LlamaVision
 from karma.infer.manifest import PicturePair
 from karma.infer.picture_questions import picture_url

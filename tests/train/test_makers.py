@@ -8,7 +8,7 @@ from karma.contracts import Prompt
 from karma.errors import FileError, UnknownNameError
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.train.testing import FAMILIES, make_llama, make_planner
 
 SIZE = {"layers": 3, "width": 64, "heads": 4, "kv_heads": 2, "feed_forward": 96}

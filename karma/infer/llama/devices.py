@@ -14,7 +14,7 @@ from typing import Any, Literal
 from karma.errors import ModelError
 from karma.files import rebuild_llama
 from karma.infer.checks.memory import Footprint
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 
 Kind = Literal["cpu", "gpu", "integrated", "accelerator"]
 _KINDS: tuple[Kind, ...] = ("cpu", "gpu", "integrated", "accelerator")  # by ggml's number

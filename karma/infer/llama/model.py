@@ -23,11 +23,10 @@ from karma.contracts import (
 from karma.errors import ModelError, RequestRefused
 from karma.infer.automaton import ProgramAutomaton, State, without_closing
 from karma.infer.checks.template import TEMPLATE
-from karma.infer.llama.answer import CertaintyLog, UnderWay
+from karma.infer.llama.answer import CertaintyLog, UnderWay, best_token, choose_token, gumbel
 from karma.infer.llama.chat_template import ChatTemplate, Thought, closing_tokens, think, told_apart
-from karma.infer.llama.constrain import best_token, choose_token, gumbel
 from karma.infer.llama.gguf_model import GgufModel, OutOfTime
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.llama.scoring import NameWatch, SkillScorer
 from karma.language.whole import cut_off, cycle, going_round

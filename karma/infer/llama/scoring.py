@@ -33,8 +33,7 @@ from karma.contracts import END, Choice, Scoring
 from karma.errors import ModelError, RequestRefused
 from karma.infer.automaton import ProgramAutomaton, State
 from karma.infer.choosing import Floats, Node, Race, path_to, score_children, trie_of
-from karma.infer.llama.answer import CertaintyLog
-from karma.infer.llama.constrain import Logits, best_token
+from karma.infer.llama.answer import CertaintyLog, Logits, best_token
 from karma.infer.llama.gguf_model import GgufModel
 
 _TEXT, _SPARE = 0, 1  # sequences; the spare one is for a token that keeps another company
