@@ -19,8 +19,7 @@ from karma.cli import (
     talking,
     worlds,
 )
-from karma.cli.options import Command, as_function
-from karma.cli.shared import clear_errors
+from karma.cli.shared import Command, as_function, clear_errors
 from karma.offline.guard import go_offline
 
 app = typer.Typer(

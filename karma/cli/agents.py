@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
-from karma.cli.options import Computed, Kept, option
 from karma.cli.progress import bar, workers_for
 from karma.cli.shared import (
     FAILED,
     STOPPED,
     UNFINISHED,
+    Computed,
     Json,
+    Kept,
     console,
+    option,
     refuse_options,
     sheet_table,
     tell,

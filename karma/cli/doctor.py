@@ -12,8 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from karma.agent.journal.formats import UNKNOWN, figure_text
-from karma.cli.options import Computed, option
-from karma.cli.shared import Json, console, tell, write_json
+from karma.cli.shared import Computed, Json, console, option, tell, write_json
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:

@@ -7,9 +7,8 @@ from typing import Annotated, TypeVar
 
 import typer
 
-from karma.cli.options import option
 from karma.cli.progress import bar
-from karma.cli.shared import console, refuse_options, tell, write_for
+from karma.cli.shared import console, option, refuse_options, tell, write_for
 from karma.errors import KarmaError
 
 T = TypeVar("T")

@@ -9,9 +9,18 @@ import typer
 from rich.markup import escape
 
 from karma.cli.conversation import CODES, converse, figures_of, say, show_folder, tell_stopped
-from karma.cli.options import Computed, Kept, option
 from karma.cli.progress import AnswerView
-from karma.cli.shared import STOPPED, Json, console, readable, tell, write_json
+from karma.cli.shared import (
+    STOPPED,
+    Computed,
+    Json,
+    Kept,
+    console,
+    option,
+    readable,
+    tell,
+    write_json,
+)
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
