@@ -12,11 +12,12 @@ coefficients that were fitted without its fold.
 """
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from karma.agent.journal.formats import figure_text
 from karma.agent.loading.alfred_sentences import GoalFacts, Sentence, facts_of, plain
@@ -111,7 +112,7 @@ def fitted(
     if len(set(right.tolist())) < 2:
         raise ValueError("doubt is fitted on requests to refuse and on requests to do")
     weights, intercept = _regression(features, right)
-    scores = _sigmoid(features @ weights + intercept)
+    scores = expit(features @ weights + intercept)
     known = np.array([one.in_known_words for one in found])
     done = np.sort(scores[(right == 0) & known])
     allowed = min(int(len(done) * refused), len(done) - 1)
@@ -144,7 +145,7 @@ def _regression(
     penalty = np.diag([*[_PENALTY] * features.shape[1], 0.0])
     weights = np.zeros(rows.shape[1])
     for _ in range(_STEPS):
-        chance = _sigmoid(rows @ weights)
+        chance = expit(rows @ weights)
         slope = rows.T @ (chance - right) + penalty @ weights
         bend = (rows * (chance * (1 - chance))[:, None]).T @ rows + penalty
         step = np.linalg.solve(bend + 1e-9 * np.eye(len(bend)), slope)
@@ -155,20 +156,14 @@ def _regression(
     return scaled, float(weights[-1] - scaled @ mean)
 
 
-def _sigmoid(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return 1 / (1 + np.exp(-np.clip(values, -50, 50)))
-
-
 # ----------------------------------------------------------------- how far it can be trusted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scored:
-    """One request's probability of being one to refuse, and whether it is refused."""
+    """A request's probability of being one to refuse, and whether it is refused."""
 
-    kind: str
-    to_refuse: bool
-    in_known_words: bool
+    judged: Judged
     chance: float
     refused: bool
 
@@ -177,13 +172,7 @@ def scored(doubt: LogisticDoubt, found: Iterable[Judged]) -> list[Scored]:
     """Return what doubt says of requests."""
     chances = ((one, doubt.of(one.completion, one.request) or 0.0) for one in found)
     return [
-        Scored(
-            kind=one.example.kind,
-            to_refuse=one.to_refuse,
-            in_known_words=one.in_known_words,
-            chance=chance,
-            refused=chance >= doubt.threshold,
-        )
+        Scored(judged=one, chance=chance, refused=chance >= doubt.threshold)
         for one, chance in chances
     ]
 
@@ -202,24 +191,26 @@ def cross_validated(
 
 def brier(told: Sequence[Scored]) -> float:
     """Return the mean squared difference of chance and truth: 0 at best, 0.25 for "one half"."""
-    return float(np.mean([(one.chance - one.to_refuse) ** 2 for one in told]))
+    return float(np.mean([(one.chance - one.judged.to_refuse) ** 2 for one in told]))
 
 
 def shares(
     told: Sequence[Scored],
 ) -> Mapping[str, tuple[int, int, ConfidenceInterval | None]]:
     """Return how many were refused, of how many, with Wilson's interval: by sort, then by kind."""
-    groups: dict[str, Callable[[Scored], bool]] = {
-        "to refuse": lambda one: one.to_refuse,
-        "to do": lambda one: not one.to_refuse,
-        "to do, known words": lambda one: not one.to_refuse and one.in_known_words,
+    to_do = [one for one in told if not one.judged.to_refuse]
+    to_refuse = [one for one in told if one.judged.to_refuse]
+    groups = {
+        "to refuse": to_refuse,
+        "to do": to_do,
+        "to do, known words": [one for one in to_do if one.judged.in_known_words],
     }
-    for kind in sorted({one.kind for one in told if one.to_refuse}):
-        groups[kind] = lambda one, kind=kind: one.kind == kind  # type: ignore[misc]
+    for kind in sorted({one.judged.example.kind for one in to_refuse}):
+        groups[kind] = [one for one in to_refuse if one.judged.example.kind == kind]
     found = {}
-    for name, belongs in groups.items():
-        mine = [one.refused for one in told if belongs(one)]
-        found[name] = (sum(mine), len(mine), wilson(sum(mine), len(mine)))
+    for name, group in groups.items():
+        count = sum(one.refused for one in group)
+        found[name] = (count, len(group), wilson(count, len(group)))
     return found
 
 

@@ -61,7 +61,7 @@ def test_regression_equals_that_of_a_library():
 def test_threshold_refuses_no_more_of_what_is_to_be_done_than_it_may(seed, refused):
     found = made(200, seed)
     told = scored(fitted(found, NAMES, refused=refused), found)
-    done = [one.refused for one in told if not one.to_refuse]
+    done = [one.refused for one in told if not one.judged.to_refuse]
     assert sum(done) <= refused * len(done) + 1  # rounding of the threshold moves one at most
 
 
@@ -80,10 +80,7 @@ def test_cross_validated_figures_tell_a_feature_that_helps_from_one_that_does_no
 
 
 def said(chance, to_refuse, *, refused=False):
-    kind = "refuse_deed" if to_refuse else "place"
-    return Scored(
-        kind=kind, to_refuse=to_refuse, in_known_words=True, chance=chance, refused=refused
-    )
+    return Scored(judged=judged(to_refuse, 0.5), chance=chance, refused=refused)
 
 
 def test_brier_score_and_shares_of_made_up_requests():
