@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from support.needs import need_models
 from support.paths import ROOT
+from support.sights import seen
 from typer.testing import CliRunner
 
 from karma.bench.engine.run import Run
 from karma.cli import app
-from karma.contracts import SeenObject
 from karma.errors import ModelError, UnknownNameError
 from karma.infer.added import AddOptions, add_model
 from karma.infer.checks import memory
@@ -27,10 +27,7 @@ from karma.registry import load
 from karma.train.testing import PICTURE_FAMILIES, Size, make_picture_model, make_planner
 
 ONE = LlamaOptions(threads=1)
-MUG = SeenObject(
-    object_id="Mug|1", object_type="Mug", position_m=(0, 0, 0), box_center_m=(0, 0, 0),
-    box_size_m=(1, 1, 1), pickupable=True,
-)  # fmt: skip
+MUG = seen("Mug|1")
 DAMAGES = [  # family, what is lost, whether llama.cpp ends the process over it
     ("smolvlm", "v.patch_embd.weight", True),
     ("smolvlm", "v.blk.1.attn_q.weight", True),

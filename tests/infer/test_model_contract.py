@@ -5,10 +5,13 @@ import inspect
 import json
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
-from support.llama_export import export_llama_gguf
+from support import tiny
+from support.llama_export import export_llama, random_llama
+from support.sights import seen
 from support.tiny_models import save_clip, save_sentence
 
 from karma.contracts import (
@@ -18,7 +21,6 @@ from karma.contracts import (
     ProgramSpec,
     Prompt,
     ScoringModel,
-    SeenObject,
     Skill,
     VisionModel,
 )
@@ -29,7 +31,6 @@ from karma.infer.checks.gguf import check_gguf
 from karma.infer.llama import gguf_model
 from karma.infer.llama.gguf_files import new_tokenizer
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.opening import LlamaOptions
 from karma.infer.scripted import MetadataVision, ScriptedModel
 from karma.registry import load, names
 from karma.train.testing import make_llama
@@ -53,26 +54,13 @@ SCENE = Prompt(
 OTHER = Prompt(stable="Another scene, with a table.\n" * 5, changing="Task: put.\n")
 
 
-def random_llama():
-    import torch
-    from transformers import LlamaConfig, LlamaForCausalLM
-
-    torch.manual_seed(3)
-    config = LlamaConfig(
-        vocab_size=420, hidden_size=64, intermediate_size=160, num_hidden_layers=2,
-        num_attention_heads=4, num_key_value_heads=2, max_position_embeddings=512,
-        tie_word_embeddings=True, initializer_range=0.2,
-    )  # fmt: skip
-    return LlamaForCausalLM(config)
+def tiny_llama():
+    return random_llama(420, seed=3, max_position_embeddings=512)
 
 
-def export(path, *, dtype="F16", template=None, add_bos=False):
+def export(path, *, model=None, **more):
     tokenizer = new_tokenizer(CORPUS, 420, ["<|bos|>", "<|eos|>"])
-    export_llama_gguf(
-        random_llama(), tokenizer, path, name="tiny", eos_token="<|eos|>",
-        bos_token="<|bos|>", add_bos=add_bos, dtype=dtype, chat_template=template,
-    )  # fmt: skip
-    return path
+    return export_llama(model or tiny_llama(), tokenizer, path, bos="<|bos|>", **more)
 
 
 @pytest.fixture(scope="module", params=["F16", "Q8_0"])
@@ -85,10 +73,7 @@ def model(gguf):
     return opened(gguf, threads=1)
 
 
-def opened(path, *, chat=False, **options):
-    """The model of a file that is vouched for, which saves the trial in another process."""
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    return LlamaModel(path, chat=chat, sha256=sha256, options=LlamaOptions(**options))
+opened = partial(tiny.opened, chat=False)
 
 
 def answer(model, prompt, **options):
@@ -403,10 +388,9 @@ def test_model_that_was_closed_fails_in_python_and_closing_again_does_nothing(gg
 @pytest.mark.parametrize("spec", [None, SPEC])
 @pytest.mark.parametrize("temperature", [0.0, 1.0])
 def test_damaged_weights_are_a_model_error_not_an_answer(tmp_path, spec, temperature):
-    weights = random_llama()
+    weights = tiny_llama()
     weights.model.norm.weight.data[:] = np.nan
-    tokenizer = new_tokenizer(CORPUS, 420, ["<|bos|>", "<|eos|>"])
-    export_llama_gguf(weights, tokenizer, tmp_path / "nan.gguf", name="nan", eos_token="<|eos|>")
+    export(tmp_path / "nan.gguf", model=weights)
     with pytest.raises(ModelError, match="best score of a token is nan: damaged weights"):
         opened(tmp_path / "nan.gguf").complete(SCENE, spec=spec, temperature=temperature)
 
@@ -511,13 +495,7 @@ def test_scripted_model_says_its_script_and_then_fails():
 
 
 def test_metadata_vision_repeats_the_states_of_the_objects_given():
-    def seen(name, *states):
-        return SeenObject(
-            object_id=name, object_type="X", position_m=(0, 0, 0), box_center_m=(0, 0, 0),
-            box_size_m=(1, 1, 1), pickupable=True, states=states,
-        )  # fmt: skip
-
-    objects = [seen("a", "dirty", "off"), seen("b")]
+    objects = [seen("a", states=("dirty", "off")), seen("b")]
     assert MetadataVision().read_states(None, "clean it", objects) == {
         "a": ("dirty", "off"),
         "b": (),

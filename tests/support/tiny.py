@@ -6,27 +6,19 @@ from karma.infer.llama.gguf_files import new_tokenizer
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.opening import LlamaOptions
 from karma.train.testing import make_llama
-from support.llama_export import export_llama_gguf
+from support.llama_export import EOS, export_llama, random_llama
 
 CORPUS = ["#task put the apple in the fridge\n#memory\n @Fridge *Apple\n#program\n"]
 
 
 def export_tiny(path, template=None, dtype="F16", layers=1):
-    import torch
-    from transformers import LlamaConfig, LlamaForCausalLM
-
-    torch.manual_seed(3)
-    config = LlamaConfig(
-        vocab_size=400, hidden_size=32, intermediate_size=64, num_hidden_layers=layers,
-        num_attention_heads=2, num_key_value_heads=2, max_position_embeddings=4096,
-        tie_word_embeddings=True, initializer_range=0.2,
+    model = random_llama(
+        400, width=32, layers=layers, heads=2, seed=3, intermediate_size=64,
+        max_position_embeddings=4096,
     )  # fmt: skip
-    tokenizer = new_tokenizer(CORPUS, 400, ["<|eos|>"])
-    export_llama_gguf(
-        LlamaForCausalLM(config), tokenizer, path, name="tiny", eos_token="<|eos|>", dtype=dtype,
-        chat_template=template,
-    )  # fmt: skip
-    return path
+    return export_llama(
+        model, new_tokenizer(CORPUS, 400, [EOS]), path, dtype=dtype, template=template
+    )
 
 
 def make_layers(folder):
