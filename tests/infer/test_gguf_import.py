@@ -6,19 +6,9 @@ import pytest
 from support.paths import ROOT
 
 from karma.errors import FileError
-from karma.infer.llama.gguf_files import new_tokenizer, read_gguf_tokenizer
+from karma.infer.llama.gguf_files import read_gguf_tokenizer
 
 SHIPPED = ROOT / "models" / "nano" / "planner.gguf"
-CORPUS = ["PutObject(robot, 'Apple', 'Fridge')\nPlease warm the bread; it's 1234.\n"] * 3
-
-
-@pytest.fixture
-def tokenizer():
-    from tokenizers import AddedToken
-
-    made = new_tokenizer(CORPUS, 320, ["<|eos|>", "<|pad|>"])
-    made.add_tokens([AddedToken("', '", normalized=False, special=False)])
-    return made
 
 
 def test_tokens_of_the_shipped_planner_are_read_as_llama_cpp_has_them():
@@ -59,7 +49,7 @@ def test_tokens_of_a_gguf_whose_own_tokens_stand_ahead_of_others_are_read(tmp_pa
     assert ids == model.tokenize(b"put it <own> there", add_bos=False, special=True)
 
 
-def test_what_is_no_fitting_gguf_is_refused_by_name(tmp_path, tokenizer):
+def test_what_is_no_fitting_gguf_is_refused_by_name(tmp_path):
     with pytest.raises(FileError, match="no such file"):
         read_gguf_tokenizer(tmp_path / "none.gguf")
     torn = Path(tmp_path / "torn.gguf")

@@ -364,7 +364,8 @@ def test_verify_goes_on_after_a_wrong_file(manifest, gguf, monkeypatch):
     add_model(gguf)
     (manifest.parent / "ours.gguf").write_bytes(b"abd")
     said = karma("models", "verify", code=1)
-    assert "✗ ours" in said
+    assert "✗ ours" in said and "ours.gguf: its SHA-256 is" in said
+    assert "karma models verify" in said
     assert "✓ tiny-Q8" in said
 
 

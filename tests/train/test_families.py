@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.documents import ROOT
+from support.sights import about
 
 from karma.agent.planning.planner import program_spec
 from karma.agent.planning.program import parse_program
@@ -20,7 +21,6 @@ from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.opening import LlamaOptions
 from karma.infer.llama.vision import LlamaVision
 from karma.infer.manifest import PicturePair
-from karma.infer.picture_questions import picture_url
 from karma.train.testing import FAMILIES, Size, make_picture_model, make_planner
 
 PROGRAMS = int(os.environ.get("KARMA_PROGRAMS", "60"))  # drawn of each family
@@ -119,14 +119,6 @@ def pictures_cell(family, tmp_path_factory):
     chat.close()
     kind = read_header(made.projector, sizes=()).metadata["clip.projector_type"]
     return kind if first == again != other else "blind"
-
-
-def about(frame):
-    parts = [
-        {"type": "image_url", "image_url": {"url": picture_url(frame)}},
-        {"type": "text", "text": "What is there?"},
-    ]
-    return [{"role": "user", "content": parts}]
 
 
 @pytest.fixture(scope="module")

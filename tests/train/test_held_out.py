@@ -244,6 +244,9 @@ def test_figures_of_read_sentences_set_those_of_the_training_split_apart():
 
 def test_sentences_of_rooms_without_a_map_are_left_out_and_never_put_to_the_model():
     assert list(read_goals(ScriptedModel(), [APPLE], [], plans={})) == []
+    lines = list(tell([]))
+    assert [line.split()[-1] for line in lines if "right" in line] == ["–"] * 5
+    assert any("all" in line and "median – s" in line for line in lines)
     with pytest.raises(ModelError, match="run out"):
         list(read_goals(ScriptedModel(), [APPLE], []))
 

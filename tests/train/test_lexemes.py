@@ -87,6 +87,7 @@ def test_no_text_that_hints_come_from_has_a_held_out_lexeme():
     texts = (*chain(*file.types.values(), *file.deeds.values()), *called())
     assert len(texts) > 3000
     assert [text for text in texts if UNSEEN.found_in(text)] == []
+    assert file.phrases.isdisjoint(held_out().texts)
 
 
 def sources_in(folder, shared):
