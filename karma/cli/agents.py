@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.markup import escape
@@ -16,6 +16,7 @@ from karma.cli.shared import (
     Computed,
     Json,
     Kept,
+    argument,
     console,
     option,
     refuse_options,
@@ -48,7 +49,7 @@ class EvalOptions:
     """Where an experiment is done and by whom, what is done otherwise, and whether it passes."""
 
     context: typer.Context
-    file: Annotated[Path, typer.Argument(help="An experiment, e.g. eval/demo.toml.")]
+    file: Path = argument(..., "An experiment, e.g. eval/demo.toml.")
     json: Json = None
     out: Path | None = option(None, "Run folder; default runs/NAME.")
     fresh: bool = option(False, "Start over instead of going on.")
@@ -341,12 +342,9 @@ def print_sweep(data: "SweepData", json: Path | None) -> None:
 
 
 def export(
-    run: Annotated[Path, typer.Argument(help="Folder of a run or a sweep.")],
-    to: Annotated[str, typer.Option(help='"csv", "parquet" or "junit".')] = "csv",
-    out: Annotated[
-        Path | None,
-        typer.Option(help="File to write; default in the run's folder."),
-    ] = None,
+    run: Path = argument(..., "Folder of a run or a sweep."),
+    to: str = option("csv", '"csv", "parquet" or "junit".'),
+    out: Path | None = option(None, "File to write; default in the run's folder."),
 ) -> None:
     """Write a run's episodes for other programs: one line each, with every metric."""
     from karma.bench.engine.export import exported

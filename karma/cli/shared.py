@@ -237,6 +237,11 @@ def option(usual: Any, text: str, *names: str, panel: str | None = None, **how: 
     return typer.Option(usual, *names, help=text, rich_help_panel=panel, **how)
 
 
+def argument(usual: Any, text: str, **how: Any) -> Any:
+    """Return the default of what stands without a name; as in `option`."""
+    return typer.Argument(usual, help=text, **how)
+
+
 def as_function(kind: type[Command]) -> Callable[..., None]:
     """Return a command as Typer takes it: a function with the parameters of the dataclass."""
 

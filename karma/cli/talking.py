@@ -15,6 +15,7 @@ from karma.cli.shared import (
     Computed,
     Json,
     Kept,
+    argument,
     console,
     option,
     readable,
@@ -89,13 +90,12 @@ class RequestOptions:
 class RunArguments:
     """What `karma run` is given beside its options."""
 
-    instruction: Annotated[
-        str | None, typer.Argument(help="What to do, in plain words; without it, a conversation.")
-    ] = None
-    more: Annotated[
-        list[str] | None,
-        typer.Argument(hidden=True, metavar="", help="None: a request stands in quotes."),
-    ] = None
+    instruction: str | None = argument(
+        None, "What to do, in plain words; without it, a conversation."
+    )
+    more: list[str] | None = argument(
+        None, "None: a request stands in quotes.", hidden=True, metavar=""
+    )
     json: Json = None
 
 
@@ -238,7 +238,7 @@ def _close(agent: "Agent") -> None:
 
 
 def read(
-    text: Annotated[str, typer.Argument(help="What somebody says, in quotes.")],
+    text: str = argument(..., "What somebody says, in quotes."),
     json: Json = None,
 ) -> None:
     """Say what a request asks for: form, deeds, things, what it rules out, times, conditions."""
@@ -294,8 +294,8 @@ def home_list() -> None:
 
 def home_new(
     name: Name,
-    scene: Annotated[str, typer.Option(help="A room's name, or a scene's file.")] = "",
-    people: Annotated[int, typer.Option(help="Who live there while the agent is away.")] = 0,
+    scene: str = option("", "A room's name, or a scene's file."),
+    people: int = option(0, "Who live there while the agent is away."),
 ) -> None:
     """Begin a home, which nobody has been in yet."""
     from karma.talk.home import home_folder, new_home

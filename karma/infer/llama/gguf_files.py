@@ -148,7 +148,7 @@ def add_vocabulary(writer: Any, tokenizer: Any, vocab_size: int, *, pre: str = "
 def add_special_tokens(
     writer: Any, tokenizer: Any, specials: Mapping[str, str | None], *, add_bos: bool
 ) -> None:
-    """Write the ids of the tokens "bos", "eos" and "pad" of the vocabulary, where there are such."""
+    """Write the ids of the tokens "bos", "eos" and "pad", where there are such."""
     add = {
         "bos": writer.add_bos_token_id,
         "eos": writer.add_eos_token_id,
