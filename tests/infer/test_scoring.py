@@ -15,11 +15,10 @@ from support.tiny import export_tiny
 
 from karma.contracts import END, Prompt
 from karma.errors import ModelError
-from karma.infer.choosing import trie_of
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.opening import LlamaOptions
-from karma.infer.llama.scoring import SkillScorer
+from karma.infer.llama.scoring import SkillScorer, trie_of
 
 NANO = ROOT / "models/nano/planner.gguf"
 PROMPT = ("#areas\nunknown\n", "#task put the apple in the fridge\n#memory\n#program\n")

@@ -6,9 +6,9 @@ from support.every_score import every_score
 from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.infer.automaton import ProgramAutomaton
 from karma.infer.llama.gguf_model import GgufModel
-from karma.infer.llama.model import LlamaModel
+from karma.infer.llama.model import LlamaModel, NameBegun, best_name
 from karma.infer.llama.opening import LlamaOptions
-from karma.infer.llama.scoring import NameBegun, SkillScorer, best_name
+from karma.infer.llama.scoring import SkillScorer
 
 SKILLS = (
     Skill(name="GoToObject", arguments=("object",)),

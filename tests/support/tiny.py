@@ -1,12 +1,16 @@
 """A planner of random weights, small enough to make in a test: it babbles programs that parse."""
 
 import hashlib
+import json
+import subprocess
+import sys
 
 from karma.infer.llama.gguf_files import new_tokenizer
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.opening import LlamaOptions
 from karma.train.testing import make_llama
 from support.llama_export import EOS, export_llama, random_llama
+from support.paths import ROOT
 
 CORPUS = ["#task put the apple in the fridge\n#memory\n @Fridge *Apple\n#program\n"]
 
@@ -29,8 +33,41 @@ def make_layers(folder):
     )  # fmt: skip
 
 
-def opened(path, *, states=None, chat=None, **options):
+def opened(path, *, states=None, chat=None, thinking="off", thinking_tokens=1024, **options):
     """The model of a file that is vouched for, which saves the trial in another process."""
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    chosen = LlamaOptions(**{"threads": 1, **options})
-    return LlamaModel(path, sha256=sha256, options=chosen, states=states, chat=chat)
+    return LlamaModel(
+        path, sha256=hashlib.sha256(path.read_bytes()).hexdigest(), states=states, chat=chat,
+        thinking=thinking, thinking_tokens=thinking_tokens,
+        options=LlamaOptions(**{"threads": 1, **options}),
+    )  # fmt: skip
+
+
+def answer(model, prompt, **options):
+    """Where the state came from, and the answer with the logits before it, to the bit."""
+    first = model.complete(prompt, max_tokens=1)
+    bits = hashlib.sha256(model.gguf.logits().tobytes()).hexdigest()
+    return first.state, (model.complete(prompt, max_tokens=12, **options).text, bits)
+
+
+_ELSEWHERE = """
+import json, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+from support import tiny
+path, folder, *prompt = sys.argv[2:]
+states = tiny.StateOptions(folder=Path(folder)) if folder else None
+model = tiny.opened(Path(path), chat=False, states=states)
+print(json.dumps(tiny.answer(model, tiny.Prompt(stable=prompt[0], changing=prompt[1]))))
+"""
+
+
+def answer_elsewhere(path, prompt, folder=""):
+    """The answer of a process of its own, which keeps states in a folder if there is one."""
+    words = (path, folder, prompt.stable, prompt.changing)
+    done = subprocess.run(
+        [sys.executable, "-c", _ELSEWHERE, str(ROOT / "tests"), *map(str, words)],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stderr == ""
+    state, said = json.loads(done.stdout)
+    return state, tuple(said)
