@@ -53,11 +53,13 @@ _ELSEWHERE = """
 import json, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
-from support import tiny
-path, folder, *prompt = sys.argv[2:]
-states = tiny.StateOptions(folder=Path(folder)) if folder else None
-model = tiny.opened(Path(path), chat=False, states=states)
-print(json.dumps(tiny.answer(model, tiny.Prompt(stable=prompt[0], changing=prompt[1]))))
+from karma.contracts import Prompt
+from karma.infer.llama.room_states import StateOptions
+from support.tiny import answer, opened
+path, folder, stable, changing = sys.argv[2:]
+states = StateOptions(folder=Path(folder)) if folder else None
+model = opened(Path(path), chat=False, states=states)
+print(json.dumps(answer(model, Prompt(stable=stable, changing=changing))))
 """
 
 
