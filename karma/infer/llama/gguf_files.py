@@ -2,7 +2,7 @@
 
 llama.cpp loads a file with a wrong tokenizer name or unpermuted attention rows without a word and
 then computes something else, so this is checked by comparing tokens and logits
-(`tests/infer/test_gguf_export.py`).
+(`tests/infer/test_gguf_files.py`).
 
 A LoRA adapter is merged into the GGUF that it was trained on, the same bytes everywhere: each
 product B A is summed rank by rank in float32, so no library's order of additions is in it; the

@@ -1,4 +1,4 @@
-"""Exported models: llama.cpp must see the same tokens and compute the same logits."""
+"""GGUF files: llama.cpp sees the same tokens and computes the same logits; tokens are read back."""
 
 from unicodedata import ucd_3_2_0
 
@@ -7,10 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.llama_export import export_llama, random_llama
+from support.paths import ROOT
 
 from karma.errors import FileError
-from karma.infer.llama.gguf_files import new_tokenizer
+from karma.infer.llama.gguf_files import new_tokenizer, read_gguf_tokenizer
 
+SHIPPED = ROOT / "models" / "nano" / "planner.gguf"
 CORPUS = [
     "PutObject(robot, 'Apple', 'Fridge')\nGoToObject(robot, 'Apple|-00.47|+01.15|+00.48')\n",
     "Please warm the bread, then put 2 plates on the dining table. It's 1234 o'clock; we're OK.\n",
@@ -102,3 +104,53 @@ def test_export_into_unwritable_place_is_file_error(tmp_path, tokenizer):
     (tmp_path / "file").write_text("")
     with pytest.raises(FileError):
         export_llama(random_llama(420), tokenizer, tmp_path / "file" / "x.gguf")
+
+
+# ----------------------------------------------------------------- read back
+
+
+def test_tokens_of_the_shipped_planner_are_read_as_llama_cpp_has_them():
+    import llama_cpp
+
+    tokenizer = read_gguf_tokenizer(SHIPPED)
+    model = llama_cpp.Llama(str(SHIPPED), vocab_only=True, verbose=False)
+    for text in ("#task put a mug\n", "PutObject(robot, 'Mug', 'Sink')\n", "Überraschung 42  x"):
+        ids = tokenizer.encode(text, add_special_tokens=False).ids
+        assert ids == model.tokenize(text.encode(), add_bos=False, special=True)
+
+
+def test_tokens_of_a_gguf_whose_own_tokens_stand_ahead_of_others_are_read(tmp_path):
+    """As in Qwen's: tokens that a user defined, then such as nothing uses."""
+    import gguf
+    import llama_cpp
+
+    reader, path = gguf.GGUFReader(SHIPPED), tmp_path / "own.gguf"
+    kinds = list(reader.fields["tokenizer.ggml.token_type"].contents())
+    pieces = list(reader.fields["tokenizer.ggml.tokens"].contents())
+    first = next(n for n, kind in enumerate(kinds) if kind == gguf.TokenType.CONTROL)
+    pieces[first + 1 : first + 1] = ["<own>"]
+    kinds[first + 1 : first + 1] = [gguf.TokenType.USER_DEFINED]
+    writer = gguf.GGUFWriter(path, "llama")
+    writer.add_tokenizer_model("gpt2")
+    writer.add_tokenizer_pre(reader.fields["tokenizer.ggml.pre"].contents())
+    writer.add_token_list(pieces)
+    writer.add_token_types(kinds)
+    writer.add_token_merges(reader.fields["tokenizer.ggml.merges"].contents())
+    for step in (
+        writer.write_header_to_file, writer.write_kv_data_to_file, writer.write_tensors_to_file,
+        writer.close,
+    ):  # fmt: skip
+        step()
+    ids = read_gguf_tokenizer(path).encode("put it <own> there", add_special_tokens=False).ids
+    model = llama_cpp.Llama(str(path), vocab_only=True, verbose=False)
+    assert first + 1 in ids
+    assert ids == model.tokenize(b"put it <own> there", add_bos=False, special=True)
+
+
+def test_what_is_no_fitting_gguf_is_refused_by_name(tmp_path):
+    with pytest.raises(FileError, match="no such file"):
+        read_gguf_tokenizer(tmp_path / "none.gguf")
+    torn = tmp_path / "torn.gguf"
+    torn.write_bytes(b"GGUF torn")
+    with pytest.raises(FileError, match=r"torn\.gguf: not a GGUF"):
+        read_gguf_tokenizer(torn)
