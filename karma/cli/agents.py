@@ -88,11 +88,7 @@ class EvalOptions:
 
     @property
     def changes(self) -> "Changes":
-        """What is done otherwise than the file says.
-
-        Raises:
-            KarmaError: a setting cannot be read.
-        """
+        """What is done otherwise than the file says; KarmaError where that cannot be read."""
         from karma.bench.engine.experiment_file import Changes, Setting, seeds_of, setting_of
 
         settings = [setting_of(text) for text in self.sets or ()]

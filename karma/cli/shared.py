@@ -119,11 +119,7 @@ def tell(text: str, *, style: str = "") -> None:
 
 
 def write_json(place: Path | None, figures: object) -> None:
-    """Write figures where `Json` says, if it says anything.
-
-    Raises:
-        FileError: that cannot be written.
-    """
+    """Write figures where `Json` says, if it says anything; FileError where that cannot be."""
     if place is None:
         return
     data = to_json(figures, indent=2)

@@ -162,11 +162,7 @@ def _import_trials(
 def _trials(
     files: Sequence[Path], ids: Iterable[str] | None, side: "Files", limit: int | None = None
 ) -> "tuple[list[Trial], Any]":
-    """Return the trials with these ids, or all, and the facts of their rooms.
-
-    Raises:
-        KarmaError: none of them has one of the ids.
-    """
+    """Return the trials of these ids, or all, and their rooms' facts; KarmaError for no such id."""
     from karma.world.alfred.facts import gather
     from karma.world.alfred.trial import read_trials
 

@@ -19,11 +19,7 @@ _DEVICES = re.compile(r"auto|cpu|mps|cuda(:\d+)?|xpu(:\d+)?")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorchOptions:
-    """How a model of transformers or sentence-transformers is opened.
-
-    Raises:
-        ModelError: a value is none that there is.
-    """
+    """How a model of transformers or sentence-transformers is opened; ModelError: no such value."""
 
     device: str = "auto"  # "cuda" where there is one, else "cpu"
     dtype: DType = "auto"  # float32; large models that are stored in 16 bits stay so
