@@ -18,7 +18,7 @@ from support.hosted_server import KEY, PROMPT, endpoint, need_loopback
 
 from karma.errors import ModelError
 from karma.infer.hosted.cassette import Cassette
-from karma.infer.hosted.key import Key
+from karma.infer.hosted.endpoint import Key
 from karma.infer.hosted.model import HostedEmbedder, HostedLanguageModel
 from karma.infer.hosted.session import LARGEST_ANSWER, Session
 

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from karma.cli import app
 from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.infer.automaton import ProgramAutomaton
-from karma.infer.llama import devices
+from karma.infer.llama import opening as devices
 from karma.infer.llama.opening import LlamaOptions
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.llama.vision import LlamaVision

@@ -15,7 +15,7 @@ from karma.files import to_json
 from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.seeds import stream
-from karma.train.lived_memories import live_memory
+from karma.train.past import live_memory
 from karma.train.task_files import draw_tasks, fresh_rooms
 from karma.world.core import scene
 

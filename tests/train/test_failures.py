@@ -11,7 +11,7 @@ from karma.bench.drawing.phrases import our_book
 from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.seeds import stream
-from karma.train.lived_memories import live_memory, with_twins
+from karma.train.past import live_memory, with_twins
 from karma.train.samples import draw
 from karma.world.core import scene
 

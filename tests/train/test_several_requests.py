@@ -15,7 +15,7 @@ from karma.bench.drawing.several import SEVERAL, later, several_asks
 from karma.contracts import PlanRequest
 from karma.household.types import object_types
 from karma.seeds import stream
-from karma.train.lived_memories import live_memory
+from karma.train.past import live_memory
 from karma.train.samples import draw
 from karma.train.task_files import draw_tasks, fresh_rooms
 from karma.world.core import scene

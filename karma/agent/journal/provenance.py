@@ -21,7 +21,7 @@ from karma.contracts import SceneRef, Task
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, sha256_of, to_json
 from karma.infer.checks.memory import MEMINFO
-from karma.infer.llama.devices import devices
+from karma.infer.llama.opening import devices
 from karma.infer.manifest import find_model, resolve_planner
 from karma.offline.guard import network_allowed
 from karma.world.core.scene import find

@@ -23,8 +23,7 @@ import msgspec
 
 from karma.errors import ModelError, RequestRefused, ServerLost
 from karma.infer.hosted.cassette import Cassette, CassetteError, Exchange, Reply
-from karma.infer.hosted.endpoint import Endpoint, Ledger, Spent, Usage, cost_of, usage_of
-from karma.infer.hosted.key import Key
+from karma.infer.hosted.endpoint import Endpoint, Key, Ledger, Spent, Usage, cost_of, usage_of
 from karma.language.whole import CUTS, ENDS
 from karma.offline.guard import allow_host
 
