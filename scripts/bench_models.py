@@ -28,14 +28,14 @@ from measuring import CHILDREN, Clock, resident_mb, table, taken
 
 from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.files import sha256_of
+from karma.infer.automaton import ProgramAutomaton
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import gguf_parts_mb
 from karma.infer.llama.answer import CertaintyLog, UnderWay
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.infer.llama.room_states import StateOptions
-from karma.infer.manifest.manifest import resolve_planner
-from karma.infer.programs.automaton import ProgramAutomaton
+from karma.infer.manifest import resolve_planner
 from karma.offline.guard import go_offline
 from karma.train.testing import make_llama
 

@@ -34,7 +34,7 @@ from karma.bench.suites.alfred.lota_planner import LotaPromptOptions, followed, 
 from karma.bench.suites.alfred.players import ExpertPlayer
 from karma.contracts import Choice
 from karma.infer.llama.gguf_model import GgufModel
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.infer.llama.scoring import SkillScorer
 from karma.offline.guard import go_offline
 from karma.seeds import stream

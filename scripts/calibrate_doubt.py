@@ -18,11 +18,11 @@ from karma.agent.planning.refused_requests import FEATURES
 from karma.bench.drawing.memories import generated_rooms
 from karma.bench.drawing.phrases import our_book
 from karma.files import to_json, write_atomic
-from karma.infer.llama.options import LlamaOptions
-from karma.infer.manifest.manifest import resolve_planner
+from karma.infer.llama.opening import LlamaOptions
+from karma.infer.manifest import resolve_planner
 from karma.offline.guard import go_offline
 from karma.seeds import stream
-from karma.train.planner.calibration import (
+from karma.train.figures import (
     Judged,
     Scored,
     brier,
@@ -59,13 +59,13 @@ def main(
     print(f"coefficients {doubt.coefficients}, intercept {doubt.intercept}")
     print(f"threshold {doubt.threshold}; {doubt.fitted_on}")
     _tell("doubt, cross-validated", told, whole=True)
-    by_itself = [_scored(one, float(one.completion.text.startswith("refuse("))) for one in found]
+    by_itself = [_sure(one, one.completion.text.startswith("refuse(")) for one in found]
     _tell("the planner by itself", by_itself)
     for name, names in CONTROLS.items():
         _tell(name, cross_validated(found, names, refused=refused))
     rate = sum(one.refused for one in told) / len(told)
     rng = stream(seed, "control")
-    by_lot = [_scored(one, float(rng.random() < rate)) for one in found]
+    by_lot = [_sure(one, rng.random() < rate) for one in found]
     _tell("refused by lot, as often", by_lot)
     if out is not None:
         write_atomic(out, to_json(doubt, indent=2))
@@ -83,11 +83,8 @@ def _asked(planner: str, count: int, seed: int) -> list[Judged]:
     return list(judged(model, hints_for(planner), examples))
 
 
-def _scored(one: Judged, chance: float) -> Scored:
-    return Scored(
-        kind=one.example.kind, to_refuse=one.to_refuse, in_known_words=one.in_known_words,
-        chance=chance, refused=chance >= 0.5,
-    )  # fmt: skip
+def _sure(one: Judged, refused: bool) -> Scored:
+    return Scored(judged=one, chance=float(refused), refused=refused)
 
 
 def _tell(title: str, told: Sequence[Scored], *, whole: bool = False) -> None:

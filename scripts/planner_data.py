@@ -4,7 +4,7 @@
     python scripts/planner_data.py evaluate ../shared/data/alfred/valid_seen.jsonl.gz
     python scripts/planner_data.py tasks runs/drawn --seed 1
 
-What it reads, and what stays out, says `karma.train.planner.sources`.
+What it reads, and what stays out, says `karma.train.sources`.
 """
 
 import gzip
@@ -29,18 +29,17 @@ from karma.bench.drawing.phrases import disjoint_book, our_book
 from karma.bench.drawing.requests import KINDS, WITH_PAIRS
 from karma.bench.drawing.several import SEVERAL
 from karma.files import read_json, to_json
-from karma.infer.llama.options import LlamaOptions
-from karma.infer.manifest.manifest import resolve_planner
+from karma.infer.llama.opening import LlamaOptions
+from karma.infer.manifest import resolve_planner
 from karma.language.hints import WordFile
 from karma.offline.guard import go_offline
 from karma.seeds import stream
-from karma.train.planner.held_out import DEVELOPMENT
-from karma.train.planner.hinted import KeptRows
-from karma.train.planner.packs import Data, PlannerRecipe, draw_pack
-from karma.train.planner.reading import read_goals, tell
-from karma.train.planner.samples import TrainingExample, draw_alfred
-from karma.train.planner.sources import Sources, held_out_packs
-from karma.train.planner.task_files import draw_tasks, fresh_rooms
+from karma.train.figures import read_goals, tell
+from karma.train.hinted import KeptRows
+from karma.train.packs import Data, PlannerRecipe, draw_pack
+from karma.train.samples import TrainingExample, draw_alfred
+from karma.train.sources import DEVELOPMENT, Sources, held_out_packs
+from karma.train.task_files import draw_tasks, fresh_rooms
 from karma.world.core.scene import Scene
 from karma.world.importing.dump import read_layouts
 from karma.world.importing.scenes import import_dump

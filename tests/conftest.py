@@ -7,7 +7,7 @@ import pytest
 from hypothesis import settings
 from support.paths import SHARED
 
-from karma.infer.manifest.manifest import PLANNER, find_model, is_present, verify
+from karma.infer.manifest import PLANNER, find_model, is_present, verify
 from karma.offline import guard as offline
 
 pytest_plugins = ("support.eb_alfred",)  # the fixture `experiment`

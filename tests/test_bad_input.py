@@ -16,7 +16,7 @@ from karma.agent.goals.files import load_tasks
 from karma.errors import FileError, ModelError
 from karma.files import append_line, decode_json, read_toml, to_json, write_atomic
 from karma.infer.llama.model import LlamaModel
-from karma.infer.manifest.manifest import check_file
+from karma.infer.manifest import check_file
 from karma.world.core import scene as scenes
 from karma.world.importing.scenes import import_dump
 from karma.world.sim import EmbeddedWorld

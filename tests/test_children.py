@@ -178,7 +178,7 @@ STARTERS = {
     "karma/world/thor/client.py": "AI2-THOR's client starts the build, which is no Python",
     "karma/bundle/install.py": "a file of Python's own modules, in a temporary folder",
     "karma/bundle/build.py": "-I: pip",
-    "karma/infer/manifest/brought.py": "pip, where it is asked to bring a model",
+    "karma/infer/brought.py": "pip, where it is asked to bring a model",
 }
 
 

@@ -15,7 +15,7 @@ from support.paths import ROOT
 
 from karma.bundle import build
 from karma.files import cache
-from karma.infer.manifest.manifest import find_model
+from karma.infer.manifest import find_model
 
 PYTHON = """#!/usr/bin/env bash
 case "$*" in

@@ -26,8 +26,8 @@ import karma
 from karma.bundle import install
 from karma.errors import FileError, KarmaError
 from karma.files import cache
-from karma.infer.manifest.added import entry_toml
-from karma.infer.manifest.manifest import (
+from karma.infer.added import entry_toml
+from karma.infer.manifest import (
     ModelEntry,
     check,
     file_paths,
@@ -35,7 +35,7 @@ from karma.infer.manifest.manifest import (
     read_manifest,
     verify,
 )
-from karma.infer.manifest.manifest import manifest_path as models_manifest
+from karma.infer.manifest import manifest_path as models_manifest
 
 PROJECT = Path(karma.__file__).parents[1]
 

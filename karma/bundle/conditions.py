@@ -11,7 +11,7 @@ from packaging.requirements import Requirement
 from karma.bundle.build import kept_wheels
 from karma.errors import KarmaError
 from karma.files import cache
-from karma.infer.manifest.manifest import check, find_model, read_manifest
+from karma.infer.manifest import check, find_model, read_manifest
 from karma.offline.guard import DEFAULTS, LOG, OFFLINE, SWITCHES, is_armed, network_allowed
 from karma.world.thor.builds import CheckResult
 

@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
@@ -19,8 +19,7 @@ from karma.cli import (
     talking,
     worlds,
 )
-from karma.cli.options import Command, as_function
-from karma.cli.shared import clear_errors
+from karma.cli.shared import Command, as_function, clear_errors, option
 from karma.offline.guard import go_offline
 
 app = typer.Typer(
@@ -91,12 +90,10 @@ def _version(asked: bool) -> None:
 @app.callback()
 @clear_errors
 def karma(
-    allow_network: Annotated[
-        bool, typer.Option("--allow-network", help="Let a hosted model's host be reached.")
-    ] = False,
-    version: Annotated[
-        bool, typer.Option("--version", help="Say which this is.", is_eager=True, callback=_version)
-    ] = False,
+    allow_network: bool = option(False, "Let a hosted model's host be reached.", "--allow-network"),
+    version: bool = option(
+        False, "Say which this is.", "--version", is_eager=True, callback=_version
+    ),
 ) -> None:
     """Keep every command off the network."""
     go_offline(allow_network=allow_network)

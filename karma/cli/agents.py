@@ -3,19 +3,22 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.markup import escape
 
-from karma.cli.options import Computed, Kept, option
 from karma.cli.progress import bar, workers_for
 from karma.cli.shared import (
     FAILED,
     STOPPED,
     UNFINISHED,
+    Computed,
     Json,
+    Kept,
+    argument,
     console,
+    option,
     refuse_options,
     sheet_table,
     tell,
@@ -46,7 +49,7 @@ class EvalOptions:
     """Where an experiment is done and by whom, what is done otherwise, and whether it passes."""
 
     context: typer.Context
-    file: Annotated[Path, typer.Argument(help="An experiment, e.g. eval/demo.toml.")]
+    file: Path = argument(..., "An experiment, e.g. eval/demo.toml.")
     json: Json = None
     out: Path | None = option(None, "Run folder; default runs/NAME.")
     fresh: bool = option(False, "Start over instead of going on.")
@@ -85,11 +88,7 @@ class EvalOptions:
 
     @property
     def changes(self) -> "Changes":
-        """What is done otherwise than the file says.
-
-        Raises:
-            KarmaError: a setting cannot be read.
-        """
+        """What is done otherwise than the file says; KarmaError where that cannot be read."""
         from karma.bench.engine.experiment_file import Changes, Setting, seeds_of, setting_of
 
         settings = [setting_of(text) for text in self.sets or ()]
@@ -339,12 +338,9 @@ def print_sweep(data: "SweepData", json: Path | None) -> None:
 
 
 def export(
-    run: Annotated[Path, typer.Argument(help="Folder of a run or a sweep.")],
-    to: Annotated[str, typer.Option(help='"csv", "parquet" or "junit".')] = "csv",
-    out: Annotated[
-        Path | None,
-        typer.Option(help="File to write; default in the run's folder."),
-    ] = None,
+    run: Path = argument(..., "Folder of a run or a sweep."),
+    to: str = option("csv", '"csv", "parquet" or "junit".'),
+    out: Path | None = option(None, "File to write; default in the run's folder."),
 ) -> None:
     """Write a run's episodes for other programs: one line each, with every metric."""
     from karma.bench.engine.export import exported

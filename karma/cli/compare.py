@@ -2,12 +2,21 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 from rich.markup import escape
 
-from karma.cli.shared import Json, console, refuse_options, sheet_table, tell, write_json
+from karma.cli.shared import (
+    Json,
+    argument,
+    console,
+    option,
+    refuse_options,
+    sheet_table,
+    tell,
+    write_json,
+)
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
@@ -16,13 +25,12 @@ if TYPE_CHECKING:
 
 
 def compare(
-    runs: Annotated[
-        list[str],
-        typer.Argument(help="Run folders, or RUN:ROW for one row; the first with each other."),
-    ],
-    half_width: Annotated[
-        float, typer.Option(help="Wanted of a success rate's interval: how many seeds it takes.")
-    ] = 0.05,
+    runs: list[str] = argument(
+        ..., "Run folders, or RUN:ROW for one row; the first with each other."
+    ),
+    half_width: float = option(
+        0.05, "Wanted of a success rate's interval: how many seeds it takes."
+    ),
     json: Json = None,
 ) -> None:
     """Say how runs or rows differ on the same tasks and seeds, and how sure that is."""
@@ -50,19 +58,14 @@ def compare(
 
 def table(
     context: typer.Context,
-    run: Annotated[Path, typer.Argument(help="A run folder.")],
-    published: Annotated[
-        Path | None, typer.Option(help="The paper's figures, to stand beside ours.")
-    ] = None,
-    off: Annotated[str, typer.Option(help="Name of the row without memory.")] = "",
-    lota: Annotated[str, typer.Option(help="Name of the LoTa-Bench row.")] = "",
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for table.md, table.tex and table.csv; default RUN.")
-    ] = None,
-    beside: Annotated[
-        list[Path] | None,
-        typer.Option(help="Of others' benchmarks: a run whose rows stand in the same table."),
-    ] = None,
+    run: Path = argument(..., "A run folder."),
+    published: Path | None = option(None, "The paper's figures, to stand beside ours."),
+    off: str = option("", "Name of the row without memory."),
+    lota: str = option("", "Name of the LoTa-Bench row."),
+    out: Path | None = option(None, "Folder for table.md, table.tex and table.csv; default RUN."),
+    beside: list[Path] | None = option(
+        None, "Of others' benchmarks: a run whose rows stand in the same table."
+    ),
     json: Json = None,
 ) -> None:
     """Write a run's tables as Markdown, LaTeX and CSV, beside the published figures."""

@@ -12,8 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from karma.agent.journal.formats import UNKNOWN, figure_text
-from karma.cli.options import Computed, option
-from karma.cli.shared import Json, console, tell, write_json
+from karma.cli.shared import Computed, Json, argument, console, option, tell, write_json
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
@@ -25,9 +24,7 @@ MARKS = {"ok": "[green]ok[/]", "note": "[yellow]note[/]", "problem": "[red]probl
 
 def doctor(
     context: typer.Context,
-    offline: Annotated[
-        bool, typer.Option("--offline", help="That is what is looked at anyway.")
-    ] = False,
+    offline: bool = option(False, "That is what is looked at anyway.", "--offline"),
     json: Json = None,
 ) -> None:
     """See what a run needs on this machine, what is missing, and what mends it."""
@@ -82,9 +79,7 @@ class ModelsCommand(Computed):
     Each is opened as a run does and asked a little. Exit code 1 if one cannot be opened.
     """
 
-    experiment: Annotated[
-        Path | None, typer.Argument(help="An experiment; else what `karma run` takes.")
-    ] = None
+    experiment: Path | None = argument(None, "An experiment; else what `karma run` takes.")
     planner: str | None = option(None, "Another name or GGUF.")
     json: Json = None
 
@@ -135,17 +130,11 @@ def _models_table(found: Sequence["ModelSeen"]) -> Table:
 
 
 def doctor_thor(
-    executable: Annotated[
-        str | None, typer.Option(help="File, folder or command; default $KARMA_THOR_BUILD.")
-    ] = None,
-    platform: Annotated[
-        str | None, typer.Option(help="Linux64 or CloudRendering; default by the name.")
-    ] = None,
-    display: Annotated[str | None, typer.Option(help="X display; default $DISPLAY.")] = None,
-    start: Annotated[
-        bool, typer.Option("--start", help="Also start it, load a scene, do a step.")
-    ] = False,
-    scene: Annotated[str, typer.Option(help="The scene for --start.")] = "FloorPlan1",
+    executable: str | None = option(None, "File, folder or command; default $KARMA_THOR_BUILD."),
+    platform: str | None = option(None, "Linux64 or CloudRendering; default by the name."),
+    display: str | None = option(None, "X display; default $DISPLAY."),
+    start: bool = option(False, "Also start it, load a scene, do a step.", "--start"),
+    scene: str = option("FloorPlan1", "The scene for --start."),
     json: Json = None,
 ) -> None:
     """Look for what the real AI2-THOR needs; exit code 1 if something is missing.
@@ -260,9 +249,9 @@ def bundle_verify(file: File, sha256: Sha256 = "") -> None:
 
 def bundle_install(
     file: File,
-    into: Annotated[Path, typer.Option(help="A new or empty folder.")],
+    into: Path = option(..., "A new or empty folder."),
     sha256: Sha256 = "",
-    smoke: Annotated[bool, typer.Option(help="Try it out afterwards.")] = True,
+    smoke: bool = option(True, "Try it out afterwards."),
 ) -> None:
     """Verify and install, with no network; stopped, the same command does it again."""
     quick = () if smoke else ("--no-smoke",)

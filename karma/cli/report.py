@@ -3,13 +3,12 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import TypeVar
 
 import typer
 
-from karma.cli.options import option
 from karma.cli.progress import bar
-from karma.cli.shared import console, refuse_options, tell, write_for
+from karma.cli.shared import argument, console, option, refuse_options, tell, write_for
 from karma.errors import KarmaError
 
 T = TypeVar("T")
@@ -22,13 +21,11 @@ class ReportCommand:
     """Write a run as one HTML page: tables, plots, and episodes to step through."""
 
     context: typer.Context
-    runs: Annotated[
-        list[str],
-        typer.Argument(
-            help="A run folder, made by `karma eval`; or a sweep, or several (or RUN:ROW), for a "
-            "page that compares."
-        ),
-    ]
+    runs: list[str] = argument(
+        ...,
+        "A run folder, made by `karma eval`; or a sweep, or several (or RUN:ROW), for a "
+        "page that compares.",
+    )
     out: Path | None = option(
         None, "The page; default RUN/report.html, of several comparison.html beside the first."
     )

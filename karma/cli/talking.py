@@ -9,9 +9,19 @@ import typer
 from rich.markup import escape
 
 from karma.cli.conversation import CODES, converse, figures_of, say, show_folder, tell_stopped
-from karma.cli.options import Computed, Kept, option
 from karma.cli.progress import AnswerView
-from karma.cli.shared import STOPPED, Json, console, readable, tell, write_json
+from karma.cli.shared import (
+    STOPPED,
+    Computed,
+    Json,
+    Kept,
+    argument,
+    console,
+    option,
+    readable,
+    tell,
+    write_json,
+)
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
@@ -80,13 +90,12 @@ class RequestOptions:
 class RunArguments:
     """What `karma run` is given beside its options."""
 
-    instruction: Annotated[
-        str | None, typer.Argument(help="What to do, in plain words; without it, a conversation.")
-    ] = None
-    more: Annotated[
-        list[str] | None,
-        typer.Argument(hidden=True, metavar="", help="None: a request stands in quotes."),
-    ] = None
+    instruction: str | None = argument(
+        None, "What to do, in plain words; without it, a conversation."
+    )
+    more: list[str] | None = argument(
+        None, "None: a request stands in quotes.", hidden=True, metavar=""
+    )
     json: Json = None
 
 
@@ -108,7 +117,7 @@ class ChatCommand(Computed, Kept, RequestOptions):
         from karma.agent.loading.models import Models, preset
         from karma.infer.hosted.session import Session
         from karma.infer.llama.room_states import StateOptions
-        from karma.infer.manifest.manifest import default_planner
+        from karma.infer.manifest import default_planner
         from karma.talk.agent import ANSWER_SECONDS, Agent
         from karma.talk.home import SCENE
 
@@ -229,7 +238,7 @@ def _close(agent: "Agent") -> None:
 
 
 def read(
-    text: Annotated[str, typer.Argument(help="What somebody says, in quotes.")],
+    text: str = argument(..., "What somebody says, in quotes."),
     json: Json = None,
 ) -> None:
     """Say what a request asks for: form, deeds, things, what it rules out, times, conditions."""
@@ -285,8 +294,8 @@ def home_list() -> None:
 
 def home_new(
     name: Name,
-    scene: Annotated[str, typer.Option(help="A room's name, or a scene's file.")] = "",
-    people: Annotated[int, typer.Option(help="Who live there while the agent is away.")] = 0,
+    scene: str = option("", "A room's name, or a scene's file."),
+    people: int = option(0, "Who live there while the agent is away."),
 ) -> None:
     """Begin a home, which nobody has been in yet."""
     from karma.talk.home import home_folder, new_home

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from karma.agent.journal.formats import figure_text, percent_text
 from karma.cli.progress import bar
-from karma.cli.shared import Json, console, tell, write_json
+from karma.cli.shared import Json, argument, console, option, tell, write_json
 from karma.errors import FileError, KarmaError
 from karma.files import below, to_json, write_atomic
 
@@ -53,8 +53,8 @@ def world_list(json: Json = None) -> None:
 
 
 def world_show(
-    scene: Annotated[str, typer.Argument(help="A scene's name or file.")],
-    out: Annotated[Path | None, typer.Option(help="PNG to write; default NAME.png.")] = None,
+    scene: str = argument(..., "A scene's name or file."),
+    out: Path | None = option(None, "PNG to write; default NAME.png."),
 ) -> None:
     """Draw a room from above."""
     from karma.world.core import scene as scenes
@@ -68,8 +68,8 @@ def world_show(
 
 def world_import(
     files: Several,
-    alfred: Annotated[bool, typer.Option("--alfred", help="FILES are ALFRED's trials.")] = False,
-    out: Annotated[Path, typer.Option(help="Folder for the scene files.")] = Path("runs/scenes"),
+    alfred: bool = option(False, "FILES are ALFRED's trials.", "--alfred"),
+    out: Path = option(Path("runs/scenes"), "Folder for the scene files."),
     layouts: Layouts = None,
     dumps: Dumps = None,
     fixed: Fixed = None,
@@ -98,8 +98,8 @@ def world_import(
 
 
 def world_floors(
-    dump: Annotated[Path, typer.Argument(help="AI2-THOR's rooms at reset, also gzipped.")],
-    layouts: Annotated[Path, typer.Option(help="ALFRED's reachable cells.")],
+    dump: Path = argument(..., "AI2-THOR's rooms at reset, also gzipped."),
+    layouts: Path = option(..., "ALFRED's reachable cells."),
     json: Json = None,
 ) -> None:
     """Hold the floor that importing works out from boxes against recorded cells."""
@@ -162,11 +162,7 @@ def _import_trials(
 def _trials(
     files: Sequence[Path], ids: Iterable[str] | None, side: "Files", limit: int | None = None
 ) -> "tuple[list[Trial], Any]":
-    """Return the trials with these ids, or all, and the facts of their rooms.
-
-    Raises:
-        KarmaError: none of them has one of the ids.
-    """
+    """Return the trials of these ids, or all, and their rooms' facts; KarmaError for no such id."""
     from karma.world.alfred.facts import gather
     from karma.world.alfred.trial import read_trials
 
@@ -194,22 +190,18 @@ def _shown(items: Iterable[T], text: str, total: int | None = None) -> Iterator[
 
 def world_replay(
     files: Several,
-    events: Annotated[bool, typer.Option("--events", help="FILES are recorded sessions.")] = False,
+    events: bool = option(False, "FILES are recorded sessions.", "--events"),
     layouts: Layouts = None,
     dumps: Dumps = None,
     fixed: Fixed = None,
     receptacles: Receptacles = None,
     spots: Spots = None,
-    ids: Annotated[Path | None, typer.Option(help="JSON: replay these trials only.")] = None,
+    ids: Path | None = option(None, "JSON: replay these trials only."),
     only: Only = None,
-    mutate: Annotated[
-        int | None, typer.Option(min=0, help="Seed: leave out one action of each trial.")
-    ] = None,
-    strict: Annotated[
-        bool, typer.Option("--strict", help="What boxes hide from view is not handled.")
-    ] = False,
-    limit: Annotated[int | None, typer.Option(min=1, help="Replay the first N only.")] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    mutate: int | None = option(None, "Seed: leave out one action of each trial.", min=0),
+    strict: bool = option(False, "What boxes hide from view is not handled.", "--strict"),
+    limit: int | None = option(None, "Replay the first N only.", min=1),
+    workers: int = option(1, "Processes.", min=1),
     json: Json = None,
 ) -> None:
     """Replay ALFRED's demonstrations, or with --events sessions of AI2-THOR, and compare.
@@ -294,11 +286,9 @@ def _percent(share: float | None) -> str:
 
 
 def tasks_check(
-    file: Annotated[Path, typer.Argument(help="A task file, e.g. eval/alfred_l/tasks.jsonl.")],
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Only what the rooms tell; the expert does not try.")
-    ] = False,
-    world: Annotated[str, typer.Option(help="Name of the world.")] = "embedded",
+    file: Path = argument(..., "A task file, e.g. eval/alfred_l/tasks.jsonl."),
+    quick: bool = option(False, "Only what the rooms tell; the expert does not try.", "--quick"),
+    world: str = option("embedded", "Name of the world."),
     json: Json = None,
 ) -> None:
     """Look for tasks that are done already, that name nothing, or that nobody can do; exit 1.

@@ -1,8 +1,19 @@
-"""Answer with texts given beforehand, for tests and demonstrations."""
+"""Answer without a model: a script's texts, the simulator's own metadata, or nothing."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
-from karma.contracts import END, AnswerSpec, Choice, Completion, Heard, Listener, Prompt, Scoring
+from karma.contracts import (
+    END,
+    AnswerSpec,
+    Choice,
+    Completion,
+    Frame,
+    Heard,
+    Listener,
+    Prompt,
+    Scoring,
+    SeenObject,
+)
 from karma.errors import ModelError, RequestRefused
 
 
@@ -88,3 +99,29 @@ class ScriptedModel:
         """Drop the lines before the first that can be chosen."""
         while self._lines and self._lines[0] not in continuations:
             del self._lines[0]
+
+
+class MetadataVision:
+    """A `VisionModel` that returns each object's own `states`, i.e. a reader without error."""
+
+    name = "metadata"
+    needs_pictures = False
+
+    def read_states(
+        self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]
+    ) -> Mapping[str, tuple[str, ...]]:
+        """Return object id -> its states; picture and instruction are not looked at."""
+        return {seen.object_id: seen.states for seen in objects}
+
+
+class BlindVision:
+    """A `VisionModel` that reads no state of anything: what a reader of pictures must better."""
+
+    name = "blind"
+    needs_pictures = False
+
+    def read_states(
+        self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]
+    ) -> Mapping[str, tuple[str, ...]]:
+        """Return nothing, whatever is asked."""
+        return {}

@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 from karma.errors import KarmaError, ModelError
 from karma.infer.checks.folder import CheckedFolder, check_folder, check_sizes, read_config
 from karma.infer.checks.memory import check_memory, weights_mb
-from karma.infer.manifest.manifest import Role, resolve_folder
+from karma.infer.manifest import Role, resolve_folder
 
 DType = Literal["auto", "float32", "bfloat16", "float16"]
 _DEVICES = re.compile(r"auto|cpu|mps|cuda(:\d+)?|xpu(:\d+)?")
@@ -19,11 +19,7 @@ _DEVICES = re.compile(r"auto|cpu|mps|cuda(:\d+)?|xpu(:\d+)?")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorchOptions:
-    """How a model of transformers or sentence-transformers is opened.
-
-    Raises:
-        ModelError: a value is none that there is.
-    """
+    """How a model of transformers or sentence-transformers is opened; ModelError: no such value."""
 
     device: str = "auto"  # "cuda" where there is one, else "cpu"
     dtype: DType = "auto"  # float32; large models that are stored in 16 bits stay so

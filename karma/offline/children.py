@@ -35,13 +35,9 @@ def child_command(call: str, *arguments: str) -> list[str]:
 def run_child(
     call: str, *arguments: str, given: str = "", limit_s: float | None = None
 ) -> ChildEnd:
-    """Call a function of ours where it may kill nothing but its process.
+    """Call a function of ours, "module:function", where it may kill nothing but its process.
 
-    Args:
-        call: "module:function"; it gets the arguments, as texts.
-        arguments: see there.
-        given: its standard input.
-        limit_s: after which it is ended.
+    It gets the arguments as texts, and `given` as its standard input.
     """
     try:
         done = subprocess.run(
@@ -68,8 +64,7 @@ def forking(*imports: str) -> ForkServerContext:
 def starting(**environment: str) -> Iterator[None]:
     """Let processes that are started in here look for nothing in the current folder.
 
-    Args:
-        environment: what else they find in theirs.
+    `environment`: what else they find in theirs.
     """
     wanted = {**SAFE_PATH, **environment}
     before, path = {name: os.environ.get(name) for name in wanted}, sys.path[:]

@@ -112,11 +112,8 @@ _guard = _Guard()
 def go_offline(*, allow_network: bool = False) -> None:
     """Set the libraries' switches and arm the guard; may be called again, in any thread.
 
-    Args:
-        allow_network: give `allow_host` leave, for the hosted adapter.
-
-    Raises:
-        KarmaError: leave is asked for where $KARMA_OFFLINE forbids it.
+    With `allow_network` the hosted adapter's `allow_host` has leave; KarmaError where
+    $KARMA_OFFLINE forbids it.
     """
     if allow_network and os.environ.get(OFFLINE) == "1":
         raise KarmaError(f"{OFFLINE}=1 forbids --allow-network\n  To fix: unset {OFFLINE}")
@@ -151,12 +148,8 @@ def network_allowed() -> bool:
 def allow_host(host: str, what: str = HOSTED) -> None:
     """Let connections to one host pass; adapters of hosted models and remote devices call this.
 
-    Args:
-        host: name or address, without scheme and port; this machine needs no leave.
-        what: is there, for the message.
-
-    Raises:
-        KarmaError: this process was not started with --allow-network.
+    It is a name or address, without scheme and port; this machine needs no leave. `what` is there,
+    for the message. KarmaError where this process was not started with --allow-network.
     """
     if is_local(host):
         return
@@ -170,11 +163,7 @@ def allow_host(host: str, what: str = HOSTED) -> None:
 
 
 def settle() -> None:
-    """Raise the first refusal since the start, also where somebody has swallowed it.
-
-    Raises:
-        NetworkRefused: something asked for the network.
-    """
+    """Raise the first `NetworkRefused` since the start, also where somebody has swallowed it."""
     if _guard.refused:
         raise _guard.refused[0]
 
@@ -202,7 +191,7 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
     asked = _ASKED.get(event)
     if asked is None:
         if past := _past_the_guard(event, arguments):
-            _refuse(past)
+            _refuse(_refusal(past))
         return
     if asked == _LOOK_UP:
         host = _text(arguments[0][0] if isinstance(arguments[0], tuple) else arguments[0])
@@ -217,19 +206,13 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
     if _guard.log:
         _note(event, wanted, allowed, error)
     if not allowed:
-        _keep(error)
-        raise error
+        _refuse(error)
 
 
-def _refuse(what: str) -> None:
-    error = _refusal(what)
-    _keep(error)
-    raise error
-
-
-def _keep(error: "NetworkRefused") -> None:
+def _refuse(error: NetworkRefused) -> None:
     if len(_guard.refused) < _KEPT:
         _guard.refused.append(error)
+    raise error
 
 
 def _past_the_guard(event: str, arguments: tuple[Any, ...]) -> str:

@@ -45,11 +45,11 @@ from karma.contracts import (
 )
 from karma.errors import KarmaError
 from karma.files import read_bytes
-from karma.infer.hosted.cost import Spent
+from karma.infer.hosted.endpoint import Spent
 from karma.infer.hosted.session import Session
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.room_states import StateOptions
-from karma.infer.manifest.manifest import default_planner, resolve_planner
+from karma.infer.manifest import default_planner, resolve_planner
 from karma.language.clauses import clauses_of, context_left_out
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader, asked_last, check_length

@@ -16,7 +16,7 @@ from karma.agent.journal.records import SubTaskRecord, Turn
 from karma.agent.planning.understood import Understanding
 from karma.contracts import Check, Found, Plan, Request, SkillResult
 from karma.household.pieces import base_type
-from karma.infer.hosted.cost import Spent
+from karma.infer.hosted.endpoint import Spent
 from karma.talk.remembering import MemoryAnswer
 
 Status = Literal["done", "answered", "partly", "unfinished", "refused", "asked"]

@@ -36,7 +36,7 @@ def _clip(folder: Path) -> None:
 
 
 def _vision(folder: Path) -> None:
-    from karma.infer.vision.transformers import TransformersVision, VisionOptions
+    from karma.infer.transformers_vision import TransformersVision, VisionOptions
 
     TransformersVision(folder, options=VisionOptions(max_tokens=2))
 

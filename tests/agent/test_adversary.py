@@ -28,7 +28,7 @@ from karma.household.containment import goes_in
 from karma.household.types import object_types
 from karma.seeds import stream
 from karma.talk.replies import AgentReply
-from karma.train.planner.sources import Sources
+from karma.train.sources import Sources
 
 REQUESTS = int(os.environ.get("KARMA_SAMPLE", "2"))
 SETS = ("asked_open", "do")

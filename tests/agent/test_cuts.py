@@ -15,7 +15,7 @@ from karma.contracts import Area, Decoding, MemoryUnit, PlanRequest
 from karma.errors import ServerLost
 from karma.infer.hosted.model import HostedLanguageModel
 from karma.infer.llama.model import LlamaModel
-from karma.infer.manifest.manifest import resolve_planner
+from karma.infer.manifest import resolve_planner
 
 PROGRAMS = (
     "OpenObject(robot, 'Fridge')\nPickupObject(robot, 'Apple')\nCloseObject(robot, 'Fridge')\n",

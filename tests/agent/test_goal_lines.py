@@ -26,8 +26,8 @@ from karma.agent.planning.prompt import GOALS
 from karma.contracts import Area, Decoding, MemoryUnit, PlanRequest, ProgramSpec, WorkedExample
 from karma.household.ids import short_type
 from karma.household.types import object_types
-from karma.infer.parse.spacy import SpacyParser
-from karma.infer.programs.automaton import ProgramAutomaton
+from karma.infer.automaton import ProgramAutomaton
+from karma.infer.parser import SpacyParser
 from karma.infer.scripted import ScriptedModel
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader

@@ -10,7 +10,7 @@ from karma.bench.drawing.memories import KnownRoom
 from karma.bench.drawing.phrases import our_book
 from karma.contracts import Area, SkillCall
 from karma.seeds import stream
-from karma.train.planner.samples import draw
+from karma.train.samples import draw
 
 
 def lines(calls):

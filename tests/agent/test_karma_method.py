@@ -9,8 +9,7 @@ from karma.agent.planning.planner import Planner
 from karma.contracts import Decoding, Outcome, Plan, Resources, SceneRef, SkillResult, SubTask
 from karma.errors import FileError, KarmaError
 from karma.files import to_json
-from karma.infer.scripted import ScriptedModel
-from karma.infer.vision.metadata import MetadataVision
+from karma.infer.scripted import MetadataVision, ScriptedModel
 from karma.memory.recall import CosineRecall
 from karma.memory.scene_graph import SceneGraph
 from karma.world.sim import EmbeddedWorld

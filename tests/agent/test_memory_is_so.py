@@ -10,8 +10,7 @@ from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.contracts import Decoding, SceneRef, SubTask
 from karma.files import to_json
-from karma.infer.scripted import ScriptedModel
-from karma.infer.vision.metadata import MetadataVision
+from karma.infer.scripted import MetadataVision, ScriptedModel
 from karma.memory.recall import CosineRecall
 from karma.world.sim import EmbeddedWorld
 

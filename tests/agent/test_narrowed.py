@@ -18,9 +18,9 @@ from karma.bench.drawing.phrases import our_book
 from karma.bench.drawing.requests import WITH_PAIRS, one_ask, pick_kind
 from karma.contracts import HandSpec, ProgramSpec
 from karma.household.types import object_types
-from karma.infer.programs.automaton import ProgramAutomaton
+from karma.infer.automaton import ProgramAutomaton
 from karma.seeds import stream
-from karma.train.planner.samples import draw, draw_facts, program_text, situation, view_of
+from karma.train.samples import draw, draw_facts, program_text, situation, view_of
 
 SAMPLE = int(os.environ.get("KARMA_SAMPLE", "0")) or 200  # of the 2,000 and 10,000
 ROOM = (

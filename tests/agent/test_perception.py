@@ -11,8 +11,7 @@ from karma.agent.planning.planner import Planner
 from karma.contracts import Decoding, SceneRef, SubTask
 from karma.errors import KarmaError
 from karma.files import to_json
-from karma.infer.scripted import ScriptedModel
-from karma.infer.vision.metadata import BlindVision
+from karma.infer.scripted import BlindVision, ScriptedModel
 from karma.memory.multimodal import MultimodalRecall
 from karma.memory.recall import CosineRecall
 

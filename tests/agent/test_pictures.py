@@ -15,8 +15,7 @@ from karma.agent.planning.planner import Planner
 from karma.agent.seeing.perceive import observe, shown_states, truth_of
 from karma.contracts import Decoding, SceneRef, SubTask
 from karma.files import to_json
-from karma.infer.scripted import ScriptedModel
-from karma.infer.vision.metadata import MetadataVision
+from karma.infer.scripted import MetadataVision, ScriptedModel
 from karma.memory.recall import CosineRecall
 from karma.world.sim import EmbeddedWorld
 

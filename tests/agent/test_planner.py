@@ -25,7 +25,7 @@ from karma.contracts import (
 )
 from karma.errors import ModelError
 from karma.household.places import landmark_types
-from karma.infer.programs.automaton import ProgramAutomaton
+from karma.infer.automaton import ProgramAutomaton
 from karma.infer.scripted import ScriptedModel
 
 GOOD = "GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"

@@ -10,7 +10,7 @@ from karma.agent.loading.planner_files import chosen_words, doubt_of, hints_for,
 from karma.agent.planning.refused_requests import LogisticDoubt
 from karma.errors import FileError, ModelError
 from karma.files import to_json
-from karma.infer.manifest.manifest import ModelEntry, ModelFile
+from karma.infer.manifest import ModelEntry, ModelFile
 from karma.language.hints import WordFile, write_words
 
 FITTED = LogisticDoubt(

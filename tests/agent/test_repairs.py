@@ -13,7 +13,7 @@ from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.contracts import Completion, Decoding, Outcome, Recalled, SceneRef, SkillResult, SubTask
 from karma.files import to_json
-from karma.infer.vision.metadata import MetadataVision
+from karma.infer.scripted import MetadataVision
 from karma.world.sim import EmbeddedWorld
 
 CALL = re.compile(r"[A-Z]\w+\(robot, '[^']+'(?:, '[^']+')?\)")

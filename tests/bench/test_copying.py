@@ -10,8 +10,7 @@ from karma.agent.loading.planner_files import bank_file, examples_for, read_bank
 from karma.bench.rows.controls import CopyingMethod
 from karma.contracts import Decoding, PlanRequest, Resources
 from karma.errors import KarmaError
-from karma.infer.scripted import ScriptedModel
-from karma.infer.vision.metadata import MetadataVision
+from karma.infer.scripted import MetadataVision, ScriptedModel
 
 
 @pytest.fixture(scope="module")

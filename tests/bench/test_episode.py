@@ -27,8 +27,7 @@ from karma.errors import (
     WorldLost,
 )
 from karma.infer.hosted.cassette import CassetteError
-from karma.infer.scripted import ScriptedModel
-from karma.infer.vision.metadata import MetadataVision
+from karma.infer.scripted import MetadataVision, ScriptedModel
 from karma.memory.recall import CosineRecall
 from karma.offline.guard import NetworkRefused
 from karma.world.sim import EmbeddedWorld

@@ -20,7 +20,7 @@ from karma.bench.tasks.alfred import task_of
 from karma.contracts import Outcome, SceneRef, SubTask
 from karma.files import to_json
 from karma.household.places import NEAR_M
-from karma.train.planner.task_files import draw_tasks
+from karma.train.task_files import draw_tasks
 from karma.world.alfred.facts import gather, side_files
 from karma.world.alfred.replay import fitted
 from karma.world.alfred.trial import read_trials

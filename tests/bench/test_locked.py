@@ -14,8 +14,8 @@ from karma.agent.goals.goals import GoalTracker, WatchedWorld
 from karma.agent.loading.alfred_sentences import plain, read_sentences, read_steps
 from karma.bench.rows.expert import ExpertMethod
 from karma.files import to_json
-from karma.train.planner.packs import PlannerRecipe, draw_pack
-from karma.train.planner.sources import Sources
+from karma.train.packs import PlannerRecipe, draw_pack
+from karma.train.sources import Sources
 from karma.world.core.scene import SCENES, load
 from karma.world.generation.generate import build_scene
 

@@ -33,7 +33,7 @@ from karma.contracts import END, Decoding, Plan, SceneRef, SkillResult, SubTask
 from karma.errors import ModelError
 from karma.files import to_json
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.infer.llama.scoring import SkillScorer
 from karma.infer.scripted import ScriptedModel
 from karma.world.sim import EmbeddedWorld

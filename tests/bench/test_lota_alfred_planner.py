@@ -26,7 +26,7 @@ from karma.bench.suites.alfred.lota_planner import (
 from karma.bench.suites.alfred.table import LOTA_TABLES, results_of
 from karma.errors import FileError
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.infer.llama.scoring import SkillScorer
 from karma.infer.scripted import ScriptedModel
 from karma.world.alfred.facts import gather

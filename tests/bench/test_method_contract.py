@@ -29,10 +29,9 @@ from karma.contracts import (
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
-from karma.infer.manifest.manifest import resolve_planner
-from karma.infer.scripted import ScriptedModel
-from karma.infer.vision.metadata import MetadataVision
+from karma.infer.llama.opening import LlamaOptions
+from karma.infer.manifest import resolve_planner
+from karma.infer.scripted import MetadataVision, ScriptedModel
 from karma.world.core.scene import SCENES
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld

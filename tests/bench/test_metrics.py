@@ -28,7 +28,7 @@ from karma.bench.figures.metrics import METRICS, actions, episodes_of, explorati
 from karma.bench.figures.needs import needs, related_needs
 from karma.bench.figures.results import result_of
 from karma.contracts import MemoryUnit, RefusedRequest, Tour
-from karma.infer.hosted.cost import Spent
+from karma.infer.hosted.endpoint import Spent
 
 CUT, KEEP = "STATE(Apple, sliced): 1", "INSIDE(Apple, Fridge): 1"
 HOLD = "HOLDON(robot, Mug): 1"

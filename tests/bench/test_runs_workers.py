@@ -12,7 +12,7 @@ from karma.bench.engine.run import Run
 from karma.bench.engine.workers import suggest_workers
 from karma.errors import KarmaError, WorkerLost
 from karma.infer.hosted.cassette import Cassette
-from karma.infer.hosted.session import Endpoint, Hosted
+from karma.infer.hosted.endpoint import Endpoint, Hosted
 
 
 @pytest.fixture(scope="module")

@@ -23,8 +23,8 @@ from karma.bundle import install as installing
 from karma.bundle.build import BundleSpec, build
 from karma.bundle.install import BundleError, install, unsafe, verify
 from karma.errors import FileError, KarmaError
-from karma.infer.manifest.manifest import find_model
-from karma.infer.manifest.manifest import verify as verify_model
+from karma.infer.manifest import find_model
+from karma.infer.manifest import verify as verify_model
 
 LOREM = b"some words of a file\n" * 40
 
@@ -287,7 +287,7 @@ def test_installer_needs_the_standard_library_only(bundle, tmp_path):
 def test_models_that_were_added_by_hand_travel_with_a_list_of_their_own(tmp_path, monkeypatch):
     import msgspec
 
-    from karma.infer.manifest.manifest import Manifest, ModelEntry, ModelFile
+    from karma.infer.manifest import Manifest, ModelEntry, ModelFile
 
     place = tmp_path / "elsewhere" / "big.gguf"
     place.parent.mkdir()

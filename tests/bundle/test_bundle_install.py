@@ -28,7 +28,7 @@ from karma.agent.journal.provenance import parts_of_planner
 from karma.bundle import install as installing
 from karma.bundle.install import BundleError, install
 from karma.cli import app
-from karma.infer.manifest.manifest import find_model
+from karma.infer.manifest import find_model
 
 MODELS = ("karma-nano", "minilm")
 

@@ -111,26 +111,6 @@ def test_models_verify_checks_every_model():
     assert "✓ minilm: 9 files as they must be" in karma("models", "verify")
 
 
-def test_models_verify_of_a_wrong_file_names_it_with_the_command(tmp_path, monkeypatch):
-    (tmp_path / "manifest.toml").write_text(
-        '[[models]]\nname = "nano"\nrole = "planner"\nformat = "gguf"\nlicence = "x"\n'
-        'source = "x"\nrestore = "git restore models"\nprompt_profile = "compact"\n'
-        'context_length = 64\nfiles = [{ path = "n.gguf", bytes = 3, sha256 = "'
-        + "0" * 64
-        + '" }]\n'
-    )
-    (tmp_path / "n.gguf").write_bytes(b"abc")
-    monkeypatch.setenv("KARMA_MODELS", str(tmp_path))
-    text = refused("models", "verify")
-    for part in ("n.gguf: its SHA-256 is", "git restore models", "karma models verify"):
-        assert part in text
-
-
-def test_models_list_without_a_manifest_says_what_to_set(tmp_path, monkeypatch):
-    monkeypatch.setenv("KARMA_MODELS", str(tmp_path / "none"))
-    assert "set KARMA_MODELS" in refused("models", "list")
-
-
 # ----------------------------------------------------------------- run
 
 
@@ -273,3 +253,20 @@ def test_help_leads_with_the_agent_and_groups_the_rest():
 
 def test_misspelt_command_is_answered_with_the_one_that_was_meant():
     assert "'eval'" in karma("evla", code=2)
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_is_shown_for_shells_and_nothing_is_installed(shell, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    # Typer asks which shell started the process; a suite may be started by none.
+    monkeypatch.setenv("_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION", "1")
+    done = CliRunner().invoke(app, ["--show-completion", shell], prog_name="karma")
+    assert done.exit_code == 0
+    assert "_KARMA_COMPLETE" in done.output
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_completion_offers_the_commands():
+    words = {"_KARMA_COMPLETE": "complete_bash", "COMP_WORDS": "karma ev", "COMP_CWORD": "1"}
+    done = CliRunner().invoke(app, [], prog_name="karma", env=words)
+    assert done.output.split() == ["eval"]

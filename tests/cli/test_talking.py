@@ -5,11 +5,9 @@ from pathlib import Path
 
 import pytest
 from support.hosted_server import chat, plant_key, wire_server
-from support.talking import STORE, TAKE, agent_saying
 from typer.testing import CliRunner
 
 from karma.cli import app
-from karma.cli.talking import CODES
 
 USAGE = {"prompt_tokens": 9, "completion_tokens": 9}
 
@@ -57,14 +55,3 @@ def test_what_was_done_is_told_with_its_cost_and_leaves_a_run_for_the_report(tol
     assert page.exit_code == 0, page.output
     assert "actions went as logged" in page.output
     assert Path("runs/talks/kitchen_1-1/report.html").exists()
-
-
-def test_statuses_end_in_the_codes_that_help_names(tmp_path):
-    agent = agent_saying(tmp_path, [STORE, "refuse('deed')\n", "PickupObject(robot, 'Egg')\n" * 9])
-    assert CODES[agent.do("put the apple in the fridge").status] == 0
-    assert CODES[agent.do("sing").status] == 3
-
-
-def test_request_that_was_tried_in_vain_ends_in_four(tmp_path):
-    agent = agent_saying(tmp_path, [TAKE.replace("Apple", "Pillow")] * 9)
-    assert CODES[agent.do("take the pillow").status] == 4

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from support.paths import ROOT
 from support.rpc_device import rpc_device
+from support.sights import about
 from support.tiny import make_layers, opened
 from typer.testing import CliRunner
 
 from karma.cli import app
 from karma.contracts import ProgramSpec, Prompt, Skill
-from karma.infer.llama import devices
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.automaton import ProgramAutomaton
+from karma.infer.llama import opening as devices
+from karma.infer.llama.opening import LlamaOptions
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.llama.vision import LlamaVision
-from karma.infer.manifest.manifest import PicturePair
-from karma.infer.programs.automaton import ProgramAutomaton
-from karma.infer.vision.questions import picture_url
+from karma.infer.manifest import PicturePair
 from karma.train.testing import make_picture_model
 
 PROMPT = Prompt(stable="#areas\nnode_1 Fridge Sink\n" * 12, changing="#task go\n#program\n")
@@ -155,12 +155,7 @@ def test_pictures_are_answered_with_the_same_words(gpu, tmp_path):
     assert (far.engine.device, near.engine.device) == ("RPC0", "CPU")
     assert far.engine.gpu_layers > 0
     frame = np.random.default_rng(3).integers(0, 256, (96, 128, 3), dtype=np.uint8)
-    parts = [
-        {"type": "image_url", "image_url": {"url": picture_url(frame)}},
-        {"type": "text", "text": "What is there?"},
-    ]
-    asked = [{"role": "user", "content": parts}]
-    said = [chat.answer(asked, max_tokens=8) for chat in (far, near)]
+    said = [chat.answer(about(frame), max_tokens=8) for chat in (far, near)]
     assert said[0] == said[1] != ""
     far.close()
     near.close()

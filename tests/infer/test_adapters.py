@@ -21,7 +21,7 @@ from karma.errors import ModelError, UnknownNameError
 from karma.infer.checks import memory
 from karma.infer.embed.clip import ClipEmbedder
 from karma.infer.embed.sentence import SentenceEmbedder
-from karma.infer.vision.transformers import TransformersVision
+from karma.infer.transformers_vision import TransformersVision
 from karma.memory.multimodal import MultimodalRecall
 
 TEXTS = ["apple", "The red mug, on a table!", "", "apple", "sofa " * 40, "ünïcödé 苹果"]

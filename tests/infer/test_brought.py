@@ -9,8 +9,8 @@ import zipfile
 import pytest
 
 from karma.errors import FileError, ModelError
-from karma.infer.manifest.brought import bring
-from karma.infer.manifest.manifest import ModelEntry, ModelFile, find_model, verify
+from karma.infer.brought import bring
+from karma.infer.manifest import ModelEntry, ModelFile, find_model, verify
 
 DATA = bytes(range(256)) * 40
 
@@ -119,7 +119,7 @@ def test_what_is_in_no_package_says_what_to_do():
 
 def test_karma_mini_is_made_again_to_the_byte(tmp_path, mini, smollm):
     from karma.infer.llama.gguf_files import merge_adapter
-    from karma.infer.manifest.manifest import file_paths
+    from karma.infer.manifest import file_paths
 
     _, adapter, config = file_paths(find_model("karma-mini"))[:3]
     merge_adapter(smollm, adapter, config, tmp_path / "again.gguf", name="karma-mini")

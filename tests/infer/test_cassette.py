@@ -9,8 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from karma.errors import FileError
-from karma.infer.hosted.cassette import FILE, Cassette, CassetteError, Reply, canonical, key_of
-from karma.infer.hosted.nearest_request import MAX_LINES, MAX_WIDTH
+from karma.infer.hosted.cassette import (
+    FILE,
+    MAX_LINES,
+    MAX_WIDTH,
+    Cassette,
+    CassetteError,
+    Reply,
+    canonical,
+    key_of,
+)
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.text()
@@ -50,17 +58,22 @@ def recorded(tmp_path):
     return tmp_path, ticks
 
 
-def test_replay_answers_as_recorded_and_asks_nobody(recorded):
+def test_replay_answers_and_measures_as_recorded_asks_nobody_and_writes_nothing(recorded):
     folder, ticks = recorded
+    before = (folder / FILE).read_bytes()
     cassette = Cassette(folder, "replay")
     found, looks = [], []
     for scope, words in (("one", ["a", "b", "a"]), ("two", ["a"])):
         cassette.begin(scope)
         looks.append(cassette.clock())
-        found += [cassette.exchange(request(w), nobody).reply.answer["text"] for w in words]
+        found += [cassette.exchange(request(word), nobody) for word in words]
         looks.append(cassette.clock())
-    assert found == ["one a 0", "one b 1", "one a 2", "two a 0"]
+    said = [one.reply.answer["text"] for one in found]
+    assert said == ["one a 0", "one b 1", "one a 2", "two a 0"]
+    written = [line["seconds"] for line in lines(folder) if line["type"] == "Exchange"]
+    assert [one.seconds for one in found] == written and min(written) > 0
     assert looks == ticks
+    assert (folder / FILE).read_bytes() == before
 
 
 def test_equal_requests_of_an_episode_are_replayed_in_their_order(tmp_path):
@@ -72,23 +85,6 @@ def test_equal_requests_of_an_episode_are_replayed_in_their_order(tmp_path):
     assert said == ["0", "1", "2"]
     with pytest.raises(CassetteError, match=r"recorded 3 times in episode '' and is asked once"):
         again.exchange(request("same"), nobody)
-
-
-def test_replay_changes_no_byte_of_the_cassette(recorded):
-    folder, _ = recorded
-    before = (folder / FILE).read_bytes()
-    cassette = Cassette(folder, "replay")
-    cassette.begin("one")
-    cassette.exchange(request("a"), nobody)
-    assert (folder / FILE).read_bytes() == before
-
-
-def test_seconds_are_replayed_as_measured(recorded):
-    folder, _ = recorded
-    written = [line["seconds"] for line in lines(folder) if line["type"] == "Exchange"]
-    cassette = Cassette(folder, "replay")
-    cassette.begin("one")
-    assert cassette.exchange(request("a"), nobody).seconds == written[0] > 0
 
 
 def test_exchange_is_on_the_disk_before_its_answer_is_used(tmp_path):

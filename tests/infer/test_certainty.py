@@ -12,8 +12,7 @@ from support.needs import need_models
 from karma.agent.planning.planner import program_spec
 from karma.agent.planning.prompt import compact
 from karma.contracts import REFUSAL_KINDS, Area, PlanRequest, ProgramSpec, Skill
-from karma.infer.llama.answer import CertaintyLog
-from karma.infer.llama.constrain import TokenTable
+from karma.infer.llama.answer import CertaintyLog, TokenTable
 from karma.infer.llama.model import LlamaModel
 
 PIECES = (b"Go", b"re", b"refuse('", b"r", b"robot", b"", b"x", b"refused")

@@ -11,8 +11,8 @@ from support.random_programs import random_program
 
 from karma.contracts import REFUSAL_KINDS, ProgramSpec, Skill, SkillCall
 from karma.errors import ModelError
-from karma.infer.llama.constrain import TokenTable, choose_token, descending, gumbel
-from karma.infer.programs.automaton import ProgramAutomaton, without_closing
+from karma.infer.automaton import ProgramAutomaton, without_closing
+from karma.infer.llama.answer import TokenTable, choose_token, descending, gumbel
 
 SKILLS = (
     Skill(name="GoToObject", arguments=("object",)),

@@ -10,9 +10,8 @@ from support.tiny import make_layers, opened
 
 from karma.errors import ModelError
 from karma.infer.checks.memory import Footprint
-from karma.infer.llama import devices as found
-from karma.infer.llama.devices import devices, memory_mb, place
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama import opening as found
+from karma.infer.llama.opening import LlamaOptions, devices, memory_mb, place
 from karma.train.testing import make_llama
 
 SIZE = Footprint(  # 1,600 MB with 8,000 tokens, and 100 to compute

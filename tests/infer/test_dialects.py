@@ -18,8 +18,9 @@ from karma.contracts import ProgramSpec, ScoringModel
 from karma.errors import ModelError, RequestRefused, ServerLost
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.dialects import DIALECTS
+from karma.infer.hosted.endpoint import DialectName, Endpoint
 from karma.infer.hosted.planner import open_planner
-from karma.infer.hosted.session import DialectName, Endpoint, Session
+from karma.infer.hosted.session import Session
 
 SPEC = ProgramSpec(skills=SKILLS, objects=("Mug",), max_calls=2)
 PROGRAM = "GoToObject(robot, 'Mug')\n"

@@ -15,10 +15,10 @@ from support.paths import ROOT
 
 from karma.agent.loading.names import check_models
 from karma.errors import ModelError, UnknownNameError
+from karma.infer.added import AddOptions, add_model
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.llama.model import LlamaModel
-from karma.infer.manifest.added import AddOptions, add_model
-from karma.infer.manifest.manifest import read_local, resolve_planner
+from karma.infer.manifest import read_local, resolve_planner
 from karma.train.testing import make_planner
 from karma.train.testing.families import Size, language_keys, language_tensors
 from karma.train.testing.models import add_keys, write_random_gguf

@@ -367,12 +367,13 @@ def test_failed_request_is_counted_and_costs_no_tokens():
 # ----------------------------------------------------------------- who may be reached
 
 
-def test_remote_host_needs_leave_unless_it_is_replayed(tmp_path):
+def test_remote_host_needs_leave_unless_it_is_replayed_and_that_needs_no_key(tmp_path, monkeypatch):
     with pytest.raises(KarmaError, match=r"'models\.example\.com' is on another machine"):
         HostedLanguageModel(endpoint(REMOTE))
     with wire_server(lambda *_: chat("x")) as (url, _):
         place = endpoint(url)
         HostedLanguageModel(place, session=Session(Cassette(tmp_path, "record"))).complete(PROMPT)
+    monkeypatch.setenv("OPENAI_API_KEY", "no key")
     replayed = HostedLanguageModel(place.at(REMOTE), session=Session(Cassette(tmp_path, "replay")))
     assert replayed.complete(PROMPT).text == "x"
 
@@ -416,12 +417,3 @@ def test_other_machine_is_reached_with_leave_only_and_the_header_says_so(tmp_pat
     assert "planner wire-1: " in leave
     assert json.loads((tmp_path / "with" / "header.json").read_text())["network"] is True
     assert not (tmp_path / "without" / "episodes.jsonl").exists()
-
-
-def test_replay_needs_no_key(tmp_path, monkeypatch):
-    with wire_server(lambda *_: chat("x")) as (url, _):
-        place = endpoint(url)
-        HostedLanguageModel(place, session=Session(Cassette(tmp_path, "record"))).complete(PROMPT)
-    monkeypatch.setenv("OPENAI_API_KEY", "no key")
-    replayed = HostedLanguageModel(place, session=Session(Cassette(tmp_path, "replay")))
-    assert replayed.complete(PROMPT).text == "x"

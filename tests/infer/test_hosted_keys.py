@@ -17,9 +17,9 @@ from support.hosted_server import (
 from karma.contracts import Prompt
 from karma.errors import ModelError
 from karma.infer.hosted.cassette import Cassette
-from karma.infer.hosted.key import Key
+from karma.infer.hosted.endpoint import Endpoint, Key
 from karma.infer.hosted.model import HostedLanguageModel
-from karma.infer.hosted.session import Endpoint, Session
+from karma.infer.hosted.session import Session
 
 
 @pytest.fixture(autouse=True)

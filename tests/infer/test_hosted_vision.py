@@ -14,23 +14,17 @@ from PIL import Image
 from support.hosted_server import chat, endpoint, plant_key, wire_server
 from support.needs import need_models
 from support.paths import ROOT
+from support.sights import seen as seen_object
 
 from karma import registry
 from karma.bench.engine.run import Run
-from karma.contracts import SeenObject
 from karma.errors import ModelError
 from karma.infer.hosted.cassette import Cassette, CassetteError
+from karma.infer.hosted.model import HostedVision
 from karma.infer.hosted.session import Session
-from karma.infer.hosted.vision import HostedVision
 
+MUG = seen_object("Mug|1")
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
-
-
-def seen_object(name):
-    return SeenObject(
-        object_id=f"{name}|1", object_type=name, position_m=(0, 0, 0), box_center_m=(0, 0, 0),
-        box_size_m=(1, 1, 1), pickupable=True,
-    )  # fmt: skip
 
 
 def picture():
@@ -42,7 +36,7 @@ def test_vision_sends_the_picture_whole_and_reads_states_strictly(tmp_path):
     frame = picture()
     with wire_server(lambda *_: chat("A mug.\nMug: dirty, filled\nCup: clean\n")) as (url, seen):
         found = HostedVision(endpoint(url, "eyes"), session=session).read_states(
-            frame, "wash the mug", [seen_object("Mug")]
+            frame, "wash the mug", [MUG]
         )
     assert found == {"Mug|1": ("dirty", "filled")}
     part, text = seen[0][1]["messages"][1]["content"]
@@ -59,7 +53,7 @@ def test_vision_asks_once_more_about_what_could_not_be_read():
     answers = iter([chat("Mug: dirty\nApple: rotten\n"), chat("apple: Sliced, dirty.\n")])
     with wire_server(lambda *_: next(answers)) as (url, seen):
         found = HostedVision(endpoint(url, "eyes")).read_states(
-            picture(), "x", [seen_object("Mug"), seen_object("Apple")]
+            picture(), "x", [MUG, seen_object("Apple|1")]
         )
     assert found == {"Mug|1": ("dirty",), "Apple|1": ("dirty", "sliced")}
     first, second = (body["messages"] for _, body, _ in seen)
@@ -69,7 +63,7 @@ def test_vision_asks_once_more_about_what_could_not_be_read():
 
 
 def test_vision_of_another_picture_is_another_request(tmp_path):
-    frame, mug = picture(), [seen_object("Mug")]
+    frame, mug = picture(), [MUG]
     with wire_server(lambda *_: chat("Mug: dirty")) as (url, _):
         eyes = HostedVision(endpoint(url, "eyes"), session=Session(Cassette(tmp_path, "record")))
         eyes.read_states(frame, "x", mug)
@@ -84,7 +78,7 @@ def test_vision_without_a_picture_or_without_chat_is_refused():
     eyes = HostedVision(endpoint("http://127.0.0.1:9/v1"))
     assert eyes.read_states(None, "x", []) == {}
     with pytest.raises(ModelError, match="there is none"):
-        eyes.read_states(None, "x", [seen_object("Mug")])
+        eyes.read_states(None, "x", [MUG])
     with pytest.raises(ModelError, match="pictures need api"):
         registry.load("vision_models", "openai")(
             endpoint("http://127.0.0.1:9/v1", api="completions")
@@ -127,4 +121,4 @@ def test_run_that_looks_through_a_host_replays_the_same_bytes(tmp_path):
 def test_server_takes_the_request_and_nonsense_is_read_as_nothing(server, monkeypatch):
     plant_key(monkeypatch)
     eyes = HostedVision(endpoint(server, "nano-chat"))
-    assert eyes.read_states(picture(), "wash the mug", [seen_object("Mug")]) == {}
+    assert eyes.read_states(picture(), "wash the mug", [MUG]) == {}

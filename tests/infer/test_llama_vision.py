@@ -9,28 +9,24 @@ import numpy as np
 import pytest
 from support.needs import need_models
 from support.paths import ROOT
+from support.sights import about, seen
 from typer.testing import CliRunner
 
 from karma.bench.engine.run import Run
 from karma.cli import app
-from karma.contracts import SeenObject
 from karma.errors import ModelError, UnknownNameError
+from karma.infer.added import AddOptions, add_model
 from karma.infer.checks import memory
 from karma.infer.checks.gguf import check_projector
 from karma.infer.llama import vision as llama_vision
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.infer.llama.vision import LlamaVision, require_pictures
-from karma.infer.manifest.added import AddOptions, add_model
-from karma.infer.manifest.manifest import PicturePair, find_model, resolve_pair
-from karma.infer.vision.questions import picture_url
+from karma.infer.manifest import find_model, resolve_pair
 from karma.registry import load
 from karma.train.testing import PICTURE_FAMILIES, Size, make_picture_model, make_planner
 
 ONE = LlamaOptions(threads=1)
-MUG = SeenObject(
-    object_id="Mug|1", object_type="Mug", position_m=(0, 0, 0), box_center_m=(0, 0, 0),
-    box_size_m=(1, 1, 1), pickupable=True,
-)  # fmt: skip
+MUG = seen("Mug|1")
 DAMAGES = [  # family, what is lost, whether llama.cpp ends the process over it
     ("smolvlm", "v.patch_embd.weight", True),
     ("smolvlm", "v.blk.1.attn_q.weight", True),
@@ -48,24 +44,11 @@ def picture(seed):
     return np.random.default_rng(seed).integers(0, 256, (96, 128, 3), dtype=np.uint8)
 
 
-def about(frame):
-    parts = [
-        {"type": "image_url", "image_url": {"url": picture_url(frame)}},
-        {"type": "text", "text": "What is there?"},
-    ]
-    return [{"role": "user", "content": parts}]
-
-
 @pytest.fixture(scope="module")
 def pairs(tmp_path_factory):
     """Family -> folder with its two files."""
     root = tmp_path_factory.mktemp("pairs")
     return {name: make_picture_model(root / name, name).model.parent for name in PICTURE_FAMILIES}
-
-
-def pair_of(folder):
-    found = resolve_pair(folder)
-    return PicturePair(name=found.name, model=found.model, projector=found.projector)
 
 
 def without(name, path):
@@ -78,7 +61,7 @@ def without(name, path):
 
 def damaged(pairs, family, lost, folder):
     shutil.copytree(pairs[family], folder)
-    found = pair_of(folder)
+    found = resolve_pair(folder)
     without(f"clip.{lost}" if lost.startswith("vision") else lost, found.projector)
     return found
 
@@ -119,7 +102,7 @@ def test_nothing_is_written_to_the_terminal_by_the_library(pairs):
 
 
 def test_question_longer_than_the_context_and_an_address_are_refused(pairs):
-    pair = pair_of(pairs["smolvlm"])
+    pair = resolve_pair(pairs["smolvlm"])
     chat = LlamaVision(pair, llama_options=LlamaOptions(threads=1, n_ctx=48))
     long = [{"role": "user", "content": [{"type": "text", "text": "mug " * 300}]}]
     with pytest.raises(ModelError, match=r"smolvlm: llama\.cpp cannot answer: .*exceeds n_ctx"):
@@ -177,7 +160,7 @@ def test_what_ends_the_process_ends_the_trial_only(pairs, tmp_path, family, lost
 
 def test_cut_or_foreign_projector_is_a_model_error(pairs, tmp_path):
     shutil.copytree(pairs["llava"], tmp_path / "x")
-    pair = pair_of(tmp_path / "x")
+    pair = resolve_pair(tmp_path / "x")
     data = pair.projector.read_bytes()
     for size in (0, 3, 20, 200, 2000, len(data) // 2, len(data) - 1):
         pair.projector.write_bytes(data[:size])
@@ -189,13 +172,13 @@ def test_cut_or_foreign_projector_is_a_model_error(pairs, tmp_path):
 
 def test_projector_of_another_model_is_refused_by_the_trial(pairs, tmp_path):
     make_planner(tmp_path / "wide.gguf", "llava", size=Size(width=64))
-    shutil.copy(pair_of(pairs["llava"]).projector, tmp_path)
+    shutil.copy(resolve_pair(pairs["llava"]).projector, tmp_path)
     with pytest.raises(ModelError, match=r"cannot look at a picture by it and wide\.gguf"):
         LlamaVision(tmp_path)
 
 
 def test_folder_must_hold_a_model_and_its_projector_and_nothing_else(pairs, tmp_path):
-    pair = pair_of(pairs["llava"])
+    pair = resolve_pair(pairs["llava"])
     for files in ((), (pair.model,), (pair.projector,)):
         folder = tmp_path / str(len(list(tmp_path.iterdir())))
         folder.mkdir()
@@ -210,7 +193,7 @@ def test_folder_must_hold_a_model_and_its_projector_and_nothing_else(pairs, tmp_
 
 
 def test_both_files_are_counted_against_the_memory_that_is_free(pairs, tmp_path, monkeypatch):
-    pair = pair_of(pairs["llava"])
+    pair = resolve_pair(pairs["llava"])
     whole = tmp_path / "meminfo"
     monkeypatch.setattr(memory, "MEMINFO", whole)
     monkeypatch.setattr(memory, "projector_mb", None)
@@ -263,7 +246,7 @@ def test_pair_that_cannot_work_is_not_added(pairs, manifest, tmp_path):
     damaged(pairs, "smolvlm", "v.patch_embd.weight", tmp_path / "x")
     make_planner(tmp_path / "two" / "a.gguf")
     make_planner(tmp_path / "two" / "b.gguf")
-    shutil.copy(pair_of(pairs["llava"]).projector, tmp_path / "alone.gguf")
+    shutil.copy(resolve_pair(pairs["llava"]).projector, tmp_path / "alone.gguf")
     for path, said in (
         ("x", r"mmproj-smolvlm\.gguf: damaged projector"),
         ("two", r"more than one model or part: a\.gguf, b\.gguf"),

@@ -8,7 +8,7 @@ from support.paths import ROOT
 
 from karma.errors import FileError, ModelError, UnknownNameError
 from karma.infer.embed import minilm as embed
-from karma.infer.manifest.manifest import (
+from karma.infer.manifest import (
     ModelEntry,
     ModelFile,
     Role,

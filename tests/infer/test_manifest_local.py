@@ -14,11 +14,11 @@ from karma.agent.loading.models import Models, Row
 from karma.agent.loading.names import check_models
 from karma.cli import app
 from karma.errors import FileError, ModelError, UnknownNameError
+from karma.infer import added as added_models
+from karma.infer.added import AddOptions, add_model, remove_model
 from karma.infer.embed.clip import ClipEmbedder
 from karma.infer.llama.model import LlamaModel
-from karma.infer.manifest import added as added_models
-from karma.infer.manifest.added import AddOptions, add_model, remove_model
-from karma.infer.manifest.manifest import (
+from karma.infer.manifest import (
     check,
     find_model,
     read_local,
@@ -364,7 +364,8 @@ def test_verify_goes_on_after_a_wrong_file(manifest, gguf, monkeypatch):
     add_model(gguf)
     (manifest.parent / "ours.gguf").write_bytes(b"abd")
     said = karma("models", "verify", code=1)
-    assert "✗ ours" in said
+    assert "✗ ours" in said and "ours.gguf: its SHA-256 is" in said
+    assert "karma models verify" in said
     assert "✓ tiny-Q8" in said
 
 

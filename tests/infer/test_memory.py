@@ -15,7 +15,7 @@ import hashlib, json, sys
 from pathlib import Path
 import llama_cpp
 from karma.infer.llama.gguf_model import GgufModel
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.infer.llama.room_states import StateOptions
 
 def resident():

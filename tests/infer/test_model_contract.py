@@ -2,13 +2,13 @@
 
 import hashlib
 import inspect
-import json
-import subprocess
-import sys
+from functools import partial
 
 import numpy as np
 import pytest
-from support.llama_export import export_llama_gguf
+from support import tiny
+from support.llama_export import export_llama, random_llama
+from support.sights import seen
 from support.tiny_models import save_clip, save_sentence
 
 from karma.contracts import (
@@ -18,20 +18,17 @@ from karma.contracts import (
     ProgramSpec,
     Prompt,
     ScoringModel,
-    SeenObject,
     Skill,
     VisionModel,
 )
 from karma.errors import ModelError
+from karma.infer.automaton import ProgramAutomaton
 from karma.infer.checks import memory
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.llama import gguf_model
 from karma.infer.llama.gguf_files import new_tokenizer
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
-from karma.infer.programs.automaton import ProgramAutomaton
-from karma.infer.scripted import ScriptedModel
-from karma.infer.vision.metadata import MetadataVision
+from karma.infer.scripted import MetadataVision, ScriptedModel
 from karma.registry import load, names
 from karma.train.testing import make_llama
 
@@ -54,26 +51,13 @@ SCENE = Prompt(
 OTHER = Prompt(stable="Another scene, with a table.\n" * 5, changing="Task: put.\n")
 
 
-def random_llama():
-    import torch
-    from transformers import LlamaConfig, LlamaForCausalLM
-
-    torch.manual_seed(3)
-    config = LlamaConfig(
-        vocab_size=420, hidden_size=64, intermediate_size=160, num_hidden_layers=2,
-        num_attention_heads=4, num_key_value_heads=2, max_position_embeddings=512,
-        tie_word_embeddings=True, initializer_range=0.2,
-    )  # fmt: skip
-    return LlamaForCausalLM(config)
+def tiny_llama():
+    return random_llama(420, seed=3, max_position_embeddings=512)
 
 
-def export(path, *, dtype="F16", template=None, add_bos=False):
+def export(path, *, model=None, **more):
     tokenizer = new_tokenizer(CORPUS, 420, ["<|bos|>", "<|eos|>"])
-    export_llama_gguf(
-        random_llama(), tokenizer, path, name="tiny", eos_token="<|eos|>",
-        bos_token="<|bos|>", add_bos=add_bos, dtype=dtype, chat_template=template,
-    )  # fmt: skip
-    return path
+    return export_llama(model or tiny_llama(), tokenizer, path, bos="<|bos|>", **more)
 
 
 @pytest.fixture(scope="module", params=["F16", "Q8_0"])
@@ -86,17 +70,11 @@ def model(gguf):
     return opened(gguf, threads=1)
 
 
-def opened(path, *, chat=False, **options):
-    """The model of a file that is vouched for, which saves the trial in another process."""
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    return LlamaModel(path, chat=chat, sha256=sha256, options=LlamaOptions(**options))
+opened = partial(tiny.opened, chat=False)
 
 
 def answer(model, prompt, **options):
-    """The text and the logits after the prompt, to the bit."""
-    model.complete(prompt, max_tokens=1)
-    bits = hashlib.sha256(model.gguf.logits().tobytes()).hexdigest()
-    return model.complete(prompt, max_tokens=24, **options).text, bits
+    return tiny.answer(model, prompt, **options)[1]
 
 
 @pytest.mark.parametrize("temperature", [0.0, 0.8])
@@ -112,23 +90,7 @@ def test_warm_answer_equals_cold_to_the_bit(gguf, temperature):
 
 
 def test_answer_in_a_new_process_is_the_same(gguf, model):
-    program = (
-        "import hashlib, json, sys\n"
-        "from karma.contracts import Prompt\n"
-        "from karma.infer.llama.model import LlamaModel\n"
-        "path, stable, changing = json.loads(sys.argv[1])\n"
-        "model = LlamaModel(path, chat=False)\n"
-        "prompt = Prompt(stable=stable, changing=changing)\n"
-        "model.complete(prompt, max_tokens=1)\n"
-        "bits = hashlib.sha256(model.gguf.logits().tobytes()).hexdigest()\n"
-        "print(json.dumps([model.complete(prompt, max_tokens=24).text, bits]))\n"
-    )
-    argument = json.dumps([str(gguf), SCENE.stable, SCENE.changing])
-    result = subprocess.run(
-        [sys.executable, "-c", program, argument], capture_output=True, text=True, check=True
-    )
-    assert tuple(json.loads(result.stdout)) == answer(model, SCENE)
-    assert result.stderr == ""
+    assert tiny.answer_elsewhere(gguf, SCENE)[1] == answer(model, SCENE)
 
 
 def test_completion_counts_what_it_reused_and_cost(gguf):
@@ -150,7 +112,7 @@ def test_logits_equal_transformers_on_the_joined_prompt(tmp_path):
     tokenizer = new_tokenizer(CORPUS, 420, ["<|bos|>", "<|eos|>"])
     tokens = tokenizer.encode(SCENE.stable).ids + tokenizer.encode(SCENE.changing).ids
     with torch.no_grad():
-        expected = random_llama()(torch.tensor([tokens])).logits[0, -1].numpy()
+        expected = tiny_llama()(torch.tensor([tokens])).logits[0, -1].numpy()
     model = opened(path, kv="f32")
     for _ in range(2):
         model.complete(SCENE, max_tokens=1)
@@ -257,10 +219,6 @@ def test_wrong_hash_is_refused_before_parsing(tmp_path):
     with pytest.raises(ModelError, match="SHA-256") as caught:
         LlamaModel(path, sha256="0" * 64)
     assert hashlib.sha256(path.read_bytes()).hexdigest() in str(caught.value)
-
-
-def test_right_hash_is_accepted(gguf):
-    assert opened(gguf).name == "tiny"
 
 
 def test_cut_off_or_foreign_file_is_a_model_error(gguf, tmp_path):
@@ -404,10 +362,9 @@ def test_model_that_was_closed_fails_in_python_and_closing_again_does_nothing(gg
 @pytest.mark.parametrize("spec", [None, SPEC])
 @pytest.mark.parametrize("temperature", [0.0, 1.0])
 def test_damaged_weights_are_a_model_error_not_an_answer(tmp_path, spec, temperature):
-    weights = random_llama()
+    weights = tiny_llama()
     weights.model.norm.weight.data[:] = np.nan
-    tokenizer = new_tokenizer(CORPUS, 420, ["<|bos|>", "<|eos|>"])
-    export_llama_gguf(weights, tokenizer, tmp_path / "nan.gguf", name="nan", eos_token="<|eos|>")
+    export(tmp_path / "nan.gguf", model=weights)
     with pytest.raises(ModelError, match="best score of a token is nan: damaged weights"):
         opened(tmp_path / "nan.gguf").complete(SCENE, spec=spec, temperature=temperature)
 
@@ -512,13 +469,7 @@ def test_scripted_model_says_its_script_and_then_fails():
 
 
 def test_metadata_vision_repeats_the_states_of_the_objects_given():
-    def seen(name, *states):
-        return SeenObject(
-            object_id=name, object_type="X", position_m=(0, 0, 0), box_center_m=(0, 0, 0),
-            box_size_m=(1, 1, 1), pickupable=True, states=states,
-        )  # fmt: skip
-
-    objects = [seen("a", "dirty", "off"), seen("b")]
+    objects = [seen("a", states=("dirty", "off")), seen("b")]
     assert MetadataVision().read_states(None, "clean it", objects) == {
         "a": ("dirty", "off"),
         "b": (),

@@ -3,9 +3,9 @@
 import pytest
 
 from karma import registry
-from karma.infer.manifest.manifest import file_paths, find_model, verify
-from karma.infer.vision.transformers import NANO
-from karma.train.vision.score import Clock, examine, score
+from karma.infer.manifest import file_paths, find_model, verify
+from karma.infer.transformers_vision import NANO
+from karma.train.picture_score import Clock, examine, score
 from karma.world.core import scene
 
 pytestmark = pytest.mark.model

@@ -13,12 +13,13 @@ from support.needs import need_models
 from support.tiny import export_tiny
 
 from karma.contracts import PlanSpec, Prompt
+from karma.infer.automaton import ProgramAutomaton
+from karma.infer.grammars import plan_gbnf, plan_regex, plan_schema
+from karma.infer.hosted.endpoint import Endpoint
 from karma.infer.hosted.planner import open_planner
-from karma.infer.hosted.session import Endpoint, Session
+from karma.infer.hosted.session import Session
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
-from karma.infer.programs.automaton import ProgramAutomaton
-from karma.infer.programs.grammars import plan_gbnf, plan_regex, plan_schema
+from karma.infer.llama.opening import LlamaOptions
 
 ACTIONS = ("find a Apple", "find a Fridge", *(f"open the Drawer_{n}" for n in range(2, 14)))
 SPEC = PlanSpec(

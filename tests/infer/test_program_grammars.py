@@ -21,8 +21,8 @@ from karma.agent.planning.program import SKILLS, parse_program, parse_refusal
 from karma.contracts import REFUSAL_KINDS, ProgramSpec
 from karma.errors import ProgramError
 from karma.household.types import object_types
-from karma.infer.programs.automaton import ProgramAutomaton
-from karma.infer.programs.grammars import gbnf, program_text, regex, schema
+from karma.infer.automaton import ProgramAutomaton
+from karma.infer.grammars import gbnf, program_text, regex, schema
 
 SAMPLES = int(os.environ.get("KARMA_SAMPLE", "2000"))
 NODES = tuple(f"node_{number}" for number in range(1, 13))

@@ -26,11 +26,11 @@ from karma.agent.planning.program import SKILLS, parse_program
 from karma.contracts import ProgramSpec
 from karma.errors import ModelError
 from karma.household.types import object_types
+from karma.infer.automaton import ProgramAutomaton
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.planner import open_planner
 from karma.infer.hosted.session import Session
 from karma.infer.llama.model import LlamaModel
-from karma.infer.programs.automaton import ProgramAutomaton
 from karma.train.testing import make_planner
 
 SPEC = ProgramSpec(

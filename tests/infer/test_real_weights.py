@@ -16,10 +16,10 @@ from karma.agent.loading.models import Models, language_model
 from karma.bench.engine.model_doctor import tried
 from karma.contracts import Prompt
 from karma.errors import ModelError
+from karma.infer.added import AddOptions, add_model
 from karma.infer.hosted.session import Session
 from karma.infer.llama.model import LlamaModel
-from karma.infer.manifest.added import AddOptions, add_model
-from karma.infer.manifest.manifest import find_model, resolve_planner
+from karma.infer.manifest import find_model, resolve_planner
 from karma.train.testing import make_planner
 
 NAME = "smollm2-135m"
@@ -37,7 +37,7 @@ def real(smollm):
 def test_real_weights_are_found_and_nothing_of_their_package_is_imported(smollm):
     code = (
         "import sys\n"
-        "from karma.infer.manifest.manifest import resolve_planner\n"
+        "from karma.infer.manifest import resolve_planner\n"
         f"print(resolve_planner({NAME!r}).path)\n"
         "print([name for name in sys.modules if 'smol' in name])\n"
     )

@@ -1,19 +1,16 @@
 """States of rooms: put back they give the bits that evaluating gives, and nothing is ever mixed."""
 
-import hashlib
-import json
 import logging
 import multiprocessing
 import os
 import resource
-import subprocess
 import sys
 import time
 
 import numpy as np
 import pytest
 from support.paths import ROOT
-from support.tiny import opened
+from support.tiny import answer, answer_elsewhere, opened
 
 from karma.contracts import Prompt
 from karma.infer.checks import memory
@@ -36,13 +33,6 @@ def made(tmp_path_factory):
     """Models by family; gemma3 attends within a window, and has a cache for it."""
     folder = tmp_path_factory.mktemp("made")
     return {name: make_planner(folder / f"{name}.gguf", name) for name in ("llama3", "gemma3")}
-
-
-def answer(model, prompt):
-    """Where the state came from, and the answer with its first logits, to the bit."""
-    first = model.complete(prompt, max_tokens=1)
-    bits = hashlib.sha256(model.gguf.logits().tobytes()).hexdigest()
-    return first.state, (model.complete(prompt, max_tokens=12).text, bits)
 
 
 HOW = ({}, {"kv": "f32"}, {"flash_attention": "on"})
@@ -70,26 +60,9 @@ def test_rooms_kept_and_loaded_answer_as_evaluated_ones_to_the_bit(made, tmp_pat
 
 
 def test_state_of_another_process_is_loaded_and_gives_the_same_bits(made, tmp_path):
-    path = made["llama3"]
-    program = (
-        "import hashlib, json, sys\n"
-        "from pathlib import Path\n"
-        "from karma.contracts import Prompt\n"
-        "from karma.infer.llama.model import LlamaModel\n"
-        "from karma.infer.llama.room_states import StateOptions\n"
-        "path, folder, stable, changing = json.loads(sys.argv[1])\n"
-        "model = LlamaModel(path, states=StateOptions(folder=Path(folder)))\n"
-        "prompt = Prompt(stable=stable, changing=changing)\n"
-        "first = model.complete(prompt, max_tokens=1)\n"
-        "bits = hashlib.sha256(model.gguf.logits().tobytes()).hexdigest()\n"
-        "print(json.dumps([first.state, [model.complete(prompt, max_tokens=12).text, bits]]))\n"
-    )
-    argument = json.dumps([str(path), str(tmp_path), ROOMS[0].stable, ROOMS[0].changing])
-    command = [sys.executable, "-c", program, argument]
-    said = [subprocess.run(command, capture_output=True, check=True) for _ in range(2)]
-    cold, warm = (json.loads(one.stdout) for one in said)
+    cold, warm = (answer_elsewhere(made["llama3"], ROOMS[0], tmp_path) for _ in range(2))
     assert (cold[0], warm[0]) == ("evaluated", "loaded")
-    assert cold[1] == warm[1] == list(answer(opened(path), ROOMS[0])[1])
+    assert cold[1] == warm[1] == answer(opened(made["llama3"], chat=False), ROOMS[0])[1]
 
 
 def test_state_of_another_model_or_other_options_is_never_used(made, tmp_path):

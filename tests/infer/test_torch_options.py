@@ -9,26 +9,23 @@ import sys
 
 import numpy as np
 import pytest
+from support.sights import seen
 from support.tiny_vision import save_family
 
 from karma import registry
 from karma.agent.loading.models import Models, load_resources
-from karma.contracts import SeenObject
 from karma.errors import KarmaError, ModelError
 from karma.infer.embed.sentence import SentenceEmbedder
 from karma.infer.torch_load import TorchOptions, bytes_of, device_of
-from karma.infer.vision.transformers import TransformersVision, VisionOptions
+from karma.infer.transformers_vision import TransformersVision, VisionOptions
 
 HALF = TorchOptions(device="cpu", dtype="bfloat16")
 FRAME = np.random.default_rng(0).integers(0, 255, (300, 300, 3), dtype=np.uint8)
 
 
-def seen(number):
+def mug(number):
     left = 20.0 + 40 * number
-    return SeenObject(
-        object_id=f"Mug|{number}", object_type="Mug", position_m=(0, 0, 0), box_center_m=(0, 0, 0),
-        box_size_m=(1, 1, 1), pickupable=True, region=(left, 90.0, left + 30, 150.0),
-    )  # fmt: skip
+    return seen(f"Mug|{number}", region=(left, 90.0, left + 30, 150.0))
 
 
 @pytest.fixture(scope="module")
@@ -82,12 +79,12 @@ def test_sixteen_bits_on_the_cpu_look_at_pictures(llava):
     options = VisionOptions(max_tokens=4)
     model = TransformersVision(llava, options=options, torch_options=HALF)
     assert model._model.dtype == torch.bfloat16
-    assert set(model.read_states(FRAME, "wash it", [seen(0)])) <= {"Mug|0"}
+    assert set(model.read_states(FRAME, "wash it", [mug(0)])) <= {"Mug|0"}
 
 
 def test_pictures_together_are_answered_as_one_by_one():
     options = registry.load("vision_models", "nano-vlm")().options
-    objects = [seen(number) for number in range(5)]
+    objects = [mug(number) for number in range(5)]
     told = []
     for batch in (1, 3):
         chosen = VisionOptions(**{**_plain(options), "batch": batch})

@@ -4,18 +4,15 @@ import shutil
 
 import numpy as np
 import pytest
+from support.sights import seen
 from support.tiny_vision import FAMILIES, save_family
 
-from karma.contracts import SeenObject
 from karma.errors import FileError, KarmaError, ModelError
-from karma.infer.vision import transformers as transformers_vision
-from karma.infer.vision.questions import LINE, cut
-from karma.infer.vision.transformers import TransformersVision, VisionOptions
+from karma.infer import transformers_vision
+from karma.infer.picture_questions import LINE, cut
+from karma.infer.transformers_vision import TransformersVision, VisionOptions
 
-MUG = SeenObject(
-    object_id="Mug|1", object_type="Mug", position_m=(0, 0, 0), box_center_m=(0, 0, 0),
-    box_size_m=(1, 1, 1), pickupable=True, region=(100.0, 100.0, 160.0, 180.0),
-)  # fmt: skip
+MUG = seen("Mug|1", region=(100.0, 100.0, 160.0, 180.0))
 FRAME = np.random.default_rng(0).integers(0, 255, (300, 300, 3), dtype=np.uint8)
 SHORT = VisionOptions(max_tokens=6)
 
@@ -85,9 +82,7 @@ def test_an_unusable_answer_is_quoted_once_and_then_left_out(folders):
 def test_a_model_with_crops_is_asked_about_one_thing_at_a_time(folders):
     options = VisionOptions(profile="compact", crop=1.5, max_tokens=4, attempts=1)
     model = Saying(folders["llava"], options=options).say("Mug: off")
-    hidden = SeenObject(**{f: getattr(MUG, f) for f in MUG.__slots__} | {
-        "object_id": "Mug|2", "region": None})  # fmt: skip
-    assert model.read_states(FRAME, "look", [MUG, hidden]) == {"Mug|1": ("off",)}
+    assert model.read_states(FRAME, "look", [MUG, seen("Mug|2")]) == {"Mug|1": ("off",)}
     assert model.pictures[0].shape == (120, 120, 3)
 
 

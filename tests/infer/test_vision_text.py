@@ -3,22 +3,14 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.sights import seen
 
-from karma.contracts import SeenObject
 from karma.household.pieces import base_type
-from karma.infer.vision.questions import STATES, again, names_of, question, read_answer
+from karma.infer.picture_questions import STATES, again, names_of, question, read_answer
 
 
 def thing(kind, number=1, left=0.0):
-    return SeenObject(
-        object_id=f"{kind}|{number}",
-        object_type=kind,
-        position_m=(0, 0, 0),
-        box_center_m=(0, 0, 0),
-        box_size_m=(1, 1, 1),
-        pickupable=True,
-        region=(left, 10.0, left + 20, 30.0),
-    )
+    return seen(f"{kind}|{number}", region=(left, 10.0, left + 20, 30.0))
 
 
 MUG, APPLE = thing("Mug"), thing("AppleSliced")

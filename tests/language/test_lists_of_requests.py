@@ -9,7 +9,7 @@ from support.asked import load_several
 from support.paths import ROOT
 
 from karma.agent.goals.files import load_said
-from karma.infer.parse.spacy import SpacyParser
+from karma.infer.parser import SpacyParser
 from karma.language.clauses import clauses_of, context_left_out
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader

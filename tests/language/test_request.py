@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from karma.infer.embed.minilm import MiniLm
-from karma.infer.parse.spacy import SpacyParser
+from karma.infer.parser import SpacyParser
 from karma.language.clauses import clauses_of, completed, context_left_out, plainly
 from karma.language.clock import time_words
 from karma.language.lexicon import Lexicon

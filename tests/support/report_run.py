@@ -17,8 +17,7 @@ from karma.bench.report.episodes import EpisodeReplay
 from karma.bench.report.replay import replaying
 from karma.bench.rows.expert import ExpertMethod
 from karma.contracts import SceneRef, SubTask, Task
-from karma.infer.scripted import ScriptedModel
-from karma.infer.vision.metadata import MetadataVision
+from karma.infer.scripted import MetadataVision, ScriptedModel
 from karma.memory.recall import CosineRecall
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld

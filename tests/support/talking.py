@@ -6,8 +6,7 @@ import numpy as np
 
 from karma.contracts import Decoding, Resources
 from karma.files import to_json
-from karma.infer.scripted import ScriptedModel
-from karma.infer.vision.metadata import MetadataVision
+from karma.infer.scripted import MetadataVision, ScriptedModel
 from karma.memory.recall import CosineRecall
 from karma.talk.agent import Agent
 from support.household import kitchen

@@ -1,32 +1,28 @@
 """A planner of random weights, small enough to make in a test: it babbles programs that parse."""
 
 import hashlib
+import json
+import subprocess
+import sys
 
 from karma.infer.llama.gguf_files import new_tokenizer
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.train.testing import make_llama
-from support.llama_export import export_llama_gguf
+from support.llama_export import EOS, export_llama, random_llama
+from support.paths import ROOT
 
 CORPUS = ["#task put the apple in the fridge\n#memory\n @Fridge *Apple\n#program\n"]
 
 
 def export_tiny(path, template=None, dtype="F16", layers=1):
-    import torch
-    from transformers import LlamaConfig, LlamaForCausalLM
-
-    torch.manual_seed(3)
-    config = LlamaConfig(
-        vocab_size=400, hidden_size=32, intermediate_size=64, num_hidden_layers=layers,
-        num_attention_heads=2, num_key_value_heads=2, max_position_embeddings=4096,
-        tie_word_embeddings=True, initializer_range=0.2,
+    model = random_llama(
+        400, width=32, layers=layers, heads=2, seed=3, intermediate_size=64,
+        max_position_embeddings=4096,
     )  # fmt: skip
-    tokenizer = new_tokenizer(CORPUS, 400, ["<|eos|>"])
-    export_llama_gguf(
-        LlamaForCausalLM(config), tokenizer, path, name="tiny", eos_token="<|eos|>", dtype=dtype,
-        chat_template=template,
-    )  # fmt: skip
-    return path
+    return export_llama(
+        model, new_tokenizer(CORPUS, 400, [EOS]), path, dtype=dtype, template=template
+    )
 
 
 def make_layers(folder):
@@ -37,8 +33,43 @@ def make_layers(folder):
     )  # fmt: skip
 
 
-def opened(path, *, states=None, chat=None, **options):
+def opened(path, *, states=None, chat=None, thinking="off", thinking_tokens=1024, **options):
     """The model of a file that is vouched for, which saves the trial in another process."""
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    chosen = LlamaOptions(**{"threads": 1, **options})
-    return LlamaModel(path, sha256=sha256, options=chosen, states=states, chat=chat)
+    return LlamaModel(
+        path, sha256=hashlib.sha256(path.read_bytes()).hexdigest(), states=states, chat=chat,
+        thinking=thinking, thinking_tokens=thinking_tokens,
+        options=LlamaOptions(**{"threads": 1, **options}),
+    )  # fmt: skip
+
+
+def answer(model, prompt, **options):
+    """Where the state came from, and the answer with the logits before it, to the bit."""
+    first = model.complete(prompt, max_tokens=1)
+    bits = hashlib.sha256(model.gguf.logits().tobytes()).hexdigest()
+    return first.state, (model.complete(prompt, max_tokens=12, **options).text, bits)
+
+
+_ELSEWHERE = """
+import json, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+from karma.contracts import Prompt
+from karma.infer.llama.room_states import StateOptions
+from support.tiny import answer, opened
+path, folder, stable, changing = sys.argv[2:]
+states = StateOptions(folder=Path(folder)) if folder else None
+model = opened(Path(path), chat=False, states=states)
+print(json.dumps(answer(model, Prompt(stable=stable, changing=changing))))
+"""
+
+
+def answer_elsewhere(path, prompt, folder=""):
+    """The answer of a process of its own, which keeps states in a folder if there is one."""
+    words = (path, folder, prompt.stable, prompt.changing)
+    done = subprocess.run(
+        [sys.executable, "-c", _ELSEWHERE, str(ROOT / "tests"), *map(str, words)],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stderr == ""
+    state, said = json.loads(done.stdout)
+    return state, tuple(said)

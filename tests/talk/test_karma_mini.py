@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from karma import Agent
-from karma.infer.manifest.manifest import PLANNER, PLANNERS, default_planner, manifest_path
+from karma.infer.manifest import PLANNER, PLANNERS, default_planner, manifest_path
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,10 @@ from karma.agent.planning.refused_requests import FEATURES
 from karma.bench.drawing.memories import generated_rooms
 from karma.bench.drawing.phrases import our_book
 from karma.contracts import REFUSAL_KINDS, Certainty, Completion, PlanRequest
-from karma.train.planner import calibration
-from karma.train.planner.calibration import Judged, Scored, brier, fitted, scored, shares
-from karma.train.planner.refusals import languages, phrases, unseen_refusals
-from karma.train.planner.samples import TrainingExample
+from karma.train import figures
+from karma.train.figures import Judged, Scored, brier, fitted, scored, shares
+from karma.train.refusals import languages, phrases, unseen_refusals
+from karma.train.samples import TrainingExample
 
 NAMES = ("refusing", "mean_logprob")
 
@@ -46,10 +46,10 @@ def made(count, seed, *, help=1.5):
 
 
 def test_regression_equals_that_of_a_library():
-    features, right = calibration._table(made(300, 1), NAMES)
-    weights, intercept = calibration._regression(features, right)
+    features, right = figures._table(made(300, 1), NAMES)
+    weights, intercept = figures._regression(features, right)
     spread = features.std(0)
-    other = LogisticRegression(C=1 / calibration._PENALTY, tol=1e-10, max_iter=1000)
+    other = LogisticRegression(C=1 / figures._PENALTY, tol=1e-10, max_iter=1000)
     other.fit((features - features.mean(0)) / spread, right)
     assert weights * spread == pytest.approx(other.coef_[0], abs=1e-4)
     chances = other.predict_proba((features - features.mean(0)) / spread)[:, 1]
@@ -61,7 +61,7 @@ def test_regression_equals_that_of_a_library():
 def test_threshold_refuses_no_more_of_what_is_to_be_done_than_it_may(seed, refused):
     found = made(200, seed)
     told = scored(fitted(found, NAMES, refused=refused), found)
-    done = [one.refused for one in told if not one.to_refuse]
+    done = [one.refused for one in told if not one.judged.to_refuse]
     assert sum(done) <= refused * len(done) + 1  # rounding of the threshold moves one at most
 
 
@@ -71,8 +71,8 @@ def test_fit_needs_requests_of_both_sorts():
 
 
 def test_cross_validated_figures_tell_a_feature_that_helps_from_one_that_does_not():
-    helps = calibration.cross_validated(made(400, 2), NAMES, refused=0.05)
-    lost = calibration.cross_validated(made(400, 2, help=0.0), NAMES, refused=0.05)
+    helps = figures.cross_validated(made(400, 2), NAMES, refused=0.05)
+    lost = figures.cross_validated(made(400, 2, help=0.0), NAMES, refused=0.05)
     assert len(helps) == 400
     assert brier(helps) < 0.2 < brier(lost) < 0.27
     found = {name: times / number for name, (times, number, _) in shares(helps).items()}
@@ -80,10 +80,7 @@ def test_cross_validated_figures_tell_a_feature_that_helps_from_one_that_does_no
 
 
 def said(chance, to_refuse, *, refused=False):
-    kind = "refuse_deed" if to_refuse else "place"
-    return Scored(
-        kind=kind, to_refuse=to_refuse, in_known_words=True, chance=chance, refused=refused
-    )
+    return Scored(judged=judged(to_refuse, 0.5), chance=chance, refused=refused)
 
 
 def test_brier_score_and_shares_of_made_up_requests():
@@ -97,7 +94,7 @@ def test_brier_score_and_shares_of_made_up_requests():
 
 def test_drawn_requests_are_of_both_sorts_and_of_all_kinds_and_none_is_of_training():
     rooms, book = list(generated_rooms(3, 5)), our_book().part(held_out=True)
-    found = list(calibration.drawn(rooms, (book,), 400, 0))
+    found = list(figures.drawn(rooms, (book,), 400, 0))
     refused = [one for one in found if one.kind.startswith("refuse_")]
     assert len(refused) == 200
     kinds = Counter(one.kind.removeprefix("refuse_") for one in refused)
@@ -105,7 +102,7 @@ def test_drawn_requests_are_of_both_sorts_and_of_all_kinds_and_none_is_of_traini
     assert all(one.facts.instruction for one in found)
     trained = {x for said in languages().values() if not said.held_out for x in said.others}
     assert not trained & {one.sentence for one in refused}
-    again = list(calibration.drawn(rooms, (book,), 10, 0))
+    again = list(figures.drawn(rooms, (book,), 10, 0))
     assert again == found[:10]
 
 

@@ -15,8 +15,8 @@ from karma.files import to_json
 from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.seeds import stream
-from karma.train.planner.lived_memories import live_memory
-from karma.train.planner.task_files import draw_tasks, fresh_rooms
+from karma.train.past import live_memory
+from karma.train.task_files import draw_tasks, fresh_rooms
 from karma.world.core import scene
 
 BOOK = our_book().part(held_out=True)

@@ -11,8 +11,8 @@ from karma.bench.drawing.phrases import our_book
 from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.seeds import stream
-from karma.train.planner.lived_memories import live_memory, with_twins
-from karma.train.planner.samples import draw
+from karma.train.past import live_memory, with_twins
+from karma.train.samples import draw
 from karma.world.core import scene
 
 BOOK = our_book()

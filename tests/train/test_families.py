@@ -4,23 +4,24 @@ import hashlib
 import os
 import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+from support import tiny
 from support.documents import ROOT
+from support.sights import about
 
 from karma.agent.planning.planner import program_spec
 from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import render, skills_of
 from karma.contracts import END, Area, MemoryUnit, PlanRequest, Prompt
 from karma.errors import ModelError
+from karma.infer.automaton import ProgramAutomaton
 from karma.infer.checks.gguf import read_header
-from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.infer.llama.vision import LlamaVision
-from karma.infer.manifest.manifest import PicturePair
-from karma.infer.programs.automaton import ProgramAutomaton
-from karma.infer.vision.questions import picture_url
+from karma.infer.manifest import PicturePair
 from karma.train.testing import FAMILIES, Size, make_picture_model, make_planner
 
 PROGRAMS = int(os.environ.get("KARMA_PROGRAMS", "60"))  # drawn of each family
@@ -50,10 +51,7 @@ MESSAGES = {
 }  # fmt: skip
 
 
-def opened(path, **options):
-    """The model of a file that is vouched for, which saves the trial in another process."""
-    given = {"sha256": sha(path), "chat": True, "options": LlamaOptions(threads=1)}
-    return LlamaModel(path, **given | options)
+opened = partial(tiny.opened, chat=True)
 
 
 def sha(path):
@@ -119,14 +117,6 @@ def pictures_cell(family, tmp_path_factory):
     chat.close()
     kind = read_header(made.projector, sizes=()).metadata["clip.projector_type"]
     return kind if first == again != other else "blind"
-
-
-def about(frame):
-    parts = [
-        {"type": "image_url", "image_url": {"url": picture_url(frame)}},
-        {"type": "text", "text": "What is there?"},
-    ]
-    return [{"role": "user", "content": parts}]
 
 
 @pytest.fixture(scope="module")
@@ -262,9 +252,7 @@ def test_a_thought_that_the_model_closes_itself_ends_there(thinker):
 
 
 def test_thinking_takes_its_room_from_the_context_after_the_answer_s(thinker):
-    model = opened(
-        thinker, thinking="on", options=LlamaOptions(threads=1, n_ctx=128), thinking_tokens=9999
-    )
+    model = opened(thinker, thinking="on", n_ctx=128, thinking_tokens=9999)
     found = model.complete(SHORT_PROMPT, spec=SHORT, temperature=1.0, max_tokens=40)
     assert found.prompt_tokens + found.completion_tokens <= 128
     assert parse_program(found.text, SKILLS)

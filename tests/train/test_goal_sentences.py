@@ -18,10 +18,8 @@ from karma.agent.planning.expert import ExpertView, NamedThing
 from karma.agent.planning.program import parse_program
 from karma.bench.drawing.memories import room_of
 from karma.errors import FileError
-from karma.infer.scripted import ScriptedModel
 from karma.seeds import stream
-from karma.train.planner.reading import read_goals, tell
-from karma.train.planner.samples import draw_alfred, draw_step
+from karma.train.samples import draw_alfred, draw_step
 from karma.world.core import scene
 
 PLACES = ("CounterTop", "Fridge", "Microwave", "Cabinet", "Sink", "GarbageCan")
@@ -64,28 +62,6 @@ def test_facts_of_a_text_survive_being_written_and_read():
     wanted = GoalFacts(task="heat", thing="Potato", movable="", place="DiningTable", sliced=True)
     calls = program_of(Sentence(text="Cook a slice.", facts=wanted), ExpertView())
     assert facts_of(parse_program("".join(f"{call}\n" for call in calls))) == wanted
-
-
-def test_figures_of_no_sentence_are_said_as_unknown():
-    read = list(
-        read_goals(
-            ScriptedModel(),
-            [
-                Sentence(
-                    text="Go.",
-                    facts=GoalFacts(
-                        task="heat", thing="Potato", movable="", place="Fridge", sliced=False
-                    ),
-                )
-            ],
-            [],
-            plans={},
-        )
-    )
-    assert read == []
-    lines = list(tell(read))
-    assert [line.split()[-1] for line in lines if "right" in line] == ["–"] * 5
-    assert any("all" in line and "median – s" in line for line in lines)
 
 
 def test_facts_of_programs_without_a_task_are_none():

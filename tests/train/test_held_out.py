@@ -24,8 +24,8 @@ from karma.bench.tasks.authors import load_authors_tasks
 from karma.errors import ModelError
 from karma.infer.scripted import ScriptedModel
 from karma.language.lexemes import every_word
-from karma.train.planner.reading import read_goals, tell
-from karma.train.planner.sources import Sources
+from karma.train.figures import read_goals, tell
+from karma.train.sources import Sources
 
 _SLOT = re.compile(r"\{\w+\}")
 _WORD = re.compile(r"[a-z]+")
@@ -244,6 +244,9 @@ def test_figures_of_read_sentences_set_those_of_the_training_split_apart():
 
 def test_sentences_of_rooms_without_a_map_are_left_out_and_never_put_to_the_model():
     assert list(read_goals(ScriptedModel(), [APPLE], [], plans={})) == []
+    lines = list(tell([]))
+    assert [line.split()[-1] for line in lines if "right" in line] == ["–"] * 5
+    assert any("all" in line and "median – s" in line for line in lines)
     with pytest.raises(ModelError, match="run out"):
         list(read_goals(ScriptedModel(), [APPLE], []))
 

@@ -21,10 +21,10 @@ from karma.language.lexemes import (
     unseen_lexicon,
 )
 from karma.seeds import stream
-from karma.train.planner.hinted import called, words_file
-from karma.train.planner.packs import PlannerRecipe, draw_pack
-from karma.train.planner.sources import Sources
-from karma.train.planner.task_files import draw_tasks, fresh_rooms
+from karma.train.hinted import called, words_file
+from karma.train.packs import PlannerRecipe, draw_pack
+from karma.train.sources import Sources
+from karma.train.task_files import draw_tasks, fresh_rooms
 from karma.world.core import scene
 
 BOOK = our_book()
@@ -87,6 +87,7 @@ def test_no_text_that_hints_come_from_has_a_held_out_lexeme():
     texts = (*chain(*file.types.values(), *file.deeds.values()), *called())
     assert len(texts) > 3000
     assert [text for text in texts if UNSEEN.found_in(text)] == []
+    assert file.phrases.isdisjoint(held_out().texts)
 
 
 def sources_in(folder, shared):

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import pytest
 
@@ -12,9 +12,9 @@ from karma.bench.drawing.phrases import our_book
 from karma.contracts import REFUSAL_KINDS
 from karma.language.lexemes import types_called
 from karma.seeds import stream
-from karma.train.planner import refusals
-from karma.train.planner.packs import Data, PlannerRecipe, draw_pack
-from karma.train.planner.samples import draw_facts, situation
+from karma.train import refusals
+from karma.train.packs import Data, PlannerRecipe, draw_pack
+from karma.train.samples import draw_facts, situation
 
 BOOK = our_book().part(held_out=False)
 PATTERNS = (
@@ -138,4 +138,3 @@ def test_share_of_refused_examples_is_that_of_the_recipe(rooms):
     assert 0.2 < share < 0.4  # of about 290; a fair draw leaves this once in 5,000
     none = replace(recipe, refused=0.0)
     assert not [one for one in draw_pack(none, data, "0") if one.kind.startswith("refuse_")]
-    assert {"refused", "near_misses"} <= {field.name for field in fields(PlannerRecipe)}

@@ -15,9 +15,9 @@ from karma.bench.drawing.several import SEVERAL, later, several_asks
 from karma.contracts import PlanRequest
 from karma.household.types import object_types
 from karma.seeds import stream
-from karma.train.planner.lived_memories import live_memory
-from karma.train.planner.samples import draw
-from karma.train.planner.task_files import draw_tasks, fresh_rooms
+from karma.train.past import live_memory
+from karma.train.samples import draw
+from karma.train.task_files import draw_tasks, fresh_rooms
 from karma.world.core import scene
 
 BOOK = our_book()

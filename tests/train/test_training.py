@@ -21,12 +21,12 @@ from karma.contracts import Area, PlanRequest
 from karma.errors import FileError
 from karma.files import to_json
 from karma.household.types import object_types
-from karma.infer.programs.automaton import ProgramAutomaton
+from karma.infer.automaton import ProgramAutomaton
 from karma.language.whole import TIMES, repeated
 from karma.seeds import stream
-from karma.train.planner import packs
-from karma.train.planner.held_out import Unseen
-from karma.train.planner.samples import draw
+from karma.train import packs
+from karma.train.packs import Unseen
+from karma.train.samples import draw
 from karma.world.core import scene
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"

@@ -15,7 +15,7 @@ from karma.errors import FileError, ModelError
 from karma.household.types import object_types
 from karma.infer.llama.gguf_files import merge_adapter, read_gguf_tokenizer
 from karma.infer.llama.gguf_model import GgufModel
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 from karma.train.testing import make_planner
 from karma.train.tuning import (
     ADAPTER,

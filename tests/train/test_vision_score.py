@@ -6,9 +6,9 @@ import re
 import numpy as np
 import pytest
 
-from karma.infer.vision.questions import STATES
-from karma.train.vision.moments import generator, moments, room, samples
-from karma.train.vision.score import (
+from karma.infer.picture_questions import STATES
+from karma.train.moments import generator, moments, room, samples
+from karma.train.picture_score import (
     NOTHING,
     AskedCrop,
     Clock,
@@ -143,7 +143,7 @@ def test_every_state_comes_about_and_the_truth_is_the_world_s():
     for number in range(4):
         for event in moments(room(5, number), generator(5, str(number)), states=2, views=8):
             for one in samples(event):
-                thing = event.get_object(one.object_id)
+                thing = event.get_object(one.seen.object_id)
                 seen.update(one.states)
                 assert one.pixels >= 64
                 assert ("dirty" in one.states) == thing["isDirty"]

@@ -28,8 +28,7 @@ from karma.bench.rows.lota.method import LotaGenerate
 from karma.contracts import MemoryUnit, Outcome, Resources, SceneRef, SubTask, Task
 from karma.errors import FileError, KarmaError
 from karma.household.places import BESIDE_A_DOOR
-from karma.infer.scripted import ScriptedModel
-from karma.infer.vision.metadata import MetadataVision
+from karma.infer.scripted import MetadataVision, ScriptedModel
 from karma.memory.policies import make_policy
 from karma.memory.recall import CosineRecall
 from karma.memory.short_term import ShortTermMemory

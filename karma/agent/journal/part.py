@@ -30,7 +30,7 @@ from karma.contracts import (
 from karma.errors import KarmaError
 from karma.household.pieces import base_type
 from karma.infer.hosted.cassette import Cassette
-from karma.infer.hosted.cost import Ledger
+from karma.infer.hosted.endpoint import Ledger
 from karma.world.home import Home
 
 

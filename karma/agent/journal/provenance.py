@@ -21,16 +21,16 @@ from karma.contracts import SceneRef, Task
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, sha256_of, to_json
 from karma.infer.checks.memory import MEMINFO
-from karma.infer.llama.devices import devices
-from karma.infer.manifest.manifest import find_model, resolve_planner
+from karma.infer.llama.opening import devices
+from karma.infer.manifest import find_model, resolve_planner
 from karma.offline.guard import network_allowed
 from karma.world.core.scene import find
 
 _DEFAULT_MODELS = {  # of what is named without one: a model, or the constant that names it
     "sentence": "bge-small-en",
     "clip": "karma.infer.embed.clip:DEFAULT",
-    "nano-vlm": "karma.infer.vision.transformers:NANO",
-    "transformers": "karma.infer.vision.transformers:NANO",
+    "nano-vlm": "karma.infer.transformers_vision:NANO",
+    "transformers": "karma.infer.transformers_vision:NANO",
 }
 PACKAGE = Path(__file__).parents[2]
 COMPUTING = (  # packages whose next version may give other bits

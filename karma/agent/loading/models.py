@@ -34,11 +34,12 @@ from karma.contracts import (
     World,
 )
 from karma.errors import KarmaError, ModelError, RequestRefused, did_you_mean
+from karma.infer.hosted.endpoint import Endpoint, Hosted
 from karma.infer.hosted.planner import open_planner
-from karma.infer.hosted.session import Endpoint, Hosted, Session
-from karma.infer.llama.options import KvType, LlamaOptions, Switch
+from karma.infer.hosted.session import Session
+from karma.infer.llama.opening import KvType, LlamaOptions, Switch
 from karma.infer.llama.room_states import StateOptions
-from karma.infer.manifest.manifest import default_planner, resolve_planner
+from karma.infer.manifest import default_planner, resolve_planner
 from karma.infer.torch_load import DType, TorchOptions
 
 

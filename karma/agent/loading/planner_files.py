@@ -20,7 +20,7 @@ from karma.contracts import Embedder, Examples, Hints, Vectors, WorkedExample
 from karma.errors import FileError, KarmaError
 from karma.files import cache, read_bytes, shipped, write_atomic
 from karma.infer.embed.minilm import FILES
-from karma.infer.manifest.manifest import (
+from karma.infer.manifest import (
     check_file,
     file_paths,
     find_model,

@@ -20,7 +20,7 @@ from karma.contracts import (
 )
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.infer.hosted.cassette import Cassette, CassetteError
-from karma.infer.hosted.cost import Ledger
+from karma.infer.hosted.endpoint import Ledger
 from karma.world.home import Home
 
 

@@ -25,10 +25,9 @@ from karma.files import rebuild_llama
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import gguf_parts_mb
 from karma.infer.hosted.session import Session
-from karma.infer.llama.devices import devices, free_mb
 from karma.infer.llama.gguf_model import GgufModel
-from karma.infer.llama.options import KV_BYTES
-from karma.infer.manifest.manifest import ModelEntry, resolve_planner
+from karma.infer.llama.opening import KV_BYTES, devices, free_mb
+from karma.infer.manifest import ModelEntry, resolve_planner
 from karma.infer.torch_load import import_transformers
 
 CARDS = {  # what a driver puts on this machine -> (whose, what llama.cpp is built with for it)

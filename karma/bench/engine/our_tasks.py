@@ -38,7 +38,7 @@ from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, Worl
 from karma.errors import FileError, KarmaError
 from karma.infer.hosted.session import Session
 from karma.infer.llama.room_states import StateOptions
-from karma.infer.manifest.manifest import resolve_planner
+from karma.infer.manifest import resolve_planner
 from karma.offline.guard import settle
 from karma.world.home import Home
 

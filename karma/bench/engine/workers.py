@@ -35,9 +35,10 @@ from karma.errors import FileError, KarmaError, ModelError, UnknownNameError, Un
 from karma.files import write_atomic
 from karma.infer.checks.memory import available_mb
 from karma.infer.hosted.cassette import Cassette, CassetteError, Tape
-from karma.infer.hosted.session import Hosted, Session
-from karma.infer.llama.devices import devices
-from karma.infer.manifest.manifest import find_model, read_manifest, resolve_planner
+from karma.infer.hosted.endpoint import Hosted
+from karma.infer.hosted.session import Session
+from karma.infer.llama.opening import devices
+from karma.infer.manifest import find_model, read_manifest, resolve_planner
 from karma.offline.guard import NetworkRefused, go_offline, network_allowed
 
 _BASE_MB = 350  # Python with torch, faiss and a world, beside the models; measured

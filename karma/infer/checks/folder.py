@@ -140,11 +140,7 @@ def check_weights(folder: Path, *, fix: str) -> Mapping[str, int]:
 
 
 def check_safetensors(path: Path) -> Mapping[str, int]:
-    """Return parameters by tensor of one safetensors file, by its header.
-
-    Raises:
-        ModelError: not a safetensors file, cut off, or with sizes that make no sense.
-    """
+    """Return parameters by tensor of a safetensors file, by its header; ModelError: damaged."""
     from safetensors import SafetensorError, safe_open
 
     try:

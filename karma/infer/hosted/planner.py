@@ -10,10 +10,11 @@ from dataclasses import replace
 
 from karma.contracts import LanguageModel, Prompt, Thinking
 from karma.errors import ModelError, ServerLost
+from karma.infer.grammars import literal, object_schema
 from karma.infer.hosted.dialects import Language, manner_of
+from karma.infer.hosted.endpoint import Endpoint
 from karma.infer.hosted.model import HostedLanguageModel
-from karma.infer.hosted.session import Endpoint, Session
-from karma.infer.programs.grammars import literal, object_schema
+from karma.infer.hosted.session import Session
 from karma.seeds import stream
 
 _TIMES = 2

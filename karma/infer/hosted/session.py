@@ -1,125 +1,42 @@
-"""Reach an OpenAI-compatible endpoint: its address, its key, its cassette, its bill.
+"""Reach an OpenAI-compatible endpoint with its key, and put what it answers on tape and bill.
 
 Covered: the key stays in the environment and in one HTTP header; it is taken out of everything
 that comes back before anybody sees it. Not covered: what the host does with what it is sent.
+
+A server may take so much time for a whole answer, and so many bytes. A client's own timeouts hold
+for each read, so a server that sends a byte a second never meets one. Here the clock runs from the
+request to the answer's last byte, headers included, and bytes are counted as they come off the
+wire. Packed answers are refused: they unpack to any size. Not bounded: the look-up of the server's
+name, which is the operating system's.
 """
 
 import logging
 import os
 import re
+import ssl
 from collections.abc import Mapping
-from time import sleep
-from typing import Any, Literal, Self
+from time import monotonic, sleep
+from typing import Any
 from urllib.parse import urlsplit
 
 import msgspec
 
-from karma.errors import KarmaError, ModelError, RequestRefused, ServerLost
-from karma.infer.hosted.bounded import bounded
+from karma.errors import ModelError, RequestRefused, ServerLost
 from karma.infer.hosted.cassette import Cassette, CassetteError, Exchange, Reply
-from karma.infer.hosted.cost import Ledger, Prices, Spent, Usage, cost_of, usage_of
-from karma.infer.hosted.key import Key
+from karma.infer.hosted.endpoint import Endpoint, Key, Ledger, Spent, Usage, cost_of, usage_of
 from karma.language.whole import CUTS, ENDS
 from karma.offline.guard import allow_host
 
-DialectName = Literal["auto", "llama-server", "vllm", "sglang", "ollama", "transformers", "plain"]
-Constraint = Literal["grammar", "regex", "schema"]
 _KEY = re.compile(r"[!-~]+")
 _ANY_ADDRESS = ("0.0.0.0", "::")  # that a server prints which listens to all: it is this machine
-_ASKED_AT = ("/chat/completions", "/completions", "/embeddings", "/models")  # not the base
 _NOTHING = Usage(prompt_tokens=0, completion_tokens=0)  # what a failure takes
 _LONGEST_MESSAGE = 500
+LARGEST_ANSWER = 32 << 20  # bytes, headers included
+_PIECE = 1 << 14  # bytes that are written at once
 _NO_LEAVE = (401, 403)  # HTTP
 _BUSY = frozenset({*_NO_LEAVE, 402, 408, 409, 425, 429})  # HTTP: not now, or not with this key
 _PAUSE_S = 0.5  # before it is asked again for what stands in a body; then twice as long
 _REFUSED = ("HTTP 400", "HTTP 413", "HTTP 422")  # what was asked, e.g. too long or improper
-_OURS = frozenset({"input", "messages", "model", "n", "prompt", "stream"})
-
-
-class Endpoint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One hosted model, as an experiment file gives it."""
-
-    base_url: str  # up to and with "/v1"
-    model: str
-    key_variable: str = "OPENAI_API_KEY"  # the environment variable that holds the key
-    api: Literal["chat", "completions"] = "chat"  # "completions" for models without a chat template
-    timeout_s: float = 120.0
-    retries: int = 2  # of refused connections, timeouts, 429 and 5xx, with growing pauses
-    prices: Prices | None = None
-    tokens_field: Literal["max_tokens", "max_completion_tokens"] = "max_tokens"
-    omit: tuple[str, ...] = ()  # fields that the endpoint refuses, e.g. "temperature", "seed"
-    extra: dict[str, Any] = {}  # fields to add
-    dialect: DialectName = "auto"  # whose server it is; "auto" asks it
-    constraint: Constraint | None = None  # how programs are asked for; None: the dialect's way
-
-    def __post_init__(self) -> None:
-        """Refuse what could not work, or would put a key where it does not belong."""
-        base = self.base_url.strip().rstrip("/")
-        for end in _ASKED_AT:
-            base = base.removesuffix(end)
-        if base != self.base_url.rstrip("/"):
-            msgspec.structs.force_setattr(self, "base_url", base)
-        parts = urlsplit(self.base_url)
-        if parts.scheme not in ("http", "https") or not parts.hostname:
-            raise ValueError("base_url is no http(s) address such as http://127.0.0.1:8000/v1")
-        _ = parts.port  # raises ValueError where it is no port
-        if parts.username or parts.password or parts.query or parts.fragment:
-            raise ValueError("base_url holds more than a place: keys belong into the environment")
-        if not self.model:
-            raise ValueError("model is empty")
-        if self.timeout_s <= 0 or self.retries < 0:
-            raise ValueError("timeout_s is more than 0, and retries 0 or more")
-        if taken := sorted(_OURS & set(self.extra)):
-            raise ValueError(f"extra: {taken[0]!r} is set by karma itself")
-
-    def at(self, base_url: str) -> "Endpoint":
-        """Return the same model at another place; KarmaError where the address cannot be used."""
-        try:
-            return msgspec.structs.replace(self, base_url=base_url)
-        except ValueError as error:
-            raise KarmaError(str(error)) from error
-
-    @property
-    def host(self) -> str:
-        """Name or address, without scheme and port."""
-        return urlsplit(self.base_url).hostname or ""
-
-    @property
-    def root(self) -> str:
-        """Address of the server's own pages, which lie beside /v1."""
-        return self.base_url.rstrip("/").removesuffix("/v1")
-
-
-class Hosted(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where the roles are that hosted models fill."""
-
-    planner: Endpoint | None = None
-    vision: Endpoint | None = None
-    embedder: Endpoint | None = None
-
-    @classmethod
-    def of_planner(cls, base_url: str, model: str, **settings: str) -> Self:
-        """Return a hosted planner alone, of fields of `Endpoint`; KarmaError for a wrong one."""
-        try:
-            return msgspec.convert(
-                {"planner": {"base_url": base_url, "model": model, **settings}}, cls
-            )
-        except msgspec.ValidationError as error:
-            raise KarmaError(f"the hosted planner: {error}") from error
-
-    def at(self, base_url: str) -> "Hosted":
-        """Return the same models at another place.
-
-        KarmaError where the address cannot be used, or there is no hosted model.
-        """
-        moved = {
-            role: endpoint.at(base_url)
-            for role in self.__struct_fields__
-            if (endpoint := getattr(self, role)) is not None
-        }
-        if not moved:
-            raise KarmaError("--base-url is given, but no role has a hosted model")
-        return Hosted(**moved)
 
 
 class Session:
@@ -273,7 +190,7 @@ class Session:
             openai = _openai()
             plain = urlsplit(endpoint.base_url).scheme == "http"  # needs no certificates read
             logging.getLogger("httpcore2").setLevel(logging.INFO)  # below, it shows headers
-            limits = bounded(total_s=endpoint.timeout_s, verify=not plain)
+            limits = _bounded(total_s=endpoint.timeout_s, verify=not plain)
             http = openai.DefaultHttpxClient(trust_env=False, follow_redirects=False, **limits)
             client = openai.OpenAI(
                 base_url=endpoint.base_url, api_key=key.for_header(), timeout=endpoint.timeout_s,
@@ -389,3 +306,87 @@ def _openai() -> Any:
             "\n  To fix: pip install 'karma-offline[hosted]'"
         ) from error
     return openai
+
+
+# ----------------------------------------------------------------- bounds
+
+
+def _bounded(*, total_s: float, verify: bool) -> dict[str, Any]:
+    """Return what bounds an HTTP client of the `openai` package; no proxy from the environment.
+
+    `total_s` is for one request and its whole answer; certificates are read only to `verify`.
+    """
+    import httpcore2
+    import httpx2
+
+    meter = _Meter(total_s)
+    transport = httpx2.HTTPTransport(verify=verify, trust_env=False)
+    context = ssl.create_default_context() if verify else None
+    network: Any = _Metered(httpcore2.SyncBackend(), meter)
+    transport._pool = httpcore2.ConnectionPool(ssl_context=context, network_backend=network)
+    hooks = {"request": [lambda _: meter.begin()], "response": [_refuse_packed]}
+    return {"transport": transport, "event_hooks": hooks}
+
+
+def _refuse_packed(response: Any) -> None:
+    import httpx2
+
+    coding = response.headers.get("content-encoding", "identity")
+    if coding.lower() not in ("", "identity"):
+        said = f"the answer is packed ({coding[:20]}), which nobody asked for"
+        raise httpx2.DecodingError(said)
+
+
+class _Meter:
+    """What is left of one request's time and bytes."""
+
+    def __init__(self, total_s: float) -> None:
+        self._total_s, self._until, self._left = total_s, 0.0, LARGEST_ANSWER
+
+    def begin(self) -> None:
+        self._until, self._left = monotonic() + self._total_s, LARGEST_ANSWER
+
+    def wait(self, timeout_s: float | None) -> float:
+        """Return how long the next step may take."""
+        import httpcore2
+
+        left = self._until - monotonic()
+        if left <= 0:
+            raise httpcore2.ReadTimeout(f"timed out: no whole answer within {self._total_s:g} s")
+        return left if timeout_s is None else min(left, timeout_s)
+
+    def take(self, count: int) -> None:
+        """Count bytes that have come."""
+        import httpcore2
+
+        self._left -= count
+        if self._left < 0:
+            raise httpcore2.ReadError(f"the answer has more than {LARGEST_ANSWER >> 20} MiB")
+
+
+class _Metered:
+    """A network of httpcore's, or a connection, whose every step is metered."""
+
+    def __init__(self, inner: Any, meter: _Meter) -> None:
+        self._inner, self._meter = inner, meter
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inner, name)  # what waits for nobody
+
+    def connect_tcp(self, *place: Any, timeout: float | None = None, **more: Any) -> "_Metered":
+        wait_s = self._meter.wait(timeout)
+        return _Metered(self._inner.connect_tcp(*place, timeout=wait_s, **more), self._meter)
+
+    def start_tls(self, *how: Any, timeout: float | None = None, **more: Any) -> "_Metered":
+        wait_s = self._meter.wait(timeout)
+        return _Metered(self._inner.start_tls(*how, timeout=wait_s, **more), self._meter)
+
+    def read(self, max_bytes: int, timeout: float | None = None) -> bytes:
+        data: bytes = self._inner.read(max_bytes, timeout=self._meter.wait(timeout))
+        self._meter.take(len(data))
+        return data
+
+    def write(self, buffer: bytes, timeout: float | None = None) -> None:
+        for start in range(0, len(buffer), _PIECE):
+            piece = buffer[start : start + _PIECE]
+            self._inner.write(piece, timeout=self._meter.wait(timeout))

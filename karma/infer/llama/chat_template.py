@@ -15,7 +15,7 @@ from karma.errors import ModelError
 from karma.infer.checks.template import TEMPLATE, try_template
 from karma.infer.llama.answer import UnderWay
 from karma.infer.llama.gguf_model import GgufModel
-from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.opening import LlamaOptions
 
 _MARK = "\ue000changing\ue000"  # private use: no template treats it specially
 _FIX = "\n  To fix: --no-chat, or chat = false, opens it without"

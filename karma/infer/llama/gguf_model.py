@@ -19,12 +19,20 @@ from karma.errors import ModelError
 from karma.files import repair, sha256_of
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import Footprint, check_memory
-from karma.infer.llama.constrain import Logits, TokenTable
-from karma.infer.llama.devices import devices, free_mb, place
-from karma.infer.llama.opening import open_context, open_gguf, try_in_own_process
-from karma.infer.llama.options import KV_BYTES, LlamaOptions, check_width
+from karma.infer.llama.answer import Logits, TokenTable
+from karma.infer.llama.opening import (
+    KV_BYTES,
+    LlamaOptions,
+    check_width,
+    devices,
+    free_mb,
+    open_context,
+    open_gguf,
+    place,
+    try_in_own_process,
+)
 from karma.infer.llama.room_states import RoomStates, StateOptions, llama_build, put_back, taken_out
-from karma.infer.manifest.manifest import check_file
+from karma.infer.manifest import check_file
 
 _TRIAL = "karma.infer.llama.chat_template:trial"
 _N_BATCH = 512  # tokens per call; measured to change nothing but memory and speed

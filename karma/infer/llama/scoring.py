@@ -15,29 +15,141 @@ A continuation that another begins with, token by token, never scores less than 
 "sum", and the search cannot choose the longer: let continuations end in something that none goes
 on from, such as a comma or the end of the line.
 
-Names in programs are chosen as a whole, too. A grammar lets a model begin a name and then denies it
-the rest: who would say `Desk` in a room without one has said "Des", and all that is left is
-`DeskLamp`. So where the token that the model wants most may not follow inside a name, the name is
-taken back, and the likeliest of all names that may stand there is found: best first, by the sum of
-their tokens' log-probabilities.
+A node of the trie is what some continuations begin with; the root is the prompt alone. A last token
+is never run: the logits after its parent hold its score.
 """
 
+import heapq
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
-from heapq import heappop, heappush
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from karma.contracts import END, Choice, Scoring
 from karma.errors import ModelError, RequestRefused
-from karma.infer.choosing import Floats, Node, Race, path_to, score_children, trie_of
-from karma.infer.llama.answer import CertaintyLog
-from karma.infer.llama.constrain import Logits, best_token
+from karma.infer.llama.answer import Logits
 from karma.infer.llama.gguf_model import GgufModel
-from karma.infer.programs.automaton import ProgramAutomaton, State
 
+Floats = NDArray[np.float64]
+_ROWS = 16  # of logits turned to log-probabilities at a time
 _TEXT, _SPARE = 0, 1  # sequences; the spare one is for a token that keeps another company
+
+
+@dataclass(slots=True)
+class Node:
+    """What some continuations begin with."""
+
+    token: int
+    depth: int
+    parent: int
+    children: dict[int, int] = field(default_factory=dict)  # token -> node
+    ends: list[int] = field(default_factory=list)  # continuations that end here
+    longest: int = 0  # tokens of the longest continuation through here
+
+
+def trie_of(continuations: Sequence[Sequence[int]]) -> list[Node]:
+    """Return the trie of token lists, parents before children, the root first.
+
+    ValueError where there is none, or one has no token.
+    """
+    if not continuations:
+        raise ValueError("there is no continuation to score")
+    trie = [Node(token=-1, depth=0, parent=0)]
+    for one, tokens in enumerate(continuations):
+        if not tokens or min(tokens) < 0:
+            raise ValueError(f"continuation {one} has no token")
+        number = 0
+        for token in tokens:
+            trie[number].longest = max(trie[number].longest, len(tokens))
+            if token not in trie[number].children:
+                trie[number].children[token] = len(trie)
+                trie.append(Node(token=token, depth=trie[number].depth + 1, parent=number))
+            number = trie[number].children[token]
+        trie[number].longest = max(trie[number].longest, len(tokens))
+        trie[number].ends.append(one)
+    return trie
+
+
+def path_to(trie: Sequence[Node], number: int) -> tuple[int, ...]:
+    """Return the nodes from below the root down to one."""
+    path = []
+    while number:
+        path.append(number)
+        number = trie[number].parent
+    return tuple(path[::-1])
+
+
+def score_children(
+    trie: Sequence[Node], found: Floats, nodes: Sequence[int], logits: Logits
+) -> None:
+    """Score the children of `nodes`, whose own scores are `found`; `logits` has a row per node.
+
+    ModelError where the logits are not numbers.
+    """
+    for start in range(0, len(nodes), _ROWS):
+        rows = logits[start : start + _ROWS]
+        totals = _log_sum_exp(rows)
+        for row, total, number in zip(rows, totals, nodes[start : start + _ROWS], strict=True):
+            children = trie[number].children
+            chances = row[list(children)].astype(np.float64) - total
+            found[list(children.values())] = found[number] + np.minimum(chances, 0.0)
+
+
+def _log_sum_exp(logits: Logits) -> Floats:
+    top = logits.max(axis=1)
+    if not np.isfinite(top).all():
+        raise ModelError("the model's logits are not numbers: damaged weights")
+    total = np.exp(logits - top[:, None]).sum(axis=1)
+    found: Floats = top.astype(np.float64) + np.log(total.astype(np.float64))
+    return found
+
+
+class Race:
+    """The prefixes that are scored, by the most that each can come to.
+
+    No continuation can score more than what it begins with, because log p <= 0; so the first one
+    that leads every unfinished prefix has won. `found` has the scores of nodes as they become
+    known; with `average` a continuation's is divided by its tokens.
+    """
+
+    def __init__(self, trie: Sequence[Node], found: Floats, *, average: bool) -> None:
+        self._trie, self._found, self._average = trie, found, average
+        self._queue: list[tuple[float, int]] = []  # (minus the most it can come to, node); a heap
+        self._ended: list[tuple[float, int, int]] = []  # (-score, continuation, node); a heap
+
+    def run(self, score_below: Callable[[int], None]) -> tuple[float, int, int]:
+        """Return the best that ends: score, continuation (the first of equals), node.
+
+        `score_below` fills in the scores of a node's children, the root's first.
+        """
+        leader: int | None = 0
+        while leader is not None:
+            score_below(leader)
+            for child in self._trie[leader].children.values():
+                most = self._found[child] / (self._trie[child].longest if self._average else 1)
+                heapq.heappush(self._queue, (-float(most), child))
+            leader = self._leader()
+        score, one, number = self._ended[0]
+        return -score, one, number
+
+    def _leader(self) -> int | None:
+        """Take out the best prefix to go on from; None when the race is over."""
+        while self._queue:
+            if self._ended and self._ended[0][0] < self._queue[0][0]:  # equals can come up to it
+                break
+            _, number = heapq.heappop(self._queue)
+            node = self._trie[number]
+            score = self._found[number] / (node.depth if self._average else 1)
+            for one in node.ends:
+                heapq.heappush(self._ended, (-float(score), one, number))
+            if node.children:
+                return number
+        return None
+
+
+# ----------------------------------------------------------------- under llama.cpp
 
 
 class SequenceCache:
@@ -292,78 +404,3 @@ class SkillScorer:
             lists = [self.model.tokens(one) if one != END else ends for one in continuations]
             self._tries[continuations] = trie_of(lists)
         return self._tries[continuations]
-
-
-@dataclass(frozen=True, slots=True)
-class NameBegun:
-    """Where an answer stood before a name."""
-
-    pieces: int  # of the answer, before it
-    state: State
-    decoded: int  # tokens in the cache, prompt included
-    logits: Logits
-
-
-class NameWatch:
-    """Sees that names are chosen as a whole while an answer is decoded behind its prompt."""
-
-    def __init__(self, model: GgufModel, automaton: ProgramAutomaton, log: CertaintyLog) -> None:
-        self._model, self._automaton, self._log = model, automaton, log
-        self._begun: NameBegun | None = None
-
-    def seen(self, state: State, pieces: list[bytes]) -> State | None:
-        """Return where the answer stands, a name that led astray replaced, in `pieces` too."""
-        if not state.frame.names:
-            return state
-        if state.node == 0:
-            logits = self._model.logits().copy()
-            self._begun = NameBegun(len(pieces), state, self._model.decoded, logits)
-        elif self._begun is not None and not self._goes_on(state):
-            return self._taken_back(self._begun, pieces)
-        return state
-
-    def _goes_on(self, state: State) -> bool:
-        """Return whether the token that the model wants most may follow."""
-        piece = self._model.table.pieces[best_token(self._model.logits())]
-        return bool(piece) and self._automaton.advance(state, piece, closing=True) is not None
-
-    def _taken_back(self, begun: NameBegun, pieces: list[bytes]) -> State | None:
-        word, tokens, chances = best_name(self._model, begun)
-        self._log.replace(begun.pieces, chances)
-        pieces[begun.pieces :] = [self._model.table.pieces[token] for token in tokens]
-        self._model.rewind(begun.decoded)
-        self._model.extend(tokens)
-        return self._automaton.advance(begun.state, word)
-
-
-def best_name(model: GgufModel, begun: NameBegun) -> tuple[str, list[int], list[float]]:
-    """Return the likeliest name that may stand there, its tokens and their log-probabilities.
-
-    The cache then holds what stood before the name, and what was run last; rewind it.
-    """
-    words = begun.state.frame.words
-    trie = trie_of([model.tokens(word) for word in words])
-    found: dict[int, float] = {0: 0.0}
-    waiting = [(0.0, 0)]
-    while True:
-        _, number = heappop(waiting)
-        if trie[number].ends:
-            path = path_to(trie, number)
-            gains = np.diff([0.0, *(found[one] for one in path)]).tolist()
-            return words[trie[number].ends[0]], [trie[one].token for one in path], gains
-        logits = begun.logits
-        if number:
-            model.rewind(begun.decoded)
-            model.extend([trie[one].token for one in path_to(trie, number)])
-            logits = model.logits()
-        for token, chance in _chances(logits, list(trie[number].children)):
-            child = trie[number].children[token]
-            found[child] = found[number] + chance
-            heappush(waiting, (-found[child], child))
-
-
-def _chances(logits: Logits, tokens: Sequence[int]) -> list[tuple[int, float]]:
-    """Return the log-probabilities of some tokens among all."""
-    top = float(logits.max())
-    whole = top + float(np.log(np.exp(logits - np.float32(top)).sum(dtype=np.float64)))
-    return [(token, min(float(logits[token]) - whole, 0.0)) for token in tokens]

@@ -20,10 +20,9 @@ from karma.infer.checks.gguf import check_projector
 from karma.infer.checks.memory import projector_mb
 from karma.infer.checks.template import TEMPLATE
 from karma.infer.llama.gguf_model import GgufModel
-from karma.infer.llama.opening import try_in_own_process
-from karma.infer.llama.options import LlamaOptions
-from karma.infer.manifest.manifest import PicturePair, resolve_pair
-from karma.infer.vision.questions import picture_url, question, some_picture, states_told
+from karma.infer.llama.opening import LlamaOptions, try_in_own_process
+from karma.infer.manifest import PicturePair, resolve_pair
+from karma.infer.picture_questions import picture_url, question, some_picture, states_told
 
 MAX_TOKENS = 768  # of an answer with its four steps
 ATTEMPTS = 2

@@ -101,7 +101,7 @@ def _header(path: Path) -> object:
 
 
 def _manifest(path: Path) -> object:
-    from karma.infer.manifest.manifest import read_manifest
+    from karma.infer.manifest import read_manifest
 
     with patch.dict(os.environ, {"KARMA_MODELS": str(path.parent)}):
         return read_manifest()

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from karma.contracts import Word
-from karma.infer.manifest.manifest import resolve_folder
+from karma.infer.manifest import resolve_folder
 
 NAME = "en-core-web-sm"
 _UNUSED = ("ner", "senter")

@@ -14,8 +14,8 @@ from pathlib import Path
 from karma.agent.experience import png
 from karma.contracts import Frame, SeenObject, VisionModel
 from karma.household.states import OPPOSITES
-from karma.infer.vision.questions import STATES, names_of
-from karma.train.vision.moments import Sample, generator, moments, room, samples, thinned
+from karma.infer.picture_questions import STATES, cut, names_of
+from karma.train.moments import Sample, generator, moments, room, samples, thinned
 from karma.world.core import scene as scenes
 from karma.world.core.scene import Scene
 from karma.world.event import WorldEvent
@@ -109,22 +109,22 @@ def examine(
     """
     for number, (name, event, asked) in enumerate(_questions(rooms, frames, seed)):
         frame = event.frame
-        sights = [_sight(one) for one in asked]
+        sights = [one.seen for one in asked]
         listed = ", ".join(names_of(sights).values())
         begun = time.perf_counter()
         answers = vision.read_states(frame, f"look at {listed}", sights)
         clock.add(time.perf_counter() - begun, len(sights))
         for one in asked:
-            words = answers.get(one.object_id)
+            words = answers.get(one.seen.object_id)
             said = None if words is None else tuple(sorted(words)) or ("none",)
             yield AskedCrop(
                 room=name,
                 frame=number,
-                object_type=one.object_type,
+                object_type=one.seen.object_type,
                 share=one.pixels / (frame.shape[0] * frame.shape[1]),
                 truth=one.states,
                 said=said,
-                picture=None if said == one.states else _shown(frame, one),
+                picture=None if said == one.states else _shown(frame, one.seen),
             )
 
 
@@ -231,26 +231,11 @@ def _questions(
             yield one.name, event, [asked[i] for i in sorted(order.tolist())]
 
 
-def _sight(one: Sample) -> SeenObject:
-    return SeenObject(
-        object_id=one.object_id,
-        object_type=one.object_type,
-        position_m=(0.0, 0.0, 0.0),
-        box_center_m=(0.0, 0.0, 0.0),
-        box_size_m=(0.0, 0.0, 0.0),
-        pickupable=False,
-        region=one.region,
-        silhouette=one.silhouette,
-    )
+def _shown(frame: Frame, one: SeenObject) -> Frame | None:
+    return None if one.region is None else cut(frame, one.region, 1.5, one.silhouette)
 
 
-def _shown(frame: Frame, one: Sample) -> Frame:
-    from karma.infer.vision.questions import cut
-
-    return cut(frame, one.region, 1.5, one.silhouette)
-
-
-TEMPLATE = Path(__file__).parent / "page.html.j2"
+TEMPLATE = Path(__file__).parent / "picture_score.html.j2"
 MOST_FAILURES = 120
 
 

@@ -10,7 +10,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -23,7 +23,7 @@ from karma.files import sha256_of, write_atomic
 from karma.infer.checks.folder import PICKLES, check_weights, read_config
 from karma.infer.checks.gguf import check_gguf, check_projector, is_gguf, is_projector, split_pair
 from karma.infer.checks.memory import gguf_parts_mb, projector_mb, weights_mb
-from karma.infer.manifest.manifest import (
+from karma.infer.manifest import (
     Manifest,
     ModelEntry,
     ModelFile,
@@ -245,24 +245,21 @@ def _copy(path: Path, copy: Path) -> None:
         os.fsync(file.fileno())
 
 
-def _hashed(
-    folder: Path, parts: Sequence[str] | Mapping[str, Path], told: Progress | None
-) -> Hashes:
+def _hashed(folder: Path, parts: Iterable[str], progress: Progress | None) -> Hashes:
     """Return SHA-256 and size of each file of a folder, read once."""
     sizes = {part: (folder / part).stat().st_size for part in parts}
-    total, before, hashes = sum(sizes.values()), 0, {}
-    for part, size in sizes.items():
-        done = before
+    total, done = sum(sizes.values()), 0
 
-        def tell(count: int, part: str = part) -> None:
+    def digest(part: str) -> str:
+        def advance(count: int) -> None:
             nonlocal done
             done += count
-            if told is not None:
-                told(part, done, total)
+            if progress is not None:
+                progress(part, done, total)
 
-        hashes[part] = sha256_of(folder / part, progress=tell), size
-        before += size
-    return hashes
+        return sha256_of(folder / part, progress=advance)
+
+    return {part: (digest(part), size) for part, size in sizes.items()}
 
 
 # ----------------------------------------------------------------- what it is

@@ -30,8 +30,7 @@ from karma.household.ids import short_type
 from karma.household.pieces import base_type
 from karma.household.places import HAND, likest
 from karma.household.types import object_types
-from karma.train.planner.failures import draw_failure
-from karma.train.planner.lived_memories import live_memory, with_twins
+from karma.train.past import draw_failure, live_memory, with_twins
 
 RECALLED = 0.75  # share of prompts with a few units, as recall leaves them, not all
 FEW = 3  # units then

@@ -1,13 +1,19 @@
-"""What a program has to go on with is decoded in one call: the same answers, in fewer calls."""
+"""Decoding of programs: what has to come is decoded in one call, and names are chosen as a whole.
+
+The answers are those of one token after the other, in fewer calls; a name is the likeliest of all,
+as scoring each by itself finds it.
+"""
 
 import pytest
+from support.every_score import every_score
 from support.paths import ROOT
 
 from karma.contracts import ProgramSpec, Prompt, Skill
+from karma.infer.automaton import ProgramAutomaton
 from karma.infer.llama.gguf_model import GgufModel
-from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.options import LlamaOptions
-from karma.infer.programs.automaton import ProgramAutomaton
+from karma.infer.llama.model import LlamaModel, NameBegun, best_name
+from karma.infer.llama.opening import LlamaOptions
+from karma.infer.llama.scoring import SkillScorer
 
 NANO = ROOT / "models/nano/planner.gguf"
 SKILLS = (
@@ -102,3 +108,44 @@ def test_what_is_expected_ends_at_a_choice_and_passes_over_ends():
     assert after("G") == b"oToObject(robot, 'M"
     assert after("GoToObject(robot, 'Mu") == b"g')\n"
     assert after("GoToObject(robot, 'Mug')") == b"\n"
+
+
+# ----------------------------------------------------------------- whole names
+
+
+NAMED = SKILLS[:3]
+ROOM = ("CreditCard", "DeskLamp", "SideTable", "CoffeeTable", "Dumbbell", "Bed", "Pillow")
+ASKED = "#task place a card on the desk\n#memory\n#program\n"
+
+
+@pytest.fixture(scope="module")
+def weights(smollm):
+    return GgufModel(smollm, LlamaOptions(threads=1))
+
+
+@pytest.mark.parametrize("asked", [ASKED, "#task get the lamp\n#program\n", "Once upon a time, '"])
+@pytest.mark.parametrize("names", [ROOM, ("A", "AB", "ABC"), ("Mug", "Mug_2", "Mug_3")])
+def test_the_likeliest_name_is_that_of_scoring_all(weights, asked, names):
+    spec = ProgramSpec(skills=NAMED, objects=names)
+    state = ProgramAutomaton(spec).advance(ProgramAutomaton(spec).start(), "GoToObject(robot, '")
+    prompt = f"{asked}GoToObject(robot, '"
+    weights.evaluate([], weights.tokens(prompt))
+    begun = NameBegun(0, state, weights.decoded, weights.logits().copy())
+    word, tokens, chances = best_name(weights, begun)
+    words = [f"{name}'" for name in names]
+    scores = every_score(SkillScorer(weights), [prompt], words).values
+    assert word == words[int(scores.argmax())]
+    assert sum(chances) == pytest.approx(scores.max(), abs=0.05)
+    assert b"".join(weights.table.pieces[token] for token in tokens) == word.encode()
+
+
+def test_who_wants_a_desk_does_not_get_a_desk_lamp(planner):
+    prompt = Prompt(
+        stable="#areas\nnode_1 SideTable CoffeeTable\nnode_2 Bed DeskLamp\n", changing=ASKED
+    )
+    heard = []
+    spec = ProgramSpec(skills=NAMED, objects=ROOM)
+    answer = planner.complete(prompt, spec=spec, listen=heard.append)
+    assert "PutObject(robot, 'CreditCard'" in answer.text
+    assert not {"DeskLamp", "Dumbbell"} & {name for name in ROOM if f"'{name}'" in answer.text}
+    assert "".join(one.text for one in heard) == answer.text

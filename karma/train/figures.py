@@ -1,26 +1,39 @@
-"""When to refuse: doubt fitted on requests that training has not, and how far it can be trusted.
+"""What a planner gets right: goal sentences that it reads, and requests that it has to refuse.
+
+How often it reads a human goal sentence right is told by five facts, read off its program by rule.
+Short human sentences come twice: many of a split that is called unseen stand word for word in the
+training split too. They are counted apart, and the figure to go by is that of the others.
+
+When to refuse: doubt fitted on requests that training has not, and how far it can be trusted.
 
 Half of the requests are to be refused and half to be done. They are drawn, so they are not those of
 `eval/requests`, which nothing is fitted on. Figures are cross-validated: every request is judged by
 coefficients that were fitted without its fold.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
+from karma.agent.journal.formats import figure_text
+from karma.agent.loading.alfred_sentences import GoalFacts, Sentence, facts_of, plain
 from karma.agent.planning.planner import Planner
+from karma.agent.planning.program import parse_program
+from karma.agent.planning.prompt import compact
 from karma.agent.planning.refused_requests import FEATURES, LogisticDoubt
 from karma.bench.drawing.memories import KnownRoom
 from karma.bench.drawing.phrases import Book
 from karma.bench.figures.statistics import ConfidenceInterval, wilson
 from karma.contracts import Completion, Decoding, Hints, LanguageModel, PlanRequest
+from karma.errors import ProgramError
 from karma.language.lexemes import unseen_lexemes
 from karma.seeds import stream
-from karma.train.planner.refusals import draw_held_out_refusal, draw_near_miss
-from karma.train.planner.samples import TrainingExample, draw
+from karma.train.refusals import draw_held_out_refusal, draw_near_miss
+from karma.train.samples import TrainingExample, draw
 
 FOLDS = 5
 NEAR_MISSES = 0.2  # share of what is to be done
@@ -99,7 +112,7 @@ def fitted(
     if len(set(right.tolist())) < 2:
         raise ValueError("doubt is fitted on requests to refuse and on requests to do")
     weights, intercept = _regression(features, right)
-    scores = _sigmoid(features @ weights + intercept)
+    scores = expit(features @ weights + intercept)
     known = np.array([one.in_known_words for one in found])
     done = np.sort(scores[(right == 0) & known])
     allowed = min(int(len(done) * refused), len(done) - 1)
@@ -132,7 +145,7 @@ def _regression(
     penalty = np.diag([*[_PENALTY] * features.shape[1], 0.0])
     weights = np.zeros(rows.shape[1])
     for _ in range(_STEPS):
-        chance = _sigmoid(rows @ weights)
+        chance = expit(rows @ weights)
         slope = rows.T @ (chance - right) + penalty @ weights
         bend = (rows * (chance * (1 - chance))[:, None]).T @ rows + penalty
         step = np.linalg.solve(bend + 1e-9 * np.eye(len(bend)), slope)
@@ -143,20 +156,14 @@ def _regression(
     return scaled, float(weights[-1] - scaled @ mean)
 
 
-def _sigmoid(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return 1 / (1 + np.exp(-np.clip(values, -50, 50)))
-
-
 # ----------------------------------------------------------------- how far it can be trusted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scored:
-    """One request's probability of being one to refuse, and whether it is refused."""
+    """A request's probability of being one to refuse, and whether it is refused."""
 
-    kind: str
-    to_refuse: bool
-    in_known_words: bool
+    judged: Judged
     chance: float
     refused: bool
 
@@ -165,13 +172,7 @@ def scored(doubt: LogisticDoubt, found: Iterable[Judged]) -> list[Scored]:
     """Return what doubt says of requests."""
     chances = ((one, doubt.of(one.completion, one.request) or 0.0) for one in found)
     return [
-        Scored(
-            kind=one.example.kind,
-            to_refuse=one.to_refuse,
-            in_known_words=one.in_known_words,
-            chance=chance,
-            refused=chance >= doubt.threshold,
-        )
+        Scored(judged=one, chance=chance, refused=chance >= doubt.threshold)
         for one, chance in chances
     ]
 
@@ -190,22 +191,105 @@ def cross_validated(
 
 def brier(told: Sequence[Scored]) -> float:
     """Return the mean squared difference of chance and truth: 0 at best, 0.25 for "one half"."""
-    return float(np.mean([(one.chance - one.to_refuse) ** 2 for one in told]))
+    return float(np.mean([(one.chance - one.judged.to_refuse) ** 2 for one in told]))
 
 
 def shares(
     told: Sequence[Scored],
 ) -> Mapping[str, tuple[int, int, ConfidenceInterval | None]]:
     """Return how many were refused, of how many, with Wilson's interval: by sort, then by kind."""
-    groups: dict[str, Callable[[Scored], bool]] = {
-        "to refuse": lambda one: one.to_refuse,
-        "to do": lambda one: not one.to_refuse,
-        "to do, known words": lambda one: not one.to_refuse and one.in_known_words,
+    to_do = [one for one in told if not one.judged.to_refuse]
+    to_refuse = [one for one in told if one.judged.to_refuse]
+    groups = {
+        "to refuse": to_refuse,
+        "to do": to_do,
+        "to do, known words": [one for one in to_do if one.judged.in_known_words],
     }
-    for kind in sorted({one.kind for one in told if one.to_refuse}):
-        groups[kind] = lambda one, kind=kind: one.kind == kind  # type: ignore[misc]
+    for kind in sorted({one.judged.example.kind for one in to_refuse}):
+        groups[kind] = [one for one in to_refuse if one.judged.example.kind == kind]
     found = {}
-    for name, belongs in groups.items():
-        mine = [one.refused for one in told if belongs(one)]
-        found[name] = (sum(mine), len(mine), wilson(sum(mine), len(mine)))
+    for name, group in groups.items():
+        count = sum(one.refused for one in group)
+        found[name] = (count, len(group), wilson(count, len(group)))
     return found
+
+
+# ----------------------------------------------------------------- goal sentences
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadSentence:
+    """A goal sentence, and what a planner's program made of it."""
+
+    sentence: Sentence
+    found: GoalFacts | None
+    seconds: float
+    trained: bool  # it stands word for word in the training split
+
+    @property
+    def right(self) -> bool:
+        """Whether all five facts are."""
+        return self.found == self.sentence.facts
+
+
+def read_goals(
+    model: LanguageModel,
+    sentences: Iterable[Sentence],
+    training: Iterable[Sentence],
+    plans: Mapping[str, KnownRoom] | None = None,
+    hints: Hints | None = None,
+) -> Iterator[ReadSentence]:
+    """Let a planner read goal sentences, without short-term memory.
+
+    With `plans` (floor plan -> what is known of it) a sentence is read with the map of its
+    room, and left out where there is none. `training`: sentences of the training split.
+    """
+    known = {plain(sentence.text) for sentence in training}
+    for sentence in sentences:
+        if plans is not None and sentence.floor_plan not in plans:
+            continue
+        areas = plans[sentence.floor_plan].areas if plans is not None else ()
+        told = hints(sentence.text) if hints is not None else ()
+        request = PlanRequest(instruction=sentence.text, areas=areas, hints=told)
+        prompt = compact(request).prompt
+        begun = time.perf_counter()
+        said = model.complete(prompt, spec=None, max_tokens=256, temperature=0.0, seed=0)
+        yield ReadSentence(
+            sentence=sentence,
+            found=_facts_in(said.text),
+            seconds=time.perf_counter() - begun,
+            trained=plain(sentence.text) in known,
+        )
+
+
+def _facts_in(text: str) -> GoalFacts | None:
+    try:
+        return facts_of(parse_program(text))
+    except ProgramError:
+        return None
+
+
+def tell(read: Sequence[ReadSentence]) -> Iterator[str]:
+    """Yield the figures as lines of text: by kind, by fact, and in all.
+
+    Last comes the headline: the sentences that are not in the training split.
+    """
+    for task in sorted({one.sentence.facts.task for one in read}):
+        yield _line(task, [one for one in read if one.sentence.facts.task == task])
+    for fact in (field.name for field in fields(GoalFacts)):
+        same = sum(
+            getattr(one.found, fact, None) == getattr(one.sentence.facts, fact) for one in read
+        )
+        yield f"{fact:26}       right {_share(same, read)}"
+    seconds = float(np.median([one.seconds for one in read])) if read else None
+    yield f"{_line('all', read)}  median {figure_text(seconds, 3)} s an instruction"
+    yield _line("in the training split too", [one for one in read if one.trained])
+    yield _line("not in the training split", [one for one in read if not one.trained])
+
+
+def _line(name: str, read: Sequence[ReadSentence]) -> str:
+    return f"{name:26} {len(read):4}  exact {_share(sum(one.right for one in read), read)}"
+
+
+def _share(count: int, read: Sequence[ReadSentence]) -> str:
+    return figure_text(count / len(read) if read else None, 3)

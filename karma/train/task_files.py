@@ -24,7 +24,7 @@ from karma.errors import FileError
 from karma.files import to_json, write_atomic
 from karma.language.lexemes import unseen_lexemes
 from karma.seeds import stream
-from karma.train.planner.held_out import DRAWN_ROOMS
+from karma.train.sources import DRAWN_ROOMS
 from karma.world.core.scene import Scene
 from karma.world.generation.generate import build_scene
 

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from karma.errors import FileError, ModelError
-from karma.infer.manifest.manifest import (
+from karma.infer.manifest import (
     ModelEntry,
     check_file,
     file_paths,

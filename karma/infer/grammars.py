@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from karma.contracts import REFUSAL_KINDS, PlanSpec, ProgramSpec, RefusedRequest, SkillCall
-from karma.infer.programs.automaton import (
+from karma.infer.automaton import (
     CLOSINGS,
     Argument,
     LineForm,
@@ -194,11 +194,7 @@ REFUSE = "refuse"
 
 
 def schema(spec: ProgramSpec) -> dict[str, Any]:
-    """Return the schema; lists of names stand once, in its `$defs`.
-
-    Raises:
-        ValueError: the spec admits no program.
-    """
+    """Return the schema, names in its `$defs`; ValueError where the spec admits no program."""
     kinds = forms(spec)
     lists = list(dict.fromkeys(one.names for form in kinds for one in form.arguments))
     place_of = {names: f"names{number}" for number, names in enumerate(lists)}

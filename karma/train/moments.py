@@ -14,7 +14,7 @@ import numpy as np
 
 from karma.agent.seeing.perceive import camera_of, shown_states, truth_of
 from karma.agent.seeing.projection import placed
-from karma.contracts import Point, Region
+from karma.contracts import SeenObject
 from karma.household.pieces import EGG
 from karma.household.places import FLOOR
 from karma.household.uses import BURNER, KNOB, MICROWAVE
@@ -31,6 +31,7 @@ HELD = 0.25  # share of views with something in the hand
 SPAWNED = 0.4  # share of moments in which things lie elsewhere than at the room's start
 FREE = 0.15  # share of views that are turned to nothing in particular
 
+_NOWHERE = (0.0, 0.0, 0.0)
 _Lot = np.random.Generator
 _ODDS = {"openable": 0.5, "toggleable": 0.5, "dirtyable": 0.45, "canFillWithLiquid": 0.45,
          "canBeUsedUp": 0.45, "cookable": 0.35, "breakable": 0.04}  # fmt: skip
@@ -42,10 +43,7 @@ _BARE = 0.3  # share kept of objects whose type knows no state at all
 class Sample:
     """One object in one picture, and what the picture shows of its state."""
 
-    object_id: str
-    object_type: str
-    region: Region  # of its box in the picture
-    silhouette: tuple[Point, ...]  # likewise
+    seen: SeenObject  # what a model may know of it: neither states nor places
     pixels: int  # of the picture that show it
     states: tuple[str, ...]  # sorted words; ("none",) when there is nothing to say
 
@@ -82,16 +80,12 @@ def samples(event: WorldEvent) -> list[Sample]:
             continue
         one = placed(thing, camera)
         if one.region is not None:
-            found.append(
-                Sample(
-                    object_id=one.object_id,
-                    object_type=one.object_type,
-                    region=one.region,
-                    silhouette=one.silhouette,
-                    pixels=pixels,
-                    states=shown_states(thing),
-                )
-            )
+            seen = SeenObject(
+                object_id=one.object_id, object_type=one.object_type, region=one.region,
+                silhouette=one.silhouette, pickupable=False, position_m=_NOWHERE,
+                box_center_m=_NOWHERE, box_size_m=_NOWHERE,
+            )  # fmt: skip
+            found.append(Sample(seen=seen, pixels=pixels, states=shown_states(thing)))
     return found
 
 

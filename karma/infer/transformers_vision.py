@@ -16,6 +16,7 @@ from karma.contracts import Frame, SeenObject
 from karma.errors import ModelError
 from karma.files import read_json
 from karma.infer.checks.folder import CheckedFolder
+from karma.infer.picture_questions import Profile, cut, question, some_picture, states_told
 from karma.infer.torch_load import (
     TorchOptions,
     checked_folder,
@@ -26,7 +27,6 @@ from karma.infer.torch_load import (
     quiet,
     threads,
 )
-from karma.infer.vision.questions import Profile, cut, question, some_picture, states_told
 
 FAMILIES = {
     "llava": ("LlavaForConditionalGeneration",),

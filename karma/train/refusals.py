@@ -25,7 +25,7 @@ from karma.household import uses
 from karma.household.pieces import base_type, is_piece
 from karma.household.places import landmark_types
 from karma.language.lexemes import pick_common, types_called
-from karma.train.planner.samples import (
+from karma.train.samples import (
     FEW,
     RECALLED,
     TYPOS,

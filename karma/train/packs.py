@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
 from karma.agent.goals.files import SaidRequest
-from karma.agent.loading.alfred_sentences import Sentence, StepSentence
+from karma.agent.loading.alfred_sentences import Sentence, StepSentence, plain
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.goal_lines import plain_program
 from karma.bench.drawing.memories import KnownRoom, Rng, pick
@@ -26,12 +26,11 @@ from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import HAND, landmark_types, likest
 from karma.household.states import deed_for
 from karma.household.types import object_types
-from karma.language.lexemes import lexicon, pick_common
+from karma.language.lexemes import lexicon, pick_common, unseen_lexemes
 from karma.seeds import stream
-from karma.train.planner.held_out import Unseen
-from karma.train.planner.hinted import DrawnHints
-from karma.train.planner.refusals import draw_near_miss, draw_refusal
-from karma.train.planner.samples import (
+from karma.train.hinted import DrawnHints
+from karma.train.refusals import draw_near_miss, draw_refusal
+from karma.train.samples import (
     LONGEST,
     TYPOS,
     TrainingExample,
@@ -43,6 +42,17 @@ from karma.train.planner.samples import (
     misspelt,
     program_text,
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unseen:
+    """What examples may not say, besides held-out lexemes."""
+
+    sentences: frozenset[str] = frozenset()  # as `plain` has them
+
+    def admits(self, sentence: str) -> bool:
+        """Return whether an example may say a sentence."""
+        return not unseen_lexemes().found_in(sentence) and plain(sentence) not in self.sentences
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

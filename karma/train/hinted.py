@@ -30,7 +30,7 @@ from karma.language.hints import (
     queries,
 )
 from karma.language.lexemes import Entry, lexicon, types_called, unseen_lexemes
-from karma.train.planner.samples import TrainingExample
+from karma.train.samples import TrainingExample
 
 UNKNOWN = 0.20  # share of examples in which known phrases are treated as unknown
 EACH = {False: 0.6, True: 0.25}  # share of their noun phrases then, and of their verbs

@@ -1,42 +1,54 @@
 """Where the planner's examples come from, and what stays out of them.
 
 Rooms come from the generator (seeds of their own) and, where the reference data lies at hand, from
-AI2-THOR floor plans; phrases from our phrase book and ALFRED's annotators. Sentences of the test
-tasks stay out.
+AI2-THOR floor plans; phrases from our phrase book and ALFRED's annotators.
+
+No planner is trained on the following; everything that feeds training asks here.
+
+* Lexemes: words for things, states and deeds, in `held_out.toml`, which says where the rule is.
+* Sentence forms: about one template in twelve, by `Book.is_held_out`.
+* Sentences: what the test tasks and requests say, word for word.
+* Rooms: those that figures are taken in have seeds of their own; of AI2-THOR's floor plans, those
+  of the authors' tasks.
+
+The 48 tasks in `DEVELOPMENT` are no test: the phrase book grew after they had been read.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 
 from karma import registry
-from karma.agent.goals.files import load_said
+from karma.agent.goals.files import load_said, load_tasks, load_texts
 from karma.agent.loading.alfred_sentences import (
     Sentence,
     StepSentence,
     names_its_place,
+    plain,
     read_sentences,
     read_steps,
 )
 from karma.agent.loading.planner_files import WORDS
 from karma.bench.drawing.memories import KnownRoom, generated_rooms, imported_rooms, room_of
 from karma.bench.drawing.phrases import Book, our_book, with_alfred
+from karma.bench.tasks.authors import load_authors_tasks
 from karma.files import read_json, to_json, write_atomic
 from karma.language.hints import load_words, write_words
 from karma.language.lexemes import lexicon
-from karma.train.planner.held_out import TRAINED_ROOMS, WATCHED_ROOMS, Unseen, unseen_of
-from karma.train.planner.hinted import (
+from karma.train.hinted import (
     DrawnHints,
     KeptRows,
     called,
     phrases_to_embed,
     words_file,
 )
-from karma.train.planner.packs import Data, PlannerRecipe, draw_pack
-from karma.train.planner.samples import TrainingExample
+from karma.train.packs import Data, PlannerRecipe, Unseen, draw_pack
+from karma.train.samples import TrainingExample
 from karma.world.importing.scenes import import_dump
 
+DEVELOPMENT = Path("eval") / "alfred_l" / "tasks.jsonl"
+TRAINED_ROOMS, WATCHED_ROOMS, DRAWN_ROOMS = 77, 78, 79  # added to a seed for rooms of each sort
 SAMPLED = 1500  # packs whose sentences say which words are known
 EMBEDDED = 9_000  # phrases of sentences, at most
 WATCHED = 25  # one of so many of ALFRED's trials is kept out of training, to watch it
@@ -148,6 +160,21 @@ class Sources:
         dumps, layouts = self.floor_plans
         scenes = import_dump(dumps, layouts=layouts)
         return {scene.name: room_of(scene, scene.name, keep=1.0) for scene in scenes}
+
+
+def unseen_of(tests: Iterable[Path], *, said: Iterable[Path], shared: Path) -> Unseen:
+    """Return what training may not know of the tests.
+
+    Of the authors' tasks in `shared`, what is missing is done without.
+    """
+    folder = shared / "data" / "alfred_l"
+    files = [folder / f"{kind}_tasks.json" for kind in ("simple", "composite", "complex")]
+    tasks = [task for path in tests for task in load_tasks(path)]
+    tasks += load_authors_tasks([path for path in files if path.exists()])
+    told = [sub.instruction for task in tasks for sub in task.subtasks]
+    told += chain(*map(load_texts, said))
+    sentences = frozenset(map(plain, told)) - {""}  # what has no Latin letters has no plain form
+    return Unseen(sentences=sentences)
 
 
 def held_out_packs(

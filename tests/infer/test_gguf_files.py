@@ -1,4 +1,4 @@
-"""Exported models: llama.cpp must see the same tokens and compute the same logits."""
+"""GGUF files: llama.cpp sees the same tokens and computes the same logits; tokens are read back."""
 
 from unicodedata import ucd_3_2_0
 
@@ -6,29 +6,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.llama_export import export_llama_gguf
+from support.llama_export import export_llama, random_llama
+from support.paths import ROOT
 
-from karma.errors import FileError, ModelError
-from karma.infer.llama.gguf_files import new_tokenizer
+from karma.errors import FileError
+from karma.infer.llama.gguf_files import new_tokenizer, read_gguf_tokenizer
 
+SHIPPED = ROOT / "models" / "nano" / "planner.gguf"
 CORPUS = [
     "PutObject(robot, 'Apple', 'Fridge')\nGoToObject(robot, 'Apple|-00.47|+01.15|+00.48')\n",
     "Please warm the bread, then put 2 plates on the dining table. It's 1234 o'clock; we're OK.\n",
     "Überraschung: ça va? 你好 世界 — наконец-то!   \n\n\tindent  done\r\n",
 ] * 3
-
-
-def random_llama(vocab_size, *, tied=True, kv_heads=2):
-    import torch
-    from transformers import LlamaConfig, LlamaForCausalLM
-
-    torch.manual_seed(7)
-    config = LlamaConfig(
-        vocab_size=vocab_size, hidden_size=64, intermediate_size=160, num_hidden_layers=2,
-        num_attention_heads=4, num_key_value_heads=kv_heads, max_position_embeddings=256,
-        tie_word_embeddings=tied, initializer_range=0.2,
-    )  # fmt: skip
-    return LlamaForCausalLM(config).eval()
 
 
 @pytest.fixture(scope="module")
@@ -48,8 +37,7 @@ def loaded(path, **options):
 @pytest.fixture(scope="module")
 def vocabulary(tokenizer, tmp_path_factory):
     path = tmp_path_factory.mktemp("gguf") / "tiny.gguf"
-    export_llama_gguf(random_llama(420), tokenizer, path, name="tiny", eos_token="<|eos|>")
-    return loaded(path, logits_all=False)
+    return loaded(export_llama(random_llama(420), tokenizer, path), logits_all=False)
 
 
 @pytest.mark.parametrize(("tied", "dtype", "tolerance"), [
@@ -59,9 +47,8 @@ def vocabulary(tokenizer, tmp_path_factory):
 def test_export_random_llama_gives_transformers_logits(tmp_path, tokenizer, tied, dtype, tolerance):
     import torch
 
-    model = random_llama(420, tied=tied)
-    path = tmp_path / "tiny.gguf"
-    export_llama_gguf(model, tokenizer, path, name="tiny", eos_token="<|eos|>", dtype=dtype)
+    model = random_llama(420, tie_word_embeddings=tied)
+    path = export_llama(model, tokenizer, tmp_path / "tiny.gguf", dtype=dtype)
     tokens = np.random.default_rng(1).integers(3, 400, 100).tolist()
     with torch.no_grad():
         expected = model(torch.tensor([tokens])).logits[0].numpy()
@@ -102,10 +89,9 @@ def test_tokens_of_program_like_text_equal_in_both_libraries(tokenizer, vocabula
 
 
 def test_export_tells_llama_cpp_the_special_tokens(tmp_path, tokenizer):
-    path = tmp_path / "tiny.gguf"
-    export_llama_gguf(
-        random_llama(420), tokenizer, path, name="tiny", eos_token="<|eos|>", bos_token="<|bos|>",
-        pad_token="<|pad|>", add_bos=True, chat_template="{{ messages }}", licence="Apache-2.0",
+    path = export_llama(
+        random_llama(420), tokenizer, tmp_path / "tiny.gguf", bos="<|bos|>", pad="<|pad|>",
+        add_bos=True, template="{{ messages }}", licence="Apache-2.0",
     )  # fmt: skip
     llama = loaded(path)
     assert (llama.token_bos(), llama.token_eos()) == (1, 2)
@@ -114,37 +100,57 @@ def test_export_tells_llama_cpp_the_special_tokens(tmp_path, tokenizer):
     assert llama.metadata["general.license"] == "Apache-2.0"
 
 
-def test_export_state_dict_with_config_equals_model(tmp_path, tokenizer):
-    model = random_llama(420)
-    for name, weights, config in (("a", model, None), ("b", model.state_dict(), model.config)):
-        export_llama_gguf(
-            weights, tokenizer, tmp_path / name, name="x", eos_token="<|eos|>", config=config
-        )
-    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
-
-
-def test_export_what_the_format_would_lose_is_refused(tmp_path, tokenizer):
-    from tokenizers import Tokenizer, models
-
-    model, path = random_llama(420), tmp_path / "x.gguf"
-    with pytest.raises(ModelError, match="nope"):
-        export_llama_gguf(model, tokenizer, path, name="x", eos_token="nope")
-    with pytest.raises(ModelError, match="llama-bpe"):
-        export_llama_gguf(model, Tokenizer(models.BPE()), path, name="x", eos_token="<|eos|>")
-    with pytest.raises(ModelError, match="only 300"):
-        export_llama_gguf(random_llama(300), tokenizer, path, name="x", eos_token="<|eos|>")
-    state = model.state_dict() | {"model.extra.weight": model.lm_head.weight}
-    with pytest.raises(ModelError, match="extra"):
-        export_llama_gguf(
-            state, tokenizer, path, name="x", eos_token="<|eos|>", config=model.config
-        )
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_export_into_unwritable_place_is_file_error(tmp_path, tokenizer):
     (tmp_path / "file").write_text("")
     with pytest.raises(FileError):
-        export_llama_gguf(
-            random_llama(420), tokenizer, tmp_path / "file" / "x.gguf", name="x",
-            eos_token="<|eos|>",
-        )  # fmt: skip
+        export_llama(random_llama(420), tokenizer, tmp_path / "file" / "x.gguf")
+
+
+# ----------------------------------------------------------------- read back
+
+
+def test_tokens_of_the_shipped_planner_are_read_as_llama_cpp_has_them():
+    import llama_cpp
+
+    tokenizer = read_gguf_tokenizer(SHIPPED)
+    model = llama_cpp.Llama(str(SHIPPED), vocab_only=True, verbose=False)
+    for text in ("#task put a mug\n", "PutObject(robot, 'Mug', 'Sink')\n", "Überraschung 42  x"):
+        ids = tokenizer.encode(text, add_special_tokens=False).ids
+        assert ids == model.tokenize(text.encode(), add_bos=False, special=True)
+
+
+def test_tokens_of_a_gguf_whose_own_tokens_stand_ahead_of_others_are_read(tmp_path):
+    """As in Qwen's: tokens that a user defined, then such as nothing uses."""
+    import gguf
+    import llama_cpp
+
+    reader, path = gguf.GGUFReader(SHIPPED), tmp_path / "own.gguf"
+    kinds = list(reader.fields["tokenizer.ggml.token_type"].contents())
+    pieces = list(reader.fields["tokenizer.ggml.tokens"].contents())
+    first = next(n for n, kind in enumerate(kinds) if kind == gguf.TokenType.CONTROL)
+    pieces[first + 1 : first + 1] = ["<own>"]
+    kinds[first + 1 : first + 1] = [gguf.TokenType.USER_DEFINED]
+    writer = gguf.GGUFWriter(path, "llama")
+    writer.add_tokenizer_model("gpt2")
+    writer.add_tokenizer_pre(reader.fields["tokenizer.ggml.pre"].contents())
+    writer.add_token_list(pieces)
+    writer.add_token_types(kinds)
+    writer.add_token_merges(reader.fields["tokenizer.ggml.merges"].contents())
+    for step in (
+        writer.write_header_to_file, writer.write_kv_data_to_file, writer.write_tensors_to_file,
+        writer.close,
+    ):  # fmt: skip
+        step()
+    ids = read_gguf_tokenizer(path).encode("put it <own> there", add_special_tokens=False).ids
+    model = llama_cpp.Llama(str(path), vocab_only=True, verbose=False)
+    assert first + 1 in ids
+    assert ids == model.tokenize(b"put it <own> there", add_bos=False, special=True)
+
+
+def test_what_is_no_fitting_gguf_is_refused_by_name(tmp_path):
+    with pytest.raises(FileError, match="no such file"):
+        read_gguf_tokenizer(tmp_path / "none.gguf")
+    torn = tmp_path / "torn.gguf"
+    torn.write_bytes(b"GGUF torn")
+    with pytest.raises(FileError, match=r"torn\.gguf: not a GGUF"):
+        read_gguf_tokenizer(torn)

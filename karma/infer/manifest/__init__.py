@@ -1,1 +1,0 @@
-"""List the models there are, verify their files, add and remove some."""

@@ -1,1 +1,0 @@
-"""The language of programs: recognised here, and written as grammars for servers."""

@@ -1,1 +1,0 @@
-"""Read pictures: object states, and what stands where."""

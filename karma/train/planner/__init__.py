@@ -1,1 +1,0 @@
-"""How the nano planner learns."""

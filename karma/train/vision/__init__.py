@@ -1,1 +1,0 @@
-"""How the nano VLM learns, and how any vision model is scored."""
