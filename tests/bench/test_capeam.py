@@ -9,8 +9,8 @@ from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
 from karma.bench.rows.baseline import likely_places
-from karma.bench.rows.capeam.frames import ProgramReader, SubGoal, expand
-from karma.bench.rows.capeam.method import (
+from karma.bench.rows.capeam_frames import ProgramReader, SubGoal, expand
+from karma.bench.rows.capeam import (
     ANYWHERE,
     CapeamMethod,
     CapeamSettings,

@@ -11,7 +11,7 @@ from support.tiny import export_tiny
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
 from karma.agent.seeing.perceive import observe
-from karma.bench.rows.lota.forms import (
+from karma.bench.rows.lota_forms import (
     DONE,
     Past,
     code_prompt,
@@ -22,7 +22,7 @@ from karma.bench.rows.lota.forms import (
     steps_in_words,
     words_prompt,
 )
-from karma.bench.rows.lota.method import (
+from karma.bench.rows.lota import (
     LotaGenerate,
     LotaGenerateSettings,
     LotaScore,

@@ -24,7 +24,7 @@ from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.bench.engine.episode import run_episode
 from karma.bench.rows.expert import ExpertMethod
-from karma.bench.rows.lota.method import LotaGenerate
+from karma.bench.rows.lota import LotaGenerate
 from karma.contracts import MemoryUnit, Outcome, Resources, SceneRef, SubTask, Task
 from karma.errors import FileError, KarmaError
 from karma.household.places import BESIDE_A_DOOR

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from karma.agent.journal.records import NotRun
 from karma.bench.engine.suite import BenchmarkResults, Chain, Play, planner_of
-from karma.bench.rows.lota.method import chooser_of
+from karma.bench.rows.lota import chooser_of
 from karma.bench.suites.alfred.eb_planner import PlannerAnswer, PlannerPlayer
 from karma.bench.suites.alfred.experiment import EbExperiment, EbRow, LotaExperiment, LotaRow
 from karma.bench.suites.alfred.lota_planner import GeneratedPlayer, LotaAnswer, ScoredPlayer

@@ -17,7 +17,7 @@ from karma.agent.planning.planner import Planner, grounded
 from karma.agent.planning.recovery import program_of
 from karma.agent.tour import KnownFloor, floor_of, position_of
 from karma.bench.rows.baseline import RoomByRoom, request_for
-from karma.bench.rows.lota.forms import (
+from karma.bench.rows.lota_forms import (
     Form,
     Past,
     code_prompt,

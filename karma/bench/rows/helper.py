@@ -18,7 +18,7 @@ from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import GOALS
 from karma.agent.tour import floor_of, position_of
 from karma.bench.rows.baseline import Budget, RoomByRoom, is_known_tap, likely_places, request_for
-from karma.bench.rows.helper.memory import (
+from karma.bench.rows.helper_memory import (
     ObjectMemory,
     ends_there,
     idle,
@@ -180,7 +180,7 @@ class Executor:
 
 
 TRIES = 2  # of one sub-goal: the second on the next instance
-TABLE = Path(__file__).parent / "examples.toml"
+TABLE = Path(__file__).parent / "helper_examples.toml"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -26,7 +26,7 @@ from karma.bench.rows.baseline import (
     likely_places,
     request_for,
 )
-from karma.bench.rows.capeam.frames import ProgramReader, SubGoal, expand
+from karma.bench.rows.capeam_frames import ProgramReader, SubGoal, expand
 from karma.contracts import (
     Area,
     Outcome,
