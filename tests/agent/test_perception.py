@@ -13,8 +13,7 @@ from karma.errors import KarmaError
 from karma.files import to_json
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import BlindVision
-from karma.memory.multimodal import MultimodalRecall
-from karma.memory.recall import CosineRecall
+from karma.memory.recall import CosineRecall, MultimodalRecall
 
 LOOKS = {"perception": "pictures"}
 

@@ -8,14 +8,9 @@ from karma.agent.loading.alfred_sentences import GoalFacts, Sentence, facts_of, 
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
-from karma.bench.rows.baseline import likely_places
+from karma.bench.rows.baseline import BaselineSettings, likely_places
+from karma.bench.rows.capeam import ANYWHERE, CapeamMethod, EnvironmentMemory
 from karma.bench.rows.capeam_frames import ProgramReader, SubGoal, expand
-from karma.bench.rows.capeam import (
-    ANYWHERE,
-    CapeamMethod,
-    CapeamSettings,
-    EnvironmentMemory,
-)
 from karma.contracts import (
     Outcome,
     Plan,
@@ -246,9 +241,8 @@ def start(tmp_path):
     path.write_bytes(to_json(kitchen()))
 
     def begin(answers, seed=0, **settings):
-        method = CapeamMethod(
-            Planner(ScriptedModel(answers), "compact"), CapeamSettings(**settings)
-        )
+        planner = Planner(ScriptedModel(answers), "compact")
+        method = CapeamMethod(planner, BaselineSettings(**settings))
         world = EmbeddedWorld(path)
         episode = method.begin(world, SceneRef.of(str(path)), seed=seed, folder=tmp_path)
         return episode, world

@@ -24,8 +24,7 @@ from karma.bench.suites.policies.sweep import (
     explore,
     sized,
 )
-from karma.bench.suites.policies.tasks import alfred_pool
-from karma.bench.suites.policies.workloads import WORKLOADS
+from karma.bench.suites.policies.tasks import WORKLOADS, alfred_pool
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.files import read_toml
 

@@ -8,7 +8,7 @@ from karma.agent.experience import keep
 from karma.contracts import MemoryUnit
 from karma.errors import FileError, KarmaError
 from karma.infer.embed.clip import ClipEmbedder
-from karma.memory.multimodal import MultimodalRecall
+from karma.memory.recall import MultimodalRecall
 
 
 class Space:

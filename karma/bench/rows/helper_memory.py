@@ -22,6 +22,7 @@ class ObjectMemory(RoomMemory):
     finished: set[str] = field(default_factory=set)  # ids, where this instruction wants them
     could_not_find: set[str] = field(default_factory=set)
     held_id: str | None = None
+    explored: bool = False  # the room was looked round once
 
     def begin_instruction(self) -> None:
         """Allow every object to be used and searched for again."""

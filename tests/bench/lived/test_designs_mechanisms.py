@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from karma.bench.suites.lived.designs import CAPTIONS, DESIGNS
-from karma.bench.suites.lived.texts import query_text
+from karma.bench.suites.lived.designs import CAPTIONS, DESIGNS, query_text
 from karma.contracts import Deed
 from karma.memory.lived.setting import sighting_text
 from karma.memory.policies import make_policy

@@ -33,12 +33,16 @@ from karma.bench.suites.policies.sweep import (
     sized,
     sweep_of,
 )
-from karma.bench.suites.policies.tasks import UNIT_SETS, Pool, UnitSet, alfred_pool, grammar_pool
-from karma.bench.suites.policies.workloads import (
+from karma.bench.suites.policies.tasks import (
+    UNIT_SETS,
     WORKLOADS,
+    Pool,
+    UnitSet,
     Workload,
+    alfred_pool,
     costs_of,
     draw_errands,
+    grammar_pool,
     trace_of,
 )
 from karma.errors import FileError, KarmaError

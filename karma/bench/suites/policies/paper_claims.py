@@ -23,8 +23,7 @@ from karma.bench.suites.policies.sweep import (
     family_of,
     line_of,
 )
-from karma.bench.suites.policies.tasks import UnitSet
-from karma.bench.suites.policies.workloads import Workload
+from karma.bench.suites.policies.tasks import UnitSet, Workload
 from karma.errors import KarmaError
 
 FIFO = "fifo-merge"
