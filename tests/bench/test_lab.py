@@ -173,15 +173,6 @@ def test_bound_grows_with_the_memory_up_to_every_repeat(tasks, capacity):
 # ----------------------------------------------------------------- what holds of all (note, 6)
 
 
-@pytest.mark.parametrize("name", registry.names("policies"))
-@settings(max_examples=25)
-@given(tasks=TASKS)
-def test_memory_for_all_units_misses_first_uses_only(name, tasks):
-    trace = Trace.of(tasks)
-    room = max(1, trace.requests if name.startswith("fifo") else len(trace.keys))
-    assert simulate(f"{name}[{room}]", trace).hits == trace.requests - len(trace.keys)
-
-
 # ----------------------------------------------------------------- outcomes
 
 

@@ -59,18 +59,6 @@ def test_unit_without_a_picture_stands_by_its_words(units, tmp_path):
     assert (best.unit.object_id, best.similarity) == ("mug", pytest.approx(1.0))
 
 
-def test_of_equal_units_the_last_used_comes_first(units, tmp_path):
-    recall = MultimodalRecall(Space(), folder=None)  # by words alone both plates are alike
-    found = recall.recall("a plate", units, 3)
-    assert [item.unit.object_id for item in found] == ["red", "blue", "mug"]
-
-
-def test_nothing_is_recalled_of_nothing(tmp_path):
-    assert MultimodalRecall(Space(), folder=tmp_path).recall("a mug", (), 3) == []
-    with pytest.raises(ValueError, match="k must be"):
-        MultimodalRecall(Space()).recall("a mug", (), 0)
-
-
 def test_embedder_of_texts_alone_is_refused_with_what_helps():
     with pytest.raises(KarmaError, match="clip:NAME"):
         MultimodalRecall(Words())

@@ -3,6 +3,7 @@
 import json
 import re
 from collections import deque
+from dataclasses import replace
 from math import dist, isclose, prod
 
 import pytest
@@ -212,6 +213,22 @@ def test_moved_object_is_found_where_it_is_now():
     assert area_of(graph, "ArmChair|1") != before
     graph.observe([thing("ArmChair", 40.0, 40.0)])
     assert graph.known("ArmChair") is None
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), float("-inf")])
+@pytest.mark.parametrize("key", ["position_m", "box_center_m", "box_size_m"])
+def test_what_has_no_position_was_not_seen_and_what_was_known_stays(bad, key, tmp_path):
+    fridge = thing("Fridge", 0.5, 0.5)
+    graph = furnished([fridge])
+    before = graph.objects()
+    for axis in range(3):
+        torn = list(getattr(fridge, key))
+        torn[axis] = bad
+        other = replace(thing("Bed", 0.5, 0.5), **{key: tuple(torn)})
+        graph.observe([replace(fridge, **{key: tuple(torn)}), other])
+        assert graph.objects() == before
+    graph.save(tmp_path / "map.json")
+    assert SceneGraph.load(tmp_path / "map.json") == graph
 
 
 def test_forgotten_object_is_unknown():
