@@ -14,13 +14,11 @@ from karma.bench.rows.capeam_frames import ProgramReader, SubGoal, expand
 from karma.contracts import (
     Outcome,
     Plan,
-    Resources,
     SceneRef,
     SkillCall,
     SkillResult,
     SubTask,
 )
-from karma.errors import KarmaError
 from karma.files import to_json
 from karma.infer.scripted import ScriptedModel
 from karma.world.sim import EmbeddedWorld
@@ -196,12 +194,6 @@ def test_pieces_are_looked_for_where_the_cut_was():
     assert memory.best("Apple") == there
 
 
-def test_things_that_are_gone_are_forgotten():
-    memory = remembering(one := sight("Mug", 1.0))
-    memory.observe(experience(missed=[one.object_id]))
-    assert memory.where("Mug") is None
-
-
 def test_areas_by_likely_furniture_weigh_more():
     memory = remembering(sight("Fridge", 5.0, states=("closed",)))
     areas = [type("A", (), {"position_m": (x, 0.0, 0.0)}) for x in (0.0, 5.0)]
@@ -344,9 +336,3 @@ def test_planner_is_told_of_furniture_only_when_asked(start):
         do(episode, "take the apple")
         plan = next(m for m in do(episode, "take the apple") if isinstance(m, Plan))
         assert ("CounterTop" in plan.prompt.stable) == told
-
-
-def test_wrong_option_is_named():
-    resources = Resources(model=ScriptedModel(), profile="compact", recall=None, vision=None)
-    with pytest.raises(KarmaError, match="unknown option 'tries'"):
-        CapeamMethod.build(resources, {"tries": 1})
