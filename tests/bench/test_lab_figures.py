@@ -253,7 +253,7 @@ def test_folder_of_another_figure_is_refused_unless_fresh(small, whole, tmp_path
     [
         (('claims = ["split"', 'claims = ["splat"'), KarmaError, "no claim 'splat'"),
         (('"arc[10]"', '"ark[10]"'), UnknownNameError, "arc"),
-        (("length = 60", "length = 0"), FileError, "at least 1"),
+        (("length = 60", "length = 0"), FileError, "Expected `int` >= 1 - at `\\$.length`"),
         (('"rooms"]', '"attic"]'), FileError, "attic"),
         (('kind = "trace"', 'kind = "trace"\nfoo = 1'), FileError, "foo"),
     ],

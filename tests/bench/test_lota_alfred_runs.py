@@ -111,7 +111,7 @@ def karma_eval(path, folder, code):
     ("changed", "message"),
     [
         ({"lists": ["valid_unseen"]}, "no list 'valid_unseen'"),
-        ({"percent": 0}, "percent = 0: 1 to 100"),
+        ({"percent": 0}, "percent"),
         ({"percent": 30}, "no task is drawn"),
         ({"only": ["valid_seen/7"]}, "no task 'valid_seen/7'"),
         ({"seeds": []}, "seeds = []"),
