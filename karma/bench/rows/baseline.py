@@ -116,7 +116,7 @@ class MappedRoom(Generic[Memory]):
         return cls(memory=kind(here=lambda: position_of(world)), cells=cells, floor=floor)
 
 
-class Body(Generic[Memory]):
+class RowBody(Generic[Memory]):
     """Acts for one instruction within its budget; the memory takes in what is seen by acting."""
 
     def __init__(self, world: World, memory: Memory, settings: BaselineSettings) -> None:
@@ -192,7 +192,7 @@ class MappedEpisode(RoomByRoom[MappedRoom[Memory]]):
         return stream(self._seed, row, self._scene.name, str(self._number))
 
     def _ask(
-        self, body: Body[Memory], instruction: str, **more: Any
+        self, body: RowBody[Memory], instruction: str, **more: Any
     ) -> Generator[Plan, None, Plan | None]:
         """Ask for a program; the prompt holds no memory, and no map but where that is an option."""
         body.skills.look()

@@ -16,11 +16,11 @@ import numpy as np
 from karma.agent.body.search import cover
 from karma.bench.rows.baseline import (
     BaselineSettings,
-    Body,
     MappedEpisode,
     MappedRoom,
     PlannerRow,
     RoomMemory,
+    RowBody,
     likely_places,
 )
 from karma.bench.rows.capeam_frames import ProgramReader, SubGoal, expand
@@ -134,7 +134,7 @@ def _gap(one: SeenObject, point: Vec3) -> float:
     return math.hypot(*gaps)
 
 
-class Runner(Body[EnvironmentMemory]):
+class Runner(RowBody[EnvironmentMemory]):
     """Carries out the frames of one instruction.
 
     `room` tells where to look from; once that was in vain, from where every cell is near.

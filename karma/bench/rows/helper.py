@@ -18,9 +18,9 @@ from karma.agent.planning.prompt import GOALS
 from karma.agent.tour import position_of
 from karma.bench.rows.baseline import (
     BaselineSettings,
-    Body,
     MappedEpisode,
     PlannerRow,
+    RowBody,
     likely_places,
 )
 from karma.bench.rows.helper_memory import (
@@ -60,7 +60,7 @@ Ending = Literal["done", "failed", "skipped"]
 Deed = Generator[SkillResult, None, bool]  # returns whether it worked
 
 
-class Executor(Body[ObjectMemory]):
+class Executor(RowBody[ObjectMemory]):
     """Carries out sub-goals of one instruction.
 
     `points`: cells to stand on, for looking anywhere; `rng` draws among them.

@@ -391,7 +391,10 @@ class ReMEmbRStyle(NoMemory):
         times = np.array([one.time_s for one in self._captions])
         found = [best_first(scores + 1e-9 * times, CAPTIONS)]
         if said.room or said.place_types:
-            there = [self._is_at(one, question) for one in self._captions]
+            there = [
+                any(is_said_place(self._places.get(place_id), said) for place_id in one.place_ids)
+                for one in self._captions
+            ]
             found.append(best_first(np.where(there, scores, -1.0), CAPTIONS))
         if said.after_s is not None and said.before_s is not None:
             then = (times >= said.after_s) & (times <= said.before_s)
@@ -399,11 +402,6 @@ class ReMEmbRStyle(NoMemory):
         numbers = dict.fromkeys(int(at) for turn in zip(*found, strict=True) for at in turn)
         rows = [row for at in numbers for row in self._captions[at].rows]
         return self._nearest(rows, question, k)
-
-    def _is_at(self, caption: _Caption, question: HomeQuestion) -> bool:
-        said = question.thing
-        known = caption.place_ids & self._places.keys()
-        return any(is_said_place(self._places[place_id], said) for place_id in known)
 
 
 DESIGNS: Mapping[str, Callable[[MemorySetting], HomeMemory]] = {

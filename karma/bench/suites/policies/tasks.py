@@ -1,4 +1,4 @@
-"""What tasks need, ALFRED's own or those of our grammar, and what the search for it costs.
+"""What tasks need, ALFRED's own or those of our grammar; sequences of them, as access traces.
 
 A task is written down as two lists of object types, in the order of its plan:
 
@@ -7,8 +7,9 @@ A task is written down as two lists of object types, in the order of its plan:
 
 Slices count as what they were cut from.
 
-Seeded random sequences of them are ALFWorld-R. The paper draws "each task randomly from tasks in ALFRED"; that is `type`. The others keep to one
-house (a kitchen, a living room, a bedroom, a bathroom) and come closer to how homes are used:
+ALFWorld-R is seeded random sequences of tasks. The paper draws "each task randomly from tasks in
+ALFRED"; that is `type`. The others keep to one house (a kitchen, a living room, a bedroom, a
+bathroom) and come closer to how homes are used:
 
 | workload | next task | a unit is |
 |---|---|---|
