@@ -72,15 +72,12 @@ class ObjectMemory(RoomMemory):
             return not held, -self._score(one.object_id), round(gap, 4), one.object_id
 
         usable = [one for one in self.seen.values() if one.object_id not in self.finished]
-        return sorted((one for one in usable if _means(name, one)), key=rank)
+        meant = (o for o in usable if name == o.object_id or covers(name, o.object_type))
+        return sorted(meant, key=rank)
 
     def best(self, name: str) -> SeenObject | None:
         """Return the best object that a name can mean; None without a usable one."""
         return next(iter(self.of(name)), None)
-
-
-def _means(name: str, sight: SeenObject) -> bool:
-    return name == sight.object_id or covers(name, sight.object_type)
 
 
 _SHUT_TO_RUN = (MICROWAVE,)

@@ -132,7 +132,8 @@ class EpisodeLog:
                 seen.object_id, seen.object_type, seen.place_id, seen.room,
                 f" {' '.join(seen.states)} ", *seen.position_m, belief.since_s, seen.time_s,
                 deed.who if deed else "", deed.action if deed else "",
-                _deed_text(deed), self._text_id(sighting_text(seen, self._places)),
+                None if deed is None else json.dumps(astuple(deed)),
+                self._text_id(sighting_text(seen, self._places)),
             ),
         )  # fmt: skip
         self._open[seen.object_id] = (int(cursor.lastrowid or 0), seen.time_s)
@@ -394,10 +395,6 @@ def _conditions(query: EpisodeQuery) -> tuple[str, tuple[Any, ...]]:
     parts = [part for part, values in asked if values] + ["deed is not null"] * query.by_deed
     where = f"where {' and '.join(parts)}" if parts else ""
     return where, tuple(value for _, values in asked for value in values)
-
-
-def _deed_text(deed: Deed | None) -> str | None:
-    return json.dumps(astuple(deed)) if deed is not None else None
 
 
 def _deed_of(text: str | None) -> Deed | None:

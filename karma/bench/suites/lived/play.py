@@ -135,8 +135,8 @@ class HomeLife:
                 missing += one is None
             elif planned.what == "round":
                 rounds += self._round()
-            else:
-                self._wait_in(planned.room)
+            elif places := self._map.in_rooms().get(planned.room):
+                self._robot.go(self._map.spots[places[0]][0])
         self._robot.wait(max((day + 1) * DAY_S, self._robot.time_s))
         moved = {
             deed.object_id
@@ -196,11 +196,6 @@ class HomeLife:
             self._robot.look_at(place_id)
         return self._robot.actions - before
 
-    def _wait_in(self, room: str) -> None:
-        places = self._map.in_rooms().get(room, ())
-        if places:
-            self._robot.go(self._map.spots[places[0]][0])
-
     def _request(self, planned: DayItem, day: int, number: int) -> ServedRequest | None:
         assert planned.kind is not None
         rng = stream(
@@ -235,7 +230,7 @@ class HomeLife:
             actions=self._robot.actions - before,
             **{name: getattr(effort, name) for name in COUNTED_EFFORT},
             read=question.asked == request.asked
-            and _type_read(request, types_meant(question.thing)),
+            and (not request.object_type or request.object_type in types_meant(question.thing)),
             knew=_knew(request, effort.first, truth) if request.kind in PLACED else None,
             known_s=known_s if known_s is None else round(known_s, 1),
             doubts=tuple(_checked(fact, truth) for fact in effort.doubts),
@@ -285,11 +280,6 @@ def _checked(fact: Fact, truth: Mapping[str, Sighting]) -> CheckedDoubt:
         holds=None if fact.holds is None else round(fact.holds, 4),
         was_so=there is not None and there.place_id == fact.sighting.place_id,
     )
-
-
-def _type_read(request: LivedRequest, types: tuple[str, ...]) -> bool:
-    """Return whether the type that is meant was understood; True where none is said."""
-    return not request.object_type or request.object_type in types
 
 
 class ExpertMemory(NoMemory):

@@ -339,10 +339,6 @@ def _uniform(rng: Rng, errands: Sequence[Errand]) -> Draws:
         yield _one_of(rng, errands)
 
 
-def _any_of_house(rng: Rng, house: House) -> Draws:
-    return _uniform(rng, _all(house))
-
-
 def _in_phases(rng: Rng, house: House) -> Draws:
     room = ROOMS[int(rng.integers(len(ROOMS)))]
     while True:
@@ -392,7 +388,7 @@ def _in_chains(rng: Rng, house: House) -> Draws:
 
 
 _DRAWS: dict[str, Callable[[Rng, House], Draws]] = {
-    "house": _any_of_house,
+    "house": lambda rng, house: _uniform(rng, _all(house)),
     "rooms": _in_phases,
     "habit": _by_habit,
     "chain": _in_chains,
