@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import faiss
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from karma.contracts import Embedder, ImageEmbedder, MemoryUnit, Recalled, Vectors
 from karma.errors import FileError, KarmaError, UnknownNameError
@@ -298,6 +297,8 @@ def picture(path: Path) -> np.ndarray:
     Raises:
         FileError: it is missing or damaged.
     """
+    from PIL import Image  # only who keeps pictures waits for it
+
     try:
         with Image.open(path) as opened:
             return np.asarray(opened.convert("RGB"))
