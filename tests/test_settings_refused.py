@@ -14,12 +14,12 @@ FIGURE = {"kind": "trace", "name": "x", "policies": ["lru[2]"]}
     ("settings", "said"),
     [
         ([{"name": "s"}, {"name": "s", "units": 3}], "settings: 's' stands twice"),
-        ([{"name": "s", "rooms": []}], r"rooms = \[\]"),
+        ([{"name": "s", "rooms": []}], r"length >= 1.*rooms"),
         ([{"name": "s", "rooms": [0]}], "rooms"),
         ([{"name": "s", "things": -3}], "things"),
         ([{"name": "s", "things": 0}], "things"),
         ([{"name": "s", "units": 0}], "units"),
-        ([], "settings: there is none"),
+        ([], "length >= 1.*settings"),
     ],
 )
 def test_settings_of_homes_that_make_no_home_are_refused_by_key(settings, said):
@@ -29,9 +29,9 @@ def test_settings_of_homes_that_make_no_home_are_refused_by_key(settings, said):
 
 @pytest.mark.parametrize("key", ["policies", "workloads", "unit_sets", "checkpoints"])
 def test_figure_without_points_is_refused_by_key(key):
-    with pytest.raises(msgspec.ValidationError, match=rf"{key} = \[\]"):
+    with pytest.raises(msgspec.ValidationError, match=f"length >= 1.*{key}"):
         msgspec.convert({**FIGURE, key: []}, TraceFigure)
-    with pytest.raises(msgspec.ValidationError, match="checkpoints: each 1 or more"):
+    with pytest.raises(msgspec.ValidationError, match=r">= 1.*checkpoints"):
         msgspec.convert({**FIGURE, "checkpoints": [0, 5]}, TraceFigure)
 
 

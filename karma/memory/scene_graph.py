@@ -90,30 +90,48 @@ class SceneGraph:
         height_m: float = 0.0,
         cell_m: float = 0.25,
         spacing_m: float = SPACING_M,
-        radius_m: float = RADIUS_M,
         room: str = "",
     ) -> "SceneGraph":
         """Return a graph whose area nodes cover the reachable cells, without objects yet.
 
-        Every cell is within `spacing_m` of an area node on foot. Two areas are adjacent when their
-        regions (cells nearest to them) touch. Equal cells give an equal graph, in any order.
+        Every cell is within `spacing_m` of an area node on foot: a greedy cover (the cell that most
+        uncovered cells are near to, first of equals), then each node moves to the middle of its
+        region, which never lets a cell lose its cover. Two areas are adjacent when their regions
+        (cells nearest to them) touch. Equal cells give an equal graph, in any order.
 
         Args:
             cells: (x, z) of each reachable cell, metres.
             height_m: y of the floor.
             cell_m: grid step between neighbouring cells.
             spacing_m: largest walking distance from a cell to its area node.
-            radius_m: this and the next: see the class.
-            room: see there.
+            room: see the class.
+
+        Raises:
+            ValueError: cell_m or spacing_m is not positive.
         """
-        nodes, edges = spread_areas(cells, cell_m=cell_m, spacing_m=spacing_m)
+        if cell_m <= 0 or spacing_m <= 0:
+            raise ValueError(f"cell_m and spacing_m must be positive, not {cell_m} and {spacing_m}")
+        grid = _grid(cells, cell_m)
+        order = sorted(grid)
+        if not order:
+            return cls((), room=room)
+        floor = _floor(order)
+        away = dijkstra(floor, unweighted=True)  # steps on foot between any two cells
+        nodes = _cover(away <= int(spacing_m / cell_m + 1e-9))
+        for _ in range(_ROUNDS):
+            moved = _centred(nodes, away, floor)
+            if np.array_equal(moved, nodes):
+                break
+            nodes = moved
+        edges = _touching(_regions(nodes, away), floor)
         areas = []
-        for number, (x, z) in enumerate(nodes):
+        for number, node in enumerate(nodes):
             adjacent = sorted(b if a == number else a for a, b in edges if number in (a, b))
             names = tuple(f"node_{other + 1}" for other in adjacent)
+            x, z = grid[order[node]]
             position = (x, height_m, z)
             areas.append(AreaNode(name=f"node_{number + 1}", position_m=position, adjacent=names))
-        return cls(areas, radius_m=radius_m, room=room)
+        return cls(areas, room=room)
 
     # ------------------------------------------------------------- what is seen
 
@@ -167,10 +185,6 @@ class SceneGraph:
             )
             for name, area in self._areas.items()
         )
-
-    def adjacent(self, name: str) -> tuple[str, ...]:
-        """Return the names of the areas that can be walked to from an area directly."""
-        return self._areas[name].adjacent
 
     def objects(self, area: str | None = None) -> tuple[ObjectNode, ...]:
         """Return the objects, of one area or of all, sorted by id."""
@@ -306,46 +320,14 @@ def _inconsistency(areas: list[AreaNode]) -> str | None:
 # ----------------------------------------------------------------- where area nodes go
 
 
-def spread_areas(
-    cells: Iterable[tuple[float, float]], *, cell_m: float, spacing_m: float
-) -> tuple[list[tuple[float, float]], list[tuple[int, int]]]:
-    """Choose area nodes among the cells.
-
-    Greedy cover (the cell that most uncovered cells are near to, first of equals), then each node
-    moves to the middle of its region, which never lets a cell lose its cover.
-
-    Args:
-        cells: (x, z), metres.
-        cell_m: grid step.
-        spacing_m: largest distance on foot from a cell to the nearest node.
-
-    Returns:
-        Nodes (x, z) sorted by x, then z; and pairs of node numbers, smaller first, sorted, whose
-        regions touch.
-
-    Raises:
-        ValueError: cell_m or spacing_m is not positive.
-    """
-    if cell_m <= 0 or spacing_m <= 0:
-        raise ValueError(f"cell_m and spacing_m must be positive, not {cell_m} and {spacing_m}")
+def _grid(cells: Iterable[tuple[float, float]], cell_m: float) -> dict[Cell, tuple[float, float]]:
+    """Return the cells by column and row."""
     points = sorted(set(cells))
-    if not points:
-        return [], []
-    x0, z0 = points[0][0], min(z for _, z in points)
+    x0, z0 = min((x for x, _ in points), default=0.0), min((z for _, z in points), default=0.0)
     grid: dict[Cell, tuple[float, float]] = {}
     for x, z in points:
         grid.setdefault((round((x - x0) / cell_m), round((z - z0) / cell_m)), (x, z))
-    steps = int(spacing_m / cell_m + 1e-9)
-    order = sorted(grid)
-    floor = _floor(order)
-    away = dijkstra(floor, unweighted=True)  # steps on foot between any two cells
-    nodes = _cover(away <= steps)
-    for _ in range(_ROUNDS):
-        moved = _centred(nodes, away, floor)
-        if np.array_equal(moved, nodes):
-            break
-        nodes = moved
-    return [grid[order[node]] for node in nodes], _touching(_regions(nodes, away), floor)
+    return grid
 
 
 def _floor(cells: list[Cell]) -> csr_matrix:

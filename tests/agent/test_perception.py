@@ -12,8 +12,7 @@ from karma.contracts import Decoding, SceneRef, SubTask
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.infer.scripted import BlindVision, ScriptedModel
-from karma.memory.multimodal import MultimodalRecall
-from karma.memory.recall import CosineRecall
+from karma.memory.recall import CosineRecall, MultimodalRecall
 
 LOOKS = {"perception": "pictures"}
 

@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support import eb_alfred as eb
 
-from karma.agent.journal.records import NotRun
 from karma.bench.suites.alfred.benchmark import AlfredStage, play
 from karma.bench.suites.alfred.eb_planner import (
     PromptOptions,
@@ -182,12 +181,12 @@ def test_prompt_is_one_message_when_strict(tmp_path):
 # ----------------------------------------------------------------- at play
 
 
-def played(tmp_path, *answers, strict=False, options=OPTIONS, trial="ours_1", task=""):
+def played(tmp_path, *answers, strict=False, options=OPTIONS, task=""):
     model = ScriptedModel(answers)
     stage = AlfredStage(rooms=eb.rooms(tmp_path, task=task), types=eb.TYPES, model=model)
     row = EbRow(name="r", strict=strict, prompt=options)
     asked = ListedTask(
-        list="base", position=0, folder="", trial=trial, repeat=0, instruction="Put fruit away."
+        list="base", position=0, folder="", trial="ours_1", repeat=0, instruction="Put fruit away."
     )
     return play(stage, row, asked, 0, {}), model
 
@@ -215,18 +214,6 @@ def test_planner_that_gives_no_json_is_told_so_unless_strict(tmp_path):
     assert "could not be used\nthere is no JSON object" in model.prompts[1].changing
     _, model = played(tmp_path, "no idea", empty, strict=True)
     assert model.prompts[0] == model.prompts[1]
-
-
-def test_planner_that_fails_is_an_error_of_its_episode(tmp_path):
-    record, _ = played(tmp_path)  # the script has run out
-    assert (record.end, record.success) == ("error", False)
-    assert "run out" in record.error
-
-
-def test_trial_that_is_missing_is_not_run(tmp_path):
-    found, _ = played(tmp_path, trial="trial_T1")
-    assert isinstance(found, NotRun)
-    assert (found.reason, found.alone) == ("there is no trial trial_T1", True)
 
 
 def test_empty_plan_keeps_its_progress_unless_strict(tmp_path):

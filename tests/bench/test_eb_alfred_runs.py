@@ -9,7 +9,6 @@ from typer.testing import CliRunner
 
 from karma.agent.journal.header import EPISODES, TABLE
 from karma.bench.engine.run import Run
-from karma.bench.suites.alfred.table import EB_TABLES, figures_of
 from karma.cli import app
 from karma.errors import FileError
 
@@ -20,23 +19,6 @@ def test_run_gives_equal_bytes_twice_and_with_two_workers(experiment, tmp_path):
     assert len(records) == 12
     assert finished(path, tmp_path / "b")[1] == first
     assert finished(path, tmp_path / "c", workers=2)[1] == first
-
-
-def test_trial_that_is_missing_is_in_no_rate_is_told_and_is_asked_for_again(experiment, tmp_path):
-    said = [("ours_1", "The apple goes into the fridge."), ("lost", "Find it.")]
-    path = experiment(tasks={"spatial": said})
-    run = Run(path, tmp_path / "a")
-    records = list(run.episodes())
-    figures = {(one["row"], one["subset"]): one for one in figures_of(records, EB_TABLES)}
-    assert figures["expert", "spatial"]["success"] == 1.0
-    assert figures["expert", "average"]["errors"] == 0
-    assert {one.reason for one in run.not_run} == {"there is no trial lost"}
-    words = ["eval", str(path), "--out", str(tmp_path / "a"), "--workers", "1"]
-    shown = CliRunner().invoke(app, words)
-    assert shown.exit_code == 1
-    assert f"{len(run.not_run)} not run, in no rate" in shown.output
-    shown = CliRunner().invoke(app, ["table", str(tmp_path / "a")])
-    assert "not run, in no rate" in (tmp_path / "a" / TABLE).read_text(), shown.output
 
 
 def test_run_that_was_stopped_goes_on_and_gives_the_same(experiment, tmp_path):

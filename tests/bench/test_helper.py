@@ -8,7 +8,8 @@ from support.household import kitchen
 from karma.agent.loading.planner_files import ExampleMemory
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
-from karma.bench.rows.helper.memory import (
+from karma.bench.rows.helper import HelperMethod, HelperSettings, seed_examples
+from karma.bench.rows.helper_memory import (
     ObjectMemory,
     ends_there,
     idle,
@@ -16,7 +17,6 @@ from karma.bench.rows.helper.memory import (
     with_object,
     without_object,
 )
-from karma.bench.rows.helper.method import HelperMethod, HelperSettings, seed_examples
 from karma.contracts import (
     Outcome,
     Plan,

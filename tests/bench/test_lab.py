@@ -173,40 +173,6 @@ def test_bound_grows_with_the_memory_up_to_every_repeat(tasks, capacity):
 # ----------------------------------------------------------------- what holds of all (note, 6)
 
 
-@given(tasks=TASKS, window=st.integers(1, 8))
-def test_karma_without_aging_or_protection_hits_as_perfect_lfu(tasks, window):
-    """All splits with nothing protected are one policy: the window's size is no matter."""
-    trace = Trace.of(tasks)
-    found = simulate(f"wtinylfu-karma[{window},1] W=inf", trace)
-    assert found.answers == simulate(f"wtinylfu-karma[{window + 1},0] W=inf", trace).answers
-
-
-@given(tasks=TASKS, size=st.integers(1, 6))
-def test_window_alone_is_lru_under_caffeines_rule(tasks, size):
-    trace = Trace.of(tasks)
-    assert (
-        simulate(f"wtinylfu-caffeine[{size},0]", trace).answers
-        == simulate(f"lru[{size}]", trace).answers
-    )
-
-
-@pytest.mark.parametrize("name", registry.names("policies"))
-@settings(max_examples=25)
-@given(tasks=TASKS)
-def test_memory_for_all_units_misses_first_uses_only(name, tasks):
-    trace = Trace.of(tasks)
-    room = max(1, trace.requests if name.startswith("fifo") else len(trace.keys))
-    assert simulate(f"{name}[{room}]", trace).hits == trace.requests - len(trace.keys)
-
-
-@given(tasks=TASKS, size=st.integers(1, 6))
-def test_lru_of_more_units_hits_wherever_one_of_fewer_does(tasks, size):
-    """Not so of FIFO, which has Belady's anomaly."""
-    trace = Trace.of(tasks)
-    small, large = simulate(f"lru[{size}]", trace), simulate(f"lru[{size + 1}]", trace)
-    assert all(b >= a for a, b in zip(small.answers, large.answers, strict=True))
-
-
 # ----------------------------------------------------------------- outcomes
 
 

@@ -11,9 +11,14 @@ from support.tiny import export_tiny
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
 from karma.agent.seeing.perceive import observe
-from karma.bench.rows.lota.forms import (
+from karma.bench.rows.lota import (
     DONE,
+    LotaGenerate,
+    LotaGenerateSettings,
+    LotaScore,
+    LotaScoreSettings,
     Past,
+    chooser_of,
     code_prompt,
     lines_prompt,
     named_types,
@@ -21,13 +26,6 @@ from karma.bench.rows.lota.forms import (
     steps_in_lines,
     steps_in_words,
     words_prompt,
-)
-from karma.bench.rows.lota.method import (
-    LotaGenerate,
-    LotaGenerateSettings,
-    LotaScore,
-    LotaScoreSettings,
-    chooser_of,
 )
 from karma.contracts import END, Decoding, Plan, SceneRef, SkillResult, SubTask
 from karma.errors import ModelError
@@ -254,7 +252,10 @@ def test_score_in_lines_searches_what_was_not_seen_and_frees_the_hand(score, wor
 
 def test_score_says_in_its_name_which_form_was_used():
     for form in ("words", "compact"):
-        assert LotaScore(ScriptedModel(), form).name == f"LoTa-Bench (modified: scored, {form})"
+        assert (
+            LotaScore(ScriptedModel(), form, LotaScoreSettings()).name
+            == f"LoTa-Bench (modified: scored, {form})"
+        )
 
 
 def test_score_with_a_model_that_tells_no_probabilities_is_refused():

@@ -174,7 +174,7 @@ def test_draws_of_the_whole_list_are_the_sources(tmp_path):
 def stage(tmp_path, model):
     given = ours.read(tmp_path, trial())
     rooms = TrialRooms(trials={given.id: given}, facts=gather([given], ours.beside(tmp_path)))
-    return AlfredStage(rooms=rooms, types=eb.TYPES, model=model, scorer=model)
+    return AlfredStage(rooms=rooms, types=eb.TYPES, model=model)
 
 
 def played(tmp_path, *answers, player="generated", task=None, **row):

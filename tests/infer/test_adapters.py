@@ -22,7 +22,7 @@ from karma.infer.checks import memory
 from karma.infer.embed.clip import ClipEmbedder
 from karma.infer.embed.sentence import SentenceEmbedder
 from karma.infer.transformers_vision import TransformersVision
-from karma.memory.multimodal import MultimodalRecall
+from karma.memory.recall import MultimodalRecall
 
 TEXTS = ["apple", "The red mug, on a table!", "", "apple", "sofa " * 40, "ünïcödé 苹果"]
 FRAMES = np.random.default_rng(0).integers(0, 256, (3, 40, 52, 3), dtype=np.uint8)

@@ -13,7 +13,7 @@ from support.grammar_oracle import is_valid
 from support.hosted_server import PROMPT, chat, endpoint, plant_key, wire_server
 
 from karma.agent.planning.program import SKILLS
-from karma.bench.rows.lota.method import chooser_of
+from karma.bench.rows.lota import chooser_of
 from karma.contracts import ProgramSpec, ScoringModel
 from karma.errors import ModelError, RequestRefused, ServerLost
 from karma.infer.hosted.cassette import Cassette

@@ -8,7 +8,7 @@ from karma.agent.experience import keep
 from karma.contracts import MemoryUnit
 from karma.errors import FileError, KarmaError
 from karma.infer.embed.clip import ClipEmbedder
-from karma.memory.multimodal import MultimodalRecall
+from karma.memory.recall import MultimodalRecall
 
 
 class Space:
@@ -57,18 +57,6 @@ def test_of_two_with_equal_words_the_picture_decides(units, tmp_path):
 def test_unit_without_a_picture_stands_by_its_words(units, tmp_path):
     (best, *_) = MultimodalRecall(Space(), folder=tmp_path).recall("a mug", units, 3)
     assert (best.unit.object_id, best.similarity) == ("mug", pytest.approx(1.0))
-
-
-def test_of_equal_units_the_last_used_comes_first(units, tmp_path):
-    recall = MultimodalRecall(Space(), folder=None)  # by words alone both plates are alike
-    found = recall.recall("a plate", units, 3)
-    assert [item.unit.object_id for item in found] == ["red", "blue", "mug"]
-
-
-def test_nothing_is_recalled_of_nothing(tmp_path):
-    assert MultimodalRecall(Space(), folder=tmp_path).recall("a mug", (), 3) == []
-    with pytest.raises(ValueError, match="k must be"):
-        MultimodalRecall(Space()).recall("a mug", (), 0)
 
 
 def test_embedder_of_texts_alone_is_refused_with_what_helps():

@@ -93,17 +93,6 @@ def test_of_equal_units_the_last_used_comes_first(query, kinds):
     assert all(one.similarity == by_kind[one.unit.object_type] for one in found)
 
 
-def test_recall_from_nothing_is_empty():
-    assert CosineRecall(HashingEmbedder()).recall("apple", [], 3) == []
-
-
-@pytest.mark.parametrize("k", [0, -1])
-@pytest.mark.parametrize("units", [[], [unit("Apple")]])
-def test_asking_for_none_is_refused(k, units):
-    with pytest.raises(ValueError, match="k must be at least 1"):
-        CosineRecall(HashingEmbedder()).recall("apple", units, k)
-
-
 def test_unknown_verbaliser_is_refused():
     with pytest.raises(UnknownNameError, match="sentence"):
         CosineRecall(HashingEmbedder(), text="poem")

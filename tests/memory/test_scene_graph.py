@@ -3,6 +3,7 @@
 import json
 import re
 from collections import deque
+from dataclasses import replace
 from math import dist, isclose, prod
 
 import pytest
@@ -76,10 +77,14 @@ def area_of(graph, object_id):
     return next((a for a in places if object_id in {n.id for n in graph.objects(a)}), None)
 
 
+def beside(graph):
+    return {area.name: area.adjacent for area in graph.areas()}
+
+
 def reachable_areas(graph, start):
-    found, queue = {start}, deque([start])
+    found, queue, adjacent = {start}, deque([start]), beside(graph)
     while queue:
-        for other in graph.adjacent(queue.popleft()):
+        for other in adjacent[queue.popleft()]:
             if other not in found:
                 found.add(other)
                 queue.append(other)
@@ -114,8 +119,8 @@ def test_areas_are_connected_exactly_where_cells_are(grid):
     for name, start in place.items():
         walkable = on_foot(cells, start)
         assert reachable_areas(graph, name) == {n for n, at in place.items() if at in walkable}
-        for other in graph.adjacent(name):
-            assert name in graph.adjacent(other)
+        for other in beside(graph)[name]:
+            assert name in beside(graph)[other]
             assert name != other
 
 
@@ -140,7 +145,7 @@ def test_wall_keeps_two_near_areas_apart():
     left, right = [(0.0, z * CELL) for z in range(9)], [(0.5, z * CELL) for z in range(9)]
     graph = SceneGraph.over([*left, *right, (0.25, 0.0)])  # a door at one end only
     far = [area.name for area in graph.areas() if area.position_m[2] > 0.75]
-    assert all(graph.adjacent(a).count(b) == 0 for a in far for b in far)
+    assert all(beside(graph)[a].count(b) == 0 for a in far for b in far)
 
 
 def test_graph_of_no_cells_knows_nothing():
@@ -210,6 +215,22 @@ def test_moved_object_is_found_where_it_is_now():
     assert graph.known("ArmChair") is None
 
 
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), float("-inf")])
+@pytest.mark.parametrize("key", ["position_m", "box_center_m", "box_size_m"])
+def test_what_has_no_position_was_not_seen_and_what_was_known_stays(bad, key, tmp_path):
+    fridge = thing("Fridge", 0.5, 0.5)
+    graph = furnished([fridge])
+    before = graph.objects()
+    for axis in range(3):
+        torn = list(getattr(fridge, key))
+        torn[axis] = bad
+        other = replace(thing("Bed", 0.5, 0.5), **{key: tuple(torn)})
+        graph.observe([replace(fridge, **{key: tuple(torn)}), other])
+        assert graph.objects() == before
+    graph.save(tmp_path / "map.json")
+    assert SceneGraph.load(tmp_path / "map.json") == graph
+
+
 def test_forgotten_object_is_unknown():
     graph = SceneGraph.over(room())
     graph.observe([thing("Bed", 0.0, 1.0)])
@@ -268,7 +289,7 @@ def test_text_has_the_form_of_the_paper():
 @given(grid=GRID, seen=things())
 def test_saved_graph_is_equal_after_a_restart(grid, seen, tmp_path_factory):
     path = tmp_path_factory.mktemp("graph") / "graph.json"
-    graph = SceneGraph.over(metres(grid), radius_m=2.0)
+    graph = SceneGraph.over(metres(grid))
     graph.observe(seen)
     graph.save(path)
     again = SceneGraph.load(path)

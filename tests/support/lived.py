@@ -5,8 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from karma.bench.suites.lived.designs import DESIGNS
 from karma.bench.suites.lived.home_map import HomeMap
-from karma.contracts import HomeMoment, HomeQuestion, Meaning, SaidThing, Sighting
+from karma.contracts import Deed, HomeMoment, HomeQuestion, Meaning, SaidThing, Sighting
 from karma.memory.lived.setting import KnownPlace, MemorySetting
 from karma.world.houses import build_home
 
@@ -80,3 +81,15 @@ def where(kind, time_s, asked="place", **said):
     )
     return HomeQuestion(text=f"where is the {kind}?", speaker="Ann", time_s=time_s, asked=asked,
                         thing=thing)  # fmt: skip
+
+
+def put(object_id, place_id, time_s, who="Ann"):
+    """Return the moment in which somebody puts a thing somewhere."""
+    deed = Deed(time_s=time_s, who=who, action="PutObject", object_id=object_id,
+                object_type=object_id.split("|")[0], place_id=place_id)  # fmt: skip
+    return moment(time_s, seen(object_id, place_id, time_s), deed=deed)
+
+
+def made(name, **given):
+    """Return a memory of a design."""
+    return DESIGNS[name](setting(**given))

@@ -7,7 +7,7 @@ from karma.agent.journal.formats import UNKNOWN, range_text
 from karma.bench.figures.sheet import Sheet
 from karma.bench.report.html import data_uri, fill
 from karma.bench.suites.policies.figure import Results, caption_of, pictures_of, read_figure
-from karma.bench.suites.policies.paper_claims import CLAIMS
+from karma.bench.suites.policies.paper_claims import claims_sheets
 from karma.bench.suites.policies.plot import svg_of
 from karma.bench.suites.policies.sweep import Bootstrapped
 
@@ -38,7 +38,7 @@ def figure_page(folder: Path) -> str:
         caption=caption_of(results),
         reads=(READS[results.figure.shows], UNITS),
         pictures=pictures,
-        sheets=[*_claims(results), *_rates(results)],
+        sheets=[*(sheet for _, sheet in claims_sheets(results.claims)), *_rates(results)],
     )
 
 
@@ -55,28 +55,6 @@ def _rates(results: Results) -> Iterator[Sheet]:
             lines=tuple(
                 (policy, *(_percent(found.get((cell.workload, policy))) for cell in cells))
                 for policy in policies
-            ),
-        )
-
-
-def _claims(results: Results) -> Iterator[Sheet]:
-    """Yield what the paper says, a table per claim."""
-    for name in dict.fromkeys(claim.claim for claim in results.claims):
-        mine = [claim for claim in results.claims if claim.claim == name]
-        yes = sum(claim.holds == "yes" for claim in mine)
-        yield Sheet(
-            title=CLAIMS[name],
-            caption=f"Holds in {yes} of {len(mine)} rows.",
-            head=("workload", "units", "policy", *(word for word, _ in mine[0].figures), "holds"),
-            lines=tuple(
-                (
-                    claim.workload,
-                    claim.unit_set.upper(),
-                    claim.policy,
-                    *(text for _, text in claim.figures),
-                    claim.holds,
-                )
-                for claim in mine
             ),
         )
 

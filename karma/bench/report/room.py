@@ -187,7 +187,7 @@ def _areas(graph: SceneGraph | None) -> tuple[AreaMark, ...]:
             x=_cm(area.position_m[0]),
             y=_cm(-area.position_m[2]),
             contains=area.contains,
-            adjacent=graph.adjacent(area.name),
+            adjacent=area.adjacent,
         )
         for area in graph.areas()
     )

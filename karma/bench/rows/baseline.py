@@ -1,23 +1,30 @@
 """What baselines share: what an instruction may cost, what usually lies where, what is asked."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from functools import cache
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
+
+import numpy as np
 
 from karma.agent.body.sightings import known
 from karma.agent.body.skills import Skills
 from karma.agent.options import settings_of
+from karma.agent.planning.planner import Planner
 from karma.agent.seeing.perceive import place_of
+from karma.agent.tour import floor_of, position_of
 from karma.contracts import (
     Area,
     Experience,
     Known,
+    Plan,
     PlanRequest,
     Resources,
     SceneRef,
     SeenObject,
+    SkillCall,
+    SkillResult,
     Vec3,
     World,
 )
@@ -26,29 +33,20 @@ from karma.household.pieces import base_type
 from karma.household.places import surface_for
 from karma.household.uses import TAPS
 from karma.memory.scene_graph import SceneGraph
+from karma.seeds import stream
 
 TABLE = Path(__file__).parent / "likely_places.toml"
 Room = TypeVar("Room")
+Memory = TypeVar("Memory", bound="RoomMemory")
 
 
-@dataclass(slots=True)
-class Budget:
-    """What a body has spent of the most that one instruction may take."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BaselineSettings:
+    """What one instruction may cost, and what the planner is told; a row has its own numbers."""
 
-    skills: Skills
-    steps: int  # world actions at most
-    most_failures: int
-    failures: int = 0
-
-    @property
-    def is_spent(self) -> bool:
-        """Whether nothing more may be tried."""
-        return self.skills.actions >= self.steps or self.failures >= self.most_failures
-
-    @property
-    def left(self) -> int:
-        """How many world actions the next skill may take, at least 1."""
-        return max(self.steps - self.skills.actions, 1)
+    steps: int = 1000  # world actions
+    failures: int = 10
+    furniture: bool = False  # whether the planner is told what furniture was seen; the source's not
 
 
 @dataclass
@@ -66,7 +64,7 @@ class RoomMemory:
 
     def best(self, name: str) -> SeenObject | None:
         """Return the object that a type means now; None without one that may be used."""
-        raise NotImplementedError
+        raise NotImplementedError  # each row has its own order
 
     def where(self, name: str) -> Known | None:
         """Return the best known place of an id or type."""
@@ -102,6 +100,111 @@ class RoomByRoom(Generic[Room]):
         self._scene, self._room = scene, self._rooms[scene]
 
 
+@dataclass(kw_only=True)
+class MappedRoom(Generic[Memory]):
+    """One room: its floor, and what was seen there."""
+
+    memory: Memory
+    cells: list[tuple[float, float]]  # that can be stood on, (x, z)
+    floor: SceneGraph  # areas over them, with the furniture that was seen
+
+    @classmethod
+    def of(cls, kind: type[Memory], world: World) -> Self:
+        """Return the room that the agent is in at its first visit: nothing was seen yet."""
+        cells, height = floor_of(world), position_of(world)[1]
+        floor = SceneGraph.over(cells, height_m=height)
+        return cls(memory=kind(here=lambda: position_of(world)), cells=cells, floor=floor)
+
+
+class RowBody(Generic[Memory]):
+    """Acts for one instruction within its budget; the memory takes in what is seen by acting."""
+
+    def __init__(self, world: World, memory: Memory, settings: BaselineSettings) -> None:
+        self.skills, self.memory, self.settings = Skills(world, memory), memory, settings
+        self.failures = 0
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether nothing more may be tried."""
+        used_up = self.skills.actions >= self.settings.steps
+        return used_up or self.failures >= self.settings.failures
+
+    @property
+    def left(self) -> int:
+        """How many world actions the next skill may take, at least 1."""
+        return max(self.settings.steps - self.skills.actions, 1)
+
+    def run(self, call: SkillCall) -> SkillResult:
+        """Run one skill."""
+        result = self.skills.run(call, max_actions=self.left)
+        self.memory.observe(self.skills.experience)
+        return result
+
+    def search(self, name: str, place: SeenObject | Area, most: int | None = None) -> SkillResult:
+        """Look for a thing from an area or into a receptacle, within `most` actions."""
+        limit = self.left if most is None else min(most, self.left)
+        if isinstance(place, Area):
+            result = self.skills.look_from(name, place, max_actions=limit)
+        else:
+            result = self.skills.look_into(name, place, max_actions=limit)
+        self.memory.observe(self.skills.experience)
+        return result
+
+    def is_known_tap(self, name: str) -> bool:
+        """Return whether a name is that of a tap which is found over the basin last used."""
+        return name in TAPS and bool(self.skills.experience.handled_ids)
+
+
+class PlannerRow:
+    """A row that is made of a planner, whose programs nobody mends, and of its options."""
+
+    settings_kind: ClassVar[type]
+
+    def __init__(self, planner: Planner, settings: Any) -> None:
+        self.settings = settings
+        self.planner = planner.drawn_by(replace(planner.decoding, inspected=False))
+
+    @classmethod
+    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
+        """Make the row; KarmaError if an option is unknown or of the wrong type."""
+        settings: Any = settings_of(cls.settings_kind, options)
+        return cls(Planner.of(resources), settings)
+
+
+class MappedEpisode(RoomByRoom[MappedRoom[Memory]]):
+    """An episode of a row that asks its planner, and remembers objects room by room."""
+
+    settings: Any  # of the row
+
+    def __init__(
+        self, kind: type[Memory], row: PlannerRow, world: World, scene: SceneRef, seed: int
+    ) -> None:
+        super().__init__(world, scene, partial(MappedRoom.of, kind))
+        self.settings, self._planner, self._seed = row.settings, row.planner, seed
+        self._number = 0  # of the instruction
+
+    @property
+    def memory(self) -> Memory:
+        """What was seen of the room that the agent is in."""
+        return self._room.memory
+
+    def _draws(self, row: str) -> np.random.Generator:
+        return stream(self._seed, row, self._scene.name, str(self._number))
+
+    def _ask(
+        self, body: RowBody[Memory], instruction: str, **more: Any
+    ) -> Generator[Plan, None, Plan | None]:
+        """Ask for a program; the prompt holds no memory, and no map but where that is an option."""
+        body.skills.look()
+        self._room.floor.observe(self.memory.seen.values())
+        furniture = self._room.floor if self.settings.furniture else None
+        held = body.skills.experience.held
+        answer = None
+        for answer in self._planner.plan(request_for(instruction, held, furniture, **more)):
+            yield answer
+        return answer if answer is not None and answer.calls else None
+
+
 @dataclass(frozen=True, slots=True)
 class _NoOptions:
     pass
@@ -117,11 +220,6 @@ class WithoutOptions:
         """Make the row; KarmaError for any option."""
         settings_of(_NoOptions, options)
         return cls()
-
-
-def is_known_tap(name: str, skills: Skills) -> bool:
-    """Return whether a name is that of a tap which the skill finds over the basin last used."""
-    return name in TAPS and bool(skills.experience.handled_ids)
 
 
 def request_for(

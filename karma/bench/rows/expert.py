@@ -1,35 +1,46 @@
-"""The `expert` row: knows all objects and goals; shows the ceiling and that tasks can be solved.
+"""Rows that the others stand between: `expert`, the ceiling; `idle` and `copying`, floors.
 
-The one method that may read a sub-task's goals and the world's hidden state. It acts by the skills
-that all methods have. When one is refused it notes why, and writes another program: with another
-receptacle or thing of the type, another knife, or with what is in the way put elsewhere first.
+The expert knows all objects and goals, and shows that tasks can be solved. It is the one method
+that may read a sub-task's goals and the world's hidden state. It acts by the skills that all
+methods have. When one is refused it notes why, and writes another program: with another receptacle
+or thing of the type, another knife, or with what is in the way put elsewhere first.
+
+`idle` does nothing, and `copying` does what the nearest example did; neither reads a request.
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, ClassVar, Self
 
 from karma.agent.body.reach import SkillLimits
 from karma.agent.body.skills import Skills
 from karma.agent.goals.goals import GoalTracker, WatchedWorld
+from karma.agent.karma import KarmaMethod, KarmaSettings
+from karma.agent.options import settings_of
 from karma.agent.planning.expert import solve
 from karma.agent.seeing.perceive import truth_of
 from karma.bench.rows.baseline import WithoutOptions
 from karma.bench.rows.expert_choices import Chooser, Lessons, Surroundings, left
 from karma.contracts import (
     Area,
+    Examples,
     Goal,
     Known,
     Outcome,
     Plan,
+    Resources,
     SceneRef,
     SkillCall,
     SkillResult,
     SubTask,
+    WorkedExample,
     World,
 )
+from karma.errors import KarmaError
 from karma.household.ids import is_id, type_of
+from karma.infer.scripted import ScriptedModel
 
 PROGRAMS = 24  # written for one instruction, at most
 _SAME = 6  # times that the same line may be refused in the same words
@@ -143,3 +154,66 @@ class _AllKnowing:
     def areas(self) -> tuple[Area, ...]:
         """Return no areas: with everything known nothing is searched for."""
         return ()
+
+
+# ----------------------------------------------------------------- the floor
+
+
+class IdleMethod(WithoutOptions):
+    """Ends each instruction at once: the floor that other rows stand on."""
+
+    name = "idle"
+
+    def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "IdleEpisode":
+        """Start an episode."""
+        return IdleEpisode()
+
+
+class IdleEpisode:
+    """One sequence of instructions, none of them carried out."""
+
+    def enter(self, scene: SceneRef) -> None:
+        """Note nothing."""
+
+    def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
+        """End."""
+        yield Outcome(finished=True, resident=(), handled_ids=())
+
+
+_NONE = "row method 'copying' needs examples: profile = \"full\", examples = 1 or more in [models]"
+
+
+class CopyingMethod(KarmaMethod):
+    """What a model that is told examples has to beat: who copies has read no request."""
+
+    settings_kind: ClassVar[type] = KarmaSettings
+
+    @classmethod
+    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
+        """Make the row from KARMA's options.
+
+        KarmaError if the run tells its planner no examples.
+        """
+        settings_of(KarmaSettings, options)
+        if resources.examples is None:
+            raise KarmaError(_NONE)
+        nearest = _Nearest(resources.examples)
+        model = ScriptedModel(nearest.programs())
+        copying = replace(resources, model=model, examples=nearest, hints=None, doubt=None)
+        return super().build(copying, options)
+
+
+class _Nearest:
+    """Finds the examples of an instruction, and says the nearest one's program until the next."""
+
+    def __init__(self, examples: Examples) -> None:
+        self._examples, self._program = examples, ""
+
+    def __call__(self, instruction: str) -> tuple[WorkedExample, ...]:
+        found = tuple(self._examples(instruction))
+        self._program = found[-1].program
+        return found
+
+    def programs(self) -> Iterator[str]:
+        while True:
+            yield self._program

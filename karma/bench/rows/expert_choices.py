@@ -203,16 +203,13 @@ class Surroundings:
         moved = {(o, r) for r, others in in_the_way.items() for o in others}
         return ExpertView(
             things=(*(self._named(thing) for thing in self._order), *spots),
-            landmarks=self._types(),
+            landmarks=frozenset(with_wholes(one.object_type for one in self._things.values())),
             held=next((self._named(self._things[name]) for name in self._held), None),
             refused=frozenset(lessons.refused) | moved,
             shunned=shunned,
             in_the_way=in_the_way,
             awkward=frozenset(lessons.awkward),
         )
-
-    def _types(self) -> frozenset[str]:
-        return frozenset(with_wholes(thing.object_type for thing in self._things.values()))
 
     def _named(self, thing: TrueObject) -> NamedThing:
         place = self.shut_in.get(thing.object_id)

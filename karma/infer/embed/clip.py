@@ -1,6 +1,6 @@
 """Embed texts and pictures in one space, by CLIP or SigLIP, from a folder of safetensors.
 
-It is what `recall = "multimodal"` asks (`karma/memory/multimodal.py`).
+It is what `recall = "multimodal"` asks (`karma/memory/recall.py`).
 """
 
 import re

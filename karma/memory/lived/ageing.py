@@ -1,4 +1,4 @@
-"""How beliefs age: the chance that a thing is still where it was seen, learnt from this home.
+"""What this home has shown, beside a prior: how long a thing stays where it is, and where it goes.
 
 Moves of a thing are taken as a Poisson process with an unknown rate, in the time of its type: an
 hour of the day counts as much as such things are moved in it. The rate has a Gamma distribution: a
@@ -9,16 +9,17 @@ that is added by its share of places.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from itertools import accumulate
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Generic, TypeVar
 
 import msgspec
 
 from karma.files import read_json
+from karma.memory.lived.setting import KnownPlace
 
 PRIOR = Path(__file__).with_name("prior.json")
 DAY_S, HOUR_S = 86_400.0, 3_600.0
@@ -102,12 +103,6 @@ class OwnTime:
         return week * self._before[-1] + self._before[at] + part_s / HOUR_S * self._by_hour[at]
 
 
-@dataclass(slots=True)
-class _Evidence:
-    moves: float = 0.0
-    hours: float = 0.0  # of the home: the moves that were to be expected
-
-
 def _until_moved(per_hour: float, hours: float) -> float:
     """Return after how many hours, on average, a thing was moved that was moved within some.
 
@@ -120,6 +115,45 @@ def _until_moved(per_hour: float, hours: float) -> float:
     return 1.0 / per_hour - hours / math.expm1(min(turns, 500.0))
 
 
+T = TypeVar("T")
+
+
+class Shown(Generic[T]):
+    """What a home has shown, by part and name; `made` makes an entry, empty or as it was kept."""
+
+    def __init__(self, parts: Sequence[str], made: Callable[..., T]) -> None:
+        self._parts: dict[str, dict[str, T]] = {part: {} for part in parts}
+        self._made = made
+        self._fresh: dict[tuple[str, str], None] = {}  # that changed since it was told last
+
+    def get(self, part: str, name: str) -> T:
+        """Return an entry; an empty one where nothing was shown."""
+        return self._parts[part].get(name) or self._made()
+
+    def changing(self, part: str, name: str) -> T:
+        """Return an entry that is changed now."""
+        self._fresh[part, name] = None
+        return self._parts[part].setdefault(name, self._made())
+
+    def fresh(self) -> dict[str, dict[str, Any]]:
+        """Return what changed since this was asked last, by part and name."""
+        found: dict[str, dict[str, Any]] = {}
+        for part, name in self._fresh:
+            found.setdefault(part, {})[name] = self._parts[part][name]
+        self._fresh.clear()
+        return found
+
+    def restore(self, kept: Callable[[str], Mapping[str, Any]]) -> None:
+        """Take over what was shown before a restart, by part."""
+        for part, entries in self._parts.items():
+            entries |= {name: self._made(values) for name, values in kept(part).items()}
+
+
+def _evidence(kept: Iterable[float] = (0.0, 0.0)) -> list[float]:
+    """Return moves and hours; of the home the moves that were to be expected stand for hours."""
+    return list(kept)
+
+
 class Ageing:
     """What this home has shown of how often its things are moved."""
 
@@ -127,8 +161,7 @@ class Ageing:
         self._priors = priors
         self._times = {name: OwnTime(prior.by_hour) for name, prior in priors.items()}
         self._any_time = OwnTime()
-        self._shown: dict[str, dict[str, _Evidence]] = {part: {} for part in PARTS}
-        self._fresh: dict[tuple[str, str], None] = {}  # learnt of since it was told last
+        self.shown = Shown(PARTS, _evidence)
 
     def learn(self, object_id: str, object_type: str, hours: float, *, moved: bool) -> None:
         """Count what was found after a time: still there, or moved at some time in between."""
@@ -140,24 +173,9 @@ class Ageing:
             (OF_HOME, "", expected), (OF_TYPES, object_type, exposure),
             (OF_THINGS, object_id, exposure),
         ):  # fmt: skip
-            evidence = self._shown[part].setdefault(name, _Evidence())
-            evidence.moves += moved
-            evidence.hours += more
-            self._fresh[part, name] = None
-
-    def fresh(self) -> dict[str, dict[str, Any]]:
-        """Return what was learnt since this was asked last, by part and name."""
-        found: dict[str, dict[str, Any]] = {}
-        for part, name in self._fresh:
-            evidence = self._shown[part][name]
-            found.setdefault(part, {})[name] = (evidence.moves, evidence.hours)
-        self._fresh.clear()
-        return found
-
-    def learn_again(self, kept: Callable[[str], Mapping[str, Any]]) -> None:
-        """Take over what was learnt before a restart, by part."""
-        for part, shown in self._shown.items():
-            shown |= {name: _Evidence(*values) for name, values in kept(part).items()}
+            evidence = self.shown.changing(part, name)
+            evidence[0] += moved
+            evidence[1] += more
 
     def hours(self, object_type: str, start_s: float, end_s: float) -> float:
         """Return how many hours of a type's own time lie between two times."""
@@ -171,10 +189,68 @@ class Ageing:
     def _gamma(self, object_id: str, object_type: str) -> tuple[float, float]:
         """Return shape and rate for one thing: the type's mean, worth `OWN` hours, and its own."""
         prior = self._priors.get(object_type, FLAT)
-        home, kind, own = (
-            self._shown[part].get(name, _Evidence())
-            for part, name in ((OF_HOME, ""), (OF_TYPES, object_type), (OF_THINGS, object_id))
-        )
-        busy = (HOME + home.moves) / (HOME + home.hours)
-        mean = (prior.moves * busy + kind.moves) / (prior.hours + kind.hours)
-        return mean * OWN + own.moves, OWN + own.hours
+        of_home, expected = self.shown.get(OF_HOME, "")
+        of_type, type_hours = self.shown.get(OF_TYPES, object_type)
+        own, own_hours = self.shown.get(OF_THINGS, object_id)
+        busy = (HOME + of_home) / (HOME + expected)
+        mean = (prior.moves * busy + of_type) / (prior.hours + type_hours)
+        return mean * OWN + own, OWN + own_hours
+
+
+# ----------------------------------------------------------------- where things go
+
+
+OWN_VISIT, LIKE_VISIT, OF_PRIOR = 1.0, 0.15, 4.0  # what one counts against another
+_SPREAD = 0.15  # of the prior, over all places of the home
+BY_THING, BY_TYPE = "places of things", "places of types"
+
+
+class PlaceShares:
+    """Counts of the places that things were brought to, in this home, and a prior beside them."""
+
+    def __init__(self, prior: HomePrior, places: Mapping[str, KnownPlace]) -> None:
+        self._prior, self._places = prior.types, places
+        self.visits: Shown[Counter[str]] = Shown((BY_THING, BY_TYPE), Counter)
+        self._kinds = Counter(_kind(place) for place in places.values())
+        self._base: dict[str, dict[str, float]] = {}
+
+    def visit(self, object_id: str, object_type: str, place_id: str | None) -> None:
+        """Count that a thing has come to a place."""
+        if place_id not in self._places:
+            return
+        for part, name in ((BY_THING, object_id), (BY_TYPE, object_type)):
+            self.visits.changing(part, name)[str(place_id)] += 1
+
+    def of(self, object_ids: Iterable[str], object_type: str) -> dict[str, float]:
+        """Return each place's share for a thing that may be one of some, summing to 1."""
+        found = dict(self._base_of(object_type))
+        for place_id, times in self.visits.get(BY_TYPE, object_type).items():
+            found[place_id] = found.get(place_id, 0.0) + LIKE_VISIT * times
+        for object_id in object_ids:
+            for place_id, times in self.visits.get(BY_THING, object_id).items():
+                found[place_id] = found.get(place_id, 0.0) + OWN_VISIT * times
+        total = sum(found.values())
+        return {place_id: share / total for place_id, share in found.items()} if total else {}
+
+    def _base_of(self, object_type: str) -> dict[str, float]:
+        if object_type not in self._base:
+            prior = self._prior.get(object_type)
+            self._base[object_type] = self._spread(prior) if prior else {}
+        return self._base[object_type]
+
+    def _spread(self, prior: TypePrior) -> dict[str, float]:
+        """Return the prior's shares of kinds of places over the places of this home."""
+        number = max(len(self._places), 1)
+        return {
+            place_id: OF_PRIOR
+            * (
+                (1.0 - _SPREAD) * prior.places.get(_kind(place), 0.0) / self._kinds[_kind(place)]
+                + _SPREAD / number
+            )
+            for place_id, place in self._places.items()
+        }
+
+
+def _kind(place: KnownPlace) -> str:
+    """Return the kind of a place as the prior has it."""
+    return f"{place.room_kind}/{place.place_type}"

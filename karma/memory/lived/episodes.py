@@ -12,7 +12,7 @@ import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from math import fsum
 from pathlib import Path
 from typing import Any, Literal
@@ -132,7 +132,8 @@ class EpisodeLog:
                 seen.object_id, seen.object_type, seen.place_id, seen.room,
                 f" {' '.join(seen.states)} ", *seen.position_m, belief.since_s, seen.time_s,
                 deed.who if deed else "", deed.action if deed else "",
-                _deed_text(deed), self._text_id(sighting_text(seen, self._places)),
+                None if deed is None else json.dumps(astuple(deed)),
+                self._text_id(sighting_text(seen, self._places)),
             ),
         )  # fmt: skip
         self._open[seen.object_id] = (int(cursor.lastrowid or 0), seen.time_s)
@@ -240,7 +241,8 @@ class EpisodeLog:
         if len(few) <= FEW:
             rank = {number: at for at, number in enumerate(ranked)}
             few.sort(key=lambda row: (rank[row[1]], -row[2], -row[0]))
-            return [self._one(row[0]) for row in few[:k]]
+            one = f"{_SELECT} where id = ?"
+            return [_episode(self._base.execute(one, row[:1]).fetchone()) for row in few[:k]]
         return self._by_text(where, values, ranked, k)
 
     def _by_text(
@@ -263,16 +265,12 @@ class EpisodeLog:
                 break
         return found
 
-    def _one(self, number: int) -> Belief:
-        return _episode(self._base.execute(f"{_SELECT} where id = ?", (number,)).fetchone())
-
     def _ranked(self, text: str) -> list[int]:
         """Return the numbers of all texts, the nearest first; the earlier of equals first."""
         self._catch_up()
         asked = self._embedder.embed([text])
-        scores, numbers = self._index.search(asked, len(self._indexed))
-        order = np.lexsort((numbers[0], -scores[0]))
-        ranked: list[int] = numbers[0][order].tolist()
+        (scores,), (numbers,) = self._index.search(asked, len(self._indexed))
+        ranked: list[int] = numbers[np.lexsort((numbers, -scores))].tolist()
         return ranked
 
     def _catch_up(self) -> None:
@@ -385,33 +383,18 @@ def _naming(path: Path | None) -> Iterator[None]:
 
 def _conditions(query: EpisodeQuery) -> tuple[str, tuple[Any, ...]]:
     """Return the where clause of a query and its values."""
-    parts: list[str] = []
-    values: list[Any] = []
-
-    def one(part: str, *more: Any) -> None:
-        parts.append(part)
-        values.extend(more)
-
-    def of(column: str, wanted: Sequence[str]) -> None:
-        if wanted:
-            one(f"{column} in ({','.join('?' * len(wanted))})", *wanted)
-
-    of("object_type", query.types)
-    of("who", tuple(filter(None, [query.who])))
-    of("action", tuple(filter(None, [query.action])))
-    if query.state:
-        one("states like ?", f"% {query.state} %")
-    if query.by_deed:
-        one("deed is not null")
-    if query.before_s is not None:
-        one("since_s <= ?", query.before_s)
-    if query.after_s is not None:
-        one("since_s >= ?" if query.who or query.action else "until_s >= ?", query.after_s)
-    return (f"where {' and '.join(parts)}" if parts else ""), tuple(values)
-
-
-def _deed_text(deed: Deed | None) -> str | None:
-    return json.dumps([getattr(deed, name) for name in _DEED]) if deed is not None else None
+    time_s = "since_s" if query.who or query.action else "until_s"
+    asked: list[tuple[str, Sequence[Any]]] = [
+        (f"object_type in ({','.join('?' * len(query.types))})", query.types),
+        ("who = ?", [query.who] if query.who else []),
+        ("action = ?", [query.action] if query.action else []),
+        ("states like ?", [f"% {query.state} %"] if query.state else []),
+        ("since_s <= ?", [] if query.before_s is None else [query.before_s]),
+        (f"{time_s} >= ?", [] if query.after_s is None else [query.after_s]),
+    ]
+    parts = [part for part, values in asked if values] + ["deed is not null"] * query.by_deed
+    where = f"where {' and '.join(parts)}" if parts else ""
+    return where, tuple(value for _, values in asked for value in values)
 
 
 def _deed_of(text: str | None) -> Deed | None:

@@ -1,6 +1,9 @@
-"""A memory that stays true: beliefs that age and give way, their history, and likely places."""
+"""A memory that stays true: beliefs that age and give way, their history, and likely places.
 
-from collections.abc import Sequence
+`TrueUnits` is the same within the paper's ten units: no log, and as many beliefs as lines.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from hashlib import sha256
 from math import isfinite
@@ -8,10 +11,16 @@ from math import isfinite
 from karma.contracts import Fact, HomeMoment, HomeQuestion, LikelyPlace, SaidThing
 from karma.errors import FileError
 from karma.household.places import HAND
-from karma.memory.lived.ageing import SURE, Ageing, AskedFor, HomePrior, home_prior
+from karma.memory.lived.ageing import (
+    SURE,
+    Ageing,
+    AskedFor,
+    HomePrior,
+    PlaceShares,
+    home_prior,
+)
 from karma.memory.lived.beliefs import OVERLOOKED, Beliefs, doubt_of
 from karma.memory.lived.episodes import MOST_EPISODES, Belief, EpisodeLog, EpisodeQuery
-from karma.memory.lived.likely import PlaceShares
 from karma.memory.lived.setting import (
     MemorySetting,
     has_states,
@@ -130,8 +139,9 @@ class TrueMemory:
         """Make what was learnt so far survive: called when an instruction is finished."""
         self._write_down()
         self._log.keep("looked", {"all": self._looked})
-        for part, values in (self._ageing.fresh() | self._shares.fresh()).items():
-            self._log.keep(part, values)
+        for shown in (self._ageing.shown, self._shares.visits):
+            for part, values in shown.fresh().items():
+                self._log.keep(part, values)
         self._log.commit()
 
     def _write_down(self) -> None:
@@ -160,8 +170,8 @@ class TrueMemory:
             raise FileError(self._place or LOG, reason, fix=fix)
         self._log.keep("home", {"places": home})
         self._looked = self._log.kept("looked").get("all", {})
-        self._ageing.learn_again(self._log.kept)
-        self._shares.visit_again(self._log.kept)
+        self._ageing.shown.restore(self._log.kept)
+        self._shares.visits.restore(self._log.kept)
         doubts = self._log.kept("doubts")
         for belief in self._log.episodes(only_open=True):
             self._beliefs.take_over(belief, doubts.get(belief.sighting.object_id))
@@ -266,3 +276,93 @@ def _told(episode: Belief, before_s: float | None) -> Fact:
 def is_described(said: SaidThing) -> bool:
     """Return whether a thing is known by a deed, a time, a state, or what it was beside."""
     return is_of_past(said) or bool(said.states or said.beside is not None)
+
+
+# ----------------------------------------------------------------- in ten units
+
+
+HALF_LIFE = 60.0  # uses of all lines after which a use counts half
+UNUSED = 0.2  # of a use, that a line is worth which was only seen
+
+
+class TrueUnits(TrueMemory):
+    """A `HomeMemory` that keeps the ten beliefs which are worth most.
+
+    What it learns of how things move and where they go is kept, as the paper's map is.
+    """
+
+    def __init__(self, setting: MemorySetting) -> None:
+        super().__init__(setting)
+        self._policy = NeedTruthCost(setting.units, self._worth)
+        self._now_s = 0.0
+        for belief in sorted(self._beliefs, key=lambda one: one.sighting.time_s):  # of a log
+            self._now_s = max(self._now_s, belief.sighting.time_s)
+            self._count(belief.sighting.object_id, UNUSED)
+
+    def take_in(self, moment: HomeMoment) -> None:
+        """Correct what is believed; then keep what is worth most."""
+        self._now_s = moment.time_s
+        super().take_in(moment)
+        for seen in moment.seen:
+            self._count(seen.object_id, UNUSED if moment.deed is None else 1.0)
+
+    def _count(self, object_id: str, uses: float) -> None:
+        """Count a belief in; what leaves for it is forgotten."""
+        leaves = self._policy.count(object_id, uses)
+        if leaves is not None:
+            self._beliefs.forget(leaves)
+            self._log.drop(leaves)
+
+    def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:
+        """Return what fits; what is told was needed."""
+        found = super().recall(question, k)
+        for fact in found[:1]:
+            if fact.sighting.object_id in self._policy:
+                self._policy.count(fact.sighting.object_id, 1.0)
+        return found
+
+    def _worth(self, object_id: str) -> float:
+        """Return the chance that a belief is true, times the looks that a search would take."""
+        belief = self._beliefs.get(object_id)
+        if belief is None or belief.ended_s is not None:
+            return 0.0
+        seen = belief.sighting
+        shares = self._shares.of([object_id], seen.object_type)
+        best = max(shares.values(), default=0.1)
+        return self._beliefs.chance(belief, self._now_s) * (1.0 - best)
+
+
+class NeedTruthCost:
+    """Which key leaves a full memory, where another part knows what each is worth.
+
+    A key's worth is the chance of being true times the cost of finding again; at least 0.
+    """
+
+    def __init__(self, capacity: int, worth: Callable[[str], float]) -> None:
+        if capacity < 1:
+            raise ValueError(f"a memory of {capacity} units")
+        self._capacity, self._worth = capacity, worth
+        self._needs: dict[str, tuple[float, int]] = {}  # of residents: uses, and when last halved
+        self._past: dict[str, tuple[float, int]] = {}  # of those that left
+        self._clock = 0
+
+    def count(self, key: str, uses: float) -> str | None:
+        """Count uses of a key, less than one where it was only seen; return the key that left."""
+        self._clock += 1
+        old = self._needs.pop(key, None) or self._past.pop(key, (0.0, self._clock))
+        self._needs[key] = (self._aged(old) + uses, self._clock)
+        if len(self._needs) <= self._capacity:
+            return None
+        leaves = min(self._needs, key=lambda one: (self._value(one), self._needs[one][1], one))
+        self._past[leaves] = self._needs.pop(leaves)
+        return leaves
+
+    def _value(self, key: str) -> float:
+        return self._aged(self._needs[key]) * self._worth(key)
+
+    def _aged(self, need: tuple[float, int]) -> float:
+        uses, when = need
+        return float(uses * 0.5 ** ((self._clock - when) / HALF_LIFE))
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._needs

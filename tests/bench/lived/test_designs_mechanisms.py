@@ -10,12 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from karma.bench.suites.lived.designs import CAPTIONS, DESIGNS
-from karma.bench.suites.lived.texts import query_text
-from karma.contracts import Deed
+from karma.bench.suites.lived.designs import CAPTIONS, DESIGNS, query_text
 from karma.memory.lived.setting import sighting_text
 from karma.memory.policies import make_policy
-from tests.support.lived import PLACES, LetterEmbedder, moment, seen, setting, where
+from tests.support.lived import PLACES, LetterEmbedder, made, moment, put, seen, setting, where
 from tests.support.paths import ROOT
 
 KINDS = ("Mug", "Book", "Apple")
@@ -23,22 +21,11 @@ FOREIGN = [name for name in DESIGNS if not name.startswith("ours")]
 OPEN_ENDED = 10_000  # facts: all there are
 
 
-def made(name, **given_setting):
-    return DESIGNS[name](setting(**given_setting))
-
-
 def told(name, moments, question, k=OPEN_ENDED, **given_setting):
     memory = made(name, **given_setting)
     for one in moments:
         memory.take_in(one)
     return list(memory.recall(question, k))
-
-
-def put(object_id, place_id, time_s, who="Ann"):
-    """Return the moment in which somebody puts a thing somewhere."""
-    deed = Deed(time_s=time_s, who=who, action="PutObject", object_id=object_id,
-                object_type=object_id.split("|")[0], place_id=place_id)  # fmt: skip
-    return moment(time_s, seen(object_id, place_id, time_s), deed=deed)
 
 
 @st.composite

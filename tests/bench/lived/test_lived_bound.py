@@ -33,8 +33,3 @@ def by_all_choices(waits, units):
 @given(WAITS, st.integers(1, 4))
 def test_the_bound_is_what_the_best_choice_gives(waits, units):
     assert most_known(waits, units) == by_all_choices(waits, units)
-
-
-def test_as_many_units_as_requests_know_all():
-    waits = [(0, 10), (1, 11), (2, 12)]
-    assert [most_known(waits, units) for units in (1, 2, 3, 9)] == [1, 2, 3, 3]

@@ -96,24 +96,6 @@ def test_walks_cost_what_the_shortest_way_takes():
         assert 0 <= turns <= max(ways) + 6  # quarter turns and tilts
 
 
-def test_a_look_at_a_place_nearly_always_shows_what_is_there():
-    moments = []
-    household = Household(small_home(), seed=3, people=2, disturbance=0.3)
-    household.until(DAY_S)
-    robot = HomeRobot(household, small_map(), moments.append)
-    shown = there = 0
-    for thing in household.now().values():
-        if thing.place_id in small_map().places:
-            there += 1
-            shown += robot.look_at(
-                thing.place_id,
-                until=lambda seen, mine=thing: any(
-                    one.object_id == mine.object_id for one in seen.seen
-                ),
-            )
-    assert shown / there > 0.9
-
-
 @pytest.mark.parametrize("name", ["house_02", "house_10"])
 def test_houses_of_procthors_form_are_lived_in(name):
     assets = read_assets(HOUSES / "assets.json")

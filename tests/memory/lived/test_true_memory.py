@@ -11,10 +11,17 @@ from hypothesis import strategies as st
 from karma.contracts import Deed
 from karma.errors import FileError
 from karma.household.places import HAND
-from karma.memory.lived.ageing import AT_NIGHT, OF_THINGS, Ageing, HomePrior, OwnTime, TypePrior
+from karma.memory.lived.ageing import (
+    AT_NIGHT,
+    OF_THINGS,
+    Ageing,
+    HomePrior,
+    OwnTime,
+    PlaceShares,
+    TypePrior,
+)
 from karma.memory.lived.beliefs import Beliefs
 from karma.memory.lived.episodes import Belief, EpisodeLog, EpisodeQuery
-from karma.memory.lived.likely import PlaceShares
 from karma.memory.lived.setting import sighting_text
 from karma.memory.lived.true_memory import LOG, TrueMemory
 from karma.seeds import stream
@@ -126,7 +133,7 @@ def test_a_move_that_was_seen_from_taking_to_putting_is_learnt_once():
     believed.take_in(moment(10 * HOUR_S, seen("Mug|1", HAND, 10 * HOUR_S), deed=took(10 * HOUR_S)))
     put = replace(took(10.1 * HOUR_S), action="PutObject", place_id="Shelf|1")
     believed.take_in(moment(10.1 * HOUR_S, seen("Mug|1", "Shelf|1", 10.1 * HOUR_S), deed=put))
-    moves, _ = ageing.fresh()[OF_THINGS]["Mug|1"]
+    moves, _ = ageing.shown.fresh()[OF_THINGS]["Mug|1"]
     assert moves == 1
 
 

@@ -7,14 +7,14 @@ from typing import Any, ClassVar
 
 from karma.agent.journal.records import NotRun
 from karma.bench.engine.suite import BenchmarkResults, Chain, Play, planner_of
-from karma.bench.rows.lota.method import chooser_of
+from karma.bench.rows.lota import chooser_of
 from karma.bench.suites.alfred.eb_planner import PlannerAnswer, PlannerPlayer
 from karma.bench.suites.alfred.experiment import EbExperiment, EbRow, LotaExperiment, LotaRow
 from karma.bench.suites.alfred.lota_planner import GeneratedPlayer, LotaAnswer, ScoredPlayer
 from karma.bench.suites.alfred.players import BenchmarkPlayer, ChancePlayer, ExpertPlayer
 from karma.bench.suites.alfred.table import EB_TABLES, LOTA_TABLES, results_of
 from karma.bench.tasks.alfred import ListedTask
-from karma.contracts import LanguageModel, ScoringModel
+from karma.contracts import LanguageModel
 from karma.errors import FileError, KarmaError
 from karma.infer.hosted.session import Session
 from karma.world.alfred.facts import RoomFacts, gather, side_files
@@ -108,7 +108,6 @@ class AlfredStage:
     rooms: TrialRooms
     types: ActionTypes
     model: LanguageModel | None  # None where no row asks one
-    scorer: ScoringModel | None = None  # the same, where a row has skills scored
 
 
 def play(
@@ -197,8 +196,8 @@ def _player(
     asked["instruction"] = instruction
     if isinstance(row, EbRow):
         return PlannerPlayer(subset=task.list, seed=seed, **asked)
-    if row.player == "scored" and stage.scorer is not None:
-        return ScoredPlayer(scoring=row.scoring, **asked | {"model": stage.scorer})
+    if row.player == "scored":
+        return ScoredPlayer(scoring=row.scoring, **asked)
     return GeneratedPlayer(seed=seed, **asked)
 
 
@@ -255,15 +254,20 @@ class _AlfredSuite:
         return [_HERE / one.benchmark / name for name in ("prompt.toml", "examples.toml")] + theirs
 
     def begin(self, session: Session) -> Play:
-        """Load rooms, lists of types and, where a row asks it, the planner."""
+        """Load rooms, lists of types and, where a row asks it, the planner.
+
+        ModelError if skills are to be scored, and the model cannot.
+        """
         one = self._experiment
         tasks = {task.id: task for task in one.chosen(self._path)}
         model = planner_of(one.models, session, one.seeds[0]) if one.plans else None
+        scored = [row.name for row in one.rows if row.player == "scored"]
+        if model is not None and scored:
+            chooser_of(model, scored[0], 'with player = "generated"')
         stage = AlfredStage(
             rooms=read_rooms(Path(one.trials), [task.trial for task in tasks.values()]),
             types=read_types(Path(one.types)),
             model=model,
-            scorer=self._scorer(model),
         )
         rows = {row.name: row for row in one.rows}
 
@@ -273,13 +277,6 @@ class _AlfredSuite:
                 yield play(stage, rows[chain.row], tasks[task], chain.seed, puts)
 
         return played
-
-    def _scorer(self, model: LanguageModel | None) -> ScoringModel | None:
-        """Return the model where a row has skills scored; ModelError if it cannot."""
-        wanted = [row.name for row in self._experiment.rows if row.player == "scored"]
-        if not wanted or model is None:
-            return None
-        return chooser_of(model, wanted[0], 'with player = "generated"')
 
 
 class EbAlfred(_AlfredSuite):

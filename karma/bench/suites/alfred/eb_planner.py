@@ -13,9 +13,10 @@ from dataclasses import asdict, dataclass, field
 from functools import cache
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
+from msgspec import Meta
 
 from karma.bench.suites.alfred.players import BenchmarkAnswer, kept
 from karma.contracts import Frame, LanguageModel, PlanSpec, Prompt
@@ -49,22 +50,15 @@ class PlanExample(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 class PromptOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How a planner is asked."""
 
-    examples: int = 10  # at most; long_horizon has seven
+    examples: Annotated[int, Meta(ge=0)] = 10  # at most; long_horizon has seven
     feedback: bool = True  # whether it is told how actions went
     dialogue: bool = False  # whether it is told its earlier answers
-    pictures: int = 0  # of what the robot saw last; 0 = text only
-    max_tokens: int = 2048
+    pictures: Annotated[int, Meta(ge=0)] = 0  # of what the robot saw last; 0 = text only
+    max_tokens: Annotated[int, Meta(ge=1)] = 2048
     temperature: float = 0.0
     constrained: bool = False  # held to the form, by a grammar or schema
-    most_text: int = 300  # then: characters of each text
-    most_actions: int = 20  # and actions of a plan
-
-    def __post_init__(self) -> None:
-        """Refuse bounds that leave nothing."""
-        if min(self.examples, self.pictures, self.most_text) < 0:
-            raise ValueError("examples, pictures and most_text are 0 or more")
-        if self.max_tokens < 1 or self.most_actions < 1:
-            raise ValueError("max_tokens and most_actions are 1 or more")
+    most_text: Annotated[int, Meta(ge=0)] = 300  # then: characters of each text
+    most_actions: Annotated[int, Meta(ge=1)] = 20  # and actions of a plan
 
 
 @cache

@@ -2,9 +2,10 @@
 
 import random
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
+from msgspec import Meta
 
 from karma.agent.loading.models import Models
 from karma.bench.engine.experiment import check_listed, select
@@ -108,14 +109,8 @@ class LotaExperiment(AlfredExperiment, frozen=True, kw_only=True):
     benchmark: Literal["lota_alfred"]
     rows: tuple[LotaRow, ...]
     lists: tuple[str, ...] = ()  # () = all
-    percent: int = 100  # of them, drawn
+    percent: Annotated[int, Meta(ge=1, le=100)] = 100  # of them, drawn
     draw_seed: int = 1  # the source's
-
-    def __post_init__(self) -> None:
-        """Refuse also a share that is none."""
-        AlfredExperiment.__post_init__(self)
-        if not 1 <= self.percent <= 100:
-            raise ValueError(f"percent = {self.percent}: 1 to 100")
 
     def chosen(self, path: Path) -> tuple[ListedTask, ...]:
         """Return the tasks that are drawn and selected; `path` is for messages.

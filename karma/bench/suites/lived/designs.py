@@ -8,15 +8,64 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from karma.bench.suites.lived.texts import TextVectors, best_first
-from karma.contracts import Deed, Fact, HomeMemory, HomeMoment, HomeQuestion, LikelyPlace, Sighting
+from karma.contracts import (
+    Deed,
+    Embedder,
+    Fact,
+    HomeMemory,
+    HomeMoment,
+    HomeQuestion,
+    LikelyPlace,
+    Sighting,
+    Vectors,
+)
+from karma.household.types import in_words
 from karma.memory.lived.setting import MemorySetting, is_said_place, ranks_of, sighting_text
-from karma.memory.lived.true_memory import TrueMemory
-from karma.memory.lived.true_units import TrueUnits
+from karma.memory.lived.true_memory import TrueMemory, TrueUnits
 from karma.memory.policies import make_policy
+
+
+class TextVectors:
+    """Texts numbered as they come, each embedded once; exact search over all of them."""
+
+    def __init__(self, embedder: Embedder) -> None:
+        self._embedder = embedder
+        self._numbers: dict[str, int] = {}
+        self._rows: list[Vectors] = []
+
+    def number(self, text: str) -> int:
+        """Return the number of a text; a new one gets the next."""
+        if text not in self._numbers:
+            self._numbers[text] = len(self._rows)
+            self._rows.append(self._embedder.embed([text]))
+        return self._numbers[text]
+
+    def similarities(self, question: HomeQuestion) -> NDArray[np.float32]:
+        """Return each text's cosine with the question, shape (texts,)."""
+        asked = self._embedder.embed([query_text(question)])
+        found: NDArray[np.float32] = np.concatenate(self._rows) @ asked[0]
+        return found
+
+
+def query_text(question: HomeQuestion) -> str:
+    """Return what a design looks up: the noun phrase, and the names of the nearest types.
+
+    All designs get the same, so that none loses for not knowing a word.
+    """
+    said = question.thing
+    names = [in_words(meaning.name) for meaning in said.types[:2]]
+    return ", ".join(dict.fromkeys([said.phrase or question.text, *names]))
+
+
+def best_first(scores: NDArray[np.floating[Any]], k: int) -> NDArray[np.intp]:
+    """Return the numbers of the k best scores, the earlier of equals first."""
+    return np.argsort(-scores, kind="stable")[:k]
+
 
 CAPTIONS = 6  # that each search of ReMEmbR returns
 _IN_CAPTION = 8  # things that a caption names
@@ -279,7 +328,7 @@ class TemporalGraph(NoMemory):
         for scores in (cosine, np.array(words)):
             ranks = np.argsort(np.argsort(-scores, kind="stable"), kind="stable")
             fused += np.where(scores > 0, 1.0 / (_RANK + ranks), 0.0)
-        return [_told(edges[at], past) for at in best_first(fused, k)]
+        return [_fact_of(edges[at], past) for at in best_first(fused, k)]
 
 
 def _valid(edge: _StoredFact, question: HomeQuestion) -> bool:
@@ -292,7 +341,7 @@ def _valid(edge: _StoredFact, question: HomeQuestion) -> bool:
     return edge.since_s <= said.before_s and (edge.ended_s is None or edge.ended_s > after)
 
 
-def _told(edge: _StoredFact, past: bool) -> Fact:
+def _fact_of(edge: _StoredFact, past: bool) -> Fact:
     if past:
         return replace(edge.fact, sighting=replace(edge.seen, time_s=edge.since_s))
     return replace(edge.fact, ended_s=edge.ended_s)
@@ -342,7 +391,10 @@ class ReMEmbRStyle(NoMemory):
         times = np.array([one.time_s for one in self._captions])
         found = [best_first(scores + 1e-9 * times, CAPTIONS)]
         if said.room or said.place_types:
-            there = [self._is_at(one, question) for one in self._captions]
+            there = [
+                any(is_said_place(self._places.get(place_id), said) for place_id in one.place_ids)
+                for one in self._captions
+            ]
             found.append(best_first(np.where(there, scores, -1.0), CAPTIONS))
         if said.after_s is not None and said.before_s is not None:
             then = (times >= said.after_s) & (times <= said.before_s)
@@ -350,11 +402,6 @@ class ReMEmbRStyle(NoMemory):
         numbers = dict.fromkeys(int(at) for turn in zip(*found, strict=True) for at in turn)
         rows = [row for at in numbers for row in self._captions[at].rows]
         return self._nearest(rows, question, k)
-
-    def _is_at(self, caption: _Caption, question: HomeQuestion) -> bool:
-        said = question.thing
-        known = caption.place_ids & self._places.keys()
-        return any(is_said_place(self._places[place_id], said) for place_id in known)
 
 
 DESIGNS: Mapping[str, Callable[[MemorySetting], HomeMemory]] = {

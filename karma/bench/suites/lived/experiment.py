@@ -37,14 +37,14 @@ class LivedSetting(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     disturbance: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.3  # of things, moved a day
     things: Annotated[int, Meta(ge=1)] | None = None  # movable; None: as rooms have them
     units: Annotated[int, Meta(ge=1)] = 10  # of short-term memory
-    rooms: tuple[Annotated[int, Meta(ge=1, le=12)], ...] = (2, 3, 3, 4, 4, 5, 5, 6, 8, 12)
+    rooms: Annotated[tuple[Annotated[int, Meta(ge=1, le=12)], ...], Meta(min_length=1)] = (
+        2, 3, 3, 4, 4, 5, 5, 6, 8, 12,
+    )  # fmt: skip
     words: Words = "known"  # what things are called
     people: Annotated[int, Meta(ge=0, le=MOST_PEOPLE)] = 0  # 0: drawn for each home, 1 to 4
 
-    def __post_init__(self) -> None:
-        """Refuse homes without rooms."""
-        if not self.rooms:
-            raise ValueError("rooms = []: one number or more, each 1 to 12")
+
+_USUAL = LivedSetting(name="usual")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,7 +75,9 @@ class LivedExperiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     name: str
     benchmark: Literal["lived"]
     rows: tuple[LivedRow, ...]
-    settings: tuple[LivedSetting, ...] = (LivedSetting(name="usual"),)
+    settings: Annotated[tuple[LivedSetting, ...], Meta(min_length=1)] = (
+        LivedSetting(name="usual"),
+    )
     homes: Annotated[int, Meta(ge=1)] = 100
     first_home: Annotated[int, Meta(ge=0)] = 0  # development and report have different ones
     days: Annotated[int, Meta(ge=1)] = 7
@@ -89,8 +91,6 @@ class LivedExperiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         """Refuse what there is nothing to do for, or what would be done twice."""
         settings = [one.name for one in self.settings]
         check_listed([row.name for row in self.rows], self.seeds, self.only, settings)
-        if not settings:
-            raise ValueError("settings: there is none")
 
     @property
     def plans(self) -> bool:

@@ -1,16 +1,18 @@
 """Live one home with one memory, day by day, and say what came of every request."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import islice
 
 from karma.bench.suites.lived.body import HomeRobot, nearest_next
-from karma.bench.suites.lived.designs import DESIGNS
+from karma.bench.suites.lived.designs import DESIGNS, NoMemory
 from karma.bench.suites.lived.drawing import draw_request
 from karma.bench.suites.lived.experiment import EXPERT, HomeSpec, LivedExperiment, LivedRow
 from karma.bench.suites.lived.home_map import HomeMap
 from karma.bench.suites.lived.reading import Reader
-from karma.bench.suites.lived.recalling import fits
+from karma.bench.suites.lived.recalling import fits, ids_of
 from karma.bench.suites.lived.request import (
     DAY_S,
     HOUR_S,
@@ -32,10 +34,9 @@ from karma.contracts import (
     HomeMemory,
     HomeMoment,
     HomeQuestion,
-    LikelyPlace,
     Sighting,
 )
-from karma.memory.lived.setting import KnownPlace, MemorySetting, is_of_past, types_meant
+from karma.memory.lived.setting import MemorySetting, is_of_past, types_meant
 from karma.seeds import stream
 from karma.world.core.placement import find_place
 from karma.world.houses import build_home
@@ -134,8 +135,8 @@ class HomeLife:
                 missing += one is None
             elif planned.what == "round":
                 rounds += self._round()
-            else:
-                self._wait_in(planned.room)
+            elif places := self._map.in_rooms().get(planned.room):
+                self._robot.go(self._map.spots[places[0]][0])
         self._robot.wait(max((day + 1) * DAY_S, self._robot.time_s))
         moved = {
             deed.object_id
@@ -169,16 +170,15 @@ class HomeLife:
     # ------------------------------------------------------------- parts
 
     def _made(self) -> HomeMemory:
-        if self._row.design == EXPERT:
-            return ExpertMemory(self.now, self._map.places)
         setting = MemorySetting(
             embedder=self._reader.embedder,
             places=self._map.places,
             units=self._spec.setting.units,
             seed=self._seed,
         )
-        made: HomeMemory = DESIGNS[self._row.design](setting)
-        return made
+        if self._row.design == EXPERT:
+            return ExpertMemory(setting, self.now)
+        return DESIGNS[self._row.design](setting)
 
     def _told(self, moment: HomeMoment) -> None:
         self._memory.take_in(moment)
@@ -195,11 +195,6 @@ class HomeLife:
         for place_id in nearest_next(self._robot, shown):
             self._robot.look_at(place_id)
         return self._robot.actions - before
-
-    def _wait_in(self, room: str) -> None:
-        places = self._map.in_rooms().get(room, ())
-        if places:
-            self._robot.go(self._map.spots[places[0]][0])
 
     def _request(self, planned: DayItem, day: int, number: int) -> ServedRequest | None:
         assert planned.kind is not None
@@ -235,7 +230,7 @@ class HomeLife:
             actions=self._robot.actions - before,
             **{name: getattr(effort, name) for name in COUNTED_EFFORT},
             read=question.asked == request.asked
-            and _type_read(request, types_meant(question.thing)),
+            and (not request.object_type or request.object_type in types_meant(question.thing)),
             knew=_knew(request, effort.first, truth) if request.kind in PLACED else None,
             known_s=known_s if known_s is None else round(known_s, 1),
             doubts=tuple(_checked(fact, truth) for fact in effort.doubts),
@@ -287,65 +282,42 @@ def _checked(fact: Fact, truth: Mapping[str, Sighting]) -> CheckedDoubt:
     )
 
 
-def _type_read(request: LivedRequest, types: tuple[str, ...]) -> bool:
-    """Return whether the type that is meant was understood; True where none is said."""
-    return not request.object_type or request.object_type in types
-
-
-class ExpertMemory:
-    """A `HomeMemory` that is never wrong about the present; a ceiling, no design.
+class ExpertMemory(NoMemory):
+    """A `HomeMemory` that is never wrong about the present; a ceiling, no design, of 0 bytes.
 
     It knows where everything is that the robot has ever seen, and only that: of things never seen
     it knows nothing, as every other memory.
     """
 
-    def __init__(
-        self, now: Callable[[], Mapping[str, Sighting]], places: Mapping[str, KnownPlace]
-    ) -> None:
-        self._now, self._places = now, places
+    def __init__(self, setting: MemorySetting, now: Callable[[], Mapping[str, Sighting]]) -> None:
+        super().__init__(setting)
+        self._now = now
         self._facts: list[Fact] = []
-        self._seen: dict[str, Sighting] = {}
 
     def take_in(self, moment: HomeMoment) -> None:
         """Keep everything."""
-        for seen in moment.seen:
-            self._facts.append(Fact(sighting=seen, deed=moment.deed))
-            self._seen[seen.object_id] = seen
+        self._facts += (Fact(sighting=seen, deed=moment.deed) for seen in moment.seen)
 
     def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:
         """Return what fits: the truth of now, and what was, the newest first."""
-        said, found = question.thing, []
-        past = is_of_past(said) or question.asked in ("time", "who")
-        if not past:
+        said = question.thing
+        types = types_meant(said)
+
+        def is_meant(seen: Sighting) -> bool:
+            return not types or seen.object_type in types
+
+        if not is_of_past(said) and question.asked not in ("time", "who"):
             now = self._now()
-            types = types_meant(said)
-            for object_id in self._seen:
-                seen = now.get(object_id)
-                if seen is not None and (not types or seen.object_type in types):
-                    found.append(Fact(sighting=seen, holds=1.0))
+            there = (now[one] for one in ids_of(self._facts) if one in now)
+            found = [Fact(sighting=seen, holds=1.0) for seen in there if is_meant(seen)]
             found.sort(key=lambda fact: not fits(fact, said, self._places))
             return found[:k]
         then = question.asked == "place" and not said.who and not said.action
-        for fact in reversed(self._facts):
-            earlier = said.before_s is None or fact.sighting.time_s <= said.before_s
-            before = then and earlier and self._is_meant(fact, question)
-            if before or fits(fact, said, self._places):
-                found.append(fact)
-                if len(found) == k:
-                    break
-        return found
-
-    def _is_meant(self, fact: Fact, question: HomeQuestion) -> bool:
-        types = types_meant(question.thing)
-        return not types or fact.sighting.object_type in types
-
-    def likely_places(self, question: HomeQuestion) -> Sequence[LikelyPlace]:
-        """Return nothing: it knows."""
-        return ()
-
-    def size_bytes(self) -> int:
-        """Return 0: it is no memory that anybody could keep."""
-        return 0
-
-    def close(self) -> None:
-        """Nothing is kept."""
+        before_s = math.inf if said.before_s is None else said.before_s
+        past = (
+            fact
+            for fact in reversed(self._facts)
+            if (then and fact.sighting.time_s <= before_s and is_meant(fact.sighting))
+            or fits(fact, said, self._places)
+        )
+        return list(islice(past, k))

@@ -165,7 +165,8 @@ def answered_rightly(
         return request.unknown and answer.unknown
     match request.asked:
         case "place":
-            return answer.place_id is not None and answer.place_id in _right_places(request, now)
+            right = {*request.places, *(now[one].place_id for one in _here(request, now))}
+            return answer.place_id is not None and answer.place_id in right
         case "count":
             return answer.count == request.count
         case "who":
@@ -189,10 +190,6 @@ def done(request: LivedRequest, now: Mapping[str, Sighting]) -> bool:
     return any(
         now[one].place_id in request.destinations for one in request.object_ids if one in now
     )
-
-
-def _right_places(request: LivedRequest, now: Mapping[str, Sighting]) -> set[str | None]:
-    return {*request.places, *(now[one].place_id for one in _here(request, now))}
 
 
 def _here(request: LivedRequest, now: Mapping[str, Sighting]) -> list[str]:

@@ -232,8 +232,9 @@ class Server:
         targets = self._meant(question)
         if targets and targets[0].fact is not None and targets[0].fact.ended_s is None:
             self.effort.doubts.append(targets[0].fact)
-        searched = self._row.closed_loop and self._may_be_searched(question.thing)
-        if not targets and not searched:
+        said = question.thing  # one that memory does not know may be told by looking at it
+        told = bool(types_meant(said)) and not is_of_past(said) and said.beside is None
+        if not targets and not (self._row.closed_loop and told):
             return HomeAnswer(unknown=True)
         seen = self._find(question, targets, MOST_PLACES)
         if seen is None or not self._take(seen):
@@ -246,10 +247,6 @@ class Server:
                 break
         self._robot.put_down()
         return HomeAnswer(unknown=True)
-
-    def _may_be_searched(self, said: SaidThing) -> bool:
-        """Return whether a thing that memory does not know can be told by looking at it."""
-        return bool(types_meant(said)) and not is_of_past(said) and said.beside is None
 
     def _take(self, seen: Sighting) -> bool:
         if seen.place_id == HAND:

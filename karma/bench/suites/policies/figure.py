@@ -10,9 +10,10 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import msgspec
+from msgspec import Meta
 
 from karma import __version__
 from karma.agent.journal.header import ALWAYS, RESULTS
@@ -33,12 +34,16 @@ from karma.bench.suites.policies.sweep import (
     sized,
     sweep_of,
 )
-from karma.bench.suites.policies.tasks import UNIT_SETS, Pool, UnitSet, alfred_pool, grammar_pool
-from karma.bench.suites.policies.workloads import (
+from karma.bench.suites.policies.tasks import (
+    UNIT_SETS,
     WORKLOADS,
+    Pool,
+    UnitSet,
     Workload,
+    alfred_pool,
     costs_of,
     draw_errands,
+    grammar_pool,
     trace_of,
 )
 from karma.errors import FileError, KarmaError
@@ -46,6 +51,7 @@ from karma.files import read_bytes, read_json, read_toml, to_json
 from karma.infer.hosted.session import Session
 
 CLAIMS_FILE = "claims.md"
+AtLeastOne = Annotated[int, Meta(ge=1)]
 
 
 class TraceFigure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -62,24 +68,16 @@ class TraceFigure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     claims: tuple[str, ...] = ()  # names of `karma.bench.suites.policies.paper_claims.CLAIMS`
     tasks: tuple[str, ...] = ()  # ALFRED's files; () = our own grammar
     otherwise: Literal["grammar", ""] = ""
-    workloads: tuple[Workload, ...] = WORKLOADS
-    unit_sets: tuple[UnitSet, ...] = UNIT_SETS
-    policies: tuple[str, ...]
+    workloads: Annotated[tuple[Workload, ...], Meta(min_length=1)] = WORKLOADS
+    unit_sets: Annotated[tuple[UnitSet, ...], Meta(min_length=1)] = UNIT_SETS
+    policies: Annotated[tuple[str, ...], Meta(min_length=1)]
     sizes: tuple[int, ...] = ()
-    sequences: int = 100
-    length: int = 1000
-    checkpoints: tuple[int, ...] = (5, 10, 25, 50, 100, 200, 300, 500, 700, 1000)
+    sequences: AtLeastOne = 100
+    length: AtLeastOne = 1000
+    checkpoints: Annotated[tuple[AtLeastOne, ...], Meta(min_length=1)] = (
+        5, 10, 25, 50, 100, 200, 300, 500, 700, 1000,
+    )  # fmt: skip
     seed: int = 20251121
-
-    def __post_init__(self) -> None:
-        """Refuse what makes no figure."""
-        if self.sequences < 1 or self.length < 1:
-            raise ValueError("sequences and length must be at least 1")
-        for name in ("policies", "workloads", "unit_sets", "checkpoints"):
-            if not getattr(self, name):
-                raise ValueError(f"{name} = []: one or more")
-        if min(self.checkpoints) < 1:
-            raise ValueError("checkpoints: each 1 or more")
 
     @property
     def seeds(self) -> tuple[int, ...]:

@@ -5,13 +5,14 @@ difference of hit rates counts from a tenth of a point on: over a hundred sequen
 are sure.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import msgspec
 
 from karma.agent.journal.formats import UNKNOWN, percent_text, range_text
+from karma.bench.figures.sheet import Sheet
 from karma.bench.suites.policies.simulate import BELADY
 from karma.bench.suites.policies.sweep import (
     Bootstrapped,
@@ -23,8 +24,7 @@ from karma.bench.suites.policies.sweep import (
     family_of,
     line_of,
 )
-from karma.bench.suites.policies.tasks import UnitSet
-from karma.bench.suites.policies.workloads import Workload
+from karma.bench.suites.policies.tasks import UnitSet, Workload
 from karma.errors import KarmaError
 
 FIFO = "fifo-merge"
@@ -67,23 +67,37 @@ def claims_of(names: Sequence[str], cells: Sequence[FigureCell]) -> list[PaperCl
         found
         for name in names
         for cell in cells
-        for found in _CHECKS[name](
+        for found in CLAIMS[name].check(
             cell, partial(PaperClaim, claim=name, workload=cell.workload, unit_set=cell.unit_set)
         )
     ]
 
 
-def claims_text(claims: Sequence[PaperClaim], caption: str) -> str:
-    """Return the verdicts as Markdown: for each claim a table by workload, and one of figures."""
-    parts = []
+def claims_sheets(claims: Sequence[PaperClaim]) -> Iterator[tuple[str, Sheet]]:
+    """Yield for each claim its name, and a table of its figures."""
     for name in dict.fromkeys(claim.claim for claim in claims):
         mine = [claim for claim in claims if claim.claim == name]
         yes = sum(claim.holds == "yes" for claim in mine)
+        yield name, Sheet(
+            title=CLAIMS[name].text,
+            caption=f"Holds in {yes} of {len(mine)} cases.",
+            head=("workload", "units", "policy", *(word for word, _ in mine[0].figures), "holds"),
+            lines=tuple(
+                (one.workload, one.unit_set.upper(), one.policy,
+                 *(text for _, text in one.figures), one.holds)
+                for one in mine
+            ),
+        )  # fmt: skip
+
+
+def claims_text(claims: Sequence[PaperClaim], caption: str) -> str:
+    """Return the verdicts as Markdown: for each claim a table by workload, and one of figures."""
+    parts = []
+    for name, sheet in claims_sheets(claims):
         parts += [
-            f"**{CLAIMS[name]}** Holds in {yes} of {len(mine)} cases. In brackets: "
-            f"{_BRACKETS[name]}.",
-            _by_workload(mine),
-            _figures(mine),
+            f"**{sheet.title}** {sheet.caption} In brackets: {CLAIMS[name].brackets}.",
+            _by_workload([claim for claim in claims if claim.claim == name]),
+            _table(sheet.head, sheet.lines),
         ]
     return "\n\n".join([*parts, caption + "."]) + "\n"
 
@@ -96,31 +110,15 @@ def _by_workload(claims: Sequence[PaperClaim]) -> str:
         text = f"{claim.holds} ({claim.short})"
         rows.setdefault((row, claim.unit_set), {})[claim.workload] = text
     lines = [
-        _line([policy, unit_set.upper(), *(found.get(one, "–") for one in workloads)])
+        (policy, unit_set.upper(), *(found.get(one, "–") for one in workloads))
         for (policy, unit_set), found in sorted(rows.items(), key=lambda row: row[0][0])
     ]
-    return _table(["policy", "units", *workloads], lines)
+    return _table(("policy", "units", *workloads), lines)
 
 
-def _figures(claims: Sequence[PaperClaim]) -> str:
-    columns = [column for column, _ in claims[0].figures]
-    lines = [
-        _line(
-            [claim.workload, claim.unit_set.upper(), claim.policy]
-            + [text for _, text in claim.figures]
-            + [claim.holds]
-        )
-        for claim in claims
-    ]
-    return _table(["workload", "units", "policy", *columns, "holds"], lines)
-
-
-def _table(head: Sequence[str], lines: Sequence[str]) -> str:
-    return "\n".join([_line(head), _line(["---"] * len(head)), *lines])
-
-
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+def _table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    rows = (head, ["---"] * len(head), *lines)
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
 
 
 def _split(cell: FigureCell, say: Say) -> Claims:
@@ -238,28 +236,40 @@ def _headroom(cell: FigureCell, say: Say) -> Claims:
     )  # fmt: skip
 
 
+class _Claim(NamedTuple):
+    text: str
+    brackets: str  # what stands in them beside a verdict
+    check: Callable[[FigureCell, Say], Claims]
+
+
 CLAIMS = {
-    "split": "At 10 units W-TinyLFU with window 9 and main 1 has the highest hit rate of all "
-    "splits, and a higher one than FIFO (section 4.4).",
-    "fifo-ratio": "FIFO with 25 units hits 4.6 times as often as with 5 (section 4.4).",
-    "wtinylfu-ratio": "W-TinyLFU with 25 units hits 3.9 times as often as with 5 (section 4.4).",
-    "linear": f"Hit rate and reduced exploration are linearly related (section 4.4); r > {LINEAR}.",
-    "headroom": "A clairvoyant memory would hit more often than the best of these policies (which "
-    "the paper does not say).",
-}
-_BRACKETS = {
-    "split": "points over the best other split, and over FIFO",
-    "fifo-ratio": "the ratio",
-    "wtinylfu-ratio": "the ratio",
-    "linear": "Pearson's r",
-    "headroom": "the best policy, and points from there to Belady's bound",
-}
-_CHECKS: dict[str, Callable[[FigureCell, Say], Claims]] = {
-    "split": _split,
-    "fifo-ratio": partial(_ratio, wanted=4.6, queues=True),
-    "wtinylfu-ratio": partial(_ratio, wanted=3.9, queues=False),
-    "linear": _linear,
-    "headroom": _headroom,
+    "split": _Claim(
+        "At 10 units W-TinyLFU with window 9 and main 1 has the highest hit rate of all "
+        "splits, and a higher one than FIFO (section 4.4).",
+        "points over the best other split, and over FIFO",
+        _split,
+    ),
+    "fifo-ratio": _Claim(
+        "FIFO with 25 units hits 4.6 times as often as with 5 (section 4.4).",
+        "the ratio",
+        partial(_ratio, wanted=4.6, queues=True),
+    ),
+    "wtinylfu-ratio": _Claim(
+        "W-TinyLFU with 25 units hits 3.9 times as often as with 5 (section 4.4).",
+        "the ratio",
+        partial(_ratio, wanted=3.9, queues=False),
+    ),
+    "linear": _Claim(
+        f"Hit rate and reduced exploration are linearly related (section 4.4); r > {LINEAR}.",
+        "Pearson's r",
+        _linear,
+    ),
+    "headroom": _Claim(
+        "A clairvoyant memory would hit more often than the best of these policies (which "
+        "the paper does not say).",
+        "the best policy, and points from there to Belady's bound",
+        _headroom,
+    ),
 }
 
 

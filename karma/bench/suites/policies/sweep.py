@@ -154,7 +154,7 @@ def _at_sizes(text: str, sizes: Sequence[int]) -> Iterator[str]:
     share, bare = _SHARE.fullmatch(text), _NAME.fullmatch(text)
     if (share or bare) and not sizes:
         name = text.split("[")[0].split(" ")[0]
-        raise KarmaError(f"policy {text!r} has no size: give --sizes, or write {name}[10]")
+        raise KarmaError(f"policy {text!r} has no size: give sizes = [10], or write {name}[10]")
     if share:
         name, window, main, rest = share.groups()
         part = int(main) / max(int(window) + int(main), 1)

@@ -6,32 +6,28 @@ The source's networks are not rebuilt; what stands for them is in docs/methods.m
 """
 
 import math
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
 from karma.agent.body.search import cover
-from karma.agent.body.skills import Skills
-from karma.agent.options import settings_of
-from karma.agent.planning.planner import Planner
-from karma.agent.tour import floor_of, position_of
 from karma.bench.rows.baseline import (
-    Budget,
-    RoomByRoom,
+    BaselineSettings,
+    MappedEpisode,
+    MappedRoom,
+    PlannerRow,
     RoomMemory,
-    is_known_tap,
+    RowBody,
     likely_places,
-    request_for,
 )
-from karma.bench.rows.capeam.frames import ProgramReader, SubGoal, expand
+from karma.bench.rows.capeam_frames import ProgramReader, SubGoal, expand
 from karma.contracts import (
     Area,
     Outcome,
     Plan,
-    Resources,
     SceneRef,
     SeenObject,
     SkillCall,
@@ -43,8 +39,6 @@ from karma.contracts import (
 from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.household.uses import FOUND_BY_SKILL, covers
-from karma.memory.scene_graph import SceneGraph
-from karma.seeds import stream
 
 NEAR_M = 1.5  # furniture this near to an area speaks for it
 ANYWHERE = 0.05  # what a place weighs of which nothing is known
@@ -140,21 +134,22 @@ def _gap(one: SeenObject, point: Vec3) -> float:
     return math.hypot(*gaps)
 
 
-class Runner:
+class Runner(RowBody[EnvironmentMemory]):
     """Carries out the frames of one instruction.
 
-    `areas`: where to look from, and once that was in vain, where to look from then.
+    `room` tells where to look from; once that was in vain, from where every cell is near.
     """
 
     def __init__(
         self,
-        budget: Budget,
-        memory: EnvironmentMemory,
-        areas: tuple[Sequence[Area], Sequence[Area]],
+        world: World,
+        room: MappedRoom[EnvironmentMemory],
+        settings: BaselineSettings,
         rng: np.random.Generator,
     ) -> None:
-        self.skills, self.memory, self.budget = budget.skills, memory, budget
-        self._areas, self._finer = areas
+        super().__init__(world, room.memory, settings)
+        self._room, self._areas = room, room.floor.areas()
+        self._finer = False  # whether cells between the areas count by now
         self._rng = rng
         self._searched: set[str] = set()  # places looked at for this sub-goal
         self._bound: dict[str, str] = {}  # type -> the object that this sub-goal means
@@ -166,7 +161,7 @@ class Runner:
         """
         self._begin(frame, rest)
         steps: tuple[SkillCall, ...] = ()
-        while not steps and not self.budget.is_spent:
+        while not steps and not self.is_spent:
             if frame.action in _OF_THE_THING and self._held(frame.thing) is None:
                 if not (yield from self._find(frame.thing, first=frame.place)):
                     continue
@@ -183,7 +178,7 @@ class Runner:
                 frame = SubGoal(action=frame.action, thing=frame.thing, place=place)
                 steps = expand(frame)
         pointer = 0
-        while pointer < len(steps) and not self.budget.is_spent:
+        while pointer < len(steps) and not self.is_spent:
             pointer += yield from self._step(steps[pointer])
         return bool(steps) and pointer == len(steps)
 
@@ -205,12 +200,10 @@ class Runner:
         if step.skill == "OpenObject" and sight is not None and "opened" in sight.states:
             return True
         held = self.skills.experience.held
-        call = SkillCall.of(step.skill, *names)
-        result = self.skills.run(call, max_actions=self.budget.left)
-        self.memory.observe(self.skills.experience)
+        result = self.run(SkillCall.of(step.skill, *names))
         yield result
         if not result.ok:
-            self.budget.failures += 1
+            self.failures += 1
             self.memory.masked.add(names[-1])
             self._bound.pop(step.objects[-1], None)
         elif step.skill == "PutObject" and held is not None:
@@ -222,7 +215,7 @@ class Runner:
     def _bind(self, name: str) -> Work:
         """Choose the object that a type means in this sub-goal: what is held, or the nearest."""
         held = self._held(name)
-        known = held is not None or is_known_tap(name, self.skills)
+        known = held is not None or self.is_known_tap(name)
         if not known and not (yield from self._find(name)):
             return False
         target = held or self.memory.best(name)
@@ -244,25 +237,21 @@ class Runner:
 
         `first`: type of a closed receptacle that the program opens for it.
         """
-        while self.memory.best(kind) is None and not self.budget.is_spent:
+        while self.memory.best(kind) is None and not self.is_spent:
             place = self._draw(kind, first)
             if place is None:
-                self.budget.failures += 1
-                self._areas = (*self._areas, *self._finer)
-                self._finer = ()
+                self.failures += 1
+                if not self._finer:
+                    self._areas, self._finer = (*self._areas, *_between(self._room)), True
                 return False
             # a look for a thing ends at the first one, which may be one that is passed over
             name = "" if self.memory.passes_over(kind) else kind
+            result = self.search(name, place)
             if isinstance(place, Area):
-                result = self.skills.look_from(name, place, max_actions=self.budget.left)
                 self.memory.explored.add(place.name)
-                self._searched.add(place.name)
-            else:
-                result = self.skills.look_into(name, place, max_actions=self.budget.left)
-                self._searched.add(place.object_id)
+            self._searched.add(place.name if isinstance(place, Area) else place.object_id)
             if result.actions or result.explorations:  # else it was looked at before
                 yield result
-            self.memory.observe(self.skills.experience)
         return self.memory.best(kind) is not None
 
     def _draw(self, kind: str, first: str) -> Area | SeenObject | None:
@@ -289,97 +278,37 @@ class Runner:
 FINER_M = 0.5  # every cell is this near to a place of the second round, as in KARMA's own search
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CapeamSettings:
-    """The numbers of the source."""
-
-    failures: int = 10  # of one instruction
-    steps: int = 1000  # world actions of one instruction
-    furniture: bool = False  # whether the planner is told what furniture was seen; the source's not
+def _between(room: MappedRoom[EnvironmentMemory]) -> Iterator[Area]:
+    """Yield places to look from between the areas of a room."""
+    looked = [(x, z) for x, _, z in (area.position_m for area in room.floor.areas())]
+    for number, point in enumerate(cover(room.cells, looked, FINER_M), start=1):
+        yield Area(name=f"finer_{number}", position_m=point)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _CapeamRoom:
-    """The map of one room."""
-
-    memory: EnvironmentMemory
-    floor: SceneGraph
-    finer: tuple[Area, ...]
-
-    @classmethod
-    def of(cls, world: World) -> Self:
-        """Return the empty map of the room that the agent is in."""
-        cells, height = floor_of(world), position_of(world)[1]
-        floor = SceneGraph.over(cells, height_m=height)
-        looked = [(x, z) for x, _, z in (area.position_m for area in floor.areas())]
-        finer = enumerate(cover(cells, looked, FINER_M), start=1)
-        return cls(
-            memory=EnvironmentMemory(here=lambda: position_of(world)),
-            floor=floor,
-            finer=tuple(Area(name=f"finer_{number}", position_m=point) for number, point in finer),
-        )
-
-
-class CapeamMethod:
-    """The `capeam` row.
-
-    The planner's program is only read for frames, never mended.
-    """
+class CapeamMethod(PlannerRow):
+    """The `capeam` row: the planner's program is only read for frames."""
 
     name = "CAPEAM-style"
-    settings_kind: ClassVar[type] = CapeamSettings
-
-    def __init__(self, planner: Planner, settings: CapeamSettings | None = None) -> None:
-        self.settings = settings or CapeamSettings()
-        self.planner = planner.drawn_by(replace(planner.decoding, inspected=False))
-
-    @classmethod
-    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
-        """Make the row from its options (the fields of `CapeamSettings`).
-
-        KarmaError if an option is unknown or of the wrong type.
-        """
-        settings = settings_of(CapeamSettings, options)
-        return cls(Planner.of(resources), settings)
+    settings_kind: ClassVar[type] = BaselineSettings
 
     def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "CapeamEpisode":
         """Start an episode: an empty map."""
-        return CapeamEpisode(self, world, scene, seed)
+        return CapeamEpisode(EnvironmentMemory, self, world, scene, seed)
 
 
-class CapeamEpisode(RoomByRoom[_CapeamRoom]):
+class CapeamEpisode(MappedEpisode[EnvironmentMemory]):
     """One sequence of instructions; each room has its own map."""
-
-    def __init__(self, method: CapeamMethod, world: World, scene: SceneRef, seed: int) -> None:
-        super().__init__(world, scene, _CapeamRoom.of)
-        self.settings, self._planner, self._seed = method.settings, method.planner, seed
-        self._number = 0  # of the instruction
-
-    @property
-    def memory(self) -> EnvironmentMemory:
-        """The map of the room that the agent is in."""
-        return self._room.memory
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Predict the frames once, then carry them out until one cannot be."""
         if subtask.is_whole:  # what it put where is to be passed over within one task only
             self.memory.put.clear()
-        rng = stream(self._seed, "capeam", self._scene.name, str(self._number))
+        runner = Runner(self._world, self._room, self.settings, self._draws("capeam"))
         self._number += 1
-        skills = Skills(self._world, self.memory)
-        budget = Budget(skills, self.settings.steps, self.settings.failures)
-        areas = self._room.floor.areas(), self._room.finer
-        runner = Runner(budget, self.memory, areas, rng)
-        skills.look()
-        plan = None
-        self._room.floor.observe(self.memory.seen.values())
-        furniture = self._room.floor if self.settings.furniture else None
-        request = request_for(subtask.instruction, skills.experience.held, furniture)
-        for plan in self._planner.plan(request):
-            yield plan
-        finished = plan is not None and bool(plan.calls)
-        if plan is not None and plan.calls:
-            held = skills.experience.held
+        plan = yield from self._ask(runner, subtask.instruction)
+        finished = plan is not None
+        if plan is not None:
+            held = runner.skills.experience.held
             hand = base_type(held.object_type) if held else ""
             predicted = ProgramReader(plan.calls, hand=hand)
             for call in predicted.unsupported:
@@ -390,4 +319,5 @@ class CapeamEpisode(RoomByRoom[_CapeamRoom]):
                 if not (yield from runner.frame(frame, frames[number + 1 :])):
                     finished = False
                     break
-        yield Outcome(finished=finished, resident=(), handled_ids=skills.experience.handled_ids)
+        handled = runner.skills.experience.handled_ids
+        yield Outcome(finished=finished, resident=(), handled_ids=handled)

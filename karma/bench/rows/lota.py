@@ -7,28 +7,22 @@ sources is in docs/methods.md.
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Self
 
 from karma.agent.body.skills import Skills
 from karma.agent.options import settings_of
-from karma.agent.planning.inspector import mend
+from karma.agent.planning.inspector import mend, objection
 from karma.agent.planning.planner import Planner, grounded
+from karma.agent.planning.program import SKILLS
+from karma.agent.planning.prompt import compact, template
 from karma.agent.planning.recovery import program_of
 from karma.agent.tour import KnownFloor, floor_of, position_of
-from karma.bench.rows.baseline import RoomByRoom, request_for
-from karma.bench.rows.lota.forms import (
-    Form,
-    Past,
-    code_prompt,
-    lines_prompt,
-    named_types,
-    smart_skills,
-    steps_in_lines,
-    steps_in_words,
-    words_prompt,
-)
+from karma.bench.rows.baseline import PlannerRow, RoomByRoom, request_for
 from karma.contracts import (
+    END,
     Choice,
     Completion,
     LanguageModel,
@@ -40,6 +34,8 @@ from karma.contracts import (
     SceneRef,
     Scoring,
     ScoringModel,
+    SeenObject,
+    Skill,
     SkillCall,
     SkillResult,
     SubTask,
@@ -47,9 +43,20 @@ from karma.contracts import (
 )
 from karma.errors import ModelError, ProgramError
 from karma.household.pieces import base_type
-from karma.household.types import object_types
-from karma.household.uses import BASIN_OF
+from karma.household.types import in_words, object_types
+from karma.household.uses import BASIN_OF, has_a_switch
 from karma.memory.scene_graph import SceneGraph
+
+Form = Literal["words", "compact"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Past:
+    """An instruction of the sequence and the steps that were taken for it."""
+
+    instruction: str
+    steps: tuple[str, ...]
+
 
 # what is done for an instruction; returns whether it was finished, and the steps taken
 Acting = Generator[Plan | SkillResult, None, tuple[bool, tuple[str, ...]]]
@@ -80,11 +87,8 @@ class LotaScore:
 
     settings_kind: ClassVar[type] = LotaScoreSettings
 
-    def __init__(
-        self, chooser: ScoringModel, form: Form, settings: LotaScoreSettings | None = None
-    ) -> None:
-        self.settings = settings or LotaScoreSettings()
-        self.form = form
+    def __init__(self, chooser: ScoringModel, form: Form, settings: LotaScoreSettings) -> None:
+        self.settings, self.form = settings, form
         self.name = f"LoTa-Bench (modified: scored, {form})"
         self._chooser = chooser
         self._steps = steps_in_words() if form == "words" else steps_in_lines()
@@ -92,11 +96,7 @@ class LotaScore:
 
     @classmethod
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
-        """Make the row from its options (the fields of `LotaScoreSettings`).
-
-        KarmaError if an option is unknown or of the wrong type; ModelError if the planner's
-        model tells no log-probabilities.
-        """
+        """Make the row; KarmaError for a wrong option, ModelError without log-probabilities."""
         settings = settings_of(LotaScoreSettings, options)
         form: Form = "compact" if resources.profile == "compact" else "words"
         return cls(chooser_of(resources.model), form, settings)
@@ -129,12 +129,9 @@ class LotaScore:
         best = self._chooser.choose(prompt, self._texts, scoring=scoring)
         text = self._texts[best.number]
         call = self._steps[text]
-        return Plan(
-            prompt=Prompt(stable=prompt[0], changing="".join(prompt[1:])),
-            completion=_completion(best, text),
-            calls=() if call is None else (call,),
-            names={},
-        )
+        asked = Prompt(stable=prompt[0], changing="".join(prompt[1:]))
+        calls = () if call is None else (call,)
+        return Plan(prompt=asked, completion=_completion(best, text), calls=calls, names={})
 
     def _carry_out(self, skills: Skills, call: SkillCall, place: str) -> Iterator[SkillResult]:
         """Do one step; a step that is refused stays in the history like any other."""
@@ -151,30 +148,17 @@ class LotaScore:
                 return
 
 
-class LotaGenerate:
-    """The `lota.generate` row.
-
-    The planner is asked once for each instruction.
-    """
+class LotaGenerate(PlannerRow):
+    """The `lota.generate` row: the planner is asked once for each instruction."""
 
     settings_kind: ClassVar[type] = LotaGenerateSettings
 
-    def __init__(self, planner: Planner, settings: LotaGenerateSettings | None = None) -> None:
-        self.settings = settings or LotaGenerateSettings()
+    def __init__(self, planner: Planner, settings: LotaGenerateSettings) -> None:
         self.form = "compact" if planner.profile == "compact" else "code"
         self.name = f"LoTa-Bench (modified: generated, {self.form})"
-        inspected = planner.decoding.inspected and self.settings.inspected
+        inspected = planner.decoding.inspected and settings.inspected
         decoding = replace(planner.decoding, attempts=1, inspected=inspected)
         self._planner = planner.drawn_by(decoding)
-
-    @classmethod
-    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
-        """Make the row from its options (the fields of `LotaGenerateSettings`).
-
-        KarmaError if an option is unknown or of the wrong type.
-        """
-        settings = settings_of(LotaGenerateSettings, options)
-        return cls(Planner.of(resources), settings)
 
     def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "LotaEpisode":
         """Start an episode: no plans made; only the cells of the floor are known."""
@@ -207,23 +191,17 @@ class LotaGenerate:
             listen=self._planner.listen,
         )
         calls: tuple[SkillCall, ...] = ()
-        error = ""
         dropped: tuple[str, ...] = ()
         try:
             found = program_of(completion, smart_skills())
             calls, dropped = tuple(map(_find, found.calls)), found.dropped
+            error = "" if calls else "the answer holds no skill call"
         except ProgramError as refused:
             error = str(refused)
-        if not calls and not error:
-            error = "the answer holds no skill call"
         return Plan(
-            prompt=prompt,
-            completion=completion,
-            calls=calls,
-            names={},
-            error=error,
+            prompt=prompt, completion=completion, calls=calls, names={}, error=error,
             dropped=dropped,
-        )
+        )  # fmt: skip
 
 
 # ----------------------------------------------------------------- an episode of either row
@@ -311,3 +289,131 @@ def _completion(best: Choice, text: str) -> Completion:
         constrained=True,
         engine=best.engine,
     )
+
+
+# ----------------------------------------------------------------- forms of prompts
+#
+# "words" is LoTa-Bench's own form, a dialogue of numbered steps, for any language model. "compact"
+# is for planners that were trained on the compact profile: lines of programs. "code" is the whole
+# plan in one answer, with SMART-LLM's skills. Object types are the fixed list of
+# `karma.household.types`: nothing of a scene.
+
+
+DONE = " done."  # in words
+_PROMPTS = Path(__file__).parent
+_NOT_SMART_LLM = ("Explore", "ToggleOn", "ToggleOff")
+_VERBS = (
+    ("pick up the", "PickupObject"), ("put down the", "PutObject"), ("open the", "OpenObject"),
+    ("close the", "CloseObject"), ("slice the", "SliceObject"), ("turn on the", "ToggleOn"),
+    ("turn off the", "ToggleOff"), ("break the", "BreakObject"), ("throw away the", "ThrowObject"),
+)  # fmt: skip
+
+
+@cache
+def named_types() -> tuple[str, ...]:
+    """Return the object types that a step may name; a piece is called as the whole is."""
+    return tuple(name for name, kind in object_types().items() if not kind.made_by_slicing)
+
+
+@cache
+def steps_in_words() -> Mapping[str, SkillCall | None]:
+    """Return LoTa-Bench's list of steps with the call of each; None ends the instruction.
+
+    Each step ends with the comma that would follow it, so that none begins another. `put down`
+    names what is in the hand; its place is what was found last.
+    """
+    found: dict[str, SkillCall | None] = {DONE: None}
+    for name in named_types():
+        article = "an" if name[0] in "AEIOU" else "a"
+        found[f" find {article} {in_words(name)},"] = SkillCall.of("Explore", name)
+    for words, skill in _VERBS:
+        for name in named_types():
+            probe = "PickupObject" if skill in ("PutObject", "ThrowObject") else skill
+            if _possible(SkillCall.of(probe, name)):
+                found[f" {words} {in_words(name)},"] = SkillCall.of(skill, name)
+    return MappingProxyType(found)
+
+
+@cache
+def steps_in_lines() -> Mapping[str, SkillCall | None]:
+    """Return the same list as lines of programs, in which `PutObject` names the place too."""
+    calls = [SkillCall.of("GoToObject", name) for name in named_types()]
+    carried = [name for name in named_types() if _possible(SkillCall.of("PickupObject", name))]
+    for skill in ("PickupObject", "OpenObject", "CloseObject", "SliceObject", "BreakObject",
+                  "ToggleOn", "ToggleOff", "SwitchOn", "SwitchOff"):  # fmt: skip
+        calls += [c for name in named_types() if _possible(c := SkillCall.of(skill, name))]
+    calls += [SkillCall.of("ThrowObject", name) for name in carried]
+    calls += [
+        put
+        for name in carried
+        for place in named_types()
+        if not objection([put := SkillCall.of("PutObject", name, place)], held=name)
+    ]
+    return MappingProxyType({END: None, **{f"{call}\n": call for call in calls}})
+
+
+def _possible(call: SkillCall) -> bool:
+    name = call.objects[0]
+    if call.skill in ("SwitchOn", "SwitchOff", "ToggleOn", "ToggleOff"):
+        return has_a_switch(name)
+    return not objection([call], held=None)
+
+
+def words_prompt(
+    history: Sequence[Past], instruction: str, steps: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the dialogue so far: examples, earlier instructions, this one and its steps."""
+    segments = [_text("lota_score.txt")]
+    for past in history:
+        segments += [_asked(past.instruction), *_numbered(past.steps), "\n"]
+    return (*segments, _asked(instruction), *_numbered(steps))
+
+
+def _asked(instruction: str) -> str:
+    return f"Human: {_sentence(instruction)}\nRobot: 1."
+
+
+def _numbered(steps: Sequence[str]) -> list[str]:
+    return [
+        step if step == DONE else f"{step} {number}." for number, step in enumerate(steps, start=2)
+    ]
+
+
+def lines_prompt(
+    instruction: str, held: SeenObject | None, steps: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the compact prompt without memory, followed by the program so far.
+
+    Earlier instructions are left out: planners of this profile were never shown any.
+    """
+    prompt = compact(request_for(instruction, held)).prompt
+    return (prompt.stable, prompt.changing, *steps)
+
+
+def smart_skills() -> tuple[Skill, ...]:
+    """Return those of our skills that SMART-LLM has too."""
+    return tuple(skill for skill in SKILLS if skill.name not in _NOT_SMART_LLM)
+
+
+def code_prompt(history: Sequence[Past], instruction: str) -> Prompt:
+    """Return the prompt for a whole plan: skills, object types, examples, earlier plans."""
+    stable = template(_PROMPTS / "lota_generate.txt").render(
+        skills=smart_skills(), objects=named_types()
+    )
+    past = [
+        f"# Task Description: {_sentence(one.instruction)}\n{''.join(one.steps)}\n"
+        for one in history
+    ]
+    asked = f"# Task Description: {_sentence(instruction)}\n"
+    return Prompt(stable=stable, changing="".join(past) + asked)
+
+
+def _sentence(text: str) -> str:
+    """Return an instruction with a capital and a full stop."""
+    text = " ".join(text.split()).rstrip(".!? ")
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+@cache
+def _text(name: str) -> str:
+    return (_PROMPTS / name).read_text(encoding="utf-8")

@@ -22,6 +22,7 @@ class ObjectMemory(RoomMemory):
     finished: set[str] = field(default_factory=set)  # ids, where this instruction wants them
     could_not_find: set[str] = field(default_factory=set)
     held_id: str | None = None
+    explored: bool = False  # the room was looked round once
 
     def begin_instruction(self) -> None:
         """Allow every object to be used and searched for again."""
@@ -71,15 +72,12 @@ class ObjectMemory(RoomMemory):
             return not held, -self._score(one.object_id), round(gap, 4), one.object_id
 
         usable = [one for one in self.seen.values() if one.object_id not in self.finished]
-        return sorted((one for one in usable if _means(name, one)), key=rank)
+        meant = (o for o in usable if name == o.object_id or covers(name, o.object_type))
+        return sorted(meant, key=rank)
 
     def best(self, name: str) -> SeenObject | None:
         """Return the best object that a name can mean; None without a usable one."""
         return next(iter(self.of(name)), None)
-
-
-def _means(name: str, sight: SeenObject) -> bool:
-    return name == sight.object_id or covers(name, sight.object_type)
 
 
 _SHUT_TO_RUN = (MICROWAVE,)

@@ -10,15 +10,20 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from karma.agent.body.skills import Skills
 from karma.agent.loading.planner_files import ExampleMemory
 from karma.agent.options import settings_of
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import GOALS
-from karma.agent.tour import floor_of, position_of
-from karma.bench.rows.baseline import Budget, RoomByRoom, is_known_tap, likely_places, request_for
-from karma.bench.rows.helper.memory import (
+from karma.agent.tour import position_of
+from karma.bench.rows.baseline import (
+    BaselineSettings,
+    MappedEpisode,
+    PlannerRow,
+    RowBody,
+    likely_places,
+)
+from karma.bench.rows.helper_memory import (
     ObjectMemory,
     ends_there,
     idle,
@@ -44,8 +49,6 @@ from karma.contracts import (
 from karma.errors import FileError, KarmaError, ProgramError
 from karma.files import read_toml
 from karma.household.uses import FOUND_BY_SKILL
-from karma.memory.scene_graph import SceneGraph
-from karma.seeds import stream
 
 LIKELY = 3  # kinds of places asked for
 INSTANCES = 2  # of each kind
@@ -57,7 +60,7 @@ Ending = Literal["done", "failed", "skipped"]
 Deed = Generator[SkillResult, None, bool]  # returns whether it worked
 
 
-class Executor:
+class Executor(RowBody[ObjectMemory]):
     """Carries out sub-goals of one instruction.
 
     `points`: cells to stand on, for looking anywhere; `rng` draws among them.
@@ -65,20 +68,17 @@ class Executor:
 
     def __init__(
         self,
-        budget: Budget,
+        world: World,
         memory: ObjectMemory,
+        settings: BaselineSettings,
         points: Sequence[Vec3],
         rng: np.random.Generator,
     ) -> None:
-        self.skills, self.memory, self.budget = budget.skills, memory, budget
+        super().__init__(world, memory, settings)
         self.last_error = ""
         self._points, self._rng = points, rng
         self._landmark = ""  # what was opened last and not closed since
         self._put = ""  # what was put down last
-
-    def look(self) -> None:
-        """Write what the skills saw and did into memory."""
-        self.memory.observe(self.skills.experience)
 
     def subgoal(
         self, call: SkillCall, rest: Sequence[SkillCall]
@@ -118,8 +118,7 @@ class Executor:
     def _do(self, call: SkillCall) -> Deed:
         """Run one skill and write down what came of it."""
         held = self.skills.experience.held
-        result = self.skills.run(call, max_actions=self.budget.left)
-        self.look()
+        result = self.run(call)
         yield result
         if not result.ok:
             self.memory.failed(call.objects[-1])
@@ -132,7 +131,7 @@ class Executor:
         return result.ok
 
     def _fail(self, call: SkillCall, reason: str) -> None:
-        self.budget.failures += 1
+        self.failures += 1
         self.last_error = f"Failed sub-goal: {call}. Error: {reason}"
 
     # ------------------------------------------------------------- the locator
@@ -141,11 +140,11 @@ class Executor:
         """Look for what is not in memory: near the landmark, where it is likely, anywhere."""
         near = [place for place in call.positions if isinstance(place, str)]
         for name in call.objects:
-            if is_known_tap(name, self.skills) or self.memory.best(name) is not None:
+            if self.is_known_tap(name) or self.memory.best(name) is not None:
                 continue
             for place in self._places(name, near):
-                yield self._search(name, place)
-                if self.memory.best(name) is not None or self.budget.is_spent:
+                yield self._look_at(name, place)
+                if self.memory.best(name) is not None or self.is_spent:
                     break
             if self.memory.best(name) is None:
                 self.memory.could_not_find.add(name)
@@ -166,72 +165,37 @@ class Executor:
         for number in order:
             yield Area(name=f"point_{number}", position_m=self._points[number])
 
-    def _search(self, name: str, place: SeenObject | Area) -> SkillResult:
-        most = self.budget.left
+    def _look_at(self, name: str, place: SeenObject | Area) -> SkillResult:
         if isinstance(place, Area):
-            result = self.skills.look_from(name, place, max_actions=min(POINT_STEPS, most))
-        elif "closed" in place.states:
-            result = self.skills.look_into(name, place, max_actions=min(NEAR_STEPS, most))
-        else:
-            area = Area(name=place.object_id, position_m=place.box_center_m)
-            result = self.skills.look_from(name, area, max_actions=min(NEAR_STEPS, most))
-        self.look()
-        return result
+            return self.search(name, place, POINT_STEPS)
+        if "closed" not in place.states:
+            place = Area(name=place.object_id, position_m=place.box_center_m)
+        return self.search(name, place, NEAR_STEPS)
 
 
 TRIES = 2  # of one sub-goal: the second on the next instance
-TABLE = Path(__file__).parent / "examples.toml"
+TABLE = Path(__file__).parent / "helper_examples.toml"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HelperSettings:
+class HelperSettings(BaselineSettings):
     """The numbers of the source."""
 
     examples: int = 3  # retrieved for a program
-    explore_steps: int = 150  # world actions of the first look round a home
-    steps: int = 1000  # world actions of one instruction, exploring included
-    failures: int = 30  # of one instruction
+    explore_steps: int = 150  # world actions of the first look round a home, of `steps`
+    failures: int = 30
     corrections: float = 2 / 3  # share of the failures after which the planner is not asked again
-    furniture: bool = False  # whether the planner is told what furniture was seen; the source's not
 
 
-@dataclass(slots=True, kw_only=True)
-class _HelperRoom:
-    """What is known of one room."""
-
-    memory: ObjectMemory
-    cells: list[Vec3]
-    floor: SceneGraph
-    explored: bool = False  # looked round once
-
-    @classmethod
-    def of(cls, world: World) -> Self:
-        """Return the knowledge of a room at the first visit: its floor and no objects."""
-        cells, height = sorted(floor_of(world)), position_of(world)[1]
-        return cls(
-            memory=ObjectMemory(here=lambda: position_of(world)),
-            cells=[(x, height, z) for x, z in cells],
-            floor=SceneGraph.over(cells, height_m=height),
-        )
-
-
-class HelperMethod:
-    """The `helper` row.
-
-    The planner's own inspector stays off, HELPER has one.
-    """
+class HelperMethod(PlannerRow):
+    """The `helper` row; HELPER has an inspector of its own."""
 
     name = "HELPER"
     settings_kind: ClassVar[type] = HelperSettings
 
-    def __init__(
-        self, planner: Planner, embedder: Embedder, settings: HelperSettings | None = None
-    ) -> None:
-        self.settings = settings or HelperSettings()
-        self.planner = planner.drawn_by(replace(planner.decoding, inspected=False))
-        examples, errors = seed_examples()
-        self.examples = ExampleMemory(embedder, examples)
-        self.errors = ExampleMemory(embedder, errors)
+    def __init__(self, planner: Planner, embedder: Embedder, settings: HelperSettings) -> None:
+        super().__init__(planner, settings)
+        self.examples, self.errors = (ExampleMemory(embedder, rows) for rows in seed_examples())
 
     @classmethod
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
@@ -252,30 +216,25 @@ class HelperMethod:
         return HelperEpisode(self, world, scene, seed)
 
 
-class HelperEpisode(RoomByRoom[_HelperRoom]):
+class HelperEpisode(MappedEpisode[ObjectMemory]):
     """One sequence of instructions; objects are remembered by room, examples for all rooms."""
 
     def __init__(self, method: HelperMethod, world: World, scene: SceneRef, seed: int) -> None:
-        super().__init__(world, scene, _HelperRoom.of)
-        self.settings, self.examples = method.settings, method.examples.copy()
-        self._planner, self._errors, self._seed = method.planner, method.errors, seed
-        self._number = 0  # of the instruction
-
-    @property
-    def memory(self) -> ObjectMemory:
-        """What is known of the objects of the room that the agent is in."""
-        return self._room.memory
+        super().__init__(ObjectMemory, method, world, scene, seed)
+        self.examples, self._errors = method.examples.copy(), method.errors
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Explore if the room is new; then plan, act, correct once, and learn the example."""
         self.memory.begin_instruction()
-        body = self._executor()
-        if not self._room.explored:
-            self._room.explored = True
+        height = position_of(self._world)[1]
+        points = [(x, height, z) for x, z in sorted(self._room.cells)]
+        body = Executor(self._world, self.memory, self.settings, points, self._draws("helper"))
+        if not self.memory.explored:
+            self.memory.explored = True
             yield from self._explore(body)
         self._number += 1
         examples = self.examples.nearest(subtask.instruction, self.settings.examples)
-        plan = yield from self._ask(body, subtask, examples, "")
+        plan = yield from self._ask(body, subtask.instruction, examples=examples)
         done: list[SkillCall] = []
         finished = plan is not None and (yield from self._carry_out(body, subtask, plan, done))
         if done:
@@ -284,40 +243,16 @@ class HelperEpisode(RoomByRoom[_HelperRoom]):
         handled = body.skills.experience.handled_ids
         yield Outcome(finished=finished, resident=(), handled_ids=handled)
 
-    def _executor(self) -> Executor:
-        skills = Skills(self._world, self.memory)
-        budget = Budget(skills, self.settings.steps, self.settings.failures)
-        rng = stream(self._seed, "helper", self._scene.name, str(self._number))
-        return Executor(budget, self.memory, self._room.cells, rng)
-
     def _explore(self, body: Executor) -> Iterator[SkillResult]:
         """Walk from area to area, the nearest next, and look around, until the budget is spent."""
         rest = list(self._room.floor.areas())
-        while rest and body.skills.actions < self.settings.explore_steps:
+        while (left := self.settings.explore_steps - body.skills.actions) > 0 and rest:
             x, _, z = self.memory.here()
             rest.sort(
                 key=lambda a: ((a.position_m[0] - x) ** 2 + (a.position_m[2] - z) ** 2, a.name)
             )
-            left = self.settings.explore_steps - body.skills.actions
             yield body.skills.look_from("", rest.pop(0), max_actions=left)
-            body.look()
-
-    # ------------------------------------------------------------- planning
-
-    def _ask(
-        self, body: Executor, subtask: SubTask, examples: tuple[WorkedExample, ...], error: str
-    ) -> Generator[Plan, None, Plan | None]:
-        """Ask for a program; the prompt holds no map and no memory, as in the source."""
-        body.skills.look()
-        self._room.floor.observe(self.memory.seen.values())
-        told = self._room.floor if self.settings.furniture else None
-        request = request_for(
-            subtask.instruction, body.skills.experience.held, told, error=error, examples=examples
-        )
-        answer = None
-        for answer in self._planner.plan(request):
-            yield answer
-        return answer if answer is not None and answer.calls else None
+            self.memory.observe(body.skills.experience)
 
     def _carry_out(
         self, body: Executor, subtask: SubTask, plan: Plan, done: list[SkillCall]
@@ -328,14 +263,16 @@ class HelperEpisode(RoomByRoom[_HelperRoom]):
         """
         queue, corrected, finished = list(plan.calls), False, True
         tries = 0
-        while queue and not body.budget.is_spent:
+        while queue and not body.is_spent:
             ending = yield from body.subgoal(queue[0], queue[1:])
-            fails = body.budget.failures
+            fails = body.failures
             may_ask = fails < self.settings.corrections * self.settings.failures
             if ending == "failed" and not corrected and may_ask:
                 corrected = True
                 errors = self._errors.nearest(body.last_error, self.settings.examples)
-                better = yield from self._ask(body, subtask, errors, body.last_error)
+                better = yield from self._ask(
+                    body, subtask.instruction, error=body.last_error, examples=errors
+                )
                 if better is not None:
                     queue, finished, tries = list(better.calls), True, 0
                     continue

@@ -1,1 +1,0 @@
-"""CAPEAM-style (after Kim et al. 2023)."""

@@ -1,1 +1,0 @@
-"""HELPER (Sarch et al. 2023), rebuilt."""

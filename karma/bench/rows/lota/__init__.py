@@ -1,1 +1,0 @@
-"""LoTa-Bench, modified (KARMA Table 1)."""
