@@ -26,7 +26,7 @@ from karma.files import to_json, write_atomic
 from karma.offline.guard import settle
 
 if TYPE_CHECKING:
-    from karma.bench.figures.sheet import Sheet
+    from karma.bench.figures.tables import Sheet
 
 _HARMLESS = frozenset("\n\t\u200d")  # the last joins the parts of one sign
 _PLAIN = str.maketrans("→–—…✓·×", ">--.*.x")  # where the terminal has ASCII only

@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 from karma.agent.goals.goals import GoalTracker
 from karma.bench.engine.experiment import load
 from karma.bench.engine.experiment_file import read_experiment
+from karma.bench.engine.published_tasks import AlfredTasks, alfred_tasks
 from karma.bench.engine.run import Run
 from karma.bench.figures.columns import figures
 from karma.bench.rows.expert import ExpertEpisode
-from karma.bench.tasks.alfred import AlfredTasks, alfred_tasks
 from karma.cli import app
 from karma.errors import FileError
 from karma.files import decode_json

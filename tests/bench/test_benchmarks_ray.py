@@ -53,7 +53,7 @@ from pathlib import Path
 
 import msgspec
 from karma.agent.loading.models import Models
-from karma.bench.figures.sheet import Sheet
+from karma.bench.figures.tables import Sheet
 from karma.bench.engine.suite import BenchmarkResults, Chain
 
 

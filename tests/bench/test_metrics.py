@@ -24,8 +24,14 @@ from karma.agent.journal.steps import Ended, Enter, Instruction, Start
 from karma.bench.figures.columns import LOTA_ROW, OFF_ROW, figures, paired, reduced, reductions
 from karma.bench.figures.columns import plain as plain_figures
 from karma.bench.figures.failures import CAUSES, count, failures
-from karma.bench.figures.metrics import METRICS, actions, episodes_of, explorations
-from karma.bench.figures.needs import needs, related_needs
+from karma.bench.figures.metrics import (
+    METRICS,
+    actions,
+    episodes_of,
+    explorations,
+    needs,
+    related_needs,
+)
 from karma.bench.figures.results import result_of
 from karma.contracts import MemoryUnit, RefusedRequest, Tour
 from karma.infer.hosted.cost import Spent

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from karma.bench.engine.run import Run
 from karma.bench.report.lived_day import requests_of, told_day
-from karma.bench.report.lived_page import (
+from karma.bench.report.suite_pages import (
     HARD,
     chosen_day,
     curves_picture,

@@ -13,9 +13,9 @@ from karma.agent.journal.header import EPISODES, RESULTS
 from karma.agent.journal.run_folder import read_run
 from karma.agent.journal.steps import Enter, Start, read_steps, steps_path
 from karma.bench.engine.run import Run
-from karma.bench.figures.needs import related_needs
-from karma.bench.figures.results import result_of
-from karma.bench.figures.tables import sheets, to_csv
+from karma.bench.figures.metrics import related_needs
+from karma.bench.figures.results import result_of, to_csv
+from karma.bench.figures.tables import sheets
 from karma.contracts import SceneRef, Task
 from karma.errors import KarmaError
 

@@ -14,9 +14,14 @@ from karma.agent.journal.header import RESULTS
 from karma.agent.journal.run_folder import read_run
 from karma.bench.engine.experiment_file import read_experiment
 from karma.bench.figures.columns import COLUMNS
-from karma.bench.figures.results import margins, result_of
-from karma.bench.figures.sheet import Sheet, to_latex, to_markdown
-from karma.bench.figures.tables import PUBLISHED_COLUMNS, load_published, sheets, to_csv
+from karma.bench.figures.results import load_published, margins, result_of, to_csv
+from karma.bench.figures.tables import (
+    PUBLISHED_COLUMNS,
+    Sheet,
+    sheets,
+    to_latex,
+    to_markdown,
+)
 from karma.cli import app
 from karma.errors import FileError
 

@@ -27,13 +27,12 @@ from karma.agent.loading.models import (
 )
 from karma.agent.loading.planner_files import NO_WORDS, chosen_words, may_refuse
 from karma.agent.tour import explore_room
-from karma.bench.engine.episode import run_episode
+from karma.bench.engine.episode import Days, run_episode
 from karma.bench.engine.experiment import Experiment, RunOptions, load, scene_path
 from karma.bench.engine.experiment_file import Changes, DataFolders, read_experiment
 from karma.bench.engine.suite import Chain, Do, Done
 from karma.bench.engine.workers import NodeFolder, loaded
 from karma.bench.figures.columns import added_up
-from karma.bench.tasks.days import Days
 from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
 from karma.errors import FileError, KarmaError
 from karma.infer.hosted.session import Session

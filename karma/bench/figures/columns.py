@@ -2,8 +2,8 @@
 
 The terminal, `results.json`, the tables, the report and comparisons all take theirs from here. What
 memory saves is told by each episode beside its twin, the same task, seed and planner without
-memory: where an episode begins depends on task and seed alone (`karma.bench.tasks.days`), so a pair
-differs in the row and in nothing else.
+memory: where an episode begins depends on task and seed alone (`karma.bench.engine.episode`), so a
+pair differs in the row and in nothing else.
 """
 
 from collections import Counter

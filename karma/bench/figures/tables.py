@@ -1,13 +1,10 @@
 """Tables 1 and 2 of the paper from a run's records, beside the published figures.
 
-A table is a `Sheet`, written as Markdown or LaTeX; the CSV has the numbers themselves.
+A table is a `Sheet`, written as Markdown or LaTeX.
 """
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from karma.agent.journal.formats import UNKNOWN, figure_text, plural
 from karma.agent.journal.records import ALL, KINDS, NOT_TRAINED, TRAINED
@@ -22,10 +19,70 @@ from karma.bench.figures.columns import (
 from karma.bench.figures.compare import Comparison
 from karma.bench.figures.failures import CAUSES, Failure, count
 from karma.bench.figures.metrics import METRICS, SUCCESS
-from karma.bench.figures.sheet import Sheet
 from karma.bench.figures.statistics import interval_text
-from karma.errors import FileError
-from karma.files import read_bytes, shipped
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sheet:
+    """A table in words."""
+
+    title: str
+    caption: str
+    head: tuple[str, ...]
+    lines: tuple[tuple[str, ...], ...]
+
+
+def to_markdown(tables: Sequence[Sheet]) -> str:
+    """Write sheets as Markdown."""
+    return "\n".join(_markdown(sheet) for sheet in tables)
+
+
+def _markdown(sheet: Sheet) -> str:
+    def line(cells: Sequence[str]) -> str:
+        return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+    rows = [line(sheet.head), "|" + "---|" * len(sheet.head), *map(line, sheet.lines)]
+    return f"### {sheet.title}\n\n" + "\n".join(rows) + f"\n\n{sheet.caption}\n"
+
+
+def to_latex(tables: Sequence[Sheet]) -> str:
+    """Write sheets as LaTeX tables; they need the packages booktabs and graphicx."""
+    return "% \\usepackage{booktabs,graphicx}\n" + "\n".join(_latex(sheet) for sheet in tables)
+
+
+def _latex(sheet: Sheet) -> str:
+    def line(cells: Sequence[str]) -> str:
+        return " & ".join(map(_escaped, cells)) + r" \\"
+
+    return "\n".join(
+        (
+            r"\begin{table}[t]",
+            r"\centering",
+            rf"\caption{{{_escaped(sheet.title)}. {_escaped(sheet.caption)}}}",
+            r"\resizebox{\linewidth}{!}{%",
+            rf"\begin{{tabular}}{{l{'r' * (len(sheet.head) - 1)}}}",
+            r"\toprule",
+            line(sheet.head),
+            r"\midrule",
+            *map(line, sheet.lines),
+            r"\bottomrule",
+            r"\end{tabular}}",
+            r"\end{table}",
+            "",
+        )
+    )
+
+
+_SPECIAL = {
+    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_",
+    "{": r"\{", "}": r"\}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
+    "–": "--", "×": r"$\times$", "<": r"$<$", ">": r"$>$", "[": "{[}", "]": "{]}",
+}  # fmt: skip
+
+
+def _escaped(text: str) -> str:
+    return "".join(_SPECIAL.get(letter, letter) for letter in text)
+
 
 PUBLISHED_COLUMNS = ("success", "retrieved", "re", "rt")  # of Tables 1 and 2, by our keys
 
@@ -40,34 +97,6 @@ class Published:
 
 
 PublishedFigures = Mapping[tuple[str, str, str], Published]  # (our row, kind, column)
-
-
-def load_published(path: Path | None) -> PublishedFigures:
-    """Read the paper's figures, by default those that ship.
-
-    Raises:
-        FileError: a line lacks a column, or its value is no number; names the line.
-    """
-    found: dict[tuple[str, str, str], Published] = {}
-    ours = shipped("eval") / "paper" / "published.csv"
-    path = path or ours
-    try:
-        text = read_bytes(path, fix=f"--published FILE; ours is {ours}").decode()
-    except UnicodeDecodeError as error:
-        raise FileError(path, str(error)) from error
-    for number, row in enumerate(csv.DictReader(io.StringIO(text)), start=2):
-        try:
-            key = row["row"], row["kind"], row["metric"]
-            if row["metric"] not in PUBLISHED_COLUMNS:
-                raise ValueError(
-                    f"metric {row['metric']!r}; there are {', '.join(PUBLISHED_COLUMNS)}"
-                )
-            found[key] = Published(
-                value=float(row["value"]), source=row["source"], paper_row=row["paper_row"]
-            )
-        except (KeyError, TypeError, ValueError) as error:
-            raise FileError(path, f"line {number}: {error}") from error
-    return found
 
 
 _OURS_ALONE = ("rt_clock", "re_toured")  # beside the paper's columns, where measured
@@ -348,27 +377,3 @@ def _causes(result: Result, *, first_only: bool) -> Sheet:
         head=("method", "tasks", "failed", *CAUSES),
         lines=tuple(rows),
     )
-
-
-def to_csv(result: Result) -> str:
-    """Write every figure of a run, one a line, with its interval and what was published."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(
-        ("row", "kind", "metric", "value", "low", "high", "episodes", "tasks", "seeds", "published")
-    )
-    for line in result.figures:
-        for key, one in line.values.items():
-            there = result.published.get((line.row, line.kind, key))
-            low_high = (one.interval.low, one.interval.high) if one.interval else (None, None)
-            writer.writerow(
-                (
-                    line.row, line.kind, key, *(_plain(v) for v in (one.value, *low_high)),
-                    line.episodes, line.tasks, line.seeds, _plain(there.value if there else None),
-                )
-            )  # fmt: skip
-    return out.getvalue()
-
-
-def _plain(value: float | None) -> str:
-    return "" if value is None else f"{value:.6g}"

@@ -13,8 +13,7 @@ from karma.bench.figures.columns import COLUMNS, Saving
 from karma.bench.figures.compare import rows_of
 from karma.bench.figures.failures import Failure
 from karma.bench.figures.metrics import Metric
-from karma.bench.figures.sheet import Sheet
-from karma.bench.figures.tables import Result, sheets, size_words
+from karma.bench.figures.tables import Result, Sheet, sheets, size_words
 from karma.bench.report.episodes import EpisodeReplay
 from karma.bench.report.html import Frames, fill, script_data
 from karma.bench.report.results import (

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from karma.agent.goals.files import load_tasks, load_texts
 from karma.agent.loading.alfred_sentences import plain
-from karma.bench.tasks.authors import load_authors_tasks
+from karma.bench.engine.published_tasks import load_authors_tasks
 from karma.language.lexemes import unseen_lexemes
 
 DEVELOPMENT = Path("eval") / "alfred_l" / "tasks.jsonl"
