@@ -19,7 +19,7 @@ from karma.errors import KarmaError, ModelError
 
 ray = pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
 
-from karma.bench.engine.ray_pool import host_of  # noqa: E402
+from karma.bench.engine.pool import host_of  # noqa: E402
 from karma.bench.engine.workers import check_node, models_here  # noqa: E402
 
 
