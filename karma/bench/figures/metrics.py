@@ -104,6 +104,7 @@ class Metric:
     only: Callable[[EpisodeRecord], bool] | None = None  # undefined unless an episode has this:
     # a row without a planner has no planner calls, rather than 0
     is_rate: bool = False  # they are zeros and ones
+    is_solved: bool = False  # of a saving: of pairs that both solved; who gives up searches little
     digits: int = 2  # after the point
 
 
@@ -353,11 +354,6 @@ def episodes_of(
         for one in complete
         if not one.unjudged
     ]
-
-
-def unjudged(records: Iterable[EpisodeRecord]) -> dict[str, str]:
-    """Return the tasks that are in no figure, and why nobody can be judged by them."""
-    return {one.task: one.unjudged for one in records if one.unjudged}
 
 
 def _tours_of(records: Sequence[EpisodeRecord], row: str) -> dict[str, tuple[Tour, int]]:

@@ -17,7 +17,7 @@ from karma.bench.figures.compare import Arm, Comparison, arm_of, compare_kinds, 
 from karma.bench.figures.failures import Failure, failures
 from karma.bench.figures.metrics import TimedEpisode, episodes_of
 from karma.bench.figures.statistics import Estimate, interval_text
-from karma.bench.figures.tables import PUBLISHED_COLUMNS, Published, PublishedFigures, Result, Sheet
+from karma.bench.figures.tables import PUBLISHED_COLUMNS, PublishedFigures, Result, Sheet
 from karma.errors import FileError, KarmaError
 from karma.files import read_bytes, shipped
 
@@ -76,7 +76,7 @@ def load_published(path: Path | None) -> PublishedFigures:
     Raises:
         FileError: a line lacks a column, or its value is no number; names the line.
     """
-    found: dict[tuple[str, str, str], Published] = {}
+    found: dict[tuple[str, str, str], float] = {}
     ours = shipped("eval") / "paper" / "published.csv"
     path = path or ours
     try:
@@ -90,9 +90,7 @@ def load_published(path: Path | None) -> PublishedFigures:
                 raise ValueError(
                     f"metric {row['metric']!r}; there are {', '.join(PUBLISHED_COLUMNS)}"
                 )
-            found[key] = Published(
-                value=float(row["value"]), source=row["source"], paper_row=row["paper_row"]
-            )
+            found[key] = float(row["value"])
         except (KeyError, TypeError, ValueError) as error:
             raise FileError(path, f"line {number}: {error}") from error
     return found
@@ -112,7 +110,7 @@ def to_csv(result: Result) -> str:
             writer.writerow(
                 (
                     line.row, line.kind, key, *(_plain(v) for v in (one.value, *low_high)),
-                    line.episodes, line.tasks, line.seeds, _plain(there.value if there else None),
+                    line.episodes, line.tasks, line.seeds, _plain(there),
                 )
             )  # fmt: skip
     return out.getvalue()

@@ -87,16 +87,7 @@ def _escaped(text: str) -> str:
 PUBLISHED_COLUMNS = ("success", "retrieved", "re", "rt")  # of Tables 1 and 2, by our keys
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Published:
-    """One figure of the paper."""
-
-    value: float
-    source: str  # its table
-    paper_row: str  # the row's name there
-
-
-PublishedFigures = Mapping[tuple[str, str, str], Published]  # (our row, kind, column)
+PublishedFigures = Mapping[tuple[str, str, str], float]  # (our row, kind, column)
 
 
 _OURS_ALONE = ("rt_clock", "re_toured")  # beside the paper's columns, where measured
@@ -184,7 +175,7 @@ def _main(result: Result, kind: str) -> Sheet:
         for column in PUBLISHED_COLUMNS:
             cells.append(interval_text(line.values[column]))
             there = result.published.get((line.row, kind, column))
-            cells.append(UNKNOWN if there is None else f"{there.value:g}")
+            cells.append(UNKNOWN if there is None else f"{there:g}")
         cells += (interval_text(line.values[key]) for key in more)
         rows.append(tuple(cells))
     alone = "SR asks for every sub-task of a sequence, so read their share in the next table. "

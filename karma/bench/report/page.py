@@ -9,7 +9,7 @@ import msgspec
 from karma.agent.journal.formats import UNKNOWN, figure_text
 from karma.agent.journal.records import SAID, Turn, read_turns
 from karma.agent.journal.run_folder import RunData
-from karma.bench.figures.columns import COLUMNS, Saving
+from karma.bench.figures.columns import COLUMNS
 from karma.bench.figures.compare import rows_of
 from karma.bench.figures.failures import Failure
 from karma.bench.figures.metrics import Metric
@@ -43,7 +43,7 @@ class Page:
     seeds: int
     rows: tuple[str, ...]
     caption: str
-    columns: tuple[Metric | Saving, ...]
+    columns: tuple[Metric, ...]
     lines: tuple[ResultLine, ...]
     plots: tuple[Plot, ...]
     sheets: tuple[Sheet, ...]  # the tables that stand in papers
