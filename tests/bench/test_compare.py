@@ -9,13 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.made_records import answer, episode, plain, sub, write_run
 from support.paths import ROOT
-from typer.testing import CliRunner
+from support.run_files import karma
 
 from karma.agent.journal.header import RESULTS
 from karma.agent.journal.records import EpisodeTiming, SubTaskTiming
 from karma.bench.figures.compare import Arm, compare, compare_kinds
 from karma.bench.figures.metrics import episodes_of
-from karma.cli import app
 from karma.errors import KarmaError
 
 
@@ -189,12 +188,6 @@ def folders(tmp_path, monkeypatch):
     write_run(tmp_path / "other", outcomes({"t9": "+"}))
     write_run(tmp_path / "empty", [])
     return tmp_path
-
-
-def karma(*arguments, code=0):
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    return result.output
 
 
 def test_compare_command_sets_rows_of_one_name_side_by_side(folders):

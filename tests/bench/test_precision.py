@@ -1,7 +1,6 @@
 """Seeds are added until success rates are as sure as they are wanted, and no seed for nothing."""
 
 import json
-import textwrap
 import time
 from dataclasses import replace
 
@@ -9,10 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.made_records import plain
-from support.run_files import TASKS, files, lines_in, started, write_experiment
+from support.run_files import TASKS, files, karma, lines_in, plant_plugin, started, write_experiment
 from support.tiny import export_tiny
 from support.written_tasks import write_tasks
-from typer.testing import CliRunner
 
 from karma.agent.goals.files import load_tasks
 from karma.agent.journal.header import EPISODES, RESULTS
@@ -21,7 +19,6 @@ from karma.agent.journal.run_folder import read_run
 from karma.bench.engine.run import Run
 from karma.bench.figures.columns import figures
 from karma.bench.figures.precision import Precision, reached, takes_another
-from karma.cli import app
 from karma.errors import FileError, KarmaError
 from karma.seeds import stream
 
@@ -181,11 +178,7 @@ WIDTH, MOST = 0.25, 12
 def coin(tmp_path_factory):
     """An installed method that does as the expert does, or nothing, by the toss of a coin."""
     place = tmp_path_factory.mktemp("plugin")
-    info = place / "coin-1.0.dist-info"
-    info.mkdir(parents=True)
-    (place / "coin.py").write_text(textwrap.dedent(COIN))
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: coin\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[karma.methods]\ncoin = coin:Coin\n")
+    plant_plugin(place, "coin", COIN, "methods", "coin = coin:Coin")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(place))
         yield
@@ -273,10 +266,9 @@ def test_run_stops_at_the_maximum_and_says_what_was_reached(whole, tmp_path):
     path, *_ = whole
     json_path = tmp_path / "figures.json"
     asked = ["--half-width", "0.1", "--max-seeds", "2", "--workers", "1", "--json", str(json_path)]
-    result = CliRunner().invoke(app, ["eval", str(path), "--out", str(tmp_path / "run"), *asked])
-    assert result.exit_code == 0, result.output
+    result = karma("eval", path, "--out", tmp_path / "run", *asked)
     assert {r.seed for r in read_records(tmp_path / "run" / EPISODES)} == {0, 1}
-    said = " ".join(result.output.split())
+    said = " ".join(result.split())
     assert "success to ± 0.1" in said
     assert "takes more tasks, not seeds" in said  # the expert, who always succeeds
     assert {line["episodes"] for line in json.loads(json_path.read_text())} == {8}

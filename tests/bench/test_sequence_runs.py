@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import pytest
 from support.run_files import ROOT, TASKS, copy, files, lines_in, started
-from support.tiny import export_tiny
 from support.written_tasks import write_tasks
 
 from karma.agent.goals.files import load_tasks, with_whole
@@ -47,11 +46,6 @@ def write_experiment(folder, planner, seeds="[0]"):
         f'[models]\nplanner = "{planner}"\nprofile = "compact"\n'
     )
     return path
-
-
-@pytest.fixture(scope="module")
-def planner(tmp_path_factory):
-    return export_tiny(tmp_path_factory.mktemp("planner") / "tiny.gguf")
 
 
 @pytest.fixture(scope="module")

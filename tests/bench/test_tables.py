@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from support.made_records import plain, write_run
 from support.paths import ROOT
-from typer.testing import CliRunner
+from support.run_files import karma
 
 from karma.agent.journal.header import RESULTS
 from karma.agent.journal.run_folder import read_run
@@ -22,7 +22,6 @@ from karma.bench.figures.tables import (
     to_latex,
     to_markdown,
 )
-from karma.cli import app
 from karma.errors import FileError
 
 PAPER = ROOT / "eval" / "paper"
@@ -261,25 +260,23 @@ def test_table_command_writes_three_files(run, tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     out = tmp_path / "out"
     arguments = ["table", str(run.folder), "--published", str(PAPER / "published.csv")]
-    said = CliRunner().invoke(app, [*arguments, "--out", str(out), "--json", str(out / "x.json")])
-    assert said.exit_code == 0, said.output
-    assert "table_1: simple tasks" in said.output
+    said = karma(*arguments, "--out", out, "--json", out / "x.json")
+    assert "table_1: simple tasks" in said
     unfinished = f"not finished, the figures are of the {len(run.records)} episodes that are done"
-    assert unfinished in " ".join(said.output.split())
+    assert unfinished in " ".join(said.split())
     assert sorted(path.name for path in out.iterdir()) == [
         ".karma-made", "table.csv", "table.md", "table.tex", "x.json",
     ]  # fmt: skip
     result = result_of(run, PUBLISHED)
     assert (out / "table.md").read_text().startswith(to_markdown(sheets(result)))
-    again = CliRunner().invoke(app, [*arguments, "--off", "nobody"])
-    assert again.exit_code == 1
-    assert "no row 'nobody'" in again.output
+    again = karma(*arguments, "--off", "nobody", code=1)
+    assert "no row 'nobody'" in again
     (run.folder / RESULTS).write_text("[]")  # what a run writes last
-    done = CliRunner().invoke(app, [*arguments, "--out", str(out)])
-    assert "not finished" not in done.output
+    assert "not finished" not in karma(*arguments, "--out", out)
 
 
-def test_one_kind_of_task_has_no_line_over_all_kinds(tmp_path):
+def test_only_several_kinds_of_task_have_a_line_over_all_kinds(result, tmp_path):
+    assert "| KARMA | all |" in to_markdown(sheets(result))
     records = [
         plain(row == "KARMA", places=3, row=row, task=task, kind="complex", seed=0)
         for row in ("KARMA", "memory off")
@@ -289,10 +286,6 @@ def test_one_kind_of_task_has_no_line_over_all_kinds(tmp_path):
     text = to_markdown(sheets(result))
     assert "| KARMA | complex |" in text
     assert "| KARMA | all |" not in text
-
-
-def test_several_kinds_of_task_have_a_line_over_all_kinds(result):
-    assert "| KARMA | all |" in to_markdown(sheets(result))
 
 
 def test_tables_name_the_tasks_that_nobody_is_judged_by(tmp_path):
