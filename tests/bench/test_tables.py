@@ -282,7 +282,7 @@ def test_only_several_kinds_of_task_have_a_line_over_all_kinds(result, tmp_path)
         for row in ("KARMA", "memory off")
         for task in ("t1", "t2")
     ]
-    result = result_of(read_run(write_run(tmp_path / "run", records, name="table_1")), PUBLISHED)
+    result = result_of(read_run(write_run(tmp_path / "one", records, name="table_1")), PUBLISHED)
     text = to_markdown(sheets(result))
     assert "| KARMA | complex |" in text
     assert "| KARMA | all |" not in text
