@@ -20,12 +20,10 @@ def browser(tmp_path_factory):
 
 @pytest.fixture
 def tab(browser, page, tmp_path):
-    """The browser with a report's page, which asks for nothing else and complains of nothing."""
+    """The browser for a report's page, which asks for nothing else and complains of nothing."""
     path = tmp_path / "report.html"
     path.write_text(page, encoding="utf-8")
     browser.page = path.as_uri()
-    browser.open(browser.page)
-    browser.value("document.getElementById('replay').scrollIntoView()")
     yield browser
     assert set(browser.requests()) <= {browser.page}
     assert browser.complaints() == []

@@ -173,6 +173,14 @@ def page(made):
     return made[1]
 
 
+@pytest.fixture
+def tab(tab):
+    """The browser with the page open, from the disk."""
+    tab.open(tab.page)
+    tab.value("document.getElementById('replay').scrollIntoView()")
+    return tab
+
+
 def test_browser_opens_a_failed_run_at_its_first_failure_and_says_so(tab, made):
     tab.open(tab.page)
     assert tab.value("document.getElementById('episode').value") == FAILED

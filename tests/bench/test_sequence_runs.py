@@ -4,7 +4,7 @@ import time
 from dataclasses import replace
 
 import pytest
-from support.run_files import ROOT, TASKS, copy, files, lines_in, started
+from support.run_files import TASKS, copy, files, lines_in, started
 from support.written_tasks import write_tasks
 
 from karma.agent.goals.files import load_tasks, with_whole
@@ -127,9 +127,3 @@ def test_tables_have_the_kind_and_print_no_hits_without_memory(whole):
         assert found["MHR cold"] == "–" or row[0] == "KARMA"
         assert found["sub-tasks"] != "–"
     assert ",sequence,success," in to_csv(result)
-
-
-def test_alfred_tasks_are_no_sequence():
-    assert {task.kind for task in load_tasks(ROOT / "eval" / "alfred_l" / "tasks.jsonl")} == {
-        "simple", "composite", "complex",
-    }  # fmt: skip
