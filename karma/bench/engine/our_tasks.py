@@ -279,7 +279,7 @@ def _built(
         raise KarmaError(f"row {row.name!r}: {error}") from error
 
 
-def configuration(experiment: msgspec.Struct) -> Config:
+def configuration(experiment: Experiment) -> Config:
     """Return all that an experiment says, with what it leaves to presets, models and methods.
 
     Raises:
@@ -287,12 +287,9 @@ def configuration(experiment: msgspec.Struct) -> Config:
         UnknownNameError: there is no such model, or method.
     """
     plain: dict[str, Any] = msgspec.to_builtins(experiment)
-    models: Models = experiment.models  # type: ignore[attr-defined]
-    plain["models"] |= _settled(models)
-    rows: tuple[msgspec.Struct, ...] = experiment.rows  # type: ignore[attr-defined]
-    for row, said in zip(rows, plain["rows"], strict=True):
-        if isinstance(row, Row):
-            said |= _row(row, models)
+    plain["models"] |= _settled(experiment.models)
+    for row, said in zip(experiment.rows, plain["rows"], strict=True):
+        said |= _row(row, experiment.models)
     return plain
 
 

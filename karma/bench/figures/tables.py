@@ -3,7 +3,7 @@
 A table is a `Sheet`, written as Markdown or LaTeX.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from karma.agent.journal.formats import UNKNOWN, figure_text, plural
@@ -254,52 +254,59 @@ def _costs(result: Result) -> Sheet:
         if one.key not in (*PUBLISHED_COLUMNS, "retrieved_of_held")
         and _any_measured(result.figures, one.key)
     ]
-    rows = []
-    for line in _by_kind(result.figures):
-        cells = (figure_text(line.values[metric.key].value, metric.digits) for metric in metrics)
-        rows.append((line.row, line.kind, *cells))
-    return Sheet(
+    return _by_kind(
+        result.figures,
         title=f"{result.name}: what an episode did and took",
         caption=(
             f"{size_words([line for line in result.figures if line.kind == ALL])}; "
             "sub-tasks, goals, MHR: shares; the rest: means per episode."
         ),
-        head=("method", "tasks", *(metric.title for metric in metrics)),
-        lines=tuple(rows),
+        head=[metric.title for metric in metrics],
+        cells=lambda one: [figure_text(one.values[m.key].value, m.digits) for m in metrics],
     )
 
 
-def _by_kind(lines: Sequence[Counted]) -> list[Counted]:
-    """Return a line per kind, and one over all where there are several kinds."""
-    return [one for one in without_repeats(lines) if one.kind not in (TRAINED, NOT_TRAINED)]
+def _by_kind(
+    lines: Sequence[Counted],
+    *,
+    title: str,
+    caption: str,
+    head: Sequence[str],
+    cells: Callable[[Counted], Sequence[str]],
+) -> Sheet:
+    """Return a table with a line per row and kind, and one over all where there are several."""
+    shown = [one for one in without_repeats(lines) if one.kind not in (TRAINED, NOT_TRAINED)]
+    return Sheet(
+        title=title,
+        caption=caption,
+        head=("method", "tasks", *head),
+        lines=tuple((one.row, one.kind, *cells(one)) for one in shown),
+    )
 
 
 def _savings(lines: Sequence[Reduction], words: str) -> Sheet:
     plain = [one for one in SAVINGS if one not in _TOURED]
-    return Sheet(
+    return _by_kind(
+        lines,
         title=f"Saved against {lines[0].reference}",
         caption=(
             f"Shares saved of what the reference row spent: {words}. Related: only in sub-tasks "
             "that come back to a thing; what is asked for first has to be searched by everybody. "
             "Both solved: only in such pairs, as an agent that gives up early also searches little."
         ),
-        head=("method", "tasks", "pairs", "both solved", *(one.title for one in plain)),
-        lines=tuple(
-            (
-                one.row,
-                one.kind,
-                str(one.pairs),
-                str(one.solved_pairs),
-                *(interval_text(one.values[saving.key]) for saving in plain),
-            )
-            for one in _by_kind(lines)
-        ),
+        head=["pairs", "both solved", *(one.title for one in plain)],
+        cells=lambda line: [
+            str(line.pairs),
+            str(line.solved_pairs),
+            *(interval_text(line.values[saving.key]) for saving in plain),
+        ],
     )
 
 
 def _tours(result: Result) -> Sheet:
     lines = [one for one in result.reductions if one.values["re_toured"].value is not None]
-    return Sheet(
+    return _by_kind(
+        lines,
         title=f"Saved against {lines[0].reference}, with the first tour of each room counted",
         caption=(
             "A row with a map has walked through the room once before its first instruction there. "
@@ -307,11 +314,8 @@ def _tours(result: Result) -> Sheet:
             "the room in this run; over 10 or 40: as if it were asked so many. Rows without a map "
             "have no tour; HELPER's look around is among its steps."
         ),
-        head=("method", "tasks", *(one.title for one in _TOURED)),
-        lines=tuple(
-            (one.row, one.kind, *(interval_text(one.values[saving.key]) for saving in _TOURED))
-            for one in _by_kind(lines)
-        ),
+        head=[one.title for one in _TOURED],
+        cells=lambda one: [interval_text(one.values[saving.key]) for saving in _TOURED],
     )
 
 
@@ -354,17 +358,18 @@ def comparison_sheet(comparisons: Sequence[Comparison]) -> Sheet:
 
 
 def _causes(result: Result, *, first_only: bool) -> Sheet:
-    rows = []
-    for line in _by_kind(result.figures):
+    def counts(line: Figures) -> list[str]:
         mine = [
             one for one in result.failures if one.row == line.row and line.kind in (one.kind, ALL)
         ]
-        counts = count(mine, first_only=first_only)
-        rows.append((line.row, line.kind, str(sum(counts.values())), *map(str, counts.values())))
+        found = count(mine, first_only=first_only).values()
+        return [str(sum(found)), *map(str, found)]
+
     what = "the first failed sub-task of each episode" if first_only else "every failed sub-task"
-    return Sheet(
+    return _by_kind(
+        result.figures,
         title=f"{result.name}: causes of failure, {what}",
         caption=f"One cause for {what}, by the rules of docs/metrics.md.",
-        head=("method", "tasks", "failed", *CAUSES),
-        lines=tuple(rows),
+        head=["failed", *CAUSES],
+        cells=counts,
     )
