@@ -200,7 +200,6 @@ def by_row_and_kind(
                 yield row, kind, some
 
 
-Counted = TypeVar("Counted", "Figures", Reduction)
 COLUMNS = {one.key: one for one in (*METRICS, *SAVINGS)}  # of `Figures.values`
 
 
@@ -262,6 +261,9 @@ def figures_of(
             )
         )
     return tuple(lines)
+
+
+Counted = TypeVar("Counted", bound=Figures | Reduction)
 
 
 def without_repeats(lines: Sequence[Counted]) -> list[Counted]:

@@ -276,12 +276,8 @@ def _by_kind(
 ) -> Sheet:
     """Return a table with a line per row and kind, and one over all where there are several."""
     shown = [one for one in without_repeats(lines) if one.kind not in (TRAINED, NOT_TRAINED)]
-    return Sheet(
-        title=title,
-        caption=caption,
-        head=("method", "tasks", *head),
-        lines=tuple((one.row, one.kind, *cells(one)) for one in shown),
-    )
+    rows = tuple((line.row, line.kind, *cells(line)) for line in shown)
+    return Sheet(title=title, caption=caption, head=("method", "tasks", *head), lines=rows)
 
 
 def _savings(lines: Sequence[Reduction], words: str) -> Sheet:
