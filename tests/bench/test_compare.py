@@ -217,11 +217,10 @@ def test_compare_command_compares_rows_of_one_run(folders):
         (("local:nobody", "hosted:KARMA"), "no row 'nobody'; there are 'KARMA', 'memory off'"),
         (("local", "nowhere"), "no run in this folder"),
         (("local", "empty"), "no episodes yet"),
-        (("local", "hosted", "--half-width=0"), "between 0 and 0.5"),
     ],
 )
 def test_compare_command_refuses_what_it_cannot_compare(folders, names, words):
-    text = karma("compare", *(name if name[0] == "-" else folders / name for name in names), code=1)
+    text = karma("compare", *(folders / name for name in names), code=1)
     assert words in text
     assert "karma " in text.split("To fix: ")[1]
     assert "Traceback" not in text
@@ -245,6 +244,11 @@ def test_compare_command_says_which_run_is_not_finished(folders):
     text = karma("compare", folders / "local", folders / "hosted")
     assert "local: not finished, the figures are of the 32 episodes that are done" in text
     assert "hosted: not finished" not in text
+
+
+def test_compare_command_refuses_a_half_width_that_is_none(folders):
+    text = karma("compare", folders / "local", folders / "hosted", "--half-width", 0, code=1)
+    assert "between 0 and 0.5" in text
 
 
 # ----------------------------------------------------------------- what the clock cut off
