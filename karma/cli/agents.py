@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from karma.agent.journal.owned_folder import Kind
     from karma.bench.engine.experiment_file import Changes
     from karma.bench.engine.run import Run
-    from karma.bench.engine.sweep import SweepData, SweepRun
+    from karma.bench.engine.sweep import SweepRun
+    from karma.bench.engine.sweep_folder import SweepData
     from karma.bench.figures.columns import Figures
     from karma.bench.figures.precision import SuccessFloor
 
@@ -262,7 +263,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
         Raises:
             typer.Exit: code 1 where a cell failed, 130 when stopped.
         """
-        from karma.bench.engine.sweep import figures_by_cell
+        from karma.bench.engine.sweep_folder import figures_by_cell
 
         seen: set[tuple[str, ...]] = set()  # tasks that were looked at; most cells have the same
         try:
@@ -319,7 +320,7 @@ def _kept(run: "Run") -> str:
 def print_sweep(data: "SweepData", json: Path | None) -> None:
     """Print a sweep's table and what failed; also write its figures where that is wanted."""
     from karma.agent.journal.header import TABLE
-    from karma.bench.engine.sweep import figures_by_cell, sweep_sheet
+    from karma.bench.engine.sweep_folder import figures_by_cell, sweep_sheet
     from karma.bench.figures.columns import plain
 
     console.print(sheet_table(sweep_sheet(data)))

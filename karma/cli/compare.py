@@ -68,7 +68,7 @@ def table(
     """Write a run's tables as Markdown, LaTeX and CSV, beside the published figures."""
     from karma.agent.journal.owned_folder import kind_in, write_beside
     from karma.agent.journal.run_folder import read_run
-    from karma.bench.engine.sweep import read_sweep
+    from karma.bench.engine.sweep_folder import read_sweep
     from karma.bench.figures import tables
     from karma.bench.figures.columns import LOTA_ROW, OFF_ROW, plain
     from karma.bench.figures.results import (

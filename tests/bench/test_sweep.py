@@ -16,15 +16,8 @@ from karma.agent.journal.run_folder import read_run
 from karma.bench.engine.experiment_file import Changes
 from karma.bench.engine.export import exported, to_arrow, to_csv, to_junit
 from karma.bench.engine.run import Run
-from karma.bench.engine.sweep import (
-    CELLS,
-    SWEEP,
-    TABLE,
-    SweepRun,
-    cells_of,
-    planners_in,
-    read_sweep,
-)
+from karma.bench.engine.sweep import SweepRun, cells_of, planners_in
+from karma.bench.engine.sweep_folder import CELLS, SWEEP, TABLE, read_sweep
 from karma.bench.figures.metrics import METRICS
 from karma.cli import app, shared
 from karma.errors import FileError, KarmaError

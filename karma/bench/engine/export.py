@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET  # written only
 from karma.agent.journal.owned_folder import kind_in
 from karma.agent.journal.records import EpisodeRecord, NotRun
 from karma.agent.journal.run_folder import RunData, read_run
-from karma.bench.engine.sweep import SweptCell, read_sweep
+from karma.bench.engine.sweep_folder import SweptCell, read_sweep
 from karma.bench.figures.metrics import METRICS, episodes_of
 from karma.errors import KarmaError
 

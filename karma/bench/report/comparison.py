@@ -11,7 +11,7 @@ from karma.agent.journal.formats import UNKNOWN, figure_text, range_text
 from karma.agent.journal.owned_folder import STEPS, kind_in
 from karma.agent.journal.records import ALL
 from karma.agent.journal.run_folder import RunData, read_run
-from karma.bench.engine.sweep import read_sweep
+from karma.bench.engine.sweep_folder import read_sweep
 from karma.bench.figures.columns import COLUMNS, Figures, figures
 from karma.bench.figures.compare import compare_kinds, rows_of
 from karma.bench.figures.metrics import Metric
