@@ -222,7 +222,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
         """Do a benchmark's episodes that are missing, and print its tables."""
         from karma.agent.journal.header import TABLE
         from karma.agent.journal.records import in_words
-        from karma.bench.figures.sheet import to_markdown
+        from karma.bench.figures.tables import to_markdown
 
         workers = workers_for(run, self.workers, self.ray)
         with console.status(""):

@@ -21,7 +21,7 @@ from karma.errors import KarmaError
 
 if TYPE_CHECKING:
     from karma.bench.figures.compare import Comparison, Split
-    from karma.bench.figures.sheet import Sheet
+    from karma.bench.figures.tables import Sheet
 
 
 def compare(
@@ -74,9 +74,15 @@ def table(
     from karma.bench.engine.sweep_folder import read_sweep
     from karma.bench.figures import tables
     from karma.bench.figures.columns import LOTA_ROW, OFF_ROW, plain
-    from karma.bench.figures.results import margin_sheet, margins, result_of, unfinished
-    from karma.bench.figures.sheet import to_latex, to_markdown
-    from karma.bench.figures.tables import load_published
+    from karma.bench.figures.results import (
+        load_published,
+        margin_sheet,
+        margins,
+        result_of,
+        to_csv,
+        unfinished,
+    )
+    from karma.bench.figures.tables import to_latex, to_markdown
     from karma.cli.agents import print_sweep
 
     match kind_in(run):
@@ -110,7 +116,7 @@ def table(
     folder = out or run
     write_beside(folder, "table.md", to_markdown(sheets).encode())
     write_beside(folder, "table.tex", to_latex(sheets).encode())
-    write_beside(folder, "table.csv", tables.to_csv(result).encode())
+    write_beside(folder, "table.csv", to_csv(result).encode())
     names = f"{folder}/table.md, table.tex, table.csv"
     console.print(escape(f"written, with all that stands behind them: {names}"))
     if json is not None:
@@ -135,7 +141,7 @@ def _write_benchmark(runs: Sequence[Path], folder: Path, json: Path | None) -> N
     from karma.agent.journal.header import TABLE
     from karma.agent.journal.owned_folder import write_beside
     from karma.bench.engine.benchmark_runs import read_results, written
-    from karma.bench.figures.sheet import to_markdown
+    from karma.bench.figures.tables import to_markdown
 
     results = read_results(*runs)
     if not results.figures:
@@ -149,8 +155,8 @@ def _write_benchmark(runs: Sequence[Path], folder: Path, json: Path | None) -> N
 def _sheets(comparisons: "Sequence[Comparison]") -> "Iterator[Sheet]":
     """Yield every metric of two arms, and their success rates by kind of task."""
     from karma.agent.journal.formats import figure_text
-    from karma.bench.figures.sheet import Sheet
     from karma.bench.figures.statistics import interval_text
+    from karma.bench.figures.tables import Sheet
 
     whole = comparisons[0]
     yield Sheet(

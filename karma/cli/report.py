@@ -73,7 +73,7 @@ class ReportCommand:
         elif kind == "sweep":
             self._write_comparison()
         elif kind == "figure":
-            from karma.bench.report.figure_page import figure_page
+            from karma.bench.report.suite_pages import figure_page
 
             refuse_options(self.context, f"{run}: the page of a figure", {"out"})
             tell(f"page: {write_for(run, self.out, PAGE, figure_page(run).encode())}")
@@ -84,7 +84,7 @@ class ReportCommand:
 
     def _write_lived(self, run: Path) -> None:
         """Write the page of a run of lived-in homes, with one day to watch."""
-        from karma.bench.report.lived_page import chosen_day, lived_again, read_lived, render_lived
+        from karma.bench.report.suite_pages import chosen_day, lived_again, read_lived, render_lived
 
         found = read_lived(run)
         record = chosen_day(found, self.home, self.day, self.row)
@@ -132,8 +132,7 @@ class ReportCommand:
     def _write_run(self, run: Path, out: Path | None, words: str = "") -> None:
         """Write the page of one run; `words` stand before what the bar says."""
         from karma.agent.journal.run_folder import read_run
-        from karma.bench.figures.results import result_of
-        from karma.bench.figures.tables import load_published
+        from karma.bench.figures.results import load_published, result_of
         from karma.bench.report.episodes import Replayer, choose
         from karma.bench.report.html import Frames
         from karma.bench.report.page import page_of, render

@@ -29,7 +29,7 @@ from karma.files import to_json, write_atomic
 from karma.offline.guard import settle
 
 if TYPE_CHECKING:
-    from karma.bench.figures.sheet import Sheet
+    from karma.bench.figures.tables import Sheet
     from karma.infer.hosted.cassette import Cassette
     from karma.infer.hosted.endpoint import Hosted
 

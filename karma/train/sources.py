@@ -32,7 +32,7 @@ from karma.agent.loading.alfred_sentences import (
 from karma.agent.loading.planner_files import WORDS
 from karma.bench.drawing.memories import KnownRoom, generated_rooms, imported_rooms, room_of
 from karma.bench.drawing.phrases import Book, our_book, with_alfred
-from karma.bench.tasks.authors import load_authors_tasks
+from karma.bench.engine.published_tasks import load_authors_tasks
 from karma.files import read_json, to_json, write_atomic
 from karma.language.hints import load_words, write_words
 from karma.language.lexemes import lexicon

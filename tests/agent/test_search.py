@@ -7,7 +7,7 @@ from support.household import kitchen, on
 from karma.agent.body.reach import SkillLimits
 from karma.agent.body.skills import Skills
 from karma.agent.tour import KnownFloor, floor_of, position_of
-from karma.bench.tasks.days import drawn
+from karma.bench.engine.episode import drawn
 from karma.contracts import Known, SceneRef, SkillCall, Task
 from karma.files import to_json
 from karma.memory.scene_graph import SceneGraph

@@ -11,7 +11,7 @@ from statistics import mean
 
 from karma.agent.body.skills import Skills
 from karma.agent.tour import explore_room, position_of
-from karma.bench.tasks.days import drawn
+from karma.bench.engine.episode import drawn
 from karma.contracts import SceneRef, SkillCall, Task
 from karma.files import to_json
 from karma.offline.children import forking, starting

@@ -6,16 +6,15 @@ import pytest
 from support import alfred_kitchen as ours
 from support.paths import ROOT, SHARED
 from support.run_files import files
-from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma.agent.goals.goals import GoalTracker
 from karma.bench.engine.experiment import load
 from karma.bench.engine.experiment_file import read_experiment
+from karma.bench.engine.published_tasks import AlfredTasks, alfred_tasks
 from karma.bench.engine.run import Run
 from karma.bench.figures.columns import figures
 from karma.bench.rows.expert import ExpertEpisode
-from karma.bench.tasks.alfred import AlfredTasks, alfred_tasks
 from karma.cli import app
 from karma.errors import FileError
 from karma.files import decode_json
@@ -38,11 +37,6 @@ LISTS = {
              {"task": f"{FOLDER}/ours_1", "repeat_idx": 7}],
 }  # fmt: skip
 ROWS = '[[rows]]\nname = "expert"\nmethod = "expert"\n[[rows]]\nname = "idle"\nmethod = "idle"\n'
-
-
-@pytest.fixture(scope="module")
-def planner(tmp_path_factory):
-    return export_tiny(tmp_path_factory.mktemp("planner") / "tiny.gguf")
 
 
 @pytest.fixture
@@ -157,18 +151,24 @@ def test_runs_by_one_and_two_workers_are_equal_to_the_byte(write, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("alfred", "said"),
+    ("alfred", "top", "said"),
     [
-        ('lists = "lists.json"\nnames = ["spatial"]', r"lists\.json: no list 'spatial'; there are"),
-        ('by = "list"', "names and by = 'list' need `lists`"),
-        ('lists = "none.jsonl.gz"', r"none\.jsonl\.gz: No such file"),
-        ('list = "lists.json"', "unknown field `list`.*\n.*write 'lists'"),
-        ('lists = "lists.json"\nby = "room"', "Invalid enum value 'room'"),
+        ("", 'tasks = "eval/alfred_l/tasks.jsonl"', "give one of `tasks`, `authors` and `alfred`"),
+        ("", 'only = ["ours_1/9"]', r"no task 'ours_1/9'; did you mean 'ours_1/[01]'\?"),
+        (
+            'lists = "lists.json"\nnames = ["spatial"]',
+            "",
+            r"lists\.json: no list 'spatial'; there are",
+        ),
+        ('by = "list"', "", "names and by = 'list' need `lists`"),
+        ('lists = "none.jsonl.gz"', "", r"none\.jsonl\.gz: No such file"),
+        ('list = "lists.json"', "", "unknown field `list`.*\n.*write 'lists'"),
+        ('lists = "lists.json"\nby = "room"', "", "Invalid enum value 'room'"),
     ],
 )
-def test_wrong_source_of_tasks_is_named(write, alfred, said):
+def test_wrong_source_of_tasks_is_named(write, alfred, top, said):
     with pytest.raises(FileError, match=said):
-        loaded(write(alfred))
+        loaded(write(alfred, top=top))
 
 
 @pytest.mark.parametrize("name", ["trials", "train"])
@@ -178,16 +178,6 @@ def test_torn_file_is_named(write, name, tmp_path):
     place.write_bytes(place.read_bytes()[:-20])
     with pytest.raises(FileError, match=rf"{name}\.jsonl\.gz"):
         loaded(path)
-
-
-def test_second_source_of_tasks_is_refused(write):
-    with pytest.raises(FileError, match="give one of `tasks`, `authors` and `alfred`"):
-        loaded(write(top='tasks = "eval/alfred_l/tasks.jsonl"'))
-
-
-def test_task_that_is_not_there_is_named_beside_those_that_are(write):
-    with pytest.raises(FileError, match=r"no task 'base/9'; did you mean 'base/0'\?"):
-        loaded(write(top='only = ["base/9"]'))
 
 
 # ----------------------------------------------------------------- the reference data

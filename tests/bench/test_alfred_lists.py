@@ -7,7 +7,7 @@ import pytest
 from support import alfred_kitchen as ours
 
 from karma.agent.loading.alfred_sentences import plain, sentences_in
-from karma.bench.tasks.alfred import read_lists
+from karma.bench.engine.published_tasks import read_lists
 from karma.errors import FileError
 
 LISTS = {

@@ -10,7 +10,7 @@ from support.written_tasks import write_tasks
 
 from karma.agent.goals.files import load_tasks
 from karma.agent.goals.goals import GoalTracker
-from karma.bench.tasks.alfred import goals_of, task_of
+from karma.bench.engine.published_tasks import goals_of, task_of
 from karma.contracts import SceneRef
 from karma.world.alfred.facts import gather, side_files
 from karma.world.alfred.goal import Deeds, conditions, noteworthy

@@ -7,7 +7,7 @@ import pytest
 
 from karma.agent.goals.goals import is_position, object_names, parse_goal
 from karma.agent.planning.prompt import render
-from karma.bench.tasks.authors import READ, load_authors_tasks
+from karma.bench.engine.published_tasks import READ, load_authors_tasks
 from karma.contracts import PlanRequest
 from karma.errors import FileError
 from karma.files import read_toml

@@ -5,7 +5,6 @@ pip install 'karma-offline[ray]' && pytest tests/bench/test_benchmarks_ray.py
 
 import json
 import os
-import textwrap
 from importlib import metadata
 
 import msgspec
@@ -14,6 +13,7 @@ from support import alfred_kitchen as ours
 from support import eb_alfred as eb
 from support.eb_alfred import run_files
 from support.ray_cluster import two_nodes
+from support.run_files import plant_plugin
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
@@ -53,7 +53,7 @@ from pathlib import Path
 
 import msgspec
 from karma.agent.loading.models import Models
-from karma.bench.figures.sheet import Sheet
+from karma.bench.figures.tables import Sheet
 from karma.bench.engine.suite import BenchmarkResults, Chain
 
 
@@ -107,12 +107,8 @@ class Deadly:
 def plugin(tmp_path_factory):
     """A folder with an installed benchmark, `deadly`."""
     place = tmp_path_factory.mktemp("plugin")
-    info = place / "deadly_benchmark-1.0.dist-info"
-    info.mkdir()
-    (place / "deadly_benchmark.py").write_text(textwrap.dedent(DEADLY))
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: deadly-benchmark\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[karma.benchmarks]\ndeadly = deadly_benchmark:Deadly\n")
-    return place
+    point = "deadly = deadly_benchmark:Deadly"
+    return plant_plugin(place, "deadly_benchmark", DEADLY, "benchmarks", point)
 
 
 @pytest.fixture(scope="module")

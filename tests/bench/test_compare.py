@@ -9,13 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.made_records import answer, episode, plain, sub, write_run
 from support.paths import ROOT
-from typer.testing import CliRunner
+from support.run_files import karma
 
 from karma.agent.journal.header import RESULTS
 from karma.agent.journal.records import EpisodeTiming, SubTaskTiming
 from karma.bench.figures.compare import Arm, compare, compare_kinds
 from karma.bench.figures.metrics import episodes_of
-from karma.cli import app
 from karma.errors import KarmaError
 
 
@@ -191,12 +190,6 @@ def folders(tmp_path, monkeypatch):
     return tmp_path
 
 
-def karma(*arguments, code=0):
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    return result.output
-
-
 def test_compare_command_sets_rows_of_one_name_side_by_side(folders):
     text = karma("compare", folders / "local", folders / "hosted", "--json", folders / "x.json")
     found = json.loads((folders / "x.json").read_text())
@@ -254,9 +247,8 @@ def test_compare_command_says_which_run_is_not_finished(folders):
 
 
 def test_compare_command_refuses_a_half_width_that_is_none(folders):
-    assert "between 0 and 0.5" in karma(
-        "compare", folders / "local", folders / "hosted", "--half-width", "0", code=1
-    )
+    text = karma("compare", folders / "local", folders / "hosted", "--half-width", 0, code=1)
+    assert "between 0 and 0.5" in text
 
 
 # ----------------------------------------------------------------- what the clock cut off

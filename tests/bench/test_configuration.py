@@ -4,9 +4,8 @@ import json
 
 import msgspec
 import pytest
-from support.run_files import TASKS, copy
+from support.run_files import TASKS, copy, karma
 from support.tiny import export_tiny
-from typer.testing import CliRunner
 
 from karma import registry
 from karma.agent.journal.header import CONFIG, all_apart, read_config, rows_apart
@@ -15,7 +14,6 @@ from karma.bench.engine.experiment import Experiment
 from karma.bench.engine.experiment_file import Changes, setting_of
 from karma.bench.engine.our_tasks import configuration
 from karma.bench.engine.run import Run
-from karma.cli import app
 from karma.errors import FileError, KarmaError
 
 ROW = '[[rows]]\nname = "expert"\nmethod = "expert"\n[[rows]]\nname = "idle"\nmethod = "idle"\n'
@@ -94,9 +92,8 @@ def runs(tmp_path_factory):
 
 
 def compared(*runs):
-    result = CliRunner().invoke(app, ["compare", *map(str, runs)], env={"COLUMNS": "200"})
-    assert result.exit_code == 0, result.output
-    return result.output.replace("\n", " ")
+    result = karma("compare", *map(str, runs))
+    return result.replace("\n", " ")
 
 
 def test_compare_names_every_difference(runs):

@@ -7,7 +7,7 @@ import pytest
 from karma.agent.goals.files import load_tasks
 from karma.agent.goals.goals import parse_goal
 from karma.agent.tour import explore_room
-from karma.bench.tasks.days import Days, done_already, drawn
+from karma.bench.engine.episode import Days, done_already, drawn
 from karma.contracts import SubTask, Task
 from karma.world.sim import EmbeddedWorld
 

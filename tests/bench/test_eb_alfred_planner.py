@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support import eb_alfred as eb
 
+from karma.bench.engine.published_tasks import ListedTask
 from karma.bench.suites.alfred.benchmark import AlfredStage, play
 from karma.bench.suites.alfred.eb_planner import (
     PromptOptions,
@@ -15,7 +16,6 @@ from karma.bench.suites.alfred.eb_planner import (
     render_prompt,
 )
 from karma.bench.suites.alfred.experiment import EbRow
-from karma.bench.tasks.alfred import ListedTask
 from karma.infer.scripted import ScriptedModel
 from karma.world.eb_alfred.actions import PUT
 

@@ -13,10 +13,10 @@ from karma.agent.goals.goals import GoalTracker, parse_goal
 from karma.agent.seeing.perceive import truth_of
 from karma.bench.drawing.phrases import our_book
 from karma.bench.engine.episode import run_episode
+from karma.bench.engine.published_tasks import task_of
 from karma.bench.engine.task_check import OUT_OF_REACH, TAKES_NONE, TOO_BIG, Possible
 from karma.bench.rows.expert import ExpertEpisode, ExpertMethod
 from karma.bench.rows.expert_choices import Chooser, Lessons, Surroundings, left
-from karma.bench.tasks.alfred import task_of
 from karma.contracts import Outcome, SceneRef, SubTask
 from karma.files import to_json
 from karma.household.places import NEAR_M

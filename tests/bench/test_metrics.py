@@ -24,8 +24,14 @@ from karma.agent.journal.steps import Ended, Enter, Instruction, Start
 from karma.bench.figures.columns import LOTA_ROW, OFF_ROW, figures, paired, reduced, reductions
 from karma.bench.figures.columns import plain as plain_figures
 from karma.bench.figures.failures import CAUSES, count, failures
-from karma.bench.figures.metrics import METRICS, actions, episodes_of, explorations
-from karma.bench.figures.needs import needs, related_needs
+from karma.bench.figures.metrics import (
+    METRICS,
+    actions,
+    episodes_of,
+    explorations,
+    needs,
+    related_needs,
+)
 from karma.bench.figures.results import result_of
 from karma.contracts import MemoryUnit, RefusedRequest, Tour
 from karma.infer.hosted.endpoint import Spent
@@ -362,10 +368,39 @@ def log(*before_and_after):
 NEVER_NAMED = sub(KEEP, unmet=True, queries=1, calls=[call("GoToObject(robot, 'Mug')")])
 
 
-def test_cause_of_no_program_is_the_planner():
-    unread = [answer(error="line 1: no skill"), answer(error="line 1: no skill")]
-    assert cause(sub(CUT, unmet=True, answers=unread, finished=False)) == ["planner"]
-    assert cause(sub(CUT, unmet=True, answers=[], finished=False)) == ["planner"]
+UNREAD = [answer(error="line 1: no skill")] * 2
+HELD = sub(KEEP, unmet=True, queries=1, hits=1, recalled=[KNIFE],
+           calls=[call("GoToObject(robot, 'Knife')")])  # fmt: skip
+RECALLED = sub(KEEP, unmet=True, recalled=[APPLE], hits=1, queries=1,
+               calls=[call("GoToObject(robot, 'Mug')")])  # fmt: skip
+NAMED = sub(KEEP, unmet=True, queries=1, calls=[call("Explore(robot, 'Apple')")])
+UNRELATED = sub(HOLD, unmet=True, queries=1, calls=[call("GoToObject(robot, 'Knife')")])
+LOST = sub(KEEP, unmet=True, finished=False, queries=1,
+           calls=[call("Explore(robot, 'Apple')", "could not find Apple; searched 31 places")],
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("parts", "steps", "expected"),
+    [
+        ([sub(CUT, unmet=True, answers=UNREAD, finished=False)], None, "planner"),
+        ([sub(CUT, unmet=True, answers=[], finished=False)], None, "planner"),
+        ([sub(CUT, unmet=True, calls=[call("PickupObject(robot, 'Apple')")])], None, "planner"),
+        ([sub(CUT), HELD], None, "recall"),
+        ([sub(CUT), HELD], log(([], [APPLE]), ([APPLE, KNIFE], [])), "recall"),
+        ([sub(CUT), NEVER_NAMED], None, "evicted"),
+        ([sub(CUT), NEVER_NAMED], log(([], [APPLE]), ([KNIFE], [])), "evicted"),
+        ([sub(CUT), NEVER_NAMED], log(([], [KNIFE]), ([KNIFE], [])), "not stored"),
+        ([sub(CUT), RECALLED], None, "planner"),
+        ([sub(CUT), NAMED], None, "planner"),
+        ([sub(CUT), UNRELATED], None, "planner"),
+        ([sub(CUT), LOST], None, "evicted"),
+        ([sub(CUT), LOST], log(([], [APPLE]), ([APPLE], [])), "recall"),
+        ([LOST], None, "skill"),  # nobody spoke of it before
+    ],
+)
+def test_cause_of_a_failure_follows_from_what_was_named_recalled_and_held(parts, steps, expected):
+    assert cause(*parts, steps=steps) == [expected]
 
 
 def test_cause_of_a_request_that_was_refused_is_its_own_and_is_counted():
@@ -381,24 +416,6 @@ def test_cause_of_a_request_that_was_refused_is_its_own_and_is_counted():
     assert value([episode(sub(CUT))], "refused") is None
     unasked = sub(KEEP, answers=[])
     assert value([episode(refused, unasked)], "refused") == 1
-
-
-def test_cause_of_a_program_that_ran_is_the_planner():
-    ran = sub(CUT, unmet=True, calls=[call("PickupObject(robot, 'Apple')")])
-    assert cause(ran) == ["planner"]
-
-
-def test_cause_of_a_thing_held_but_not_recalled_is_recall():
-    held = sub(KEEP, unmet=True, queries=1, hits=1, recalled=[KNIFE],
-               calls=[call("GoToObject(robot, 'Knife')")])  # fmt: skip
-    assert cause(sub(CUT), held) == ["recall"]
-    assert cause(sub(CUT), held, steps=log(([], [APPLE]), ([APPLE, KNIFE], []))) == ["recall"]
-
-
-def test_cause_of_a_thing_that_memory_lost_is_that_and_the_log_tells_whether_it_had_it():
-    assert cause(sub(CUT), NEVER_NAMED) == ["evicted"]
-    assert cause(sub(CUT), NEVER_NAMED, steps=log(([], [APPLE]), ([KNIFE], []))) == ["evicted"]
-    assert cause(sub(CUT), NEVER_NAMED, steps=log(([], [KNIFE]), ([KNIFE], []))) == ["not stored"]
 
 
 def in_room(scene, *object_ids):
@@ -429,16 +446,6 @@ def test_nothing_is_come_back_to_in_another_room():
     assert related_needs(episode(sub(CUT), elsewhere, NEVER_NAMED)) == [(), (), ({"Apple"},)]
 
 
-def test_cause_of_a_recalled_or_named_thing_is_not_memory():
-    recalled = sub(KEEP, unmet=True, recalled=[APPLE], hits=1, queries=1,
-                   calls=[call("GoToObject(robot, 'Mug')")])  # fmt: skip
-    named = sub(KEEP, unmet=True, queries=1, calls=[call("Explore(robot, 'Apple')")])
-    unrelated = sub(HOLD, unmet=True, queries=1, calls=[call("GoToObject(robot, 'Knife')")])
-    assert cause(sub(CUT), recalled) == ["planner"]
-    assert cause(sub(CUT), named) == ["planner"]
-    assert cause(sub(CUT), unrelated) == ["planner"]
-
-
 @pytest.mark.parametrize(
     ("text", "reason", "expected"),
     [
@@ -466,14 +473,6 @@ def test_cause_of_a_recalled_or_named_thing_is_not_memory():
 def test_cause_of_a_refused_call_follows_from_its_reason(text, reason, expected):
     broken = sub(CUT, unmet=True, finished=False, calls=[call("A"), call(text, reason)])
     assert cause(broken) == [expected]
-
-
-def test_cause_of_a_search_for_what_memory_should_have_known_is_memory():
-    lost = call("Explore(robot, 'Apple')", "could not find Apple; searched 31 places")
-    part = sub(KEEP, unmet=True, finished=False, queries=1, calls=[lost])
-    assert cause(sub(CUT), part) == ["evicted"]
-    assert cause(sub(CUT), part, steps=log(([], [APPLE]), ([APPLE], []))) == ["recall"]
-    assert cause(part) == ["skill"]  # nobody spoke of it before
 
 
 def test_cause_of_what_was_never_tried_is_the_error():

@@ -1,7 +1,6 @@
 """Seeds are added until success rates are as sure as they are wanted, and no seed for nothing."""
 
 import json
-import textwrap
 import time
 from dataclasses import replace
 
@@ -9,10 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.made_records import plain
-from support.run_files import TASKS, files, lines_in, started, write_experiment
+from support.run_files import TASKS, files, karma, lines_in, plant_plugin, started, write_experiment
 from support.tiny import export_tiny
 from support.written_tasks import write_tasks
-from typer.testing import CliRunner
 
 from karma.agent.goals.files import load_tasks
 from karma.agent.journal.header import EPISODES, RESULTS
@@ -21,7 +19,6 @@ from karma.agent.journal.run_folder import read_run
 from karma.bench.engine.run import Run
 from karma.bench.figures.columns import figures
 from karma.bench.figures.precision import Precision, reached, takes_another
-from karma.cli import app
 from karma.errors import FileError, KarmaError
 from karma.seeds import stream
 
@@ -53,17 +50,33 @@ def test_seeds_are_taken_until_the_half_width_and_then_no_more(half_width):
     assert 10 * seeds == pytest.approx(0.25 * (1.96 / half_width) ** 2, rel=0.5)
 
 
-def test_no_seed_is_taken_beyond_the_maximum():
-    records, wanted = drawn(3, [0.5] * 10), Precision(half_width=0.05, max_seeds=4)
-    assert takes_another(records, wanted, 3)
-    assert not takes_another(records, wanted, 4)
+COINS = [(1, 1)] * 4 + [(0, 0)] * 2 + [(0, 1), (1, 0)] * 2
+AGREEING = [
+    plain(bool(solved), task=f"t{task}", seed=seed)
+    for task, pair in enumerate(COINS)
+    for seed, solved in enumerate(pair)
+]  # as coins do now and then: if tasks did differ as much as they seem to, seeds were no use
 
 
-def test_tasks_that_never_change_take_tasks_and_not_one_seed_more():
-    records, wanted = drawn(2, [0, 1] * 5), Precision(half_width=0.05)
-    (line,) = reached(records, wanted)
-    assert (line.takes_tasks, line.reached, line.tasks, line.seeds) == (True, False, 10, 2)
-    assert not takes_another(records, wanted, 2)
+@pytest.mark.parametrize(
+    ("records", "width", "most", "takes_tasks", "another"),
+    [
+        (drawn(3, [0.5] * 10), 0.05, 4, False, True),
+        (drawn(4, [0.5] * 10), 0.05, 4, False, False),  # the maximum
+        (drawn(2, [0, 1] * 5), 0.05, 20, True, False),  # tasks that never change take tasks
+        (drawn(1, [0, 1] * 5), 0.05, 20, False, True),  # one seed says nothing about seeds
+        (drawn(2, [1] * 10, row="expert"), 0.1, 20, True, False),
+        (drawn(2, [1] * 10, row="expert") + drawn(2, [0.5] * 10), 0.1, 20, True, True),
+        (AGREEING, 0.1, 20, False, True),
+    ],
+)
+def test_another_seed_is_taken_where_it_is_allowed_and_of_use(
+    records, width, most, takes_tasks, another
+):
+    wanted, seeds = Precision(half_width=width, max_seeds=most), {one.seed for one in records}
+    line = reached(records, wanted)[0]
+    assert (line.takes_tasks, line.reached, line.seeds) == (takes_tasks, False, len(seeds))
+    assert takes_another(records, wanted, len(seeds)) == another
 
 
 def test_one_task_alone_is_as_sure_as_its_seeds_make_it():
@@ -73,34 +86,6 @@ def test_one_task_alone_is_as_sure_as_its_seeds_make_it():
     (line,) = reached(drawn(seeds, [1]), wanted)
     assert line.reached
     assert 2 < seeds < 12
-
-
-def test_two_seeds_that_agree_by_chance_do_not_end_a_run_of_coins():
-    """As coins do now and then: if tasks did differ as much as they seem to, seeds were no use."""
-    outcomes = [(1, 1)] * 4 + [(0, 0)] * 2 + [(0, 1), (1, 0)] * 2
-    records = [
-        plain(bool(solved), task=f"t{task}", seed=seed)
-        for task, pair in enumerate(outcomes)
-        for seed, solved in enumerate(pair)
-    ]
-    wanted = Precision(half_width=0.1)
-    (line,) = reached(records, wanted)
-    assert (line.more_seeds, line.takes_tasks) == (None, False)
-    assert takes_another(records, wanted, 2)
-
-
-def test_one_seed_says_nothing_about_seeds_so_a_second_is_taken():
-    records, wanted = drawn(1, [0, 1] * 5), Precision(half_width=0.05)
-    (line,) = reached(records, wanted)
-    assert (line.takes_tasks, line.more_seeds) == (False, None)
-    assert takes_another(records, wanted, 1)
-
-
-def test_row_that_seeds_help_goes_on_beside_one_that_they_do_not():
-    wanted = Precision(half_width=0.1)
-    expert, karma = drawn(2, [1] * 10, row="expert"), drawn(2, [0.5] * 10)
-    assert not takes_another(expert, wanted, 2)
-    assert takes_another(expert + karma, wanted, 2)
 
 
 def test_kind_is_judged_by_itself_and_one_that_nobody_asked_is_not_there():
@@ -181,11 +166,7 @@ WIDTH, MOST = 0.25, 12
 def coin(tmp_path_factory):
     """An installed method that does as the expert does, or nothing, by the toss of a coin."""
     place = tmp_path_factory.mktemp("plugin")
-    info = place / "coin-1.0.dist-info"
-    info.mkdir(parents=True)
-    (place / "coin.py").write_text(textwrap.dedent(COIN))
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: coin\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[karma.methods]\ncoin = coin:Coin\n")
+    plant_plugin(place, "coin", COIN, "methods", "coin = coin:Coin")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(place))
         yield
@@ -273,22 +254,12 @@ def test_run_stops_at_the_maximum_and_says_what_was_reached(whole, tmp_path):
     path, *_ = whole
     json_path = tmp_path / "figures.json"
     asked = ["--half-width", "0.1", "--max-seeds", "2", "--workers", "1", "--json", str(json_path)]
-    result = CliRunner().invoke(app, ["eval", str(path), "--out", str(tmp_path / "run"), *asked])
-    assert result.exit_code == 0, result.output
+    result = karma("eval", path, "--out", tmp_path / "run", *asked)
     assert {r.seed for r in read_records(tmp_path / "run" / EPISODES)} == {0, 1}
-    said = " ".join(result.output.split())
+    said = " ".join(result.split())
     assert "success to ± 0.1" in said
     assert "takes more tasks, not seeds" in said  # the expert, who always succeeds
     assert {line["episodes"] for line in json.loads(json_path.read_text())} == {8}
-
-
-def test_expert_alone_ends_after_the_second_seed_whatever_is_allowed(whole, tmp_path):
-    path, *_ = whole
-    rows = '[[rows]]\nname = "expert"\nmethod = "expert"\n'
-    other = write_experiment(
-        tmp_path / "x.toml", path.with_name("tiny.gguf"), rows=rows, only=ONLY[:2], more=""
-    )
-    assert len(list(Run(other, tmp_path / "run", half_width=0.05).episodes())) == 4
 
 
 def test_maximum_without_a_half_width_is_refused(whole, tmp_path):

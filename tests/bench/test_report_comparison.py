@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from support.made_records import episode, sub, write_run
-from typer.testing import CliRunner
+from support.run_files import karma
 
 from karma.agent.journal.formats import figure_text
 from karma.bench.figures.compare import compare_kinds
@@ -18,7 +18,6 @@ from karma.bench.report.comparison import (
     render_comparison,
     sides_of,
 )
-from karma.cli import app
 from karma.errors import KarmaError
 
 EVIL = "</script><img src=x onerror=alert(1)>"
@@ -104,11 +103,9 @@ def test_comparison_of_rows_of_one_run_names_them_by_the_run(tmp_path):
 
 
 def test_command_writes_the_comparison_and_the_pages_that_it_leads_to(runs, tmp_path):
-    done = CliRunner().invoke(app, ["report", *runs], env={"COLUMNS": "200"})
-    assert done.exit_code == 0, done.output
-    assert "2 side by side, 8 tasks" in done.output
+    done = karma("report", *runs)
+    assert "2 side by side, 8 tasks" in done
     page = (tmp_path / "comparison.html").read_text(encoding="utf-8")
     for place in {one.split("#")[0] for one in re.findall(r'href="(\./[^"]*)"', page)}:
         assert (tmp_path / Path(place.replace("%3A", ":"))).exists()
-    again = CliRunner().invoke(app, ["report", *runs], env={"COLUMNS": "200"})
-    assert "to step through" not in again.output  # they are new enough
+    assert "to step through" not in karma("report", *runs)  # they are new enough

@@ -3,14 +3,12 @@
 The browser's tests need Chromium, and skip without it.
 """
 
-import json
 import re
 from dataclasses import replace
 from urllib.parse import quote
 
 import pytest
-from support.chromium import chromium
-from support.report_run import AGENT, EXPERT, make_run, replayed
+from support.report_run import AGENT, EXPERT, data_of, make_run, replayed
 
 from karma.agent.journal.run_folder import read_run
 from karma.agent.journal.steps import Action, Ended, Instruction, Planned, SkillStep, Start
@@ -157,8 +155,7 @@ def test_page_without_replays_opens_the_first_task_that_failed(run):
 
 
 def test_page_tells_unmet_goals_and_why_attempts_ended(made):
-    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', made[1], re.S)
-    failed = json.loads(data[1])[1]
+    failed = data_of(made[1])[1]
     assert failed["parts"][0]["unmet"] == ["HOLDON(robot, Mug): 1"]
     assert [part["after"] is None for part in failed["parts"]] == [False, True]
     assert failed["failed"]["part"] == 0
@@ -170,40 +167,40 @@ def test_page_tells_unmet_goals_and_why_attempts_ended(made):
 # ----------------------------------------------------------------- in a browser
 
 
-@pytest.fixture(scope="module")
-def tab(made, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("page")
-    (folder / "report.html").write_text(made[1], encoding="utf-8")
-    with chromium(folder / "profile") as found:
-        found.page = (folder / "report.html").as_uri()
-        yield found
-        assert found.complaints() == []
+@pytest.fixture
+def page(made):
+    """The page that the browser has open."""
+    return made[1]
 
 
-def text(tab, name):
-    return tab.value(f"document.getElementById({name!r}).innerText")
+@pytest.fixture
+def tab(tab):
+    """The browser with the page open, from the disk."""
+    tab.open(tab.page)
+    tab.value("document.getElementById('replay').scrollIntoView()")
+    return tab
 
 
 def test_browser_opens_a_failed_run_at_its_first_failure_and_says_so(tab, made):
     tab.open(tab.page)
     assert tab.value("document.getElementById('episode').value") == FAILED
-    assert text(tab, "now").startswith(f"step {failed_step(made) + 1} of ")
+    assert tab.text("now").startswith(f"step {failed_step(made) + 1} of ")
     assert abs(tab.value("document.getElementById('replay').getBoundingClientRect().top")) < 50
-    assert "This is the step where it failed, in instruction 1" in text(tab, "failed")
-    assert "HOLDON(robot, Mug): 1 unmet" in " ".join(text(tab, "goals").split())
-    assert "Mug at " in text(tab, "goals")
+    assert "This is the step where it failed, in instruction 1" in tab.text("failed")
+    assert "HOLDON(robot, Mug): 1 unmet" in " ".join(tab.text("goals").split())
+    assert "Mug at " in tab.text("goals")
     assert tab.value("document.querySelectorAll('#room .wanted-mark').length") == 2
-    assert "ATTEMPT 1 OF 1" in text(tab, "program").upper()
+    assert "ATTEMPT 1 OF 1" in tab.text("program").upper()
     tab.click("#failed button")
-    assert text(tab, "now").startswith("step 1 of ")
-    assert f"It failed at step {failed_step(made) + 1}" in text(tab, "failed")
+    assert tab.text("now").startswith("step 1 of ")
+    assert f"It failed at step {failed_step(made) + 1}" in tab.text("failed")
 
 
 def test_browser_tells_attempts_apart_each_with_why_it_ended(tab):
     last = f"{tab.page}#episode={quote(FAILED)}&step=9999"
     tab.open(last)
     count = tab.value("document.querySelectorAll('#program .attempt').length")
-    said = " ".join(text(tab, "program").split())
+    said = " ".join(tab.text("program").split())
     for number in range(count):
         assert f"ATTEMPT {number + 1} OF {count}" in said.upper()
     assert said.count("ended: ") == count

@@ -8,11 +8,12 @@ from dataclasses import replace
 import msgspec
 import pytest
 from support.chromium import chromium
+from support.run_files import karma
 from typer.testing import CliRunner
 
 from karma.bench.engine.run import Run
 from karma.bench.report.lived_day import requests_of, told_day
-from karma.bench.report.lived_page import (
+from karma.bench.report.suite_pages import (
     HARD,
     chosen_day,
     curves_picture,
@@ -267,9 +268,8 @@ def test_options_of_homes_are_refused_for_other_runs(tmp_path):
 
 
 def test_command_writes_the_page_where_it_is_told(folder, tmp_path):
-    got = CliRunner().invoke(app, ["report", str(folder), "--out", str(tmp_path / "page.html")])
-    assert got.exit_code == 0, got.output
-    assert "to watch:" in got.output
+    got = karma("report", folder, "--out", tmp_path / "page.html")
+    assert "to watch:" in got
     assert "</html>" in (tmp_path / "page.html").read_text()
 
 

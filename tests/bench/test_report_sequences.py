@@ -8,13 +8,20 @@ import re
 from dataclasses import replace
 from urllib.parse import quote
 
-import msgspec
 import pytest
-from support.chromium import chromium
-from support.report_run import AGENT, EXPERT, SEQUENCE_KEYS, make_run, replay, replayed, scene_of
-from typer.testing import CliRunner
+from support.made_records import episode, sub
+from support.report_run import (
+    AGENT,
+    EXPERT,
+    SEQUENCE_KEYS,
+    data_of,
+    make_run,
+    replay,
+    replayed,
+    scene_of,
+)
+from support.run_files import karma
 
-from karma.agent.journal.records import EpisodeRecord
 from karma.agent.journal.run_folder import read_run
 from karma.agent.journal.steps import Ended, Enter, Instruction, Start, read_steps, steps_path
 from karma.bench.figures.results import result_of
@@ -24,7 +31,6 @@ from karma.bench.report.page import page_of, render
 from karma.bench.report.replay import Rooms
 from karma.bench.report.results import SHORT
 from karma.bench.report.story import changes, told
-from karma.cli import app
 from karma.contracts import MemoryUnit
 from karma.errors import KarmaError
 
@@ -51,11 +57,6 @@ def made(run):
 
 def story_of(run, key):
     return told(read_steps(steps_path(run.folder, *key)))
-
-
-def data_of(page):
-    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.S)
-    return json.loads(found[1])
 
 
 # ----------------------------------------------------------------- rooms
@@ -126,21 +127,8 @@ def test_story_that_breaks_off_at_a_door_has_no_instruction_behind_it():
 
 
 def record(task, met, error=""):
-    goal = "OPEN(Fridge): 1"
-    parts = [
-        {
-            "instruction": "x", "goals": [goal], "unmet": [] if ok else [goal], "finished": True,
-            "answers": [], "calls": [], "recalled": [], "queries": 0, "hits": 0,
-        }
-        for ok in met
-    ]  # fmt: skip
-    return msgspec.convert(
-        {
-            "row": "a", "task": task, "kind": "sequence", "scene": "s", "seed": 0, "notes": [],
-            "subtasks": parts, "error": error,
-        },
-        EpisodeRecord,
-    )  # fmt: skip
+    parts = [sub("OPEN(Fridge): 1", unmet=not ok or ()) for ok in met]
+    return episode(*parts, task=task, kind="sequence", error=error)
 
 
 def test_choice_of_instructions_takes_short_episodes_whole_and_failures_of_long_ones_first():
@@ -216,42 +204,22 @@ def test_page_of_a_long_sequence_marks_which_instructions_failed(run):
 
 
 def test_command_takes_instructions(folder, tmp_path):
-    def invoke(*more):
-        command = ["report", str(folder), "--out", str(tmp_path / "a.html"), "--frames", "none"]
-        return CliRunner().invoke(app, [*command, "--episodes", "s4", *more])
-
-    done = invoke("--instructions", "2")
-    assert done.exit_code == 0, done.output
+    command = ["report", folder, "--out", tmp_path / "a.html", "--frames", "none"]
+    command += ["--episodes", "s4", "--instructions"]
+    karma(*command, "2")
     assert {
         tuple(e["moments"]["part"]["values"]) for e in data_of((tmp_path / "a.html").read_text())
     } == {(-1, 1)}
-    done = invoke("--instructions", "9")
-    assert done.exit_code == 1
-    assert "To fix: auto, all, or numbers" in done.output
+    assert "To fix: auto, all, or numbers" in karma(*command, "9", code=1)
 
 
 # ----------------------------------------------------------------- in a browser
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with chromium(tmp_path_factory.mktemp("profile")) as found:
-        yield found
-
-
 @pytest.fixture
-def tab(browser, made, tmp_path):
-    """The browser with the page open, from the disk."""
-    path = tmp_path / "report.html"
-    path.write_text(made[1], encoding="utf-8")
-    browser.page = path.as_uri()
-    yield browser
-    assert set(browser.requests()) <= {path.as_uri()}
-    assert browser.complaints() == []
-
-
-def text(tab, name):
-    return tab.value(f"document.getElementById({name!r}).innerText")
+def page(made):
+    """The page that the browser has open."""
+    return made[1]
 
 
 def test_browser_steps_from_room_to_room(tab, made):
@@ -264,8 +232,8 @@ def test_browser_steps_from_room_to_room(tab, made):
             begun = number
         if moment.kind in ("enter", "outcome", "skill"):
             room = scene_of(story, moment)
-            assert text(tab, "now").startswith(f"step {number + 1} of ")
-            assert room in text(tab, "room-name").lower()
+            assert tab.text("now").startswith(f"step {number + 1} of ")
+            assert room in tab.text("room-name").lower()
             assert room in tab.value("document.querySelector('#room svg').ariaLabel")
             path = tab.value("document.getElementById('walked').getAttribute('d')")
             assert path.count("L") == number - begun
@@ -282,8 +250,8 @@ def test_browser_shows_units_of_other_rooms_apart(tab, made):
     count = len(story.parts[1].before)
     assert tab.value("document.querySelectorAll('#memory tr.elsewhere').length") == count
     assert tab.value("document.querySelectorAll('#room .unit').length") == 0
-    assert f"{count} of other rooms" in text(tab, "memory-title").lower()
-    assert "in kitchen_1" in text(tab, "memory")
+    assert f"{count} of other rooms" in tab.text("memory-title").lower()
+    assert "in kitchen_1" in tab.text("memory")
 
 
 def test_browser_finds_an_instruction_of_many(tab, made):
@@ -296,10 +264,10 @@ def test_browser_finds_an_instruction_of_many(tab, made):
         "e.dispatchEvent(new Event('input')); })()"
     )
     assert tab.value(visible) == ["3.", "4.", "7.", "8.", "11.", "12.", "15.", "16."]
-    assert text(tab, "found") == "8 of 16"
+    assert tab.text("found") == "8 of 16"
     tab.click("#list [data-part='7']")
     begun = next(n for n, m in enumerate(story.moments) if m.kind == "subtask" and m.part == 7)
-    assert text(tab, "now").startswith(f"step {begun + 1} of ")
+    assert tab.text("now").startswith(f"step {begun + 1} of ")
     assert tab.value("document.querySelector('#list [aria-current]').dataset.part") == "7"
     tab.click("#only-failed")
     assert tab.value(visible) == []

@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import pytest
 from bench.test_report import Text
-from support.run_files import write_experiment
+from support.run_files import karma, write_experiment
 from support.talking import STORE, agent_saying
-from typer.testing import CliRunner
 
 from karma.agent.journal.records import TURNS, read_turns
 from karma.agent.journal.run_folder import read_run
@@ -15,7 +14,6 @@ from karma.bench.engine.run import Run
 from karma.bench.figures.results import result_of
 from karma.bench.report.html import Frames
 from karma.bench.report.page import page_of, render
-from karma.cli import app
 
 
 @pytest.fixture
@@ -45,8 +43,7 @@ def test_turns_that_were_undone_are_not_kept(talked):
 
 
 def test_page_of_a_conversation_opens_at_the_replay_and_judges_nothing(talked):
-    result = CliRunner().invoke(app, ["report", str(talked.folder)])
-    assert result.exit_code == 0, result.output
+    karma("report", talked.folder)
     page = (talked.folder / "report.html").read_text()
     sections = re.findall(r'<section id="(\w+)">', page)
     assert sections == ["replay", "turns", "run"]
@@ -75,6 +72,5 @@ def test_run_whose_tasks_nobody_can_be_judged_by_is_no_conversation(tmp_path):
 
 def test_damaged_turns_are_named(talked):
     (talked.folder / TURNS).write_text('[{"said": 1}]')
-    result = CliRunner().invoke(app, ["report", str(talked.folder)])
-    assert result.exit_code == 1
-    assert TURNS in result.output
+    result = karma("report", talked.folder, code=1)
+    assert TURNS in result

@@ -15,8 +15,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.abuse import SAMPLE
 from support.abuse.faults import until_free
-from support.run_files import ONLY, ROOT, TASKS, copy, files, lines_in, started, write_experiment
-from support.tiny import export_tiny
+from support.run_files import (
+    ONLY,
+    ROOT,
+    TASKS,
+    copy,
+    files,
+    karma,
+    lines_in,
+    started,
+    write_experiment,
+)
 from typer.testing import CliRunner
 
 from karma.agent.experience import PICTURES, picture_name
@@ -42,11 +51,6 @@ from karma.errors import FileError, KarmaError
 from karma.files import TEMPORARY
 from karma.seeds import stream
 from karma.world.sim import EmbeddedWorld
-
-
-@pytest.fixture(scope="module")
-def planner(tmp_path_factory):
-    return export_tiny(tmp_path_factory.mktemp("planner") / "tiny.gguf")
 
 
 @pytest.fixture(scope="module")
@@ -545,7 +549,6 @@ def test_eval_takes_a_figure_of_the_laboratory_too(tmp_path):
     arguments = ["eval", str(path), "--out", str(tmp_path / "run")]
     refused = CliRunner().invoke(app, [*arguments, "--half-width", "0.1"])
     assert (refused.exit_code, "has no --half-width" in refused.output) == (1, True)
-    result = CliRunner().invoke(app, arguments)
-    assert result.exit_code == 0, result.output
-    assert f"results: {tmp_path / 'run' / 'results.json'}" in result.output.replace("\n", "")
+    result = karma(*arguments)
+    assert f"results: {tmp_path / 'run' / 'results.json'}" in result.replace("\n", "")
     assert json.loads((tmp_path / "run" / RESULTS).read_text())["cells"]

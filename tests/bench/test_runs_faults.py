@@ -1,9 +1,7 @@
 """Faults of the surroundings in the midst of a run: told, counted as nobody's, done again."""
 
-import textwrap
-
 import pytest
-from support.run_files import ONLY, files, write_experiment
+from support.run_files import ONLY, files, plant_plugin, write_experiment
 from typer.testing import CliRunner
 
 from karma.agent.journal.header import RESULTS
@@ -32,11 +30,7 @@ class Flaky(EmbeddedWorld):
 def steps_left(tmp_path, monkeypatch):
     """A file of how many steps an installed world, `flaky`, has before it dies."""
     place = tmp_path / "plugin"
-    info = place / "flaky_world-1.0.dist-info"
-    info.mkdir(parents=True)
-    (place / "flaky_world.py").write_text(textwrap.dedent(FLAKY))
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: flaky-world\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[karma.worlds]\nflaky = flaky_world:Flaky\n")
+    plant_plugin(place, "flaky_world", FLAKY, "worlds", "flaky = flaky_world:Flaky")
     monkeypatch.syspath_prepend(str(place))
     return place / "left"
 

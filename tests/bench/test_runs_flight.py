@@ -17,11 +17,10 @@ from support.hosted_server import (
     wire_server,
 )
 from support.paths import ROOT
-from typer.testing import CliRunner
+from support.run_files import karma
 
 from karma.agent.journal.records import read_records
 from karma.bench.engine.run import Run
-from karma.cli import app
 from karma.errors import KarmaError
 from karma.infer.hosted.cassette import FILE, Cassette
 
@@ -76,12 +75,6 @@ def experiment(tmp_path):
 def whole(folder):
     """Every byte that a run has left, seconds too."""
     return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
-
-
-def karma(*arguments, code=0):
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    return result.output
 
 
 def test_episodes_recorded_by_several_workers_replay_byte_for_byte_by_any_number(

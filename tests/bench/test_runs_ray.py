@@ -10,7 +10,6 @@ from dataclasses import replace
 import pytest
 from support.ray_cluster import two_nodes, workers_of
 from support.run_files import ONLY, files, write_experiment
-from support.tiny import export_tiny
 
 from karma.agent.journal.provenance import model_hashes, parts_of_planner
 from karma.agent.loading.models import Models
@@ -19,13 +18,8 @@ from karma.errors import KarmaError, ModelError
 
 ray = pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
 
-from karma.bench.engine.ray_pool import host_of  # noqa: E402
+from karma.bench.engine.pool import host_of  # noqa: E402
 from karma.bench.engine.workers import check_node, models_here  # noqa: E402
-
-
-@pytest.fixture(scope="module")
-def planner(tmp_path_factory):
-    return export_tiny(tmp_path_factory.mktemp("planner") / "tiny.gguf")
 
 
 @pytest.fixture(scope="module")

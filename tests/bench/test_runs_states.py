@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import pytest
 from support.run_files import ROOT, files
-from support.tiny import export_tiny
 from support.written_tasks import write_tasks
 
 from karma.agent.goals.files import load_tasks, with_whole
@@ -15,11 +14,6 @@ from karma.bench.engine.run import Run
 from karma.errors import FileError
 
 SEQUENCES = ROOT / "eval" / "alfworld_r" / "tasks.jsonl"
-
-
-@pytest.fixture(scope="module")
-def planner(tmp_path_factory):
-    return export_tiny(tmp_path_factory.mktemp("planner") / "tiny.gguf")
 
 
 @pytest.fixture

@@ -1,11 +1,9 @@
 """Workers of a run: how many, one that dies, and what no cluster does."""
 
 import os
-import textwrap
 
 import pytest
-from support.run_files import ONLY, write_experiment
-from support.tiny import export_tiny
+from support.run_files import ONLY, plant_plugin, write_experiment
 
 from karma.agent.loading.models import Models
 from karma.bench.engine.run import Run
@@ -13,12 +11,6 @@ from karma.bench.engine.workers import suggest_workers
 from karma.errors import KarmaError, WorkerLost
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.endpoint import Endpoint, Hosted
-
-
-@pytest.fixture(scope="module")
-def planner(tmp_path_factory):
-    return export_tiny(tmp_path_factory.mktemp("planner") / "tiny.gguf")
-
 
 DEADLY = """
 import os, signal
@@ -48,11 +40,7 @@ class Deadly:
 def deadly(tmp_path, monkeypatch):
     """An installed method whose episodes kill their process: those with an apple, and one more."""
     place = tmp_path / "plugin"
-    info = place / "deadly-1.0.dist-info"
-    info.mkdir(parents=True)
-    (place / "deadly.py").write_text(textwrap.dedent(DEADLY))
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: deadly\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[karma.methods]\ndeadly = deadly:Deadly\n")
+    plant_plugin(place, "deadly", DEADLY, "methods", "deadly = deadly:Deadly")
     monkeypatch.syspath_prepend(str(place))
 
 

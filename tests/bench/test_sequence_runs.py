@@ -4,8 +4,7 @@ import time
 from dataclasses import replace
 
 import pytest
-from support.run_files import ROOT, TASKS, copy, files, lines_in, started
-from support.tiny import export_tiny
+from support.run_files import TASKS, copy, files, lines_in, started
 from support.written_tasks import write_tasks
 
 from karma.agent.goals.files import load_tasks, with_whole
@@ -13,9 +12,9 @@ from karma.agent.journal.header import EPISODES, RESULTS
 from karma.agent.journal.run_folder import read_run
 from karma.agent.journal.steps import Enter, Start, read_steps, steps_path
 from karma.bench.engine.run import Run
-from karma.bench.figures.needs import related_needs
-from karma.bench.figures.results import result_of
-from karma.bench.figures.tables import sheets, to_csv
+from karma.bench.figures.metrics import related_needs
+from karma.bench.figures.results import result_of, to_csv
+from karma.bench.figures.tables import sheets
 from karma.contracts import SceneRef, Task
 from karma.errors import KarmaError
 
@@ -47,11 +46,6 @@ def write_experiment(folder, planner, seeds="[0]"):
         f'[models]\nplanner = "{planner}"\nprofile = "compact"\n'
     )
     return path
-
-
-@pytest.fixture(scope="module")
-def planner(tmp_path_factory):
-    return export_tiny(tmp_path_factory.mktemp("planner") / "tiny.gguf")
 
 
 @pytest.fixture(scope="module")
@@ -133,9 +127,3 @@ def test_tables_have_the_kind_and_print_no_hits_without_memory(whole):
         assert found["MHR cold"] == "–" or row[0] == "KARMA"
         assert found["sub-tasks"] != "–"
     assert ",sequence,success," in to_csv(result)
-
-
-def test_alfred_tasks_are_no_sequence():
-    assert {task.kind for task in load_tasks(ROOT / "eval" / "alfred_l" / "tasks.jsonl")} == {
-        "simple", "composite", "complex",
-    }  # fmt: skip

@@ -57,29 +57,6 @@ def test_wilson_and_mcnemar_agree_with_scipy(number, share):
     assert mcnemar(successes, number - successes) == pytest.approx(tested.pvalue, abs=1e-9)
 
 
-@given(number=st.integers(1, 400), share=st.floats(0, 1))
-def test_wilson_ends_are_the_rates_that_a_score_test_just_accepts(number, share):
-    """The definition: |rate - p| is z standard errors under p, for both ends p."""
-    successes = round(number * share)
-    found = wilson(successes, number)
-    seen = successes / number
-    for end in (found.low, found.high):
-        if 0 < end < 1:
-            assert abs(seen - end) / math.sqrt(end * (1 - end) / number) == pytest.approx(
-                1.959964, abs=1e-4
-            )
-    assert 0 <= found.low <= seen <= found.high <= 1
-
-
-@given(share=st.fractions(0, 1, max_denominator=9), more=st.integers(2, 20))
-def test_wilson_of_the_same_rate_is_narrower_with_more_trials(share, more):
-    number = 18 * share.denominator
-    one, other = wilson(share * number, number), wilson(share * number * more, number * more)
-    assert other.half_width < one.half_width
-    assert one.low <= other.low
-    assert other.high <= one.high
-
-
 def test_wilson_of_nothing_is_nothing_and_of_nonsense_an_error():
     assert wilson(0, 0) is None
     for successes in (-1, 3):
@@ -255,12 +232,6 @@ def test_mcnemar_is_a_fair_coin_s_two_sided_tail(first, second):
     assert mcnemar(first, second) == mcnemar(second, first)
 
 
-def test_mcnemar_of_small_counts_is_what_a_hand_finds():
-    assert mcnemar(1, 5) == 2 * (1 + 6) / 2**6
-    assert mcnemar(2, 8) == 2 * (1 + 10 + 45) / 2**10
-    assert mcnemar(1000, 1000) == 1.0
-
-
 @given(differences=st.lists(st.integers(-5, 5), max_size=9))
 def test_sign_flip_counts_all_exchanges(differences):
     sums = [
@@ -310,13 +281,6 @@ def test_detectable_rate_of_arms_that_hardly_differ_is_all_one_way():
 def test_detectable_rate_of_fewer_than_six_pairs_is_none():
     assert [detectable_rate(n, 0.5) for n in (0, 1, 5, 5.9)] == [None] * 4
     assert detectable_rate(6, 0.5) == pytest.approx(0.8 ** (1 / 6), abs=1e-3)
-
-
-@settings(max_examples=10)
-@given(pairs=st.integers(8, 120), share=st.floats(0.05, 1))
-def test_detectable_rate_falls_with_pairs(pairs, share):
-    few, many = detectable_rate(pairs, share), detectable_rate(4 * pairs, share)
-    assert many < few
 
 
 def test_detectable_mean_is_the_textbook_formula():

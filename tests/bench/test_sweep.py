@@ -6,7 +6,7 @@ import time
 from xml.etree import ElementTree as ET
 
 import pytest
-from support.run_files import TASKS, copy, files, lines_in, started
+from support.run_files import TASKS, copy, files, karma, lines_in, started
 from typer.testing import CliRunner
 
 from karma.agent.journal.header import EPISODES, RESULTS
@@ -158,9 +158,8 @@ def test_table_has_a_line_per_cell_and_row(whole, monkeypatch):
     ]
     assert all(line[4] == "1 of 1" for line in table[1:] if line[2] == "expert")
     monkeypatch.setattr(shared.console, "width", 200)
-    result = CliRunner().invoke(app, ["table", str(whole)])
-    assert result.exit_code == 0
-    assert result.output.count("expert") == 4
+    result = karma("table", whole)
+    assert result.count("expert") == 4
 
 
 def test_cell_that_cannot_be_done_is_named_and_the_others_are_done(folder, tmp_path):
@@ -266,15 +265,13 @@ def test_csv_and_parquet_have_a_line_per_episode_with_the_same_values(whole, tmp
 def test_export_writes_beside_the_run_or_where_it_is_told(whole, tmp_path):
     run = copy(whole, tmp_path / "run")
     for form, name in (("csv", "episodes.csv"), ("junit", "junit.xml")):
-        result = CliRunner().invoke(app, ["export", str(run), "--to", form])
-        assert result.exit_code == 0, result.output
+        karma("export", run, "--to", form)
         assert (run / name).read_bytes() == exported(run, form)
     out = tmp_path / "out.csv"
-    CliRunner().invoke(app, ["export", str(run), "--out", str(out)])
+    karma("export", run, "--out", out)
     assert out.read_bytes() == to_csv(run)
-    wrong = CliRunner().invoke(app, ["export", str(run), "--to", "xls"])
-    assert wrong.exit_code == 1
-    assert "there is csv, parquet, junit" in wrong.output
+    wrong = karma("export", run, "--to", "xls", code=1)
+    assert "there is csv, parquet, junit" in wrong
 
 
 def test_junit_counts_what_the_records_say(whole):

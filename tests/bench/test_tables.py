@@ -8,16 +8,20 @@ from dataclasses import replace
 import pytest
 from support.made_records import plain, write_run
 from support.paths import ROOT
-from typer.testing import CliRunner
+from support.run_files import karma
 
 from karma.agent.journal.header import RESULTS
 from karma.agent.journal.run_folder import read_run
 from karma.bench.engine.experiment_file import read_experiment
 from karma.bench.figures.columns import COLUMNS
-from karma.bench.figures.results import margins, result_of
-from karma.bench.figures.sheet import Sheet, to_latex, to_markdown
-from karma.bench.figures.tables import PUBLISHED_COLUMNS, load_published, sheets, to_csv
-from karma.cli import app
+from karma.bench.figures.results import load_published, margins, result_of, to_csv
+from karma.bench.figures.tables import (
+    PUBLISHED_COLUMNS,
+    Sheet,
+    sheets,
+    to_latex,
+    to_markdown,
+)
 from karma.errors import FileError
 
 PAPER = ROOT / "eval" / "paper"
@@ -208,14 +212,15 @@ def test_published_figures_are_those_of_the_paper(shared):
                 PUBLISHED_COLUMNS[number % 4],
             )
             found = PUBLISHED.get((names[name], kind, column))
-            assert (found.value if found else "-") == (float(cell) if cell != "-" else "-")
-            if found:
+            assert (found if found is not None else "-") == (float(cell) if cell != "-" else "-")
+            if found is not None:
                 seen.add((names[name], kind, column))
     assert seen == set(PUBLISHED)
 
 
 def _paper_rows():
-    return {row: one.paper_row for (row, _, _), one in PUBLISHED.items()}
+    with (PAPER / "published.csv").open() as lines:
+        return {line["row"]: line["paper_row"] for line in csv.DictReader(lines)}
 
 
 @pytest.mark.parametrize(
@@ -242,7 +247,8 @@ def test_experiments_of_the_tables_have_the_published_rows_and_five_seeds(path):
     names = [row.name for row in experiment.rows]
     assert experiment.seeds == (0, 1, 2, 3, 4)
     source = "Table 1" if path.stem.startswith("table1") else "Table 2"
-    published = {row for (row, _, _), one in PUBLISHED.items() if one.source == source}
+    with (PAPER / "published.csv").open() as lines:
+        published = {line["row"] for line in csv.DictReader(lines) if line["source"] == source}
     assert published <= set(names)
     assert "memory off" in names
 
@@ -254,38 +260,32 @@ def test_table_command_writes_three_files(run, tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     out = tmp_path / "out"
     arguments = ["table", str(run.folder), "--published", str(PAPER / "published.csv")]
-    said = CliRunner().invoke(app, [*arguments, "--out", str(out), "--json", str(out / "x.json")])
-    assert said.exit_code == 0, said.output
-    assert "table_1: simple tasks" in said.output
+    said = karma(*arguments, "--out", out, "--json", out / "x.json")
+    assert "table_1: simple tasks" in said
     unfinished = f"not finished, the figures are of the {len(run.records)} episodes that are done"
-    assert unfinished in " ".join(said.output.split())
+    assert unfinished in " ".join(said.split())
     assert sorted(path.name for path in out.iterdir()) == [
         ".karma-made", "table.csv", "table.md", "table.tex", "x.json",
     ]  # fmt: skip
     result = result_of(run, PUBLISHED)
     assert (out / "table.md").read_text().startswith(to_markdown(sheets(result)))
-    again = CliRunner().invoke(app, [*arguments, "--off", "nobody"])
-    assert again.exit_code == 1
-    assert "no row 'nobody'" in again.output
+    again = karma(*arguments, "--off", "nobody", code=1)
+    assert "no row 'nobody'" in again
     (run.folder / RESULTS).write_text("[]")  # what a run writes last
-    done = CliRunner().invoke(app, [*arguments, "--out", str(out)])
-    assert "not finished" not in done.output
+    assert "not finished" not in karma(*arguments, "--out", out)
 
 
-def test_one_kind_of_task_has_no_line_over_all_kinds(tmp_path):
+def test_only_several_kinds_of_task_have_a_line_over_all_kinds(result, tmp_path):
+    assert "| KARMA | all |" in to_markdown(sheets(result))
     records = [
         plain(row == "KARMA", places=3, row=row, task=task, kind="complex", seed=0)
         for row in ("KARMA", "memory off")
         for task in ("t1", "t2")
     ]
-    result = result_of(read_run(write_run(tmp_path / "run", records, name="table_1")), PUBLISHED)
+    result = result_of(read_run(write_run(tmp_path / "one", records, name="table_1")), PUBLISHED)
     text = to_markdown(sheets(result))
     assert "| KARMA | complex |" in text
     assert "| KARMA | all |" not in text
-
-
-def test_several_kinds_of_task_have_a_line_over_all_kinds(result):
-    assert "| KARMA | all |" in to_markdown(sheets(result))
 
 
 def test_tables_name_the_tasks_that_nobody_is_judged_by(tmp_path):

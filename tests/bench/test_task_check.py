@@ -4,12 +4,11 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from support.run_files import karma
 
 from karma.agent.goals.files import load_tasks, task_lines
 from karma.bench.engine import task_check
 from karma.bench.engine.task_check import findings, quick_findings
-from karma.cli import app
 from karma.world.sim import EmbeddedWorld
 
 CASES = {  # id -> goals of each sub-task, what is found
@@ -50,14 +49,12 @@ def test_slices_are_looked_for_as_what_they_are_cut_from(tmp_path):
 def test_check_bad_tasks_says_file_line_and_id_and_ends_with_1(tmp_path):
     path = _file(tmp_path, ["good", "shut", "no-cd"])
     assert task_lines(path) == {"good": 1, "shut": 3, "no-cd": 5}
-    done = CliRunner().invoke(app, ["tasks", "check", "--quick", str(path)])
-    assert done.exit_code == 1
-    assert f"{path}:3: shut: {task_check.IDLE}" in done.output
-    assert f"{path}:5: no-cd: {task_check.NAMES_NOTHING}" in done.output
-    assert "good:" not in done.output
+    done = karma("tasks", "check", "--quick", path, code=1)
+    assert f"{path}:3: shut: {task_check.IDLE}" in done
+    assert f"{path}:5: no-cd: {task_check.NAMES_NOTHING}" in done
+    assert "good:" not in done
 
 
 def test_check_good_tasks_ends_with_0(tmp_path):
-    done = CliRunner().invoke(app, ["tasks", "check", str(_file(tmp_path, ["good"]))])
-    assert done.exit_code == 0, done.output
-    assert "1 tasks, nothing wrong" in done.output
+    done = karma("tasks", "check", _file(tmp_path, ["good"]))
+    assert "1 tasks, nothing wrong" in done

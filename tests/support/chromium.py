@@ -101,6 +101,10 @@ class Chromium:
         self.send("Input.dispatchKeyEvent", type="keyDown", **fields)
         self.send("Input.dispatchKeyEvent", type="keyUp", **fields)
 
+    def text(self, name: str) -> str:
+        """Return what an element shows, by its id."""
+        return str(self.value(f"document.getElementById({name!r}).innerText"))
+
     def click(self, selector: str) -> None:
         """Click into the middle of an element."""
         box = self.value(

@@ -1,6 +1,6 @@
 """LoTa-Bench's ALFRED over the kitchen of tests/support/alfred_kitchen.py."""
 
-from karma.bench.tasks.alfred import ListedTask
+from karma.bench.engine.published_tasks import ListedTask
 from karma.world.eb_alfred.actions import LOTA_ALFRED
 from karma.world.eb_alfred.environment import Environment
 from support import alfred_kitchen as ours

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from karma.agent.journal.header import EPISODES, FORMAT, TIMINGS, Header, Machine
 from karma.agent.journal.owned_folder import HEADER
 from karma.agent.journal.records import Answer, Call, EpisodeRecord, SubTaskRecord
-from karma.bench.figures.needs import needs
+from karma.bench.figures.metrics import needs
 from karma.files import to_json
 
 

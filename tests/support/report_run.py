@@ -1,6 +1,8 @@
 """A small real run: an agent whose model says what it was told, in the embedded world, on disk."""
 
 import hashlib
+import json
+import re
 
 import numpy as np
 
@@ -52,6 +54,12 @@ class Words:
                 row[hashlib.sha256(word.encode()).digest()[0] % self.dimension] += 1
             row /= np.linalg.norm(row) or 1
         return rows
+
+
+def data_of(page, name="data"):
+    """Return what a page's script reads."""
+    found = re.search(rf'<script type="application/json" id="{name}">(.*?)</script>', page, re.S)
+    return json.loads(found[1])
 
 
 def task(name, *pairs):

@@ -7,7 +7,10 @@ import resource
 import shutil
 import signal
 import sys
+import textwrap
 from pathlib import Path
+
+from typer.testing import CliRunner
 
 from karma.agent.journal.header import TIMINGS
 from karma.cli import app
@@ -76,6 +79,23 @@ def started(path, folder, **how):
     process = context.Process(target=evaluate, args=(path, folder), kwargs=how)
     process.start()
     return process
+
+
+def karma(*words, code=0):
+    """Do a command in this process; returns what it printed, on a wide terminal."""
+    done = CliRunner().invoke(app, list(map(str, words)), env={"COLUMNS": "200"})
+    assert done.exit_code == code, done.output
+    return done.output
+
+
+def plant_plugin(place, name, code, group, point):
+    """Write a module as an installed package with one entry point, `point` of `karma.GROUP`."""
+    info = place / f"{name}-1.0.dist-info"
+    info.mkdir(parents=True)
+    (place / f"{name}.py").write_text(textwrap.dedent(code))
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[karma.{group}]\n{point}\n")
+    return place
 
 
 def lines_in(path):

@@ -20,7 +20,7 @@ from karma.agent.loading.alfred_sentences import (
 )
 from karma.agent.planning.expert import ExpertView
 from karma.bench.drawing.phrases import Book, disjoint_book, our_book
-from karma.bench.tasks.authors import load_authors_tasks
+from karma.bench.engine.published_tasks import load_authors_tasks
 from karma.errors import ModelError
 from karma.infer.scripted import ScriptedModel
 from karma.language.lexemes import every_word

@@ -28,7 +28,7 @@ from karma.bench.engine.suite import (
     ExperimentFile,
 )
 from karma.bench.engine.workers import hashes_here, loaded, models_here, refuse_node
-from karma.bench.figures.sheet import to_markdown
+from karma.bench.figures.tables import to_markdown
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json
 from karma.infer.hosted.session import Session

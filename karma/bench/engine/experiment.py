@@ -16,10 +16,9 @@ import msgspec
 
 from karma.agent.goals.files import load_tasks
 from karma.agent.loading.models import Models, Row
+from karma.bench.engine.episode import check_seeds
+from karma.bench.engine.published_tasks import AlfredTasks, alfred_tasks, load_authors_tasks
 from karma.bench.figures.precision import MAX_SEEDS, Precision
-from karma.bench.tasks.alfred import AlfredTasks, alfred_tasks
-from karma.bench.tasks.authors import load_authors_tasks
-from karma.bench.tasks.days import check_seeds
 from karma.contracts import SceneRef, Task
 from karma.errors import FileError, KarmaError
 from karma.files import below, read_bytes, to_json

@@ -27,13 +27,12 @@ from karma.agent.loading.models import (
 )
 from karma.agent.loading.planner_files import NO_WORDS, chosen_words, may_refuse
 from karma.agent.tour import explore_room
-from karma.bench.engine.episode import run_episode
+from karma.bench.engine.episode import Days, run_episode
 from karma.bench.engine.experiment import Experiment, RunOptions, load, scene_path
 from karma.bench.engine.experiment_file import Changes, DataFolders, read_experiment
 from karma.bench.engine.suite import Chain, Do, Done
 from karma.bench.engine.workers import NodeFolder, loaded
 from karma.bench.figures.columns import added_up
-from karma.bench.tasks.days import Days
 from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
 from karma.errors import FileError, KarmaError
 from karma.infer.hosted.session import Session
@@ -280,7 +279,7 @@ def _built(
         raise KarmaError(f"row {row.name!r}: {error}") from error
 
 
-def configuration(experiment: msgspec.Struct) -> Config:
+def configuration(experiment: Experiment) -> Config:
     """Return all that an experiment says, with what it leaves to presets, models and methods.
 
     Raises:
@@ -288,12 +287,9 @@ def configuration(experiment: msgspec.Struct) -> Config:
         UnknownNameError: there is no such model, or method.
     """
     plain: dict[str, Any] = msgspec.to_builtins(experiment)
-    models: Models = experiment.models  # type: ignore[attr-defined]
-    plain["models"] |= _settled(models)
-    rows: tuple[msgspec.Struct, ...] = experiment.rows  # type: ignore[attr-defined]
-    for row, said in zip(rows, plain["rows"], strict=True):
-        if isinstance(row, Row):
-            said |= _row(row, models)
+    plain["models"] |= _settled(experiment.models)
+    for row, said in zip(experiment.rows, plain["rows"], strict=True):
+        said |= _row(row, experiment.models)
     return plain
 
 

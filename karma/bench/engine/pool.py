@@ -1,7 +1,8 @@
-"""Jobs done by several workers at once, each of which loads its own things first.
+"""Chains done by several workers at once, each of which loads its own things first.
 
-A job depends on nothing that another job leaves, so jobs can be dealt out in any way, and one whose
-worker died can be done again. Here the workers are processes; `ray_pool` has those of a cluster.
+A worker is a process of this machine, or an actor of a Ray cluster that is there already. Every
+node of it has this package and its own files, and says so itself when it lacks something: what a
+worker begins with travels, and looks for them there. What episodes leave comes back here.
 """
 
 import logging
@@ -14,14 +15,18 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
+from karma.agent.journal.records import Key
+from karma.bench.engine.suite import Chain, Do, Done
 from karma.errors import KarmaError, WorkerLost
 from karma.offline.children import forking, starting
+from karma.offline.guard import allow_host, go_offline, is_local, network_allowed
 
-LIVES = 2  # workers that a job may kill before it is given up
+LIVES = 2  # workers that a chain may kill before it is given up
 _LEAVE_S = 10.0  # that a worker has to put things away
 _ONE_THREAD = dict.fromkeys(  # libraries read this on import
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"), "1"
@@ -29,39 +34,15 @@ _ONE_THREAD = dict.fromkeys(  # libraries read this on import
 _log = logging.getLogger(__name__)
 
 
-class _Keyed(Protocol):
-    @property
-    def key(self) -> tuple[Hashable, ...]:
-        """What names the job."""
-
-    @property
-    def shares(self) -> str:
-        """Jobs of the same word share what a worker computes; "" for none."""
-
-
-J = TypeVar("J", bound=_Keyed)
-D = TypeVar("D")  # what a job leaves
 W = TypeVar("W", bound=Hashable)  # a worker
-Begin = Callable[[], Callable[[J], D]]  # loads, where a worker is
+Begin = Callable[[], Do]  # loads, where a worker is
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WorkerError:
-    """Why a worker cannot go on, which ends the run."""
-
-    text: str
-    known: bool  # an error of karma's own, which says what helps; else a bug, with its traceback
-
-    @classmethod
-    def of(cls, error: Exception) -> "WorkerError":
-        """Return an error as it can be sent."""
-        if isinstance(error, KarmaError):
-            return cls(text=str(error), known=True)
-        return cls(text="".join(traceback.format_exception(error)), known=False)
-
-    def error(self) -> Exception:
-        """Return the error to raise here."""
-        return KarmaError(self.text) if self.known else RuntimeError(self.text)
+def sendable(error: Exception) -> Exception:
+    """Return why a worker cannot go on, as it can be sent; a bug brings its traceback."""
+    if isinstance(error, KarmaError):
+        return KarmaError(str(error))
+    return RuntimeError("".join(traceback.format_exception(error)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,86 +61,90 @@ class Workers(Protocol[W]):
     def start(self) -> W:
         """Start a worker, which loads its things and then answers None."""
 
-    def send(self, worker: W, job: Any) -> None:
-        """Have a worker that has answered do a job."""
+    def send(self, worker: W, chain: Chain) -> None:
+        """Have a worker that has answered do a chain."""
 
     def answer(self, workers: Collection[W]) -> tuple[W, Any]:
-        """Wait for one of the workers; returns what it answers, a `WorkerError` or `Died`."""
+        """Wait for one of the workers; returns what it answers, an error, or `Died`."""
 
     def dismiss(self, worker: W) -> None:
-        """Have a worker end for which no job is left."""
+        """Have a worker end for which no chain is left."""
 
     def end(self, workers: Collection[W]) -> None:
-        """End these workers, also in the middle of a job, and all that were dismissed."""
+        """End these workers, also in the middle of a chain, and all that were dismissed."""
 
 
-class JobQueue(Generic[J]):
-    """The jobs that are left to do, and how many workers each has cost."""
+class ChainQueue:
+    """The chains that are left to do, and how many workers each has cost."""
 
-    def __init__(self, jobs: Iterable[J]) -> None:
-        self.jobs = deque(jobs)
-        self._deaths: Counter[tuple[Hashable, ...]] = Counter()
+    def __init__(self, chains: Iterable[Chain]) -> None:
+        self.chains = deque(chains)
+        self._deaths: Counter[Key] = Counter()
 
-    def next_after(self, last: J | None) -> J:
-        """Return a job to do next: one that shares something with a worker's last, or the first."""
+    def next_after(self, last: Chain | None) -> Chain:
+        """Return the next chain: one that shares something with a worker's last, or the first."""
         shares = last.shares if last is not None else ""
-        if shares and (near := next((one for one in self.jobs if one.shares == shares), None)):
-            self.jobs.remove(near)
+        if shares and (near := next((one for one in self.chains if one.shares == shares), None)):
+            self.chains.remove(near)
             return near
-        return self.jobs.popleft()
+        return self.chains.popleft()
 
-    def died(self, job: J, cause: str) -> None:
-        """Put a dead worker's job in front again; WorkerLost if it has cost `LIVES` workers."""
-        self._deaths[job.key] += 1
-        name = "/".join(map(str, job.key))
+    def died(self, chain: Chain, cause: str) -> None:
+        """Put a dead worker's chain in front again; WorkerLost if it has cost `LIVES` workers."""
+        self._deaths[chain.key] += 1
+        name = "/".join(map(str, chain.key))
         _log.warning("a worker was %s in episode %s", cause, name)
-        if self._deaths[job.key] >= LIVES:
+        if self._deaths[chain.key] >= LIVES:
             raise WorkerLost(name, f"{LIVES} workers died of it, the last was {cause}")
-        self.jobs.appendleft(job)
+        self.chains.appendleft(chain)
 
 
-def done_by(workers: Workers[W], jobs: Sequence[J], number: int) -> Iterator[Any]:
-    """Do the jobs with so many workers; yields what each leaves as it is done.
+def done_by(workers: Workers[W], chains: Sequence[Chain], number: int) -> Iterator[Any]:
+    """Do the chains with so many workers; yields what each leaves as it is done.
 
-    A worker that dies is replaced, and its job done once more.
+    A worker that dies is replaced, and its chain done once more.
 
     Raises:
-        KarmaError: a worker cannot load its things, or says that the run must end; or a job takes
+        KarmaError: a worker cannot load its things, or says that the run must end; or a chain takes
             the next worker with it, too.
     """
-    queue = JobQueue(jobs)
-    doing: dict[W, J | None] = {}  # None: it loads
+    queue = ChainQueue(chains)
+    doing: dict[W, Chain | None] = {}  # None: it loads
     try:
-        for _ in range(min(number, len(jobs))):
+        for _ in range(min(number, len(chains))):
             doing[workers.start()] = None
         while doing:
             worker, answer = workers.answer(tuple(doing))
-            job = doing.pop(worker)
+            chain = doing.pop(worker)
             if isinstance(answer, Died):
-                _replace(workers, doing, queue, job, answer)
+                _replace(workers, doing, queue, chain, answer)
                 continue
-            if isinstance(answer, WorkerError):
-                raise answer.error()
-            if queue.jobs:
-                doing[worker] = queue.next_after(job)
-                workers.send(worker, doing[worker])
+            if isinstance(answer, Exception):
+                raise answer
+            if queue.chains:
+                following = doing[worker] = queue.next_after(chain)
+                workers.send(worker, following)
             else:
                 for idle in (worker, *(one for one, its in tuple(doing.items()) if its is None)):
                     doing.pop(idle, None)
                     workers.dismiss(idle)
-            if job is not None:
+            if chain is not None:
                 yield answer
     finally:
         workers.end(tuple(doing))
 
 
 def _replace(
-    workers: Workers[W], doing: dict[W, J | None], queue: JobQueue[J], job: J | None, died: Died
+    workers: Workers[W],
+    doing: dict[W, Chain | None],
+    queue: ChainQueue,
+    chain: Chain | None,
+    died: Died,
 ) -> None:
-    """Have a dead worker's job done again; one that died of loading is missed only if alone."""
-    if job is not None:
-        queue.died(job, died.cause)
-        if queue.jobs:
+    """Have a dead worker's chain done again; one that died of loading is missed only if alone."""
+    if chain is not None:
+        queue.died(chain, died.cause)
+        if queue.chains:
             doing[workers.start()] = None
     elif doing:
         _log.warning("a worker was %s while it loaded its models; going on with fewer", died.cause)
@@ -171,13 +156,13 @@ def _replace(
 
 
 def in_processes(
-    begin: Begin[J, D], jobs: Sequence[J], number: int, imports: Sequence[str] = ()
-) -> Iterator[D]:
-    """Do the jobs in `number` processes, see `done_by`.
+    begin: Begin, chains: Sequence[Chain], number: int, imports: Sequence[str]
+) -> Iterator[Sequence[Done]]:
+    """Do the chains in `number` processes, see `done_by`.
 
     `begin` is a function of a module; `imports` are modules that are imported once for all.
     """
-    return done_by(_Processes(begin, imports), jobs, number)
+    return done_by(_Processes(begin, imports), chains, number)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,7 +171,7 @@ class _Worker:
     line: Connection
 
 
-class _Processes(Generic[J, D]):
+class _Processes:
     """Worker processes of this machine, see `Workers`."""
 
     unloaded = (
@@ -194,7 +179,7 @@ class _Processes(Generic[J, D]):
         "  To fix: the same command with fewer workers goes on, e.g. --workers 1"
     )
 
-    def __init__(self, begin: Begin[J, D], imports: Sequence[str]) -> None:
+    def __init__(self, begin: Begin, imports: Sequence[str]) -> None:
         self._begin, self._imports = begin, imports
         self._ending: list[_Worker] = []
 
@@ -208,9 +193,9 @@ class _Processes(Generic[J, D]):
         theirs.close()
         return _Worker(process, ours)
 
-    def send(self, worker: _Worker, job: J) -> None:
+    def send(self, worker: _Worker, chain: Chain) -> None:
         with suppress(BrokenPipeError):  # it has just died; its next answer will tell
-            worker.line.send(job)
+            worker.line.send(chain)
 
     def answer(self, workers: Collection[_Worker]) -> tuple[_Worker, Any]:
         ready = wait([worker.line for worker in workers])
@@ -253,8 +238,8 @@ def _settings() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name.startswith("KARMA_")}
 
 
-def _work(line: Connection, begin: Begin[J, D], settings: Mapping[str, str]) -> None:
-    """What a worker process does: load, say that it is ready, then one job after the other."""
+def _work(line: Connection, begin: Begin, settings: Mapping[str, str]) -> None:
+    """What a worker process does: load, say that it is ready, then one chain after the other."""
     for name in _settings():
         del os.environ[name]
     os.environ.update(settings)
@@ -268,7 +253,7 @@ def _work(line: Connection, begin: Begin[J, D], settings: Mapping[str, str]) -> 
     except (EOFError, BrokenPipeError):
         return
     except Exception as error:  # noqa: BLE001  it is raised where the run is
-        line.send(WorkerError.of(error))
+        line.send(sendable(error))
 
 
 def _follow_parent() -> None:
@@ -277,3 +262,152 @@ def _follow_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
+
+
+# ----------------------------------------------------------------- a Ray cluster
+
+
+_CAUSE = "lost with its node or killed, as happens when memory runs out"
+
+
+def in_cluster(
+    begin: Begin, chains: Sequence[Chain], number: int, address: str, cores: int, memory_mb: float
+) -> Iterator[Sequence[Done]]:
+    """Do the chains on a cluster with so many workers, 0 for as many as it has room for.
+
+    A worker takes so many cores and so much memory of its node.
+
+    `begin` travels to the nodes, and looks there for what it needs; the address is of the cluster's
+    head, HOST:PORT.
+
+    Raises:
+        KarmaError: as `done_by`; or Ray is not installed, the address may not or cannot be reached,
+            or a node does not have what is needed.
+    """
+    ray = _ray()
+    _check_leave(host_of(address))
+    try:
+        ray.init(
+            address=address, log_to_driver=False, logging_level=logging.ERROR,
+            # workers that import nothing of the current folder, which Ray adds for all other jobs
+            job_config=ray.job_config.JobConfig(_client_job=True),
+        )  # fmt: skip
+    except (ConnectionError, ValueError, RuntimeError, OSError) as error:
+        raise KarmaError(
+            f"no Ray cluster answers at {address}: {error}\n"
+            "  To fix: start one (`ray start --head`, on other machines `ray start --address`), "
+            "and run this on one of its machines"
+        ) from error
+    memory = memory_mb * 1e6
+    alive = [node["Resources"] for node in ray.nodes() if node["Alive"]]
+    room = sum(
+        int(min(has.get("CPU", 0) // cores, has.get("memory", 0) // memory)) for has in alive
+    )
+    actors = _Actors(ray, begin, num_cpus=cores, memory=int(memory))
+    yield from done_by(actors, chains, number or max(1, room))
+
+
+def host_of(address: str) -> str:
+    """Return the host of an address.
+
+    >>> host_of("127.0.0.1:6379"), host_of("ray://[::1]:10001")
+    ('127.0.0.1', '::1')
+
+    Raises:
+        KarmaError: it is none.
+    """
+    place = address.rpartition("://")[2]
+    host, colon, port = place.rpartition(":")
+    if not host or not colon or not port.isdigit():
+        raise KarmaError(
+            f"{address!r} is no address of a Ray cluster\n  To fix: --ray HOST:PORT, as `ray start`"
+            " prints it"
+        )
+    return host.strip("[]")
+
+
+def _check_leave(host: str) -> None:
+    """Raise KarmaError where a cluster is on another machine and the run is offline."""
+    if not is_local(host) and not network_allowed():
+        raise KarmaError(
+            f"the Ray cluster at {host!r} is on another machine, and this run is offline\n"
+            "  To fix: `karma --allow-network eval ...`"
+        )
+    allow_host(host)
+
+
+class _Actors:
+    """Workers on a cluster, see `Workers`; each is named by its actor."""
+
+    unloaded = "no worker could be started on the cluster: {0.why}"
+
+    def __init__(self, ray: Any, begin: Begin, **need: int) -> None:
+        self._ray, self._begin = ray, begin
+        self._pending: dict[Any, Any] = {}  # actor -> its pending answer
+        self._kind = ray.remote(max_restarts=0, max_task_retries=0, **need)(NodeWorker)
+
+    def start(self) -> Any:
+        """Start a worker on a node that has room."""
+        actor = self._kind.remote()
+        self._pending[actor] = actor.load.remote(self._begin)
+        return actor
+
+    def send(self, worker: Any, chain: Chain) -> None:
+        self._pending[worker] = worker.do.remote(chain)
+
+    def answer(self, workers: Collection[Any]) -> tuple[Any, Any]:
+        pending = {self._pending[worker]: worker for worker in workers}
+        (ready, *_), _ = self._ray.wait(list(pending), num_returns=1)
+        try:
+            return pending[ready], self._ray.get(ready)
+        except self._ray.exceptions.RayActorError as error:
+            return pending[ready], Died(_CAUSE, str(error))
+
+    def dismiss(self, worker: Any) -> None:
+        self._ray.kill(worker)
+
+    def end(self, workers: Collection[Any]) -> None:
+        for worker in workers:
+            self._ray.kill(worker)
+        self._ray.shutdown()
+
+
+class NodeWorker:
+    """Does chains on one node."""
+
+    def load(self, begin: Begin) -> Any:
+        """Load what chains need, or say what this node has not."""
+
+        def load() -> None:
+            go_offline()
+            self._do = begin()
+
+        return _or_error(load)
+
+    def do(self, chain: Chain) -> Any:
+        """Do one chain; returns what it leaves, or why the run must end."""
+        return _or_error(partial(self._do, chain))
+
+
+def _or_error(call: Callable[[], Any]) -> Any:
+    try:
+        return call()
+    except Exception as error:  # noqa: BLE001  it is raised where the run is
+        return sendable(_at_node(error))
+
+
+def _at_node(error: Exception) -> Exception:
+    """Return an error that says where it happened."""
+    if not isinstance(error, KarmaError):
+        return error
+    return KarmaError(f"node {_ray().util.get_node_ip_address()}: {error}")
+
+
+def _ray() -> Any:
+    try:
+        import ray
+    except ImportError as error:
+        raise KarmaError(
+            f"--ray needs the package ray: {error}\n  To fix: pip install 'karma-offline[ray]'"
+        ) from error
+    return ray

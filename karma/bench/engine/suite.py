@@ -15,7 +15,7 @@ from karma.agent.journal.records import Key, NotRun
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.loading.models import Models, Row, check_asked, language_model
 from karma.bench.engine.experiment_file import DataFolders
-from karma.bench.figures.sheet import Sheet
+from karma.bench.figures.tables import Sheet
 from karma.contracts import LanguageModel
 from karma.infer.hosted.session import Session
 

@@ -10,8 +10,8 @@ from karma.agent.journal.owned_folder import HEADER, SWEEP, replace_file
 from karma.agent.journal.records import ALL
 from karma.agent.journal.run_folder import RunData, read_run
 from karma.bench.figures.columns import COLUMNS, Figures, figures
-from karma.bench.figures.sheet import Sheet, to_markdown
 from karma.bench.figures.statistics import interval_text
+from karma.bench.figures.tables import Sheet, to_markdown
 from karma.errors import FileError
 from karma.files import read_json, to_json
 

@@ -27,8 +27,7 @@ from karma.agent.journal.records import NotRun
 from karma.agent.loading.models import Models, Row
 from karma.bench.engine.experiment import scene_path
 from karma.bench.engine.experiment_file import DataFolders
-from karma.bench.engine.pool import JobQueue, in_processes
-from karma.bench.engine.ray_pool import WorkerNeed, in_cluster
+from karma.bench.engine.pool import ChainQueue, in_cluster, in_processes
 from karma.bench.engine.suite import Chain, Do, Done, Suite
 from karma.contracts import SceneRef
 from karma.errors import FileError, KarmaError, ModelError, UnknownNameError, UnwritableError
@@ -69,8 +68,8 @@ def perform(
     found: Iterator[Iterable[Done]]
     if ray:
         begin = partial(suite.begin_on_node, header, DataFolders.here())
-        need = WorkerNeed(cores=max(1, models.threads), memory_mb=worker_mb(models, suite.rows))
-        found = in_cluster(begin, chains, ray, need=need, number=workers)
+        cores, memory_mb = max(1, models.threads), worker_mb(models, suite.rows)
+        found = in_cluster(begin, chains, workers, ray, cores, memory_mb)
     elif workers > 1:
         begin = partial(_begun, suite, session.cassette.tape, network_allowed())
         imports = (__name__, type(suite).__module__, *imported(models))
@@ -83,8 +82,8 @@ def perform(
 
 def _here(suite: Suite, chains: Sequence[Chain], session: Session) -> Iterator[Iterable[Done]]:
     """Do chains in this process; each episode is yielded before the next is begun."""
-    play, queue, chain = suite.begin(session), JobQueue(chains), None
-    while queue.jobs:
+    play, queue, chain = suite.begin(session), ChainQueue(chains), None
+    while queue.chains:
         chain = queue.next_after(chain)
         yield played(play, chain, session)
 

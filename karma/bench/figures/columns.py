@@ -2,12 +2,12 @@
 
 The terminal, `results.json`, the tables, the report and comparisons all take theirs from here. What
 memory saves is told by each episode beside its twin, the same task, seed and planner without
-memory: where an episode begins depends on task and seed alone (`karma.bench.tasks.days`), so a pair
-differs in the row and in nothing else.
+memory: where an episode begins depends on task and seed alone (`karma.bench.engine.episode`), so a
+pair differs in the row and in nothing else.
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -36,7 +36,6 @@ from karma.bench.figures.metrics import (
     explorations_related,
     measure,
     seconds,
-    unjudged,
 )
 from karma.bench.figures.statistics import Estimate, Floats, bootstrap
 from karma.contracts import Tour
@@ -46,18 +45,6 @@ OFF_ROW = "memory off"  # name of the twin in the experiments of eval/paper
 LOTA_ROW = "LoTa-Bench (modified)"  # what the paper's figures seem to be measured against
 SPREADS = (10, 40)  # instructions in a room that its first tour is spread over
 Pair = tuple[TimedEpisode, TimedEpisode]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Saving:
-    """One way to say what a row saves of an amount."""
-
-    key: str  # its name in files
-    title: str  # its name in tables
-    says: str  # what it is, in few words
-    amount: Amount  # of an episode; undefined where it is not known of one
-    is_solved: bool = False  # of pairs that both solved; who gives up early searches little
-    digits: int = 2  # after the point
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,18 +81,18 @@ def with_tour(
 
 def _toured(
     letter: str, what: str, amount: Amount, cost: Callable[[Tour], int]
-) -> tuple[Saving, ...]:
+) -> tuple[Metric, ...]:
     """Return the savings with the tour over the row's own instructions, then over `SPREADS`."""
     name = f"r{letter.lower()}_toured"
     return (
-        Saving(
-            key=name, title=f"R{letter} with tour", amount=with_tour(amount, cost),
+        Metric(
+            key=name, title=f"R{letter} with tour", of=with_tour(amount, cost),
             says=f"{what} with the first tour of each room, spread over all that was asked in it",
         ),
         *(
-            Saving(
+            Metric(
                 key=f"{name}_{number}", title=f"R{letter}, tour over {number}",
-                amount=with_tour(amount, cost, number),
+                of=with_tour(amount, cost, number),
                 says=f"{what} with the first tour, spread over {number} instructions in the room",
             )
             for number in SPREADS
@@ -113,30 +100,30 @@ def _toured(
     )  # fmt: skip
 
 
-SAVINGS = (
-    Saving(
-        key="re", title="RE", amount=explorations,
+SAVINGS = (  # `of` is the amount that a row saves; undefined where it is not known of an episode
+    Metric(
+        key="re", title="RE", of=explorations,
         says="searching saved against the row without memory (reduced exploration)",
     ),
-    Saving(
-        key="rt", title="RT", amount=actions,
+    Metric(
+        key="rt", title="RT", of=actions,
         says="steps saved against the row without memory (reduced time)",
     ),
-    Saving(key="rt_clock", title="RT (clock)", amount=seconds, says="the same in seconds"),
-    Saving(
-        key="re_related", title="RE related", amount=explorations_related,
+    Metric(key="rt_clock", title="RT (clock)", of=seconds, says="the same in seconds"),
+    Metric(
+        key="re_related", title="RE related", of=explorations_related,
         says="RE in instructions that come back to a thing: only there has memory what to save",
     ),
-    Saving(
-        key="rt_related", title="RT related", amount=actions_related,
+    Metric(
+        key="rt_related", title="RT related", of=actions_related,
         says="RT in instructions that come back to a thing",
     ),
-    Saving(
-        key="re_solved", title="RE both solved", amount=explorations, is_solved=True,
+    Metric(
+        key="re_solved", title="RE both solved", of=explorations, is_solved=True,
         says="RE in the pairs that both rows solved",
     ),
-    Saving(
-        key="rt_solved", title="RT both solved", amount=actions, is_solved=True,
+    Metric(
+        key="rt_solved", title="RT both solved", of=actions, is_solved=True,
         says="RT in the pairs that both rows solved",
     ),
     *_toured("E", "RE", explorations, lambda tour: tour.places),
@@ -183,29 +170,37 @@ def reductions(
     The reference itself is left out.
     """
     twins = [one for one in episodes if one.record.row == reference]
+    kinds = (*kinds_of(one.record for one in episodes), ALL)
     lines = []
-    for row in dict.fromkeys(one.record.row for one in episodes) if twins else ():
-        mine = [one for one in episodes if one.record.row == row]
-        for kind in (*kinds_of(one.record for one in episodes), ALL):
-            some = [one for one in mine if is_of(one.record, kind)]
-            if row == reference or not (pairs := paired(some, twins)):
-                continue
-            solved = [(a, b) for a, b in pairs if a.record.success and b.record.success]
-            values = {
-                one.key: reduced(one.amount, solved if one.is_solved else pairs) for one in SAVINGS
-            }
-            lines.append(
-                Reduction(
-                    row=row, reference=reference, kind=kind, pairs=len(pairs),
-                    solved_pairs=len(solved), values=values,
-                )
-            )  # fmt: skip
+    for row, kind, some in by_row_and_kind(episodes, kinds) if twins else ():
+        if row == reference or not (pairs := paired(some, twins)):
+            continue
+        solved = [(a, b) for a, b in pairs if a.record.success and b.record.success]
+        lines.append(
+            Reduction(
+                row=row, reference=reference, kind=kind, pairs=len(pairs),
+                solved_pairs=len(solved),
+                values={
+                    one.key: reduced(one.of, solved if one.is_solved else pairs) for one in SAVINGS
+                },
+            )
+        )  # fmt: skip
     return tuple(lines)
 
 
-Counted = TypeVar("Counted", "Figures", Reduction)
-_LISTED: tuple[Metric | Saving, ...] = (*METRICS, *SAVINGS)
-COLUMNS = {one.key: one for one in _LISTED}  # of `Figures.values`
+def by_row_and_kind(
+    episodes: Sequence[TimedEpisode], kinds: Iterable[str]
+) -> Iterator[tuple[str, str, list[TimedEpisode]]]:
+    """Yield the episodes of every row, in the order of rows, and of each of the kinds it has."""
+    kinds = tuple(kinds)
+    for row in dict.fromkeys(one.record.row for one in episodes):
+        mine = [one for one in episodes if one.record.row == row]
+        for kind in kinds:
+            if some := [one for one in mine if is_of(one.record, kind)]:
+                yield row, kind, some
+
+
+COLUMNS = {one.key: one for one in (*METRICS, *SAVINGS)}  # of `Figures.values`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -245,27 +240,30 @@ def figures_of(
 ) -> tuple[Figures, ...]:
     """Return the figures of the episodes of some records with what they save, see `figures`."""
     saved = {(one.row, one.kind): one.values for one in reductions}
-    lines = []
     kinds = (*kinds_of(one.record for one in episodes), ALL, TRAINED, NOT_TRAINED)
-    for row in dict.fromkeys(one.record.row for one in episodes):
-        mine = [one for one in episodes if one.record.row == row]
-        for kind in kinds:
-            if some := [one for one in mine if is_of(one.record, kind)]:
-                savings = saved.get((row, kind), {})
-                told = (one for one in records if one.row == row and is_of(one, kind))
-                lines.append(
-                    Figures(
-                        row=row,
-                        kind=kind,
-                        episodes=len(some),
-                        tasks=len({one.record.task for one in some}),
-                        seeds=len({one.record.seed for one in some}),
-                        values={metric.key: measure(metric, some) for metric in METRICS}
-                        | {one.key: savings.get(one.key, Estimate(value=None)) for one in SAVINGS},
-                        unjudged=unjudged(told),
-                    )
-                )
+    lines = []
+    for row, kind, some in by_row_and_kind(episodes, kinds):
+        savings = saved.get((row, kind), {})
+        lines.append(
+            Figures(
+                row=row,
+                kind=kind,
+                episodes=len(some),
+                tasks=len({one.record.task for one in some}),
+                seeds=len({one.record.seed for one in some}),
+                values={metric.key: measure(metric, some) for metric in METRICS}
+                | {one.key: savings.get(one.key, Estimate(value=None)) for one in SAVINGS},
+                unjudged={
+                    one.task: one.unjudged
+                    for one in records
+                    if one.row == row and is_of(one, kind) and one.unjudged
+                },
+            )
+        )
     return tuple(lines)
+
+
+Counted = TypeVar("Counted", bound=Figures | Reduction)
 
 
 def without_repeats(lines: Sequence[Counted]) -> list[Counted]:

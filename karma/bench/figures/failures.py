@@ -12,8 +12,7 @@ from typing import Literal, get_args
 from karma.agent.journal.records import Call, SubTaskRecord
 from karma.agent.journal.steps import Ended, Enter, Instruction, Start, Step
 from karma.agent.planning.refused_requests import sentence
-from karma.bench.figures.metrics import TimedEpisode
-from karma.bench.figures.needs import Need, needs, related_needs, types_of
+from karma.bench.figures.metrics import Need, TimedEpisode, needs, related_needs, types_of
 
 Cause = Literal["planner", "refused", "recall", "evicted", "not stored", "skill", "world", "error"]
 CAUSES: tuple[Cause, ...] = get_args(Cause)

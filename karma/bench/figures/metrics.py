@@ -7,7 +7,9 @@ where it is undefined. Its value is the mean of all observations, None where the
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
+from karma.agent.goals.goals import alternatives, object_names, parse_goal
 from karma.agent.journal.formats import COST_DIGITS
 from karma.agent.journal.records import (
     Answer,
@@ -18,10 +20,62 @@ from karma.agent.journal.records import (
     Key,
     SubTaskRecord,
 )
-from karma.bench.figures.needs import related_needs, types_of, wanted_types
 from karma.bench.figures.statistics import Estimate, mean, rate
 from karma.contracts import Tour
+from karma.household.ids import root_type
 from karma.household.pieces import base_type
+from karma.household.types import types_with
+
+Need = frozenset[str]  # types of which any will do
+
+
+@cache
+def needs(goals: tuple[str, ...]) -> tuple[Need, ...]:
+    """Return the things that can be carried which goals speak of, in order.
+
+    >>> needs(("INSIDE(Apple/Tomato, Fridge): 1", "HOLDON(robot, Mug): 1"))[1]
+    frozenset({'Mug'})
+    """
+    found = (frozenset(map(base_type, group)) for group in _loose(goals))
+    return tuple(dict.fromkeys(found))
+
+
+def related_needs(record: EpisodeRecord) -> list[tuple[Need, ...]]:
+    """Return for each sub-task the needs that an earlier one of the same room had too."""
+    spoken: dict[str, set[str]] = {}
+    found = []
+    for sub in record.subtasks:
+        mine, here = needs(sub.goals), spoken.setdefault(sub.scene, set())
+        found.append(tuple(need for need in mine if need & here))
+        here.update(*mine)
+    return found
+
+
+def types_of(object_ids: Iterable[str]) -> frozenset[str]:
+    """Return the types of some ids; pieces count for their whole.
+
+    >>> sorted(types_of(["Apple|+1|+1|+0|AppleSliced_2", "Mug|+0|+1|+0"]))
+    ['Apple', 'Mug']
+    """
+    return frozenset(base_type(root_type(object_id)) for object_id in object_ids)
+
+
+def wanted_types(goals: tuple[str, ...]) -> tuple[str, ...]:
+    """Return every type that the goals allow, once: what a record's queries and hits count."""
+    return tuple(dict.fromkeys(kind for group in _loose(goals) for kind in group))
+
+
+@cache
+def _loose(goals: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+    """Return for each name in the goals its alternatives that can be carried, if it has any."""
+    groups = (
+        tuple(root_type(kind) for kind in alternatives(name))
+        for text in goals
+        for name in object_names(parse_goal(text))
+    )
+    loose = (tuple(k for k in group if k in types_with("pickupable")) for group in groups)
+    return tuple(group for group in loose if group)
+
 
 Observations = Sequence[float]
 
@@ -50,6 +104,7 @@ class Metric:
     only: Callable[[EpisodeRecord], bool] | None = None  # undefined unless an episode has this:
     # a row without a planner has no planner calls, rather than 0
     is_rate: bool = False  # they are zeros and ones
+    is_solved: bool = False  # of a saving: of pairs that both solved; who gives up searches little
     digits: int = 2  # after the point
 
 
@@ -299,11 +354,6 @@ def episodes_of(
         for one in complete
         if not one.unjudged
     ]
-
-
-def unjudged(records: Iterable[EpisodeRecord]) -> dict[str, str]:
-    """Return the tasks that are in no figure, and why nobody can be judged by them."""
-    return {one.task: one.unjudged for one in records if one.unjudged}
 
 
 def _tours_of(records: Sequence[EpisodeRecord], row: str) -> dict[str, tuple[Tour, int]]:

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from karma.agent.journal.records import ALL, EpisodeRecord, kinds_of
-from karma.bench.figures.columns import Figures
+from karma.bench.figures.columns import Figures, by_row_and_kind
+from karma.bench.figures.metrics import SUCCESS, by_task, episodes_of
 from karma.bench.figures.statistics import Estimate, more_seeds, rate
 from karma.errors import KarmaError, did_you_mean
 
@@ -57,25 +58,18 @@ def reached(records: Sequence[EpisodeRecord], wanted: Precision) -> tuple[Reache
 
     The records are of complete seeds; their order changes no figure.
     """
-    groups: dict[tuple[str, str], dict[str, list[float]]] = {}
-    records = [record for record in records if not record.unjudged]
-    for one in sorted(records, key=lambda record: record.key):
-        tasks = groups.setdefault((one.row, one.kind), {})
-        tasks.setdefault(one.task, []).append(float(one.success))
-    rows = list(dict.fromkeys(record.row for record in records))
+    episodes, width = episodes_of(records), wanted.half_width
     found = []
-    for row in rows:
-        for kind in kinds_of(records):
-            if (row, kind) in groups:
-                mine = list(groups[row, kind].values())
-                seeds, width = max(map(len, mine)), wanted.half_width
-                hopeless = seeds > 1 and more_seeds(mine, width, at_least=True) is None
-                found.append(
-                    Reached(
-                        row=row, kind=kind, tasks=len(mine), seeds=seeds, success=rate(mine),
-                        more_seeds=more_seeds(mine, width), takes_tasks=hopeless,
-                    )
-                )  # fmt: skip
+    for row, kind, some in by_row_and_kind(episodes, kinds_of(one.record for one in episodes)):
+        mine = list(by_task(SUCCESS, some).values())
+        seeds = max(map(len, mine))
+        hopeless = seeds > 1 and more_seeds(mine, width, at_least=True) is None
+        found.append(
+            Reached(
+                row=row, kind=kind, tasks=len(mine), seeds=seeds, success=rate(mine),
+                more_seeds=more_seeds(mine, width), takes_tasks=hopeless,
+            )
+        )  # fmt: skip
     return tuple(found)
 
 

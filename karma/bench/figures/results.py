@@ -1,5 +1,7 @@
 """Everything that is said of a run, from its folder, also beside others and the paper."""
 
+import csv
+import io
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,10 +16,10 @@ from karma.bench.figures.columns import COLUMNS, LOTA_ROW, OFF_ROW, figures_of, 
 from karma.bench.figures.compare import Arm, Comparison, arm_of, compare_kinds, rows_of
 from karma.bench.figures.failures import Failure, failures
 from karma.bench.figures.metrics import TimedEpisode, episodes_of
-from karma.bench.figures.sheet import Sheet
 from karma.bench.figures.statistics import Estimate, interval_text
-from karma.bench.figures.tables import PublishedFigures, Result
-from karma.errors import KarmaError
+from karma.bench.figures.tables import PUBLISHED_COLUMNS, PublishedFigures, Result, Sheet
+from karma.errors import FileError, KarmaError
+from karma.files import read_bytes, shipped
 
 
 def result_of(
@@ -63,6 +65,59 @@ def _failures(run: RunData, episode: TimedEpisode) -> tuple[Failure, ...]:
         return ()
     path = steps_path(run.folder, *episode.record.key)
     return failures(episode, read_steps(path) if path.exists() else None)
+
+
+# ----------------------------------------------------------------- as CSV
+
+
+def load_published(path: Path | None) -> PublishedFigures:
+    """Read the paper's figures, by default those that ship.
+
+    Raises:
+        FileError: a line lacks a column, or its value is no number; names the line.
+    """
+    found: dict[tuple[str, str, str], float] = {}
+    ours = shipped("eval") / "paper" / "published.csv"
+    path = path or ours
+    try:
+        text = read_bytes(path, fix=f"--published FILE; ours is {ours}").decode()
+    except UnicodeDecodeError as error:
+        raise FileError(path, str(error)) from error
+    for number, row in enumerate(csv.DictReader(io.StringIO(text)), start=2):
+        try:
+            key = row["row"], row["kind"], row["metric"]
+            if row["metric"] not in PUBLISHED_COLUMNS:
+                raise ValueError(
+                    f"metric {row['metric']!r}; there are {', '.join(PUBLISHED_COLUMNS)}"
+                )
+            found[key] = float(row["value"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise FileError(path, f"line {number}: {error}") from error
+    return found
+
+
+def to_csv(result: Result) -> str:
+    """Write every figure of a run, one a line, with its interval and what was published."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(
+        ("row", "kind", "metric", "value", "low", "high", "episodes", "tasks", "seeds", "published")
+    )
+    for line in result.figures:
+        for key, one in line.values.items():
+            there = result.published.get((line.row, line.kind, key))
+            low_high = (one.interval.low, one.interval.high) if one.interval else (None, None)
+            writer.writerow(
+                (
+                    line.row, line.kind, key, *(_plain(v) for v in (one.value, *low_high)),
+                    line.episodes, line.tasks, line.seeds, _plain(there),
+                )
+            )  # fmt: skip
+    return out.getvalue()
+
+
+def _plain(value: float | None) -> str:
+    return "" if value is None else f"{value:.6g}"
 
 
 # ----------------------------------------------------------------- arms by name

@@ -1,13 +1,10 @@
 """Tables 1 and 2 of the paper from a run's records, beside the published figures.
 
-A table is a `Sheet`, written as Markdown or LaTeX; the CSV has the numbers themselves.
+A table is a `Sheet`, written as Markdown or LaTeX.
 """
 
-import csv
-import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from karma.agent.journal.formats import UNKNOWN, figure_text, plural
 from karma.agent.journal.records import ALL, KINDS, NOT_TRAINED, TRAINED
@@ -22,52 +19,75 @@ from karma.bench.figures.columns import (
 from karma.bench.figures.compare import Comparison
 from karma.bench.figures.failures import CAUSES, Failure, count
 from karma.bench.figures.metrics import METRICS, SUCCESS
-from karma.bench.figures.sheet import Sheet
 from karma.bench.figures.statistics import interval_text
-from karma.errors import FileError
-from karma.files import read_bytes, shipped
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sheet:
+    """A table in words."""
+
+    title: str
+    caption: str
+    head: tuple[str, ...]
+    lines: tuple[tuple[str, ...], ...]
+
+
+def to_markdown(tables: Sequence[Sheet]) -> str:
+    """Write sheets as Markdown."""
+    return "\n".join(_markdown(sheet) for sheet in tables)
+
+
+def _markdown(sheet: Sheet) -> str:
+    def line(cells: Sequence[str]) -> str:
+        return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+    rows = [line(sheet.head), "|" + "---|" * len(sheet.head), *map(line, sheet.lines)]
+    return f"### {sheet.title}\n\n" + "\n".join(rows) + f"\n\n{sheet.caption}\n"
+
+
+def to_latex(tables: Sequence[Sheet]) -> str:
+    """Write sheets as LaTeX tables; they need the packages booktabs and graphicx."""
+    return "% \\usepackage{booktabs,graphicx}\n" + "\n".join(_latex(sheet) for sheet in tables)
+
+
+def _latex(sheet: Sheet) -> str:
+    def line(cells: Sequence[str]) -> str:
+        return " & ".join(map(_escaped, cells)) + r" \\"
+
+    return "\n".join(
+        (
+            r"\begin{table}[t]",
+            r"\centering",
+            rf"\caption{{{_escaped(sheet.title)}. {_escaped(sheet.caption)}}}",
+            r"\resizebox{\linewidth}{!}{%",
+            rf"\begin{{tabular}}{{l{'r' * (len(sheet.head) - 1)}}}",
+            r"\toprule",
+            line(sheet.head),
+            r"\midrule",
+            *map(line, sheet.lines),
+            r"\bottomrule",
+            r"\end{tabular}}",
+            r"\end{table}",
+            "",
+        )
+    )
+
+
+_SPECIAL = {
+    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_",
+    "{": r"\{", "}": r"\}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
+    "–": "--", "×": r"$\times$", "<": r"$<$", ">": r"$>$", "[": "{[}", "]": "{]}",
+}  # fmt: skip
+
+
+def _escaped(text: str) -> str:
+    return "".join(_SPECIAL.get(letter, letter) for letter in text)
+
 
 PUBLISHED_COLUMNS = ("success", "retrieved", "re", "rt")  # of Tables 1 and 2, by our keys
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Published:
-    """One figure of the paper."""
-
-    value: float
-    source: str  # its table
-    paper_row: str  # the row's name there
-
-
-PublishedFigures = Mapping[tuple[str, str, str], Published]  # (our row, kind, column)
-
-
-def load_published(path: Path | None) -> PublishedFigures:
-    """Read the paper's figures, by default those that ship.
-
-    Raises:
-        FileError: a line lacks a column, or its value is no number; names the line.
-    """
-    found: dict[tuple[str, str, str], Published] = {}
-    ours = shipped("eval") / "paper" / "published.csv"
-    path = path or ours
-    try:
-        text = read_bytes(path, fix=f"--published FILE; ours is {ours}").decode()
-    except UnicodeDecodeError as error:
-        raise FileError(path, str(error)) from error
-    for number, row in enumerate(csv.DictReader(io.StringIO(text)), start=2):
-        try:
-            key = row["row"], row["kind"], row["metric"]
-            if row["metric"] not in PUBLISHED_COLUMNS:
-                raise ValueError(
-                    f"metric {row['metric']!r}; there are {', '.join(PUBLISHED_COLUMNS)}"
-                )
-            found[key] = Published(
-                value=float(row["value"]), source=row["source"], paper_row=row["paper_row"]
-            )
-        except (KeyError, TypeError, ValueError) as error:
-            raise FileError(path, f"line {number}: {error}") from error
-    return found
+PublishedFigures = Mapping[tuple[str, str, str], float]  # (our row, kind, column)
 
 
 _OURS_ALONE = ("rt_clock", "re_toured")  # beside the paper's columns, where measured
@@ -155,7 +175,7 @@ def _main(result: Result, kind: str) -> Sheet:
         for column in PUBLISHED_COLUMNS:
             cells.append(interval_text(line.values[column]))
             there = result.published.get((line.row, kind, column))
-            cells.append(UNKNOWN if there is None else f"{there.value:g}")
+            cells.append(UNKNOWN if there is None else f"{there:g}")
         cells += (interval_text(line.values[key]) for key in more)
         rows.append(tuple(cells))
     alone = "SR asks for every sub-task of a sequence, so read their share in the next table. "
@@ -234,52 +254,55 @@ def _costs(result: Result) -> Sheet:
         if one.key not in (*PUBLISHED_COLUMNS, "retrieved_of_held")
         and _any_measured(result.figures, one.key)
     ]
-    rows = []
-    for line in _by_kind(result.figures):
-        cells = (figure_text(line.values[metric.key].value, metric.digits) for metric in metrics)
-        rows.append((line.row, line.kind, *cells))
-    return Sheet(
+    return _by_kind(
+        result.figures,
         title=f"{result.name}: what an episode did and took",
         caption=(
             f"{size_words([line for line in result.figures if line.kind == ALL])}; "
             "sub-tasks, goals, MHR: shares; the rest: means per episode."
         ),
-        head=("method", "tasks", *(metric.title for metric in metrics)),
-        lines=tuple(rows),
+        head=[metric.title for metric in metrics],
+        cells=lambda one: [figure_text(one.values[m.key].value, m.digits) for m in metrics],
     )
 
 
-def _by_kind(lines: Sequence[Counted]) -> list[Counted]:
-    """Return a line per kind, and one over all where there are several kinds."""
-    return [one for one in without_repeats(lines) if one.kind not in (TRAINED, NOT_TRAINED)]
+def _by_kind(
+    lines: Sequence[Counted],
+    *,
+    title: str,
+    caption: str,
+    head: Sequence[str],
+    cells: Callable[[Counted], Sequence[str]],
+) -> Sheet:
+    """Return a table with a line per row and kind, and one over all where there are several."""
+    shown = [one for one in without_repeats(lines) if one.kind not in (TRAINED, NOT_TRAINED)]
+    rows = tuple((line.row, line.kind, *cells(line)) for line in shown)
+    return Sheet(title=title, caption=caption, head=("method", "tasks", *head), lines=rows)
 
 
 def _savings(lines: Sequence[Reduction], words: str) -> Sheet:
     plain = [one for one in SAVINGS if one not in _TOURED]
-    return Sheet(
+    return _by_kind(
+        lines,
         title=f"Saved against {lines[0].reference}",
         caption=(
             f"Shares saved of what the reference row spent: {words}. Related: only in sub-tasks "
             "that come back to a thing; what is asked for first has to be searched by everybody. "
             "Both solved: only in such pairs, as an agent that gives up early also searches little."
         ),
-        head=("method", "tasks", "pairs", "both solved", *(one.title for one in plain)),
-        lines=tuple(
-            (
-                one.row,
-                one.kind,
-                str(one.pairs),
-                str(one.solved_pairs),
-                *(interval_text(one.values[saving.key]) for saving in plain),
-            )
-            for one in _by_kind(lines)
-        ),
+        head=["pairs", "both solved", *(one.title for one in plain)],
+        cells=lambda line: [
+            str(line.pairs),
+            str(line.solved_pairs),
+            *(interval_text(line.values[saving.key]) for saving in plain),
+        ],
     )
 
 
 def _tours(result: Result) -> Sheet:
     lines = [one for one in result.reductions if one.values["re_toured"].value is not None]
-    return Sheet(
+    return _by_kind(
+        lines,
         title=f"Saved against {lines[0].reference}, with the first tour of each room counted",
         caption=(
             "A row with a map has walked through the room once before its first instruction there. "
@@ -287,11 +310,8 @@ def _tours(result: Result) -> Sheet:
             "the room in this run; over 10 or 40: as if it were asked so many. Rows without a map "
             "have no tour; HELPER's look around is among its steps."
         ),
-        head=("method", "tasks", *(one.title for one in _TOURED)),
-        lines=tuple(
-            (one.row, one.kind, *(interval_text(one.values[saving.key]) for saving in _TOURED))
-            for one in _by_kind(lines)
-        ),
+        head=[one.title for one in _TOURED],
+        cells=lambda one: [interval_text(one.values[saving.key]) for saving in _TOURED],
     )
 
 
@@ -334,41 +354,18 @@ def comparison_sheet(comparisons: Sequence[Comparison]) -> Sheet:
 
 
 def _causes(result: Result, *, first_only: bool) -> Sheet:
-    rows = []
-    for line in _by_kind(result.figures):
+    def counts(line: Figures) -> list[str]:
         mine = [
             one for one in result.failures if one.row == line.row and line.kind in (one.kind, ALL)
         ]
-        counts = count(mine, first_only=first_only)
-        rows.append((line.row, line.kind, str(sum(counts.values())), *map(str, counts.values())))
+        found = count(mine, first_only=first_only).values()
+        return [str(sum(found)), *map(str, found)]
+
     what = "the first failed sub-task of each episode" if first_only else "every failed sub-task"
-    return Sheet(
+    return _by_kind(
+        result.figures,
         title=f"{result.name}: causes of failure, {what}",
         caption=f"One cause for {what}, by the rules of docs/metrics.md.",
-        head=("method", "tasks", "failed", *CAUSES),
-        lines=tuple(rows),
+        head=["failed", *CAUSES],
+        cells=counts,
     )
-
-
-def to_csv(result: Result) -> str:
-    """Write every figure of a run, one a line, with its interval and what was published."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(
-        ("row", "kind", "metric", "value", "low", "high", "episodes", "tasks", "seeds", "published")
-    )
-    for line in result.figures:
-        for key, one in line.values.items():
-            there = result.published.get((line.row, line.kind, key))
-            low_high = (one.interval.low, one.interval.high) if one.interval else (None, None)
-            writer.writerow(
-                (
-                    line.row, line.kind, key, *(_plain(v) for v in (one.value, *low_high)),
-                    line.episodes, line.tasks, line.seeds, _plain(there.value if there else None),
-                )
-            )  # fmt: skip
-    return out.getvalue()
-
-
-def _plain(value: float | None) -> str:
-    return "" if value is None else f"{value:.6g}"

@@ -12,7 +12,7 @@ from karma.agent.journal.owned_folder import STEPS, kind_in
 from karma.agent.journal.records import ALL
 from karma.agent.journal.run_folder import RunData, read_run
 from karma.bench.engine.sweep_folder import read_sweep
-from karma.bench.figures.columns import COLUMNS, Figures, Saving, figures
+from karma.bench.figures.columns import COLUMNS, Figures, figures
 from karma.bench.figures.compare import compare_kinds, rows_of
 from karma.bench.figures.metrics import Metric
 from karma.bench.figures.results import Side, check_same_rooms, split_name
@@ -49,7 +49,7 @@ class ComparisonPage:
     title: str
     reference: str
     sides: tuple[str, ...]
-    columns: tuple[Metric | Saving, ...]
+    columns: tuple[Metric, ...]
     lines: tuple[ResultLine, ...]
     against: Mapping[tuple[str, str], Against]  # by side and kind
     plot: Plot

@@ -9,12 +9,11 @@ import msgspec
 from karma.agent.journal.formats import UNKNOWN, figure_text
 from karma.agent.journal.records import SAID, Turn, read_turns
 from karma.agent.journal.run_folder import RunData
-from karma.bench.figures.columns import COLUMNS, Saving
+from karma.bench.figures.columns import COLUMNS
 from karma.bench.figures.compare import rows_of
 from karma.bench.figures.failures import Failure
 from karma.bench.figures.metrics import Metric
-from karma.bench.figures.sheet import Sheet
-from karma.bench.figures.tables import Result, sheets, size_words
+from karma.bench.figures.tables import Result, Sheet, sheets, size_words
 from karma.bench.report.episodes import EpisodeReplay
 from karma.bench.report.html import Frames, fill, script_data
 from karma.bench.report.results import (
@@ -44,7 +43,7 @@ class Page:
     seeds: int
     rows: tuple[str, ...]
     caption: str
-    columns: tuple[Metric | Saving, ...]
+    columns: tuple[Metric, ...]
     lines: tuple[ResultLine, ...]
     plots: tuple[Plot, ...]
     sheets: tuple[Sheet, ...]  # the tables that stand in papers

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from karma.agent.journal.formats import figure_text
 from karma.agent.journal.records import ALL, KINDS, EpisodeRecord
-from karma.bench.figures.columns import COLUMNS, Figures, Saving, without_repeats
+from karma.bench.figures.columns import COLUMNS, Figures, without_repeats
 from karma.bench.figures.compare import rows_of
 from karma.bench.figures.failures import CAUSES, Failure, count
 from karma.bench.figures.metrics import Metric
@@ -45,7 +45,7 @@ class ResultLine:
     values: tuple[FigureText, ...]  # one for each of `columns`
 
 
-def columns(lines: Sequence[Figures]) -> tuple[Metric | Saving, ...]:
+def columns(lines: Sequence[Figures]) -> tuple[Metric, ...]:
     """Return the columns of the table in which something was measured."""
     has_sequences = any(line.kind == "sequence" for line in lines)
     return tuple(
@@ -69,7 +69,7 @@ def result_lines(lines: Sequence[Figures]) -> tuple[ResultLine, ...]:
     return tuple(found)
 
 
-def _cell(column: Metric | Saving, found: Estimate) -> FigureText:
+def _cell(column: Metric, found: Estimate) -> FigureText:
     text = _signed(figure_text(found.value, column.digits))
     if column.key not in _SHARES or found.interval is None:
         return FigureText(text=text)

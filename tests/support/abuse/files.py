@@ -41,7 +41,7 @@ def _tasks(path: Path) -> object:
 
 
 def _authors(path: Path) -> object:
-    from karma.bench.tasks.authors import load_authors_tasks
+    from karma.bench.engine.published_tasks import load_authors_tasks
 
     return load_authors_tasks([path])
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from karma.agent.journal.records import NotRun
+from karma.bench.engine.published_tasks import ListedTask
 from karma.bench.engine.suite import BenchmarkResults, Chain, Play, planner_of
 from karma.bench.rows.lota import chooser_of
 from karma.bench.suites.alfred.eb_planner import PlannerAnswer, PlannerPlayer
@@ -13,7 +14,6 @@ from karma.bench.suites.alfred.experiment import EbExperiment, EbRow, LotaExperi
 from karma.bench.suites.alfred.lota_planner import GeneratedPlayer, LotaAnswer, ScoredPlayer
 from karma.bench.suites.alfred.players import BenchmarkPlayer, ChancePlayer, ExpertPlayer
 from karma.bench.suites.alfred.table import EB_TABLES, LOTA_TABLES, results_of
-from karma.bench.tasks.alfred import ListedTask
 from karma.contracts import LanguageModel
 from karma.errors import FileError, KarmaError
 from karma.infer.hosted.session import Session

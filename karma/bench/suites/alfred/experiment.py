@@ -9,9 +9,9 @@ from msgspec import Meta
 
 from karma.agent.loading.models import Models
 from karma.bench.engine.experiment import check_listed, select
+from karma.bench.engine.published_tasks import ListedTask, read_lists
 from karma.bench.suites.alfred.eb_planner import PromptOptions, kind_of
 from karma.bench.suites.alfred.lota_planner import LotaPromptOptions
-from karma.bench.tasks.alfred import ListedTask, read_lists
 from karma.contracts import Scoring
 from karma.errors import FileError
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from karma.agent.journal.formats import figure_text
 from karma.bench.engine.suite import BenchmarkResults
-from karma.bench.figures.sheet import Sheet
 from karma.bench.figures.statistics import wilson
+from karma.bench.figures.tables import Sheet
 from karma.bench.suites.alfred.experiment import SUBSETS
 from karma.errors import FileError
 from karma.files import read_bytes

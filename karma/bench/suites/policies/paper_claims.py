@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 import msgspec
 
 from karma.agent.journal.formats import UNKNOWN, percent_text, range_text
-from karma.bench.figures.sheet import Sheet
+from karma.bench.figures.tables import Sheet
 from karma.bench.suites.policies.simulate import BELADY
 from karma.bench.suites.policies.sweep import (
     Bootstrapped,

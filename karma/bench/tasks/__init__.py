@@ -1,1 +1,0 @@
-"""Task files of ours and of others, read and checked."""
