@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from support.paths import SHARED
+from support.paths import ROOT, SHARED
 
 from karma.infer.manifest.manifest import PLANNER, find_model, is_present, verify
 from karma.offline import guard as offline
@@ -46,6 +46,18 @@ def smollm() -> Path:
 def mini() -> Path:
     """The tuned planner; skips where set-up could not make it."""
     return _brought("karma-mini")
+
+
+@pytest.fixture(scope="session")
+def clean_models(tmp_path_factory) -> Path:
+    """The folder `models` without the gigabytes that may be brought, which take long to hash."""
+    folder = tmp_path_factory.mktemp("models")
+    (folder / "weights").mkdir()
+    for path in (*(ROOT / "models").iterdir(), ROOT / "models/weights/karma-mini"):
+        link = folder / path.relative_to(ROOT / "models")
+        if path.exists() and not link.exists() and path.name != "local.toml":
+            link.symlink_to(path)
+    return folder
 
 
 @pytest.fixture(scope="session")

@@ -254,9 +254,8 @@ from karma.cli import app
 app(sys.argv[1:])
 """
 CALLS = {
-    "open": "__import__('requests').get('http://example.org/telemetry')",
+    "open": "__import__('urllib.request').request.urlopen('http://192.0.2.1/')",
     "hidden": "try: __import__('requests').get('http://example.org')\n    except Exception: pass",
-    "urllib": "__import__('urllib.request').request.urlopen('http://192.0.2.1/')",
 }
 
 
