@@ -1,6 +1,7 @@
 """What every test gets: no network, the same examples each time, reference data if it exists."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,32 @@ def smollm() -> Path:
 def mini() -> Path:
     """The tuned planner; skips where set-up could not make it."""
     return _brought("karma-mini")
+
+
+@pytest.fixture(scope="session")
+def nano(tmp_path_factory):
+    """Models of an agent with karma-nano, loaded once."""
+    from support.needs import need_models
+
+    from karma.agent.loading.models import Models, load_resources
+    from karma.talk.agent import asking
+
+    need_models("karma-nano")
+    maps = tmp_path_factory.mktemp("maps")
+    return load_resources(asking(Models(planner="karma-nano")), maps=maps, seed=0, learn=True)
+
+
+@pytest.fixture
+def agent_in(nano, tmp_path):
+    """A function that returns an agent with karma-nano in a room that it does not know."""
+    from karma.talk.agent import Agent
+
+    def begin(scene, name="run"):
+        maps = tmp_path / f"maps-{name}"
+        loaded = replace(nano, maps=maps)
+        return Agent(scene, resources=loaded, folder=tmp_path / name, maps=maps)
+
+    return begin
 
 
 @pytest.fixture(scope="session")

@@ -3,13 +3,15 @@
 import ast
 import json
 import re
-import subprocess
-import sys
 
+import make_transcript
 import pytest
 from support.needs import need_models
 from support.paths import ROOT
 from support.tiny import export_tiny
+from typer.testing import CliRunner
+
+from karma.cli import app
 
 PAGE, NOTEBOOK = ROOT / "docs" / "quickstart.md", ROOT / "docs" / "quickstart.ipynb"
 
@@ -76,14 +78,32 @@ def test_first_lines_of_python_are_five():
     assert len([line for line in first[1].splitlines() if line.strip()]) == 5
 
 
-def test_transcript_has_what_was_said_and_counts_what_became_of_it(tmp_path):
+@pytest.fixture
+def transcript(monkeypatch, tmp_path):
+    """A function that returns the page of some talks, held in this process."""
+
+    def printed(talk, options, folder):
+        monkeypatch.chdir(folder)
+        said = "".join(f"{words}\n" for _, words in talk.said)
+        words = ["chat", *talk.options, *options]
+        done = CliRunner().invoke(app, words, input=said, env={"COLUMNS": "80"})
+        assert done.exit_code in (0, 3, 4, 5), done.output
+        return done.stdout.splitlines()
+
+    def page(text, **options):
+        said, out = tmp_path / "said.txt", tmp_path / "x.md"
+        said.write_text(text, encoding="utf-8")
+        make_transcript.main(said=said, out=out, **options)
+        return out.read_text(encoding="utf-8")
+
+    monkeypatch.setattr(make_transcript, "printed", printed)
+    return page
+
+
+def test_transcript_has_what_was_said_and_counts_what_became_of_it(transcript, tmp_path):
     planner = export_tiny(tmp_path / "tiny.gguf")
-    said = tmp_path / "said.txt"
-    said.write_text("@ kitchen_1\n+ open the fridge\n- sing\n", encoding="utf-8")
-    command = [sys.executable, str(ROOT / "scripts" / "make_transcript.py"), "--planner"]
-    command += [str(planner), "--profile", "compact", "--said", str(said)]
-    subprocess.run([*command, "--out", str(tmp_path / "x.md")], check=True, capture_output=True)
-    page = (tmp_path / "x.md").read_text(encoding="utf-8")
+    said = "@ kitchen_1\n+ open the fridge\n- sing\n"
+    page = transcript(said, planner=str(planner), profile="compact")
     assert "> open the fridge" in page and "> sing" in page
     assert "| can be done there | 1 |" in page
 
@@ -102,15 +122,10 @@ def test_transcript_in_the_documents_is_of_that_list():
     assert re.findall(r"^> (.*)$", page, re.MULTILINE) == said
 
 
-def test_days_in_homes_are_as_the_page_has_them(tmp_path):
+def test_days_in_homes_are_as_the_page_has_them(transcript):
     """All but how sure a planner is, of which processors may differ in the last digits."""
     said = (ROOT / "eval" / "talk" / "said.txt").read_text(encoding="utf-8")
-    days = tmp_path / "days.txt"
     homes = [talk for talk in said.split("@ ")[1:] if len(talk.splitlines()[0].split()) > 1]
-    days.write_text("".join(f"@ {talk}" for talk in homes))
-    script = str(ROOT / "scripts" / "make_transcript.py")
-    command = [sys.executable, script, "--said", str(days), "--out", str(tmp_path / "days.md")]
-    subprocess.run(command, check=True, capture_output=True)
 
     def told(text):
         talks = [talk for talk in text.split("\n## ")[1:] if "--home" in talk]
@@ -119,7 +134,7 @@ def test_days_in_homes_are_as_the_page_has_them(tmp_path):
         return [line for line in lines if line and not line.startswith("  sure:")]
 
     page = (ROOT / "docs" / "transcript.md").read_text(encoding="utf-8")
-    assert told((tmp_path / "days.md").read_text(encoding="utf-8")) == told(page)
+    assert told(transcript("".join(f"@ {talk}" for talk in homes))) == told(page)
 
 
 def test_conversation_on_the_front_page_stands_in_the_transcript():

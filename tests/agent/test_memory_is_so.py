@@ -5,7 +5,6 @@ import pytest
 from support.experiences import Words
 from support.household import kitchen
 
-from karma import Agent
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.contracts import Decoding, SceneRef, SubTask
@@ -74,10 +73,10 @@ def test_what_lies_in_a_carried_vessel_moves_with_it_at_every_depth(start, toget
 
 
 @pytest.mark.parametrize("scene", ["kitchen_1", "kitchen_2", "kitchen_3", "kitchen_4"])
-def test_apple_in_a_bowl_in_the_fridge_is_fetched_as_fast_as_without_the_bowl(scene, tmp_path):
+def test_apple_in_a_bowl_in_the_fridge_is_fetched_as_fast_as_without_the_bowl(scene, agent_in):
     steps, searched = {}, {}
     for way, first in (("bowl", "put the apple in the bowl"), ("alone", "")):
-        agent = Agent(scene, folder=tmp_path / way, maps=tmp_path / f"{way}-maps")
+        agent = agent_in(scene, way)
         if first:
             agent.do(first)
         agent.do("put the bowl in the fridge" if first else "put the apple in the fridge")
