@@ -35,13 +35,6 @@ TASK = (
     '{"id": "%s", "kind": "simple", "scene": "kitchen_1", "subtasks": [{"instruction": '
     '"Open the fridge.", "goals": ["OPEN(Fridge)"]}]}\n'
 )
-LIVED = """name = "l"
-benchmark = "lived"
-homes = 2
-days = 1
-settings = [{ name = "usual", rooms = [2, 2] }]
-rows = [{ name = "last seen", design = "last-seen" }]
-"""
 THOR = """from karma.world.player import command
 from karma.world.thor.backend import ThorWorld
 world = ThorWorld(command())
@@ -82,7 +75,6 @@ def folder(tmp_path):
         (place / f"{name}.py").write_text(text)
     (place / "e.toml").write_text(EXPERIMENT)
     (place / "expert.toml").write_text(EXPERT)
-    (place / "lived.toml").write_text(LIVED)
     (place / "tasks.jsonl").write_text(TASK % "a" + TASK % "b")
     return place
 
@@ -106,11 +98,10 @@ KARMA = (sys.executable, "-P", "-m", "karma")
     "words",
     [
         (*KARMA, "eval", "e.toml", "--workers", "2", "--out", "out"),
-        (*KARMA, "eval", "lived.toml", "--workers", "2", "--out", "out"),
         (sys.executable, "-m", "karma", "eval", "expert.toml", "--workers", "2", "--out", "out"),
         (sys.executable, "-P", "-c", IN_PYTHON),
     ],
-    ids=["workers", "workers of a benchmark", "python -m", "in Python"],
+    ids=["workers", "python -m", "in Python"],
 )
 def test_workers_execute_nothing_of_the_folder(folder, words):
     need_models("karma-nano")
