@@ -2,17 +2,11 @@
 
 import msgspec
 import pytest
-from support.experiences import Words
+from support.experiences import begun
 from support.household import kitchen
 
-from karma.agent.karma import KarmaMethod, KarmaSettings
-from karma.agent.planning.planner import Planner
-from karma.contracts import Decoding, SceneRef, SubTask
-from karma.files import to_json
+from karma.contracts import Decoding, SubTask
 from karma.infer.scripted import ScriptedModel
-from karma.infer.vision.metadata import MetadataVision
-from karma.memory.recall import CosineRecall
-from karma.world.sim import EmbeddedWorld
 
 
 @pytest.fixture
@@ -20,18 +14,10 @@ def start(tmp_path):
     """A function that begins an episode whose model says the given programs."""
 
     def begin(*answers, refusing=False, without=()):
-        path = tmp_path / "kitchen.json"
-        room = kitchen()
-        kept = tuple(one for one in room.objects if one.type not in without)
-        path.write_bytes(to_json(msgspec.structs.replace(room, objects=kept)))
-        world = EmbeddedWorld(str(path))
-        method = KarmaMethod(
-            Planner(ScriptedModel(answers), "compact", Decoding(attempts=1, refusing=refusing)),
-            CosineRecall(Words(), text="sentence"),
-            MetadataVision(),
-            KarmaSettings(),
-        )
-        return method.begin(world, SceneRef.of(str(path)), seed=0, folder=tmp_path), world
+        kept = tuple(one for one in kitchen().objects if one.type not in without)
+        room = msgspec.structs.replace(kitchen(), objects=kept)
+        decoding = Decoding(attempts=1, refusing=refusing)
+        return begun(tmp_path, ScriptedModel(answers), room=room, decoding=decoding)
 
     return begin
 
