@@ -1,5 +1,6 @@
 """What every test gets: no network, the same examples each time, reference data if it exists."""
 
+import gc
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -110,6 +111,11 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if "shared" in getattr(item, "fixturenames", ()):
             item.add_marker("shared")
+
+
+def pytest_collection_finish():
+    """What was imported stays: no search for garbage goes through it again."""
+    gc.freeze()
 
 
 def pytest_runtest_setup(item):
