@@ -113,7 +113,8 @@ def test_installed_karma_brings_fixtures_for_the_tests_of_others(installed):
     example = (ROOT / "docs" / "testing.md").read_text(encoding="utf-8")
     code = example.partition("```python\n")[2].partition("```")[0]
     (installed.empty / "test_ours.py").write_text(code, encoding="utf-8")
-    done = installed.run("python", "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_ours.py")
+    plain = ("-q", "-p", "no:cacheprovider", "--assert=plain")  # else all of karma is compiled anew
+    done = installed.run("python", "-m", "pytest", *plain, "test_ours.py")
     assert "2 passed" in done.stdout, done.stdout + done.stderr
 
 
