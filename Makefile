@@ -11,7 +11,7 @@ HASHED := $(wildcard $(foreach name,short_term scene_graph recall program prompt
 SHARED_TESTS = $(shell grep -lE 'SHARED|\bshared\b' tests/test_*.py tests/*/test_*.py tests/*/*/test_*.py)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format scenes planner paper airgap docs server clean
+.PHONY: help setup demo test check hashed format scenes planner paper airgap docs server clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1|/p' Makefile | column -t -s '|' 2>/dev/null \
@@ -24,22 +24,25 @@ demo: setup ## run the small evaluation of eval/demo.toml
 	@echo "demo: karma eval eval/demo.toml --fresh"
 	@.venv/bin/karma eval eval/demo.toml --fresh
 
-test: check ## check, then all tests; those of the reference data last, where it is
-	@echo "test: what has golden answers, under another hash seed"
-	@PYTHONHASHSEED=4242 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) -qq -r fE $(HASHED)
+test: setup ## check, then all tests; those of the reference data last, where it is
+	@$(MAKE) -j 2 --output-sync=target check hashed
 	@echo "test: everything as where the reference data is not, $(WORKERS) workers, some minutes"
 	@KARMA_SHARED=/nowhere PYTHONHASHSEED=0 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) --dist worksteal
 	@echo "test: what reads the reference data (KARMA_SHARED, else ../shared)"
 	@PYTHONHASHSEED=0 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) --dist worksteal -m shared $(SHARED_TESTS)
+
+hashed: setup
+	@echo "test: what has golden answers, under another hash seed"
+	@PYTHONHASHSEED=4242 OMP_NUM_THREADS=1 $(PY) -m pytest -n 0 -qq -r fE $(HASHED)
 
 check: setup ## names of test files, format, lint, types, layers
 	@echo "check: two test files of one name cannot be collected together"
 	@! find tests -name 'test_*.py' -printf '%f\n' | sort | uniq -d | grep .
 	@echo "check: ruff format" && $(PY) -m ruff format --check --quiet .
 	@echo "check: ruff" && $(PY) -m ruff check --quiet .
-	@echo "check: mypy" && $(PY) -m mypy --no-error-summary
 	@echo "check: layers" && .venv/bin/lint-imports --no-logo >.venv/layers.log \
 		|| { cat .venv/layers.log; exit 1; }
+	@echo "check: mypy" && $(PY) -m mypy --no-error-summary
 
 format: setup ## write what `check` asks for where ruff can
 	@$(PY) -m ruff format . && $(PY) -m ruff check --fix .

@@ -1,11 +1,13 @@
 """What every test gets: no network, the same examples each time, reference data if it exists."""
 
+import gc
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from support.paths import SHARED
+from support.paths import ROOT, SHARED
 
 from karma.infer.manifest import PLANNER, find_model, is_present, verify
 from karma.offline import guard as offline
@@ -49,6 +51,44 @@ def mini() -> Path:
 
 
 @pytest.fixture(scope="session")
+def nano(tmp_path_factory):
+    """Models of an agent with karma-nano, loaded once."""
+    from support.needs import need_models
+
+    from karma.agent.loading.models import Models, load_resources
+    from karma.talk.agent import asking
+
+    need_models("karma-nano")
+    maps = tmp_path_factory.mktemp("maps")
+    return load_resources(asking(Models(planner="karma-nano")), maps=maps, seed=0, learn=True)
+
+
+@pytest.fixture
+def agent_in(nano, tmp_path):
+    """A function that returns an agent with karma-nano in a room that it does not know."""
+    from karma.talk.agent import Agent
+
+    def begin(scene, name="run"):
+        maps = tmp_path / f"maps-{name}"
+        loaded = replace(nano, maps=maps)
+        return Agent(scene, resources=loaded, folder=tmp_path / name, maps=maps)
+
+    return begin
+
+
+@pytest.fixture(scope="session")
+def clean_models(tmp_path_factory) -> Path:
+    """The folder `models` without the gigabytes that may be brought, which take long to hash."""
+    folder = tmp_path_factory.mktemp("models")
+    (folder / "weights").mkdir()
+    for path in (*(ROOT / "models").iterdir(), ROOT / "models/weights/karma-mini"):
+        link = folder / path.relative_to(ROOT / "models")
+        if path.exists() and not link.exists() and path.name != "local.toml":
+            link.symlink_to(path)
+    return folder
+
+
+@pytest.fixture(scope="session")
 def server(tmp_path_factory):
     """The base URL of llama-cpp-python's server with the nano planner; it wants the key."""
     from support.hosted_server import KEY, llama_server
@@ -71,6 +111,11 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if "shared" in getattr(item, "fixturenames", ()):
             item.add_marker("shared")
+
+
+def pytest_collection_finish():
+    """What was imported stays: no search for garbage goes through it again."""
+    gc.freeze()
 
 
 def pytest_runtest_setup(item):

@@ -43,6 +43,10 @@ ASKING = {
     "urllib3": "__import__('urllib3').PoolManager().request('GET', 'http://example.org')",
 }
 
+EXPERT = (
+    f'name = "x"\ntasks = "{ROOT}/eval/alfred_l/tasks.jsonl"\nonly = ["simple-12"]\n'
+    '[[rows]]\nname = "expert"\nmethod = "expert"\n'
+)
 _OURS = {offline.OFFLINE, offline.LOG, *offline.SWITCHES, *offline.DEFAULTS}
 
 
@@ -224,17 +228,11 @@ def test_lab_can_forbid_leave(tmp_path):
     assert "unset KARMA_OFFLINE" in err
 
 
-@pytest.mark.parametrize("leave", [True, False])
-def test_header_of_a_run_says_whether_it_had_leave(leave, tmp_path):
-    (tmp_path / "x.toml").write_text(
-        f'name = "x"\ntasks = "{ROOT}/eval/alfred_l/tasks.jsonl"\nonly = ["simple-12"]\n'
-        '[[rows]]\nname = "expert"\nmethod = "expert"\n'
-    )
-    word = "'--allow-network', " if leave else ""
-    program = f"from karma.cli import app; app([{word}'eval', 'x.toml'])"
-    _, _, err = python(program, tmp_path)
+def test_header_of_a_run_says_that_it_had_no_leave(tmp_path):
+    (tmp_path / "x.toml").write_text(EXPERT)
+    _, _, err = python("from karma.cli import app; app(['eval', 'x.toml'])", tmp_path)
     header = json.loads((tmp_path / "runs/x/header.json").read_text())
-    assert header["network"] is leave, err
+    assert header["network"] is False, err  # with leave: tests/infer/test_hosted.py
 
 
 # ----------------------------------------------------------------- planted calls
@@ -254,19 +252,15 @@ from karma.cli import app
 app(sys.argv[1:])
 """
 CALLS = {
-    "open": "__import__('requests').get('http://example.org/telemetry')",
+    "open": "__import__('urllib.request').request.urlopen('http://192.0.2.1/')",
     "hidden": "try: __import__('requests').get('http://example.org')\n    except Exception: pass",
-    "urllib": "__import__('urllib.request').request.urlopen('http://192.0.2.1/')",
 }
 
 
 @pytest.mark.parametrize("kind", sorted(CALLS))
 def test_planted_call_fails_the_run_and_is_named(kind, tmp_path):
     """A world that telephones home; also one that hides it."""
-    (tmp_path / "x.toml").write_text(
-        f'name = "x"\ntasks = "{ROOT}/eval/alfred_l/tasks.jsonl"\nonly = ["simple-12"]\n'
-        '[[rows]]\nname = "expert"\nmethod = "expert"\n'
-    )
+    (tmp_path / "x.toml").write_text(EXPERT)
     (tmp_path / "planted.py").write_text(PLANTED.format(call=CALLS[kind]))
     done = subprocess.run(
         [sys.executable, "planted.py", "eval", "x.toml"],

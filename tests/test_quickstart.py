@@ -3,24 +3,29 @@
 import ast
 import json
 import re
-import subprocess
-import sys
 
+import make_transcript
 import pytest
 from support.needs import need_models
 from support.paths import ROOT
 from support.tiny import export_tiny
+from typer.testing import CliRunner
+
+from karma.cli import app
 
 PAGE, NOTEBOOK = ROOT / "docs" / "quickstart.md", ROOT / "docs" / "quickstart.ipynb"
 
 
-def run(code, folder):
-    """What a program prints in an empty folder; it must end well."""
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+@pytest.fixture
+def run(monkeypatch, tmp_path, capsys):
+    """A function that returns what a program prints in an empty folder."""
+
+    def run(code):
+        monkeypatch.chdir(tmp_path)
+        exec(compile(code, "quickstart", "exec"), {"__name__": "__main__"})
+        return capsys.readouterr().out
+
+    return run
 
 
 def cells():
@@ -40,12 +45,12 @@ def shown(code):
 
 
 @pytest.mark.model
-def test_page_runs_from_the_first_line_to_the_last(tmp_path):
+def test_page_runs_from_the_first_line_to_the_last(run):
     need_models("karma-nano")
     code = "\n".join(
         re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     )
-    said = run(code, tmp_path)
+    said = run(code)
     assert "short-term memory:" in said
     assert "undone: put it in the fridge" in said
     assert "runs/talks/kitchen_1-1" in said
@@ -53,11 +58,11 @@ def test_page_runs_from_the_first_line_to_the_last(tmp_path):
 
 
 @pytest.mark.model
-def test_every_cell_of_the_notebook_runs_and_shows_something(tmp_path):
+def test_every_cell_of_the_notebook_runs_and_shows_something(run):
     need_models("karma-nano")
     show = "def show(one):\n    told = getattr(one, '_repr_html_', lambda: repr(one))()\n"
     code = f"{show}    print('CELL', told)\n" + "\n".join(map(shown, cells()))
-    said = run(code, tmp_path)
+    said = run(code)
     assert said.count("CELL ") == len(cells())
     for part in ("<svg", "<table>", "<ul class=", "Agent('kitchen_1')", "runs/talks/kitchen_1-1"):
         assert part in said
@@ -73,14 +78,32 @@ def test_first_lines_of_python_are_five():
     assert len([line for line in first[1].splitlines() if line.strip()]) == 5
 
 
-def test_transcript_has_what_was_said_and_counts_what_became_of_it(tmp_path):
+@pytest.fixture
+def transcript(monkeypatch, tmp_path):
+    """A function that returns the page of some talks, held in this process."""
+
+    def printed(talk, options, folder):
+        monkeypatch.chdir(folder)
+        said = "".join(f"{words}\n" for _, words in talk.said)
+        words = ["chat", *talk.options, *options]
+        done = CliRunner().invoke(app, words, input=said, env={"COLUMNS": "80"})
+        assert done.exit_code in (0, 3, 4, 5), done.output
+        return done.stdout.splitlines()
+
+    def page(text, **options):
+        said, out = tmp_path / "said.txt", tmp_path / "x.md"
+        said.write_text(text, encoding="utf-8")
+        make_transcript.main(said=said, out=out, **options)
+        return out.read_text(encoding="utf-8")
+
+    monkeypatch.setattr(make_transcript, "printed", printed)
+    return page
+
+
+def test_transcript_has_what_was_said_and_counts_what_became_of_it(transcript, tmp_path):
     planner = export_tiny(tmp_path / "tiny.gguf")
-    said = tmp_path / "said.txt"
-    said.write_text("@ kitchen_1\n+ open the fridge\n- sing\n", encoding="utf-8")
-    command = [sys.executable, str(ROOT / "scripts" / "make_transcript.py"), "--planner"]
-    command += [str(planner), "--profile", "compact", "--said", str(said)]
-    subprocess.run([*command, "--out", str(tmp_path / "x.md")], check=True, capture_output=True)
-    page = (tmp_path / "x.md").read_text(encoding="utf-8")
+    said = "@ kitchen_1\n+ open the fridge\n- sing\n"
+    page = transcript(said, planner=str(planner), profile="compact")
     assert "> open the fridge" in page and "> sing" in page
     assert "| can be done there | 1 |" in page
 
@@ -99,15 +122,10 @@ def test_transcript_in_the_documents_is_of_that_list():
     assert re.findall(r"^> (.*)$", page, re.MULTILINE) == said
 
 
-def test_days_in_homes_are_as_the_page_has_them(tmp_path):
+def test_days_in_homes_are_as_the_page_has_them(transcript):
     """All but how sure a planner is, of which processors may differ in the last digits."""
     said = (ROOT / "eval" / "talk" / "said.txt").read_text(encoding="utf-8")
-    days = tmp_path / "days.txt"
     homes = [talk for talk in said.split("@ ")[1:] if len(talk.splitlines()[0].split()) > 1]
-    days.write_text("".join(f"@ {talk}" for talk in homes))
-    script = str(ROOT / "scripts" / "make_transcript.py")
-    command = [sys.executable, script, "--said", str(days), "--out", str(tmp_path / "days.md")]
-    subprocess.run(command, check=True, capture_output=True)
 
     def told(text):
         talks = [talk for talk in text.split("\n## ")[1:] if "--home" in talk]
@@ -116,7 +134,7 @@ def test_days_in_homes_are_as_the_page_has_them(tmp_path):
         return [line for line in lines if line and not line.startswith("  sure:")]
 
     page = (ROOT / "docs" / "transcript.md").read_text(encoding="utf-8")
-    assert told((tmp_path / "days.md").read_text(encoding="utf-8")) == told(page)
+    assert told(transcript("".join(f"@ {talk}" for talk in homes))) == told(page)
 
 
 def test_conversation_on_the_front_page_stands_in_the_transcript():
@@ -129,15 +147,9 @@ def test_conversation_on_the_front_page_stands_in_the_transcript():
 
 
 def test_reference_is_written_from_the_docstrings(tmp_path):
-    pytest.importorskip("pdoc")
-    code = (
-        f"import runpy; m = runpy.run_path({str(ROOT / 'scripts' / 'make_reference.py')!r})\n"
-        "import pdoc, pathlib\n"
-        "pdoc.render.configure(docformat='google', search=False, show_source=False)\n"
-        "pdoc.pdoc('karma.talk.agent', output_directory=pathlib.Path('out'))\n"
-        "print(len(m['modules'].__doc__) > 0)"
-    )
-    assert "True" in run(code, tmp_path)
-    page = (tmp_path / "out" / "karma" / "talk" / "agent.html").read_text(encoding="utf-8")
+    pdoc = pytest.importorskip("pdoc")
+    pdoc.render.configure(docformat="google", search=False, show_source=False)
+    pdoc.pdoc("karma.talk.agent", output_directory=tmp_path)
+    page = (tmp_path / "karma" / "talk" / "agent.html").read_text(encoding="utf-8")
     assert "Go back to before the last thing that was said" in page
     assert not re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=[\"']https?://", page)

@@ -30,7 +30,8 @@ from karma.seeds import stream
 from karma.talk.replies import AgentReply
 from karma.train.sources import Sources
 
-REQUESTS = int(os.environ.get("KARMA_SAMPLE", "2"))
+SAMPLE = int(os.environ.get("KARMA_SAMPLE", "0"))
+REQUESTS = SAMPLE or 2
 SETS = ("asked_open", "do")
 _OPPOSITE = {
     "ToggleOn": "ToggleOff", "ToggleOff": "ToggleOn", "SwitchOn": "SwitchOff",
@@ -173,7 +174,8 @@ def test_the_adversary_gets_no_false_done():
         kinds = sorted(own.kinds - {"Floor", "Wall", "Ceiling", "Window"})
         for name, program in programs(calls, kinds, stream(0, "adversary", one.id)):
             played += 1
-            for guard, count in ((True, false), (False, bare)):
+            ways = ((True, false), (False, bare))
+            for guard, count in ways if SAMPLE or not bare.total() else ways[:1]:
                 came = play(one, saying(resources, program), guard=guard)
                 count[name] += came.done and (not came.met or bool(came.harmed - own.harmed))
     print(f"requests {right}, wrong programs {played}; right ones not carried out: {not_done}")

@@ -3,7 +3,6 @@
 import msgspec
 import pytest
 from support.asked import AskedRequest, verdict
-from support.needs import need_models
 from support.talking import AWAY, STORE, TAKE, WASH, agent_saying
 
 from karma.agent.guarded import reader_of
@@ -202,11 +201,8 @@ def test_it_stands_for_what_was_spoken_of_before(tmp_path):
         ("living_1", "close the laptop and switch the lamps off", None, ""),
     ],
 )
-def test_plurals_and_conditions_belong_to_the_agent(tmp_path, scene, text, status, told):
-    need_models("karma-nano")
-    from karma.talk.agent import Agent
-
-    reply = Agent(scene, folder=tmp_path / "run", maps=tmp_path / "maps").do(text)
+def test_plurals_and_conditions_belong_to_the_agent(agent_in, scene, text, status, told):
+    reply = agent_in(scene).do(text)
     if status is not None:
         assert reply.status == status
         assert told in repr(reply)
@@ -265,13 +261,8 @@ def test_one_that_was_cut_is_then_meant_by_its_pieces(tmp_path):
     assert agent.do("is the apple on the plate?").parts[0].answer.lines[0].startswith("Yes")
 
 
-def test_another_is_none_of_those_that_were_put_there_before(tmp_path):
-    need_models("karma-nano")
-    from karma.talk.agent import Agent
-
-    agent = Agent(
-        "bedroom_1", planner="karma-nano", folder=tmp_path / "run", maps=tmp_path / "maps"
-    )
+def test_another_is_none_of_those_that_were_put_there_before(agent_in):
+    agent = agent_in("bedroom_1")
     assert agent.do("put a book on the bed")
     assert agent.do("put another book on the bed")
     things = agent._world.last_event.metadata["objects"]
@@ -296,12 +287,9 @@ def test_another_is_none_of_those_that_were_put_there_before(tmp_path):
                        "wash the bowl by the clean plate", "find all the mugs"], []),
     ],
 )  # fmt: skip
-def test_what_words_tell_apart_is_what_is_changed(tmp_path, scene, turns, changed):
+def test_what_words_tell_apart_is_what_is_changed(agent_in, scene, turns, changed):
     """By the world's true state: the one that was meant, no other of its kind."""
-    need_models("karma-nano")
-    from karma.talk.agent import Agent
-
-    agent = Agent(scene, planner="karma-nano", folder=tmp_path / "run", maps=tmp_path / "maps")
+    agent = agent_in(scene)
     before = agent._world.last_event.metadata["objects"]
     for turn in turns:
         agent.do(turn)
@@ -321,11 +309,8 @@ def _how_it_changed(was, now):
         yield f"{kind} off"
 
 
-def test_all_furniture_of_a_kind_has_its_turn(tmp_path):
-    need_models("karma-nano")
-    from karma.talk.agent import Agent
-
-    agent = Agent("bedroom_4", planner="karma-nano", folder=tmp_path / "a", maps=tmp_path / "b")
+def test_all_furniture_of_a_kind_has_its_turn(agent_in):
+    agent = agent_in("bedroom_4")
     assert "8 of 8: drawers" in repr(agent.do("open all the drawers"))
     things = agent._world.last_event.metadata["objects"]
     assert all(one["isOpen"] for one in things if one["objectType"] == "Drawer")
@@ -334,14 +319,9 @@ def test_all_furniture_of_a_kind_has_its_turn(tmp_path):
     assert (asked.status, asked.offer) == ("asked", "close the drawer")
 
 
-def test_each_thing_that_they_stand_for_is_carried(tmp_path):
+def test_each_thing_that_they_stand_for_is_carried(agent_in):
     """Neither has a place of its own in the text, so one was once taken for the other."""
-    need_models("karma-nano")
-    from karma.talk.agent import Agent
-
-    agent = Agent(
-        "kitchen_1", planner="karma-nano", folder=tmp_path / "run", maps=tmp_path / "maps"
-    )
+    agent = agent_in("kitchen_1")
     assert agent.do("put the fork and the spoon in the sink")
     assert agent.do("put them on the table")
     where = {

@@ -1,14 +1,13 @@
 """KARMA's episode: what goes from memory into the prompt, and from experience into memory."""
 
 import pytest
-from support.experiences import Words
+from support.experiences import Words, begun
 from support.household import bring, find, kitchen
 
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
-from karma.contracts import Decoding, Outcome, Plan, Resources, SceneRef, SkillResult, SubTask
+from karma.contracts import Decoding, Outcome, Plan, Resources, SkillResult, SubTask
 from karma.errors import FileError, KarmaError
-from karma.files import to_json
 from karma.infer.scripted import MetadataVision, ScriptedModel
 from karma.memory.recall import CosineRecall
 from karma.memory.scene_graph import SceneGraph
@@ -33,28 +32,12 @@ def remembered(episode, kind):
 
 
 @pytest.fixture
-def scene(tmp_path):
-    path = tmp_path / "handmade.json"
-    path.write_bytes(to_json(kitchen()))
-    return str(path)
+def start(tmp_path):
+    """A function that begins an episode whose model says the given programs."""
 
-
-@pytest.fixture
-def start(scene, tmp_path):
-    """A function that begins an episode of a episode whose model says the given programs."""
-
-    def begin(answers, *, maps=None, learn=False, profile="compact", refusing=False, **options):
-        model = ScriptedModel(answers)
-        method = KarmaMethod(
-            Planner(model, profile, Decoding(attempts=1, refusing=refusing)),
-            CosineRecall(Words(), text="sentence"),
-            MetadataVision(),
-            KarmaSettings(**{"seen_kept": 0, **options}),
-            maps=maps,
-            learn=learn,
-        )
-        world = EmbeddedWorld(scene)
-        episode = method.begin(world, SceneRef.of(scene), seed=0, folder=tmp_path)
+    def begin(answers, *, refusing=False, **options):
+        model, decoding = ScriptedModel(answers), Decoding(attempts=1, refusing=refusing)
+        episode, world = begun(tmp_path, model, decoding=decoding, **{"seen_kept": 0, **options})
         return episode, model, world
 
     return begin
@@ -403,8 +386,8 @@ def test_build_of_a_wrong_option_names_it(options, reason):
         KarmaMethod.build(resources, options)
 
 
-def test_world_is_at_its_start_when_the_first_instruction_comes(start, scene):
+def test_world_is_at_its_start_when_the_first_instruction_comes(start):
     _, _, world = start([])
-    fresh = EmbeddedWorld(scene)
+    fresh = EmbeddedWorld(kitchen())
     assert world.last_event.metadata["agent"] == fresh.last_event.metadata["agent"]
     assert find(world, "Apple") == kitchen_id("Apple")

@@ -8,16 +8,12 @@ import random
 from dataclasses import replace
 
 import pytest
-from support.experiences import Words
+from support.experiences import begun
 from support.household import kitchen
-from support.paths import ROOT
 
-from karma.agent.karma import KarmaMethod, KarmaSettings
-from karma.agent.planning.planner import Planner
-from karma.contracts import Decoding, MemoryUnit, SceneRef, SubTask
-from karma.files import to_json
-from karma.infer.scripted import MetadataVision, ScriptedModel
-from karma.memory.recall import CosineRecall
+from karma.contracts import Decoding, MemoryUnit, SubTask
+from karma.infer.scripted import ScriptedModel
+from karma.world.core import scene as scenes
 from karma.world.sim import EmbeddedWorld
 
 THINGS = ("Apple", "Potato", "Tomato", "Egg", "Mug", "Bowl", "Plate", "Spoon", "Bread", "Pan")
@@ -53,15 +49,14 @@ def deed(draw):
     ))  # fmt: skip
 
 
-def sequence(path, folder, seed, deeds):
+def sequence(room, folder, seed, deeds):
     """Do so many deeds; yields after each what memory claims that is not so, and the program."""
     draw = random.Random(seed)
     said = [deed(draw) for _ in range(deeds)]
-    world = EmbeddedWorld(str(path))
-    planner = Planner(ScriptedModel(said), "full", Decoding(attempts=1, inspected=False))
-    recall = CosineRecall(Words(), text="sentence")
-    method = KarmaMethod(planner, recall, MetadataVision(), KarmaSettings(attempts=1))
-    episode = method.begin(world, SceneRef.of(str(path)), seed=0, folder=folder)
+    decoding = Decoding(attempts=1, inspected=False)
+    episode, world = begun(
+        folder, ScriptedModel(said), room=room, profile="full", decoding=decoding, attempts=1
+    )
     for number, program in enumerate(said):
         list(episode.do(SubTask(instruction=f"deed {number}")))
         yield untrue(episode.short_term.units(), world), program
@@ -113,13 +108,10 @@ ROOMS = ("handmade", "kitchen_1", "kitchen_2", "kitchen_3", "kitchen_4")
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_memory_claims_nothing_of_what_it_handled_that_is_not_so(room, tmp_path):
-    path = ROOT / f"karma/world/scenes/{room}.json"
-    if room == "handmade":
-        path = tmp_path / "handmade.json"
-        path.write_bytes(to_json(kitchen()))
+    scene = kitchen() if room == "handmade" else scenes.load(room)
     found, handled = {}, 0
     for seed in range(SEQUENCES):
-        for number, (claims, program) in enumerate(sequence(path, tmp_path, seed, DEEDS)):
+        for number, (claims, program) in enumerate(sequence(scene, tmp_path, seed, DEEDS)):
             handled += "PickupObject" in program
             if claims:
                 found[seed, number] = (program, claims)
@@ -141,11 +133,8 @@ APPLE = "Apple|+01.40|+00.85|-00.50"
         ({}, ""),
     ],
 )
-def test_claim_that_is_not_so_is_found(change, claim, tmp_path):
-    path = tmp_path / "handmade.json"
-    path.write_bytes(to_json(kitchen()))
-    world = EmbeddedWorld(str(path))
-    world.reset(str(path))
+def test_claim_that_is_not_so_is_found(change, claim):
+    world = EmbeddedWorld(kitchen())
     x, y, z = world.last_event.get_object(APPLE)["position"].values()
     unit = MemoryUnit(object_id=APPLE, object_type="Apple", position_m=(x, y, z), handled=True)
     found = untrue([replace(unit, **change)], world)

@@ -2,17 +2,11 @@
 
 import msgspec
 import pytest
-from support.experiences import Words
+from support.experiences import begun
 from support.household import kitchen
 
-from karma import Agent
-from karma.agent.karma import KarmaMethod, KarmaSettings
-from karma.agent.planning.planner import Planner
-from karma.contracts import Decoding, SceneRef, SubTask
-from karma.files import to_json
-from karma.infer.scripted import MetadataVision, ScriptedModel
-from karma.memory.recall import CosineRecall
-from karma.world.sim import EmbeddedWorld
+from karma.contracts import Decoding, SubTask
+from karma.infer.scripted import ScriptedModel
 
 
 @pytest.fixture
@@ -20,18 +14,10 @@ def start(tmp_path):
     """A function that begins an episode whose model says the given programs."""
 
     def begin(*answers, refusing=False, without=()):
-        path = tmp_path / "kitchen.json"
-        room = kitchen()
-        kept = tuple(one for one in room.objects if one.type not in without)
-        path.write_bytes(to_json(msgspec.structs.replace(room, objects=kept)))
-        world = EmbeddedWorld(str(path))
-        method = KarmaMethod(
-            Planner(ScriptedModel(answers), "compact", Decoding(attempts=1, refusing=refusing)),
-            CosineRecall(Words(), text="sentence"),
-            MetadataVision(),
-            KarmaSettings(),
-        )
-        return method.begin(world, SceneRef.of(str(path)), seed=0, folder=tmp_path), world
+        kept = tuple(one for one in kitchen().objects if one.type not in without)
+        room = msgspec.structs.replace(kitchen(), objects=kept)
+        decoding = Decoding(attempts=1, refusing=refusing)
+        return begun(tmp_path, ScriptedModel(answers), room=room, decoding=decoding)
 
     return begin
 
@@ -73,10 +59,10 @@ def test_what_lies_in_a_carried_vessel_moves_with_it_at_every_depth(start, toget
 
 
 @pytest.mark.parametrize("scene", ["kitchen_1", "kitchen_2", "kitchen_3", "kitchen_4"])
-def test_apple_in_a_bowl_in_the_fridge_is_fetched_as_fast_as_without_the_bowl(scene, tmp_path):
+def test_apple_in_a_bowl_in_the_fridge_is_fetched_as_fast_as_without_the_bowl(scene, agent_in):
     steps, searched = {}, {}
     for way, first in (("bowl", "put the apple in the bowl"), ("alone", "")):
-        agent = Agent(scene, folder=tmp_path / way, maps=tmp_path / f"{way}-maps")
+        agent = agent_in(scene, way)
         if first:
             agent.do(first)
         agent.do("put the bowl in the fridge" if first else "put the apple in the fridge")

@@ -5,18 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.experiences import Words
-from support.household import kitchen
+from support.experiences import begun
 
 from karma.agent.body.sightings import Sightings
 from karma.agent.experience import keep, look_at, png
-from karma.agent.karma import KarmaMethod, KarmaSettings
-from karma.agent.planning.planner import Planner
 from karma.agent.seeing.perceive import observe, shown_states, truth_of
-from karma.contracts import Decoding, SceneRef, SubTask
-from karma.files import to_json
+from karma.contracts import SubTask
 from karma.infer.scripted import MetadataVision, ScriptedModel
-from karma.memory.recall import CosineRecall
 from karma.world.sim import EmbeddedWorld
 
 PROGRAM = (
@@ -46,16 +41,9 @@ class Looking:
 @pytest.fixture
 def acted(tmp_path):
     """A function that carries an apple to the sink and returns what memory holds then."""
-    scene = tmp_path / "room.json"
-    scene.write_bytes(to_json(kitchen()))
 
     def run(vision):
-        method = KarmaMethod(
-            Planner(ScriptedModel([PROGRAM]), "compact", Decoding(attempts=1)),
-            CosineRecall(Words(), text="sentence"), vision, KarmaSettings(seen_kept=1),
-        )  # fmt: skip
-        world = EmbeddedWorld(str(scene))
-        episode = method.begin(world, SceneRef.of(str(scene)), seed=0, folder=tmp_path / "run")
+        episode, _ = begun(tmp_path, ScriptedModel([PROGRAM]), vision=vision, seen_kept=1)
         list(episode.do(SubTask(instruction="put the apple in the sink")))
         return {unit.object_type: unit for unit in episode.short_term.units()}
 
@@ -80,7 +68,7 @@ def test_the_picture_is_kept_in_the_run_folder_and_the_unit_names_it(acted, tmp_
     vision = Looking()
     unit = acted(vision)["Apple"]
     assert unit.image.startswith("short_term/images/")
-    with Image.open(tmp_path / "run" / unit.image) as kept:
+    with Image.open(tmp_path / unit.image) as kept:
         frames = [image for image, _, _ in vision.shown]
         assert any((np.asarray(kept) == frame).all() for frame in frames)
 
@@ -91,7 +79,7 @@ def test_an_object_without_a_usable_answer_has_no_states(acted):
 
 def test_a_model_that_does_not_look_draws_and_keeps_nothing(acted, tmp_path):
     assert acted(MetadataVision())["Apple"].image is None
-    assert not (tmp_path / "run" / "short_term").exists()
+    assert not (tmp_path / "short_term").exists()
 
 
 def test_the_picture_asked_about_is_that_of_the_last_sight(tmp_path):

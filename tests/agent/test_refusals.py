@@ -12,7 +12,6 @@ from karma.agent.body.sightings import Sightings
 from karma.agent.body.skills import Skills
 from karma.agent.seeing.perceive import reason_of
 from karma.contracts import Area, Fixture, Known, SeenObject, SkillCall
-from karma.files import to_json
 from karma.world.sim import EmbeddedWorld
 
 MICROWAVE = Known(
@@ -80,12 +79,10 @@ CUP = on(ONE, "Cup", -0.4, -1.5, size=(0.2, 0.1, 0.2))
 
 
 @pytest.fixture
-def holding(tmp_path):
+def holding():
     """Skills in a kitchen with a full and a free side table, both seen, and a potato in hand."""
     room = kitchen((ONE, OTHER, CUP))
-    path = tmp_path / "handmade.json"
-    path.write_bytes(to_json(room))
-    world = EmbeddedWorld(str(path))
+    world = EmbeddedWorld(room)
     skills = Skills(world, remembering(room.objects))
     potato = next(one.id for one in room.objects if one.type == "Potato")
     for skill, name in (("PickupObject", potato), ("GoToObject", OTHER.id), ("GoToObject", ONE.id)):
@@ -111,13 +108,11 @@ def test_receptacle_that_is_meant_exactly_is_refused_when_full(holding):
     assert look(world, potato)["isPickedUp"]
 
 
-def test_remembered_plate_that_is_full_is_not_exchanged_for_another(tmp_path):
+def test_remembered_plate_that_is_full_is_not_exchanged_for_another():
     table = next(one for one in kitchen().objects if one.type == "DiningTable")
     free = on(table, "Plate", 1.85, 0.05, size=(0.2, 0.02, 0.2))
     room = kitchen((free,))
-    path = tmp_path / "handmade.json"
-    path.write_bytes(to_json(room))
-    skills = Skills(EmbeddedWorld(str(path)), remembering(room.objects))
+    skills = Skills(EmbeddedWorld(room), remembering(room.objects))
     laden = next(one.id for one in room.objects if one.type == "Plate")
     bread = next(one.id for one in room.objects if one.type == "Bread")
     assert skills.run(SkillCall(skill="PickupObject", objects=(bread,))).ok
@@ -126,24 +121,19 @@ def test_remembered_plate_that_is_full_is_not_exchanged_for_another(tmp_path):
     assert "Tomato|" in result.detail and free.id in result.detail
 
 
-def test_furniture_out_of_reach_names_others_of_its_kind(tmp_path):
+def test_furniture_out_of_reach_names_others_of_its_kind():
     lost = thing("Cabinet", (9.0, 0.4, 9.0))
     there = next(one for one in kitchen().objects if one.type == "Cabinet")
-    path = tmp_path / "handmade.json"
-    path.write_bytes(to_json(kitchen()))
     fixtures = [Fixture(object_id=one.id, object_type=one.type, position_m=one.position)
                 for one in (lost, there)]  # fmt: skip
-    skills = Skills(EmbeddedWorld(str(path)), remembering([lost], fixtures))
+    skills = Skills(EmbeddedWorld(kitchen()), remembering([lost], fixtures))
     result = skills.run(SkillCall(skill="OpenObject", objects=(lost.id,)))
     assert result.reason == "could not get Cabinet into view and reach"
     assert result.detail.endswith(f"others of its kind: {there.id}")
 
 
-def test_search_that_ran_out_of_actions_says_so_and_goes_on_when_asked_again(tmp_path):
-    room = kitchen()
-    path = tmp_path / "handmade.json"
-    path.write_bytes(to_json(room))
-    skills = Skills(EmbeddedWorld(str(path)), remembering(()), limits=SkillLimits(max_actions=40))
+def test_search_that_ran_out_of_actions_says_so_and_goes_on_when_asked_again():
+    skills = Skills(EmbeddedWorld(kitchen()), remembering(()), limits=SkillLimits(max_actions=40))
     search = SkillCall(skill="Explore", objects=("Spoon",))
     results = [skills.run(search) for _ in range(20)]
     first = results[0]

@@ -7,14 +7,10 @@ it could not go on, and the test would fail.
 import re
 
 import pytest
+from support.experiences import begun
 from support.household import kitchen, look, on, thing
 
-from karma.agent.karma import KarmaMethod, KarmaSettings
-from karma.agent.planning.planner import Planner
-from karma.contracts import Completion, Decoding, Outcome, Recalled, SceneRef, SkillResult, SubTask
-from karma.files import to_json
-from karma.infer.scripted import MetadataVision
-from karma.world.sim import EmbeddedWorld
+from karma.contracts import Completion, Decoding, Outcome, Recalled, SkillResult, SubTask
 
 CALL = re.compile(r"[A-Z]\w+\(robot, '[^']+'(?:, '[^']+')?\)")
 MARK = "  # FAILED: "
@@ -107,18 +103,11 @@ def start(tmp_path):
     """A function that begins an episode in our kitchen, with more things in it."""
 
     def begin(planner, *extra, **options):
-        path = tmp_path / "handmade.json"
-        path.write_bytes(to_json(kitchen(extra)))
-        world = EmbeddedWorld(str(path))
         decoding = Decoding(attempts=2, inspected=options.pop("inspected", False))
-        method = KarmaMethod(
-            Planner(planner, "full", decoding),
-            LastUsed(),
-            MetadataVision(),
-            KarmaSettings(**options),
-        )
-        scene = SceneRef.of(str(path))
-        return method.begin(world, scene, seed=0, folder=tmp_path), world
+        return begun(
+            tmp_path, planner, room=kitchen(extra), profile="full", decoding=decoding,
+            recall=LastUsed(), **options,
+        )  # fmt: skip
 
     return begin
 

@@ -32,14 +32,10 @@ EXEMPT = {
 
 def faults(tree: ast.AST) -> Iterator[tuple[int, str]]:
     """Yield the line and the reason of each fact in a module; texts of documentation are none."""
-    told = {
-        id(node.body[0].value)
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
-        and node.body
-        and isinstance(node.body[0], ast.Expr)
-    }
-    for node in ast.walk(tree):
+    told: set[int] = set()
+    for node in ast.walk(tree):  # which yields a body's owner before its text
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and node.body:
+            told.add(id(getattr(node.body[0], "value", None)))
         match node:
             case ast.Constant(value=str(text)) if id(node) not in told:
                 if text in WORDS:

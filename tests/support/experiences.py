@@ -1,10 +1,17 @@
-"""What skills have seen and done, made up, and an embedder without weights."""
+"""What skills have seen and done, made up; an embedder, and episodes, without weights."""
 
 import hashlib
 
 import numpy as np
 
-from karma.contracts import Experience, SeenObject
+from karma.agent.karma import KarmaMethod, KarmaSettings
+from karma.agent.planning.planner import Planner
+from karma.contracts import Decoding, Experience, SceneRef, SeenObject
+from karma.files import to_json
+from karma.infer.scripted import MetadataVision
+from karma.memory.recall import CosineRecall
+from karma.world.sim import EmbeddedWorld
+from support.household import kitchen
 
 
 def experience(*sights, held=None, handled=(), missed=(), cut=(), effects=None):
@@ -36,3 +43,19 @@ def sight(kind, x=1.0, states=(), parents=()):
         object_id=f"{kind}|{x}", object_type=kind, position_m=at, box_center_m=at,
         box_size_m=(0.1, 0.1, 0.1), pickupable=True, states=states, parent_ids=parents,
     )  # fmt: skip
+
+
+def begun(
+    folder, model, *, room=None, profile="compact", decoding=None, recall=None, vision=None,
+    maps=None, learn=False, **options,
+):  # fmt: skip
+    """An episode of KARMA in the kitchen made by hand, or another room's file, and its world."""
+    path = folder / "handmade.json"
+    path.write_bytes(to_json(room or kitchen()))
+    method = KarmaMethod(
+        Planner(model, profile, decoding or Decoding(attempts=1)),
+        recall or CosineRecall(Words(), text="sentence"), vision or MetadataVision(),
+        KarmaSettings(**options), maps=maps, learn=learn,
+    )  # fmt: skip
+    world = EmbeddedWorld(str(path))
+    return method.begin(world, SceneRef.of(str(path)), seed=0, folder=folder), world

@@ -30,7 +30,7 @@ def reader():
 def drawn(reader):
     """Return requests of all kinds, each with the view that it was drawn from."""
     found = []
-    for home in range(3):
+    for home in range(2):
         experiment = LivedExperiment(
             name="x", benchmark="lived", rows=(ROW,), homes=1, first_home=home + 60, days=4
         )

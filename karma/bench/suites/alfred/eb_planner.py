@@ -228,6 +228,7 @@ _COMMENT = re.compile(r"(?<=[\s,\]}])(?://|#)[^\n\"]*")
 _COMMA = re.compile(r",(?:\s*(?:\.\.\.|…),?)?(\s*[\]}])")
 _QUOTES = str.maketrans("“”„‟", '""""')
 _CLOSES = {"{": "}", "[": "]"}
+_TEXT_OR_BRACKET = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"?|[][{}]', re.DOTALL)
 _TRIES = 20  # beginnings of a list, and ends of each
 
 
@@ -332,19 +333,15 @@ def _closed(text: str) -> Iterator[str]:
 
     Brackets that are missing at an end are put there.
     """
-    open_, ends, inside, skip = [], [], False, False
-    for place, char in enumerate(text):
-        if skip:
-            skip = False
-        elif inside:
-            skip, inside = char == "\\", char != '"'
-        elif char == '"':
-            inside = True
-        elif char in _CLOSES:
+    open_: list[str] = []
+    ends: list[tuple[int, str]] = []
+    for match in _TEXT_OR_BRACKET.finditer(text):
+        char = match[0]
+        if char in _CLOSES:
             open_.append(_CLOSES[char])
         elif open_ and char == open_[-1]:
             open_.pop()
-            ends.append((place + 1, "".join(reversed(open_))))
+            ends.append((match.end(), "".join(reversed(open_))))
             if not open_:
                 break
     for end, missing in reversed(ends):
