@@ -16,7 +16,7 @@ from support.run_files import lines_in
 from karma.bench.suites.lived.body import HomeRobot
 from karma.bench.suites.lived.home_map import HomeMap
 from karma.infer.embed.minilm import MiniLm
-from karma.memory.lived import ageing, likely
+from karma.memory.lived import ageing
 from karma.memory.lived.episodes import EpisodeLog
 from karma.memory.lived.setting import MemorySetting
 from karma.memory.lived.true_memory import LOG, TrueMemory
@@ -129,7 +129,8 @@ def digest(folder):
         return ""
     log = EpisodeLog(folder / LOG, NoTexts(), {})
     rows = [repr(one) for one in log.episodes()]
-    kept = [json.dumps(log.kept(n)) for n in ("looked", "doubts", *ageing.PARTS, *likely.PARTS)]
+    names = ("looked", "doubts", *ageing.PARTS, ageing.BY_THING, ageing.BY_TYPE)
+    kept = [json.dumps(log.kept(n)) for n in names]
     log.close()
     return sha256("\n".join([*rows, *kept]).encode()).hexdigest() if rows else ""
 
