@@ -458,6 +458,11 @@ class ThingFinder:
         return after in _SHOWS and bool(sight.states) and is_so(after, sight)
 
 
+def is_several(one: Mention) -> bool:
+    """Return whether a mention means more than one thing."""
+    return one.anything or one.every or (one.number or 1) > 1
+
+
 def states_told(thing: Mention, kinds: Collection[str]) -> tuple[str, ...]:
     """Return the states that a thing is told by: "the empty roll", "the mug that is dirty"."""
     seen = request_words().seen
