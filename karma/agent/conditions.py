@@ -12,7 +12,7 @@ from karma.household.types import object_types
 
 
 @dataclass(slots=True)
-class Conditions(ThingFinder):
+class ConditionCheck(ThingFinder):
     """The conditions of one request."""
 
     meant: dict[str, str] = field(default_factory=dict)  # the things that they are of: kind -> id

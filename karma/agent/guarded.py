@@ -9,7 +9,7 @@ from functools import cache, partial
 
 from karma import registry
 from karma.agent.attempts import put_back
-from karma.agent.conditions import Conditions
+from karma.agent.conditions import ConditionCheck
 from karma.agent.planning.guard import Guard, cannot_serve, here_of, meant_by
 from karma.agent.planning.inspector import put_down
 from karma.agent.planning.reading import kind_of
@@ -105,7 +105,7 @@ class GuardedErrand(ThingFinder):
         if refused is not None:
             yield refusal(refused)
             return
-        conditions = Conditions(self.episode, asked, came, meant=self.meant)
+        conditions = ConditionCheck(self.episode, asked, came, meant=self.meant)
         if (yield from conditions.hold()):
             if self.subtask.asked is None:  # nobody cut it: planned without what is no errand
                 text = asked.errand or self.subtask.instruction
