@@ -310,11 +310,11 @@ def _command(agent: "Agent", name: str) -> None:
     """Do what begins with a slash."""
     match name:
         case "/memory":
-            _plain(agent.memory.lines())
+            _print_plainly(agent.memory.lines())
         case "/map":
-            _plain(agent.map.lines())
+            _print_plainly(agent.map.lines())
         case "/help":
-            _plain(_HELP)
+            _print_plainly(_HELP)
         case "/look":
             console.print("you have asked for nothing that I have not seen")
         case "/undo":
@@ -326,7 +326,7 @@ def _command(agent: "Agent", name: str) -> None:
             console.print("there is no such command; /help lists them", style="yellow")
 
 
-def _plain(lines: Sequence[str]) -> None:
+def _print_plainly(lines: Sequence[str]) -> None:
     from karma.talk.replies import ROWS
 
     most = ROWS if _watched() else _ALL

@@ -357,14 +357,16 @@ def _part(table: Table, labels: Sequence[Column], figures: Sequence[Column]) -> 
 def _needed(column: Column) -> int:
     if column.justify != "right":
         return _narrowest(column)
-    lines = [line for cell in column._cells for line in _plain(cell).splitlines()]
-    return max([1, *map(cell_len, (*lines, *_plain(column.header).split()))])
+    lines = [line for cell in column._cells for line in _without_markup(cell).splitlines()]
+    return max([1, *map(cell_len, (*lines, *_without_markup(column.header).split()))])
 
 
 def _narrowest(column: Column) -> int:
-    words = [word for cell in (column.header, *column._cells) for word in _plain(cell).split()]
+    words = [
+        word for cell in (column.header, *column._cells) for word in _without_markup(cell).split()
+    ]
     return min(max([1, *map(cell_len, words)]), 24)
 
 
-def _plain(cell: object) -> str:
+def _without_markup(cell: object) -> str:
     return Text.from_markup(cell).plain if isinstance(cell, str) else str(cell)

@@ -227,7 +227,7 @@ def world_replay(
     for result in _shown(replays, "replaying", len(chosen)):
         results.append(result)
         if result.ok == (mutate is not None):
-            tell(_told(result))
+            tell(_trial_line(result))
     ok = sum(result.ok for result in results)
     handled, unseen = sum(r.handled for r in results), sum(r.unseen for r in results)
     good = {"ok": ok} if mutate is None else {"caught": len(results) - ok, "seed": mutate}
@@ -241,7 +241,7 @@ def world_replay(
         tell(f"trials {len(results)}, caught {len(results) - ok}")
 
 
-def _told(result: "TrialResult") -> str:
+def _trial_line(result: "TrialResult") -> str:
     where = f"{result.id} {result.scene}"
     if result.ok:
         return f"{where}: not caught without action {result.deleted}"

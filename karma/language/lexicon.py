@@ -43,10 +43,10 @@ class Lexicon:
         """
         phrase = " ".join(phrase.lower().replace("-", " ").split())
         if phrase not in self._found:
-            self._found[phrase] = self._named(phrase)
+            self._found[phrase] = self._types_called(phrase)
         return self._found[phrase]
 
-    def _named(self, phrase: str) -> tuple[str, ...]:
+    def _types_called(self, phrase: str) -> tuple[str, ...]:
         for said in dict.fromkeys((phrase, singular(phrase))):
             if said in self._by_text:
                 return self._by_text[said]

@@ -262,7 +262,7 @@ class Nouns:
         if owner > 0 and words[-1] in _OF_A_WHOLE:  # "the toilet's tank"
             words, owner = words[:owner], -1
         bare = replace(bare, number=number, every=every)
-        return self._named(words[owner + 1 :], start + owner + 1, end, bare)
+        return self._noun(words[owner + 1 :], start + owner + 1, end, bare)
 
     def _counted(self, begin: int, end: int) -> tuple[int | None, bool, int]:
         """Return number, whether all are meant, and where the noun begins; -1: "the rest of"."""
@@ -316,7 +316,7 @@ class Nouns:
 
     def _part(self, start: int, of: int, end: int, bare: Mention) -> Mention | None:
         """Read "the drawers of the desk"; a shelf of what has a door is that: of the fridge."""
-        found, whole = self._named(self._s.lows(start, of), start, of, bare), self.read(of + 1, end)
+        found, whole = self._noun(self._s.lows(start, of), start, of, bare), self.read(of + 1, end)
         if found is None or whole is None or not whole.types:
             return found
         doors = types_with("openable") - types_with("pickupable")
@@ -326,7 +326,7 @@ class Nouns:
 
     def _vessel(self, start: int, of: int, end: int, bare: Mention) -> Mention | None:
         """Read "a glass of water", "the bowl of apples"; of what cannot be had nothing is made."""
-        found = self._named(self._s.lows(start, of), start, of, bare)
+        found = self._noun(self._s.lows(start, of), start, of, bare)
         if found is None or self._s.low(end - 1) in _POURED:
             return found
         content = self.read(of + 1, end)
@@ -335,7 +335,7 @@ class Nouns:
             return found
         return replace(found, holding=content.types)
 
-    def _named(self, words: Sequence[str], start: int, end: int, bare: Mention) -> Mention | None:
+    def _noun(self, words: Sequence[str], start: int, end: int, bare: Mention) -> Mention | None:
         """Return what a phrase names that begins with its noun or an adjective."""
         if not words:
             return None

@@ -125,14 +125,14 @@ class RequestReader:
                 continue
             part = words[first : number + 1]
             if any(one.text[0].isalnum() for one in part):
-                found = _going_on(self._one(meant, part, first, before, last, older), last)
+                found = _going_on(self._read_clause(meant, part, first, before, last, older), last)
                 ruled_out = (one for deed in found.forbidden for one in deed.things)
                 before += [*found.alone, *ruled_out, *found.mentions]
                 last = asked_last(found, last)
                 yield found
             first = number + 1
 
-    def _one(
+    def _read_clause(
         self,
         text: str,
         words: Sequence[Word],

@@ -62,10 +62,10 @@ class SentenceDeeds:
                 self.s.taken.intersection_update(kept | self.s.gone)
             deeds += found
         if not deeds and not (self.asides.forbidden or self.asides.exclusions or self.s.unread):
-            return self._told(), []
+            return self._form_of_no_errand(), []
         placed = all(one.deed == "put" and one.place is not None for one in deeds)
         if deeds and placed and is_usual(self.s.lows()):
-            self._told()
+            self._form_of_no_errand()
             return "teaching", []  # "always put the knives in the drawer": a rule, not a deed
         conditions = (one.thing for one in self.asides.conditions if one.thing is not None)
         ruled_out = (one for deed in self.asides.forbidden for one in deed.things)
@@ -79,11 +79,13 @@ class SentenceDeeds:
         alone = left and self.s.subject(verb) is None
         pairs = self.pairs.read(range(left[0], verb), "put") if alone else []
         if pairs and all(one.place and any(t.types for t in one.things) for one in pairs):
-            return [_said("put", "put", self.s.words[left[0]].start, pair) for pair in pairs]
+            return [
+                _deed_of_pair("put", "put", self.s.words[left[0]].start, pair) for pair in pairs
+            ]
         self.s.taken, self.s.unread = kept, unread
         return []
 
-    def _told(self) -> Form:
+    def _form_of_no_errand(self) -> Form:
         """Return what a sentence is that asks for nothing; keep what it speaks of."""
         kept = set(self.s.taken)
         self.s.alone += self.nouns.all_of(range(len(self.s.words)))
@@ -190,7 +192,9 @@ class SentenceDeeds:
                 waiting.append(found[n])
             if waiting and ahead:
                 start = s.words[number].start + len(deeds)
-                deeds.append(_said(f"turn {ahead}", ahead, start, Pair(things=tuple(waiting))))
+                deeds.append(
+                    _deed_of_pair(f"turn {ahead}", ahead, start, Pair(things=tuple(waiting)))
+                )
                 waiting = []
             ahead = "" if n in follows else ahead
         if waiting or not deeds:
@@ -236,7 +240,7 @@ class SentenceDeeds:
         if not deed:
             self.s.unread.append(text)
         hangs = word.lemma == "hang"
-        found = [_said(text, deed, word.start, _hung(pair, hangs=hangs)) for pair in pairs]
+        found = [_deed_of_pair(text, deed, word.start, _hung(pair, hangs=hangs)) for pair in pairs]
         return self._made_ready(found)
 
     def _meant(
@@ -287,7 +291,9 @@ class SentenceDeeds:
             if state and lemma != "let" and (stays_open or not others):
                 self.s.taken.update(range(number, end))
                 pair = Pair(things=tuple(found[:1]))
-                return [_said(f"{lemma} {tail[-1]}", state, self.s.words[number].start, pair)]
+                return [
+                    _deed_of_pair(f"{lemma} {tail[-1]}", state, self.s.words[number].start, pair)
+                ]
             if alone or state:
                 self.asides.exclusions += [one for one in found if one.types]
                 joined = self.s.low(number - 1) in ("and", "but", ",")
@@ -313,7 +319,7 @@ class SentenceDeeds:
                 continue  # "make the soup on the stove warm"
             elif n not in self.s.taken and waiting and (state := self._becomes(n)):
                 text, pair = f"{lemma} {self.s.low(n)}", Pair(things=tuple(waiting))
-                deeds.append(_said(text, state, self.s.words[n].start, pair))
+                deeds.append(_deed_of_pair(text, state, self.s.words[n].start, pair))
                 waiting = []
         self.s.unread += [one.text for one in waiting]
         return deeds
@@ -415,7 +421,7 @@ class SentenceDeeds:
             if n not in self.s.taken and not (self.s.low(n) in places and self.s.begins_noun(n + 1))
         ]  # fmt: skip
         low, start = self.s.low(number), self.s.words[part.start].start
-        return self._made_ready([_said(low, deed, start, pair) for pair in pairs])
+        return self._made_ready([_deed_of_pair(low, deed, start, pair) for pair in pairs])
 
     def _made_ready(self, deeds: list[SaidDeed]) -> list[SaidDeed]:
         """Return deeds ahead of which "a hot potato" is heated; "the hot potato" is one that is."""
@@ -428,10 +434,12 @@ class SentenceDeeds:
                 if said[-1] == "coffee" and said[0] in ("a", "an", "some", "one", "coffee"):
                     deed = replace(deed, deed="coffee")  # "a cup of coffee"
                 elif said[-2:] == ["of", "water"] and thing.types:
-                    first.append(_said(deed.verb, "fill", deed.start, Pair(things=(thing,))))
+                    first.append(
+                        _deed_of_pair(deed.verb, "fill", deed.start, Pair(things=(thing,)))
+                    )
                 elif states and said[0] in ("a", "an", "some"):
                     pair = Pair(things=(thing,))
-                    first.append(_said(deed.verb, states[0], deed.start, pair))
+                    first.append(_deed_of_pair(deed.verb, states[0], deed.start, pair))
             ready += [*first, deed]
         return ready
 
@@ -462,7 +470,7 @@ class SentenceDeeds:
             return []
         s.taken.update(after)
         pair = _hung(replace(place, things=tuple(about[:3])), hangs=text == "hang")
-        return [_said(text, deed, word.start, pair)]
+        return [_deed_of_pair(text, deed, word.start, pair)]
 
     def _subjects(self, begin: int, end: int) -> list[Mention]:
         """Return what a sentence is about; a place only says which: "the mug on the desk"."""
@@ -527,7 +535,7 @@ class SentenceDeeds:
         if body and self._is_unknown_verb(body.start):
             low = self.s.low(body.start)
             self.s.unread.append(low)
-            return "errand", [_said(low, "", self.s.words[body.start].start, Pair())]
+            return "errand", [_deed_of_pair(low, "", self.s.words[body.start].start, Pair())]
         found = self.nouns.all_of(body)
         if not found:
             ruled_out = self.asides.exclusions or self.asides.forbidden or self.asides.times
@@ -537,14 +545,14 @@ class SentenceDeeds:
         start = self.s.words[left[0]].start
         if switch:
             self.s.taken.update(body)
-            return "errand", [_said(switch, switch, start, Pair(things=tuple(found)))]
+            return "errand", [_deed_of_pair(switch, switch, start, Pair(things=tuple(found)))]
         if {"have", "get"} & set(self.s.lows(0, left[0])):  # "can I have a coffee?"
-            have = _said("have", "take", start, Pair(things=tuple(found)))
+            have = _deed_of_pair("have", "take", start, Pair(things=tuple(found)))
             return "errand", self._made_ready([have])
         self.s.taken = kept
         pairs = self.pairs.read(body, "put")
         if pairs[0].things and pairs[0].place is not None:
-            return "errand", [_said("put", "put", start, pair) for pair in pairs]
+            return "errand", [_deed_of_pair("put", "put", start, pair) for pair in pairs]
         self.s.alone = found
         return "incomplete", []
 
@@ -572,7 +580,7 @@ class SentenceDeeds:
         else:
             deed, pairs = "put", self.pairs.read(part, "put")
         whole = all(one.things and (one.place or deed in _ON_OFF) for one in pairs)
-        return [_said(deed, deed, start, one) for one in pairs] if whole else []
+        return [_deed_of_pair(deed, deed, start, one) for one in pairs] if whole else []
 
     def _own_end(self, verb: int, end: int) -> int:
         """Return where a verb's own words end: before ", lamp off", which is one by itself."""
@@ -603,7 +611,7 @@ class SentenceDeeds:
         return word and s.tag(number + 1) in ("DT", "PRP$") and not s.lexicon.named(low)
 
 
-def _said(verb: str, deed: str, start: int, pair: Pair) -> SaidDeed:
+def _deed_of_pair(verb: str, deed: str, start: int, pair: Pair) -> SaidDeed:
     return SaidDeed(
         verb=verb, deed=deed, start=start, things=pair.things, place=pair.place, near=pair.near
     )

@@ -260,7 +260,7 @@ class StatefulRecall:
         places = [row_of(self._embedder, text)[0] for text in wanted.places]
 
         def name(kind: str) -> float:
-            bonus = _named(kind, wanted.text)
+            bonus = _name_bonus(kind, wanted.text)
             return bonus + DESTINATION * wanted.is_destination
 
         def states(there: tuple[str, ...]) -> float:
@@ -295,7 +295,7 @@ def _fits(state: str, there: Sequence[str]) -> float:
     return 1.0 if state in there else 0.5 * (ALIKE.get(state) in there)
 
 
-def _named(kind: str, text: str) -> float:
+def _name_bonus(kind: str, text: str) -> float:
     """Return a bonus for each word of a type's name, if the text has them all.
 
     "Pens" and "pen" are one word, and so are "remotecontrol" and "remote control".

@@ -249,7 +249,7 @@ class Agent:
         for number, clause in enumerate(self._in_turn(instruction)):
             now = self._now()
             try:
-                for moment in self._one(clause, instruction):
+                for moment in self._carry_out_or_answer(clause, instruction):
                     if isinstance(moment, RequestReply):
                         parts.append(moment)
                     yield moment
@@ -332,7 +332,7 @@ class Agent:
                 deeds = asked_last(one, deeds)
         return last, deeds, older
 
-    def _one(self, said: _Clause, whole: str) -> Iterator[Moment]:
+    def _carry_out_or_answer(self, said: _Clause, whole: str) -> Iterator[Moment]:
         """Carry out one request, or answer it."""
         clause, asked, reader = said.text, said.asked, self._method.reader
         known = rules.rules(self.home.past, reader) if reader else []

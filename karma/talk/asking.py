@@ -46,7 +46,7 @@ class AskedQuestion:
         self.open = bool(_OPEN.search(self.raw))
         self.near = self.under = False  # it asks beside or below those places, not in or on them
         self._places: list[str] = []  # the words by which they are said
-        named = [self._as_here(one) for one in self._named(request)]
+        named = [self._as_here(one) for one in self._things_in(request)]
         at = [one for one in named if self._is_place(one)]
         self.at = at or self._whose_contents(named)  # "in the fridge", "which cabinet has ..."
         self.about = [one for one in named if one not in self.at]  # what something is asked of
@@ -55,7 +55,7 @@ class AskedQuestion:
             one for one in request.alone if not (one.types or one.vague or _OPEN.search(one.text))
         ]
 
-    def _named(self, request: Request) -> Iterator[Mention]:
+    def _things_in(self, request: Request) -> Iterator[Mention]:
         """Yield its things, without an "in it" of what it names itself."""
         alone = [one for one in request.alone if one.types]
         own = [

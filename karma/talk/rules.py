@@ -34,7 +34,7 @@ def is_rule(request: Request) -> bool:
     if any(one.verb.startswith("leave") for one in request.forbidden):
         return False
     # of "dirty things", "the red mug" nobody could say whether a request is about them
-    named = [one for one in _named(request) if one.types]
+    named = [one for one in _things_in(request) if one.types]
     told = not named or any(one.states or one.at or one.marks for one in named)
     return not (told or _STATES & {*re.findall(r"[a-z]+", request.text.lower())})
 
@@ -59,15 +59,15 @@ def is_taken_back(text: str, known: Sequence[Request], reader: RequestReader) ->
 
 def _without(kept: Sequence[Request], text: str, reader: RequestReader) -> list[Request]:
     """Return rules without those that a text names things of; of no things, without the last."""
-    named = {kind for one in reader.read(text) for kind in _kinds(_named(one))}
+    named = {kind for one in reader.read(text) for kind in _kinds(_things_in(one))}
     if re.search(r"\b(?:all|every)\b.*\brules?\b", text, re.IGNORECASE):
         return []
     if not named:
         return [*kept[:-1]]
-    return [one for one in kept if not named & _kinds(_named(one))]
+    return [one for one in kept if not named & _kinds(_things_in(one))]
 
 
-def _named(request: Request) -> Iterator[Mention]:
+def _things_in(request: Request) -> Iterator[Mention]:
     """Yield all things that a sentence names, those that it forbids too."""
     yield from (*request.alone, *request.mentions, *request.exclusions)
     for deed in request.forbidden:
@@ -79,7 +79,7 @@ def _named(request: Request) -> Iterator[Mention]:
 def kept_to(request: Request) -> MemoryAnswer:
     """Return what is said to a rule, and of what else it holds where words tell things apart."""
     lines = [f"I will keep to it: {request.text.rstrip('.!')}."]
-    for one in _named(request):
+    for one in _things_in(request):
         kinds = [name_of(kind) for kind in one.types]
         if kinds and one.text.rstrip("s").endswith(f" {kinds[0]}"):
             lines.append(f"I cannot tell the {one.text} from others: it holds for each {kinds[0]}.")

@@ -206,7 +206,7 @@ def with_other_things(
     for kind in sorted({name for goal in goals for name in goal.arguments} & lexicon().keys()):
         if rng.random() < 0.25 or any(goal.count > 1 for goal in goals):
             continue
-        named = _named(text, kind)
+        named = _name_pattern(text, kind)
         others = [
             other
             for other in _alike(kind)
@@ -225,7 +225,7 @@ def with_other_things(
     return text, goals
 
 
-def _named(text: str, kind: str) -> re.Pattern[str] | None:
+def _name_pattern(text: str, kind: str) -> re.Pattern[str] | None:
     """Return what finds a type's name in a sentence, the longest that stands there."""
     names = sorted(lexicon()[kind].names, key=len, reverse=True)
     for name in names:

@@ -204,7 +204,7 @@ class GoalTracker:
         now = [
             (goal, _ids(things))
             for goal in self._standing.goals
-            for things in product(*_named(goal, index))
+            for things in product(*_objects_named(goal, index))
             if self._true_now(index, goal, things)
         ]
         self._standing.look(now, index.is_carried)
@@ -235,7 +235,7 @@ class GoalTracker:
         met = of = 0
         for group in linked(_names_of(goals)):
             for goal in group:
-                named = _named(goal, index)
+                named = _objects_named(goal, index)
                 met += min(goal.count, suited(goal, named, partial(self._true, index)))
                 of += goal.count
             if len(group) > 1:
@@ -345,7 +345,7 @@ _CHANGE_NO_GOAL = frozenset(
 )  # fmt: skip
 
 
-def _named(goal: Goal, index: ObjectIndex) -> list[list[TrueObject]]:
+def _objects_named(goal: Goal, index: ObjectIndex) -> list[list[TrueObject]]:
     return [index.named(alternatives(name)) for name in object_names(goal)]
 
 

@@ -109,7 +109,7 @@ def model_hashes(models: Models, rows: Iterable[Row] = ()) -> dict[str, str]:
         "embedder": _filled(models, "embedder"),
         "vision": _filled(models, "vision"),
         **({"detector": models.detector} if models.detector else {}),
-    } | {f"vision of {row.name}": _named(row.vision) for row in rows if row.vision}
+    } | {f"vision of {row.name}": _name_and_hash(row.vision) for row in rows if row.vision}
 
 
 def _planner(models: Models) -> str:
@@ -136,10 +136,14 @@ def parts_of_planner(told: str) -> tuple[str, str, str]:
 
 def _filled(models: Models, role: str) -> str:
     endpoint = getattr(models.hosted, role)
-    return f"{OPENAI}: {endpoint.model}" if endpoint is not None else _named(getattr(models, role))
+    return (
+        f"{OPENAI}: {endpoint.model}"
+        if endpoint is not None
+        else _name_and_hash(getattr(models, role))
+    )
 
 
-def _named(name: str) -> str:
+def _name_and_hash(name: str) -> str:
     """Return the name of an implementation with the hash of its model, if it has one."""
     kind, _, model = name.partition(":")
     if kind == "minilm":

@@ -144,7 +144,7 @@ class StepLog:
 
     def watch(self, action: str, arguments: Mapping[str, Any], event: Event) -> None:
         """Write one action down."""
-        why, plain = refusal(event), _plain(arguments)
+        why, plain = refusal(event), _as_json(arguments)
         error = why.words if why is not None else ""
         self.add(Action(action=action, arguments=plain, ok=why is None, error=error))
 
@@ -188,19 +188,19 @@ class StepLog:
         return b"".join(to_json(step) for step in self._steps if self._open)
 
 
-def _plain(value: Any) -> Any:
+def _as_json(value: Any) -> Any:
     """Return an argument as JSON has it; numpy's numbers are numbers."""
     match value:
         case str() | bool() | None:
             return value
         case Mapping():
-            return {str(name): _plain(one) for name, one in value.items()}
+            return {str(name): _as_json(one) for name, one in value.items()}
         case Integral():
             return int(value)
         case Real():
             return float(value)
         case Sequence():
-            return [_plain(one) for one in value]
+            return [_as_json(one) for one in value]
         case _:
             return value.tolist() if hasattr(value, "tolist") else str(value)
 

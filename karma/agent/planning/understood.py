@@ -149,7 +149,7 @@ def _meant(
             taken[kind] = pronoun
     meant = {phrase: list[str]() for phrase in phrases}
     for kind in (one for one in kinds if one in taken):
-        meant.setdefault(taken[kind], []).append(_told(names[kind], where))
+        meant.setdefault(taken[kind], []).append(_thing_and_place(names[kind], where))
     found_meant = tuple(Meant(phrase=one, things=tuple(its)) for one, its in meant.items())
     return found_meant, tuple(spoken(kind) for kind in kinds if kind not in taken)
 
@@ -165,7 +165,7 @@ def _objects(call: SkillCall) -> Iterator[str]:
             yield name
 
 
-def _told(name: str, where: Where) -> str:
+def _thing_and_place(name: str, where: Where) -> str:
     """Return a thing with the place where the agent believes it to be."""
     kind, known = _kind(name), where(name)
     fixed = not object_types()[kind].can("pickupable")
@@ -181,11 +181,11 @@ def _deeds(calls: Sequence[SkillCall]) -> Iterator[str]:
     chosen = [call for call in calls if call.skill not in WAYS] or calls[-1:]
     for call in chosen:
         if call.skill in WAYS:
-            yield f"go to {_said(call.objects[0])}"
+            yield f"go to {_thing_phrase(call.objects[0])}"
         elif call.skill == "PutObject" and call.objects[1:]:
-            yield f"put {_said(call.objects[0])} {told_place(call.objects[-1])}"
+            yield f"put {_thing_phrase(call.objects[0])} {told_place(call.objects[-1])}"
         else:
-            yield " ".join([DEEDS[call.skill], *dict.fromkeys(map(_said, call.objects))])
+            yield " ".join([DEEDS[call.skill], *dict.fromkeys(map(_thing_phrase, call.objects))])
 
 
 def _joined(deeds: Iterator[str]) -> Iterator[str]:
@@ -200,7 +200,7 @@ def _joined(deeds: Iterator[str]) -> Iterator[str]:
     yield from filter(None, [last])
 
 
-def _said(name: str) -> str:
+def _thing_phrase(name: str) -> str:
     known = type_of(name) in object_types() and name != HAND
     return f"the {name_of(name)}" if known or is_id(name) else name
 

@@ -202,7 +202,7 @@ class PictureEyes:
                 sights[found.object_id] = sight
         self._known.update(sights)
         if not self._vision.needs_pictures:
-            sights = self._told(event, sights)
+            sights = self._with_true_states(event, sights)
         self._last = _Look(
             event=event, capture=capture, pose=pose, camera=camera, sights=self._supported(sights)
         )
@@ -263,7 +263,9 @@ class PictureEyes:
         self._known.update(found)
         return found
 
-    def _told(self, event: Event, sights: Mapping[str, SeenObject]) -> dict[str, SeenObject]:
+    def _with_true_states(
+        self, event: Event, sights: Mapping[str, SeenObject]
+    ) -> dict[str, SeenObject]:
         """Return sights with the states that a model without pictures tells."""
         true = perceive.states_in(event)
         asked = [replace(one, states=true.get(name, ())) for name, one in sights.items()]

@@ -135,7 +135,7 @@ class Book:
         """Draw a template: one that was mined, one of ours, or what a pattern stands for."""
         mined, spoken = self.mined.get(kind, ()), self.spoken.get(kind, ())
         if mined and rng.random() < MINED:
-            return _one(rng, mined)
+            return _drawn_text(rng, mined)
         if spoken and rng.random() < SPOKEN:
             return self.say(rng, spoken)
         return self.say(rng, self.templates[kind])
@@ -169,19 +169,19 @@ class Book:
 
     def say(self, rng: np.random.Generator, patterns: Sequence[str]) -> str:
         """Draw one of the templates that some patterns stand for."""
-        pattern = _one(rng, patterns)
+        pattern = _drawn_text(rng, patterns)
         while found := _DEED.search(pattern):
             phrases = [text for texts in self.verbs[found[1]].values() for text in texts]
-            pattern = pattern.replace(found[0], _one(rng, phrases), 1)
+            pattern = pattern.replace(found[0], _drawn_text(rng, phrases), 1)
         return one_of(rng, pattern)
 
 
 def one_of(rng: np.random.Generator, pattern: str) -> str:
     """Draw one of the texts that a pattern with alternatives stands for."""
-    return _tidy(_CHOICE.sub(lambda match: _one(rng, match[1].split("|")), pattern))
+    return _tidy(_CHOICE.sub(lambda match: _drawn_text(rng, match[1].split("|")), pattern))
 
 
-def _one(rng: np.random.Generator, texts: Sequence[str]) -> str:
+def _drawn_text(rng: np.random.Generator, texts: Sequence[str]) -> str:
     return texts[int(rng.integers(len(texts)))]
 
 

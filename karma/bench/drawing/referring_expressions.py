@@ -81,7 +81,7 @@ def refer(rng: Rng, scene: Situation, unit: MemoryUnit) -> Ref | None:
             continue
         if "sliced" in unit.states and rng.random() < 0.35:
             text = f"{pick(rng, ('a slice of', 'a piece of', 'some of', 'one slice of'))} {text}"
-        plain = meaning(scene, _named(bare)) is unit
+        plain = meaning(scene, _by_name(bare)) is unit
         name = scene.names[unit.object_id]
         return Ref(name=name, object_type=unit.object_type, words=text, bare=bare, plain=plain)
     return None
@@ -105,7 +105,7 @@ def _pronoun(rng: Rng, scene: Situation) -> tuple[str, MemoryUnit | None]:
     return pick(rng, ("it", "it", "it", "that", "this", "that one", "this thing")), last
 
 
-def _named(word: str) -> Fits:
+def _by_name(word: str) -> Fits:
     return lambda unit: word in every_word()[base_type(unit.object_type)].names
 
 
@@ -147,7 +147,7 @@ def _noun(
 ) -> tuple[str, list[Fits]]:
     """Return a noun, "" if there is none of that form, and what it tells of the unit."""
     if form == "name":
-        return bare, [_named(bare)]
+        return bare, [_by_name(bare)]
     if form == "anything":
         return pick(rng, scene.book.references["anything"]), []
     said = describe(rng, scene, vaguely(scene, base_type(unit.object_type)))

@@ -90,11 +90,11 @@ def _clash(asks: Sequence[Ask], ask: Ask) -> bool:
         return True
     if any(one.kind in ("hold", "look") for one in asks[:-1]):
         return True
-    mine = _named(ask)
-    return any(mine & _named(other) - _shared_places(ask, other) for other in asks)
+    mine = _things_of(ask)
+    return any(mine & _things_of(other) - _shared_places(ask, other) for other in asks)
 
 
-def _named(ask: Ask) -> set[str]:
+def _things_of(ask: Ask) -> set[str]:
     """Return what a request has to do with, its appliances and knife included."""
     names = {word for goal in ask.goals for word in goal.arguments if goal.predicate != "STATE"}
     names |= {goal.arguments[0] for goal in ask.goals if goal.predicate == "STATE"}

@@ -187,10 +187,12 @@ def cells_of(
     if cells == [()]:
         raise FileError(path, "grid: it sets nothing", fix='[[grid]] with models.planner = ["..."]')
     said = {msgspec.json.encode([(one.key, one.value) for one in cell]): cell for cell in cells}
-    return _named(list(said.values()), changes)
+    return _cells_with_names(list(said.values()), changes)
 
 
-def _named(different: Sequence[tuple[Setting, ...]], changes: Changes) -> tuple[Cell, ...]:
+def _cells_with_names(
+    different: Sequence[tuple[Setting, ...]], changes: Changes
+) -> tuple[Cell, ...]:
     """Return combinations with a name each, short where that tells them apart."""
     short = _short_keys({one.key for cell in different for one in cell})
     brief = [{short[one.key]: _text(one.value, whole=False) for one in cell} for cell in different]

@@ -47,7 +47,7 @@ class Possible:
         return next(filter(None, map(self._why_not, goals)), "")
 
     def _why_not(self, goal: Goal) -> str:
-        named = [self._named(name) for name in object_names(goal)]
+        named = [self._objects_named(name) for name in object_names(goal)]
         if not all(named):
             return NOT_THERE
         if not all(any(map(self._is_reached, ones)) for ones in named):
@@ -60,7 +60,7 @@ class Possible:
             return TAKES_NONE
         return "" if any(self._is_taken(*pair) for pair in pairs) else TOO_BIG
 
-    def _named(self, name: str) -> Sequence[SceneObject]:
+    def _objects_named(self, name: str) -> Sequence[SceneObject]:
         kinds = alternatives(name)
         return [one for one in self._scene.objects if any(covers(k, one.type) for k in kinds)]
 

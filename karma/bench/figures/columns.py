@@ -285,7 +285,7 @@ def plain(lines: Sequence[Figures]) -> list[dict[str, Any]]:
             "episodes": one.episodes,
             "tasks": one.tasks,
             "seeds": one.seeds,
-            "values": {key: _plain(one.values[key]) for key in measured},
+            "values": {key: _estimate_data(one.values[key]) for key in measured},
             **({"unjudged": dict(one.unjudged)} if one.unjudged else {}),
         }
         for one in lines
@@ -297,7 +297,7 @@ def added_up(records: Sequence[EpisodeRecord]) -> bytes:
     return to_json(plain(figures(records)), indent=2)
 
 
-def _plain(found: Estimate) -> dict[str, float | None] | None:
+def _estimate_data(found: Estimate) -> dict[str, float | None] | None:
     if found.value is None:
         return None
     ends = found.interval

@@ -109,14 +109,14 @@ def to_csv(result: Result) -> str:
             low_high = (one.interval.low, one.interval.high) if one.interval else (None, None)
             writer.writerow(
                 (
-                    line.row, line.kind, key, *(_plain(v) for v in (one.value, *low_high)),
-                    line.episodes, line.tasks, line.seeds, _plain(there),
+                    line.row, line.kind, key, *(_short_number(v) for v in (one.value, *low_high)),
+                    line.episodes, line.tasks, line.seeds, _short_number(there),
                 )
             )  # fmt: skip
     return out.getvalue()
 
 
-def _plain(value: float | None) -> str:
+def _short_number(value: float | None) -> str:
     return "" if value is None else f"{value:.6g}"
 
 

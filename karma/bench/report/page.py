@@ -69,14 +69,14 @@ def render(page: Page, frames: Frames) -> str:
         columns=len(page.rows),
         letters=min(40, max(len(line.task) for line in page.tasks)),
         page=page,
-        data=script_data([_told(one, page.turns) for one in page.replays.values()]),
+        data=script_data([_replay_data(one, page.turns) for one in page.replays.values()]),
         frames=script_data(frames.uris()),
         figure=figure_text,
         key=episode_key,
     )
 
 
-def _told(one: EpisodeReplay, turns: Sequence[Turn]) -> dict[str, Any]:
+def _replay_data(one: EpisodeReplay, turns: Sequence[Turn]) -> dict[str, Any]:
     """Return one replay as the script reads it."""
     done = {turn.instruction for turn in turns if turn.status == "done"} if turns else None
     steps = one.steps
@@ -226,13 +226,13 @@ def facts_of(run_header: Any) -> Iterator[tuple[str, tuple[tuple[str, str], ...]
     """Yield what the run depends on: groups of names and values."""
     header: dict[str, Any] = msgspec.to_builtins(run_header)
     groups = {name: value for name, value in header.items() if isinstance(value, dict)}
-    yield "run", tuple((n, _plain(value)) for n, value in header.items() if n not in groups)
+    yield "run", tuple((n, _cell_text(value)) for n, value in header.items() if n not in groups)
     for group, facts in groups.items():
         if facts:
-            yield group, tuple((name, _plain(value)) for name, value in facts.items())
+            yield group, tuple((name, _cell_text(value)) for name, value in facts.items())
 
 
-def _plain(value: Any) -> str:
+def _cell_text(value: Any) -> str:
     if value is None:
         return UNKNOWN
     return ("no", "yes")[value] if isinstance(value, bool) else str(value)

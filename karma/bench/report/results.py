@@ -241,7 +241,7 @@ def success_plot(lines: Sequence[Figures]) -> Plot:
             low=_at(rate.interval.low) if rate.interval else None,
             high=_at(rate.interval.high) if rate.interval else None,
             style=f"s{kinds.index(line.kind) + 1}",
-            title=_said(line, rate),
+            title=_rate_line(line, rate),
         )
         for line, rate in rates
         if rate.value is not None and line.kind in kinds
@@ -355,7 +355,7 @@ def _at(rate: float) -> float:
     return round(LEFT + WIDTH * rate, 1)
 
 
-def _said(line: Figures, rate: Estimate) -> str:
+def _rate_line(line: Figures, rate: Estimate) -> str:
     successes, ends = round((rate.value or 0.0) * rate.number), rate.interval
     text = f"{line.row}, {line.kind}: {successes} of {rate.number}"
     return f"{text}, {figure_text(ends.low)} to {figure_text(ends.high)}" if ends else text

@@ -117,7 +117,7 @@ class _HeaderReader:
 
     def read(self) -> GgufHeader:
         self._begins()
-        version, tensors, pairs = self._one("<I"), self._one("<Q"), self._one("<Q")
+        version, tensors, pairs = self._unpack("<I"), self._unpack("<Q"), self._unpack("<Q")
         if version not in (2, 3):
             raise _TornError(f"GGUF version {version} is unknown")
         if max(tensors, pairs) > self._end:
@@ -125,7 +125,7 @@ class _HeaderReader:
         metadata = {}
         for _ in range(pairs):
             key = self._string()
-            metadata[key] = self._value(self._one("<I"))
+            metadata[key] = self._value(self._unpack("<I"))
         _check_undivided(metadata)
         if self._sizes is LANGUAGE:
             _check_speaks(metadata)
@@ -155,23 +155,23 @@ class _HeaderReader:
         self._at += count
         return start
 
-    def _one(self, form: str) -> Any:
+    def _unpack(self, form: str) -> Any:
         start = self._skip(struct.calcsize(form))
         return struct.unpack_from(form, self._data, start)[0]
 
     def _string(self) -> str:
-        length = self._one("<Q")
+        length = self._unpack("<Q")
         start = self._skip(length)
         return self._data[start : start + length].decode("utf-8", errors="replace")
 
     def _value(self, kind: int, depth: int = 0) -> Any:
         if kind in _SCALARS:
-            return self._one(_SCALARS[kind])
+            return self._unpack(_SCALARS[kind])
         if kind == _STRING:
             return self._string()
         if kind != _ARRAY or depth > 1:
             raise _TornError(f"value type {kind} is unknown at byte {self._at}")
-        inner, count = self._one("<I"), self._one("<Q")
+        inner, count = self._unpack("<I"), self._unpack("<Q")
         if inner in _SCALARS:
             self._skip(count * struct.calcsize(_SCALARS[inner]))
         elif inner == _STRING:
@@ -195,11 +195,11 @@ class _HeaderReader:
         """Return a tensor's name, and where it ends, counted from the start of the tensor data."""
         import gguf
 
-        name, dimensions = self._string(), self._one("<I")
+        name, dimensions = self._string(), self._unpack("<I")
         if not 1 <= dimensions <= _MAX_DIMENSIONS:
             raise _TornError(f"tensor {name!r} has {dimensions} dimensions")
-        shape = [self._one("<Q") for _ in range(dimensions)]
-        kind, offset = self._one("<I"), self._one("<Q")
+        shape = [self._unpack("<Q") for _ in range(dimensions)]
+        kind, offset = self._unpack("<I"), self._unpack("<Q")
         try:
             block, size = gguf.GGML_QUANT_SIZES[gguf.GGMLQuantizationType(kind)]
         except (ValueError, KeyError):

@@ -155,7 +155,7 @@ class Cassette:
         self._measured, self._start = 0, time.perf_counter()
         self._recording: Recording | None = None
         if mode == "record":
-            with self._named():
+            with self._errors_of_the_file():
                 self._recording = Recording(self.path, token)
                 with self._recording.turn():
                     self._take_all(self._recording.news())
@@ -250,7 +250,7 @@ class Cassette:
         if self._recording is None:
             self._take(line)
             return
-        with self._named():
+        with self._errors_of_the_file():
             with self._recording.turn():
                 if isinstance(line, Exchange) and line.shared:
                     self._look_up()
@@ -263,7 +263,7 @@ class Cassette:
     def _known(self, key: str) -> Exchange | None:
         """Return the answer that holds in every episode, whoever has asked for it."""
         if key not in self._shared and self._recording is not None:
-            with self._named(), self._recording.turn():
+            with self._errors_of_the_file(), self._recording.turn():
                 self._look_up()
         return self._shared.get(key)
 
@@ -273,7 +273,7 @@ class Cassette:
             self._take_all(self._recording.news(), only=_SHARED)
 
     @contextmanager
-    def _named(self) -> Iterator[None]:
+    def _errors_of_the_file(self) -> Iterator[None]:
         """Raise errors of the file as the cassette's."""
         try:
             yield

@@ -139,7 +139,7 @@ class LlamaModel:
             state = self.gguf.evaluate(stable, changing, is_late=lambda: answer.is_late)
             thought = self._think(spare, temperature, rng, answer)
             found = self._decode(automaton, room, temperature, rng, answer, log)
-        reasoning, text = self._said(thought, found, spec)
+        reasoning, text = self._thought_and_answer(thought, found, spec)
         return Completion(
             text=text,
             finish=found.finish,
@@ -156,7 +156,9 @@ class LlamaModel:
             certainty=log.certainty(),
         )
 
-    def _said(self, thought: Thought, found: _Decoded, spec: AnswerSpec | None) -> tuple[str, str]:
+    def _thought_and_answer(
+        self, thought: Thought, found: _Decoded, spec: AnswerSpec | None
+    ) -> tuple[str, str]:
         """Return the thought and the answer."""
         text = found.text.decode("utf-8", errors="replace")
         if isinstance(spec, ProgramSpec):

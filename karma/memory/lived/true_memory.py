@@ -262,10 +262,10 @@ class TrueMemory:
         if query.state and not found:  # it was never seen so
             found = self._log.recall(replace(query, state=""), FOUND)
         found.sort(key=lambda one: ranks.get(one.sighting.object_type, 0))
-        return [_told(one, said.before_s) for one in found[:k]]
+        return [_as_fact(one, said.before_s) for one in found[:k]]
 
 
-def _told(episode: Belief, before_s: float | None) -> Fact:
+def _as_fact(episode: Belief, before_s: float | None) -> Fact:
     """Return an episode as a fact, as it was seen last before a time."""
     seen = episode.sighting
     if before_s is not None and seen.time_s > before_s:

@@ -75,7 +75,7 @@ def fit(action: str, name: str, value: Any, annotation: Any, admitted: tuple[typ
     if kind in admitted and _is_usual(value):
         return value
     try:
-        value = _plain(value)
+        value = _as_json(value)
         if name == "rotation" and dict in admitted and isinstance(value, int | float):
             value = {"y": value}  # as the client does
         if int in admitted and isinstance(value, float) and value.is_integer():
@@ -108,7 +108,7 @@ def _is_usual(value: Any) -> bool:
     )
 
 
-def _plain(value: Any, depth: int = 0) -> Any:
+def _as_json(value: Any, depth: int = 0) -> Any:
     """Return the value in JSON's types; numpy's are welcome, as in the client.
 
     Raises:
@@ -127,9 +127,9 @@ def _plain(value: Any, depth: int = 0) -> Any:
         return value
     if depth < _DEEPEST:
         if isinstance(value, Mapping):
-            return {_text(str(key)): _plain(inner, depth + 1) for key, inner in value.items()}
+            return {_text(str(key)): _as_json(inner, depth + 1) for key, inner in value.items()}
         if isinstance(value, list | tuple):
-            return [_plain(inner, depth + 1) for inner in value]
+            return [_as_json(inner, depth + 1) for inner in value]
         raise _Odd(type(value).__name__)
     raise _Odd(f"lists more than {_DEEPEST} deep")
 

@@ -128,7 +128,7 @@ class Floor:
 
         Without a start, the part with most things in reach counts.
         """
-        free = self._named(self._clear(AGENT_RADIUS_M) & self._inside() & ~self._behind_walls())
+        free = self._keys_of(self._clear(AGENT_RADIUS_M) & self._inside() & ~self._behind_walls())
         free.update(map(self.key, stood))
         if self._start is not None:
             main = self.key(self._start)
@@ -137,7 +137,7 @@ class Floor:
             loose = [one.box for one in self._seen if one.pickupable]
             things = loose or [one.box for one in self._seen]
             main = max(parts(free), key=lambda part: self._worth(part, things), default=[(0, 0)])[0]
-        free = joined(free, self._named(self._clear(_SQUEEZE_M)))
+        free = joined(free, self._keys_of(self._clear(_SQUEEZE_M)))
         mine = next((part for part in parts(free) if main in part), [])
         return tuple(sorted(map(self.cell, self._reaching(mine) if mine else mine)))
 
@@ -150,7 +150,7 @@ class Floor:
         """
         known = {self.key(cell): cell for cell in cells}
         apart = len(parts(known))
-        every = joined(known, self._named(self._clear(_SQUEEZE_M)))
+        every = joined(known, self._keys_of(self._clear(_SQUEEZE_M)))
         chosen = parts(every)
         main = max(chosen, key=len)
         if from_start and self._start is not None:
@@ -173,7 +173,7 @@ class Floor:
         gaps = distances([self.cell(key) for key in sorted(found)], things)
         far = [box for box, gap in zip(things, gaps, strict=True) if gap > REACH_M]
         if far:
-            open_floor = self._named(self._clear(_SQUEEZE_M) & ~self._behind_walls())
+            open_floor = self._keys_of(self._clear(_SQUEEZE_M) & ~self._behind_walls())
             for box in far:
                 near = {key for key in open_floor if self._gap(key, box) <= REACH_M}
                 found |= _bridge(sorted(found), near, open_floor)
@@ -183,7 +183,7 @@ class Floor:
         x, z = self.cell(key)
         return box.distance(x, box.y0, z)
 
-    def _named(self, which: Flags) -> set[Key]:
+    def _keys_of(self, which: Flags) -> set[Key]:
         return {(int(i), int(j)) for i, j in self._keys[which]}
 
     def _worth(self, part: Sequence[Key], things: Sequence[Box]) -> tuple[int, int]:

@@ -207,7 +207,7 @@ def _decoded(body: bytes) -> Any:
 # ----------------------------------------------------------------- answers
 
 
-def _plain(value: Any) -> Any:
+def _as_builtin(value: Any) -> Any:
     """Return what msgpack knows for what it does not."""
     if isinstance(value, np.generic):
         return value.item()
@@ -220,7 +220,7 @@ class Writer:
     """Turns events into messages; what a moment's objects come to is worked out once."""
 
     def __init__(self) -> None:
-        self._encoder = msgspec.msgpack.Encoder(enc_hook=_plain)
+        self._encoder = msgspec.msgpack.Encoder(enc_hook=_as_builtin)
         self._objects: object = None
         self._packed = msgspec.Raw()
 

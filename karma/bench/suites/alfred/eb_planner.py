@@ -262,16 +262,16 @@ def read_answer(text: str, actions: int, *, mend: bool = True) -> PlanReading:
                 break
             return PlanReading(error=f"there is no action {number}; the last is {actions - 1}")
         plan.append(number)
-        mended |= not isinstance(_said(item), int)
+        mended |= not isinstance(_number_of(item), int)
     return PlanReading(plan=tuple(plan), mended=mended)
 
 
-def _said(item: Any) -> Any:
+def _number_of(item: Any) -> Any:
     return item.get(NUMBER) if isinstance(item, dict) else item
 
 
 def _number(item: Any, *, mend: bool) -> int | None:
-    said = _said(item) if mend or isinstance(item, dict) else None
+    said = _number_of(item) if mend or isinstance(item, dict) else None
     if mend and isinstance(said, str) and _DIGITS.fullmatch(said.strip()):
         said = int(said)
     if mend and isinstance(said, float) and said.is_integer():

@@ -80,9 +80,12 @@ def score_prompt(
 ) -> tuple[str, ...]:
     """Return the prompt that a skill follows, in segments: a step each that was taken."""
     asked = f"Human: {instruction.strip()}\nRobot: 1."
+    failures = [
+        _failure_phrase(step.feedback) if options.failures and not step.ok else "" for step in steps
+    ]
     taken = [
-        f" {step.name}{_told(step.feedback) if options.failures and not step.ok else ''}, {place}."
-        for place, step in enumerate(steps, 2)
+        f" {step.name}{failure}, {place}."
+        for place, (step, failure) in enumerate(zip(steps, failures, strict=True), 2)
     ]
     return (_shown("\n".join(_texts().lead) + "\n", options), asked, *taken)
 
@@ -110,14 +113,14 @@ def _shown(lead: str, options: LotaPromptOptions) -> str:
 
 def _example(one: StepExample) -> str:
     said = [
-        f"{place}. {step}{_told(one.failures.get(str(place), ''))}"
+        f"{place}. {step}{_failure_phrase(one.failures.get(str(place), ''))}"
         for place, step in enumerate(one.steps, 1)
     ]
     taken = ", ".join([*said, f"{len(said) + 1}. {DONE}."])
     return f"Human: {one.instruction}\nRobot: {taken}"
 
 
-def _told(failure: str) -> str:
+def _failure_phrase(failure: str) -> str:
     """Return how a failure is told behind its step."""
     reason = failure.removeprefix("Invalid: ").rstrip(".").lower()
     return f" (this action failed: {reason})" if reason else ""
@@ -219,7 +222,7 @@ def read_list(text: str, skills: Sequence[str], *, mend: bool = True) -> tuple[I
 
     `mend`: it may be written otherwise than in the source.
     """
-    written = _plain if mend else str
+    written = _bare_skill if mend else str
     known = {written(one): number for number, one in enumerate(skills)}
     puts = [number for number, one in enumerate(skills) if one.startswith(_PUT)]
     found: list[Item] = []
@@ -243,10 +246,10 @@ def _items(text: str, *, mend: bool) -> Iterator[str]:
             yield said
 
 
-def _plain(said: str) -> str:
+def _bare_skill(said: str) -> str:
     """Return a skill without capitals and articles.
 
-    >>> _plain("Find  an Arm chair")
+    >>> _bare_skill("Find  an Arm chair")
     'find arm chair'
     """
     return " ".join(_ARTICLE.sub("", said.lower()).split())

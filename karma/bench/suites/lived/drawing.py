@@ -108,7 +108,7 @@ def draw_request(view: HomeView, kind: LivedKind, rng: np.random.Generator) -> L
 # ----------------------------------------------------------------- the thing itself
 
 
-def _named(draw: _RequestDraw, kind: LivedKind) -> LivedRequest:
+def _ask_for_the_only(draw: _RequestDraw, kind: LivedKind) -> LivedRequest:
     """Ask for the only thing of its type, still there or not."""
     alone = [
         one
@@ -368,13 +368,13 @@ def _the(word: str) -> str:
 
 
 _KINDS: Mapping[LivedKind, Callable[[_RequestDraw], LivedRequest]] = {
-    "exact": partial(_named, kind="exact"),
+    "exact": partial(_ask_for_the_only, kind="exact"),
     "attribute": _attribute,
     "event": _event,
     "time": _time,
     "place": _place,
     "count": _count,
     "several": _several,
-    "changed": partial(_named, kind="changed"),
+    "changed": partial(_ask_for_the_only, kind="changed"),
     "unseen": _unseen,
 }

@@ -104,7 +104,7 @@ class HomeLife:
         home = toured(spec, seed) if tracer is None else tour(spec, seed, tracer)
         self._map, self._start, self._people = home.map, home.start, spec.people(seed)
         self._household = home.household.fork()
-        self._robot = HomeRobot(self._household, self._map, self._told)
+        self._robot = HomeRobot(self._household, self._map, self._take_in)
         self._robot.actions = home.actions
         self._memory = self._made()
         self._server = Server(self._robot, self._memory, row, experiment.tokens)
@@ -115,7 +115,7 @@ class HomeLife:
         if tracer is not None:
             tracer.follow(self._household, self._robot)
         for moment in home.moments:
-            self._told(moment)
+            self._take_in(moment)
 
     def now(self) -> dict[str, Sighting]:
         """Return where every movable thing is."""
@@ -180,7 +180,7 @@ class HomeLife:
             return ExpertMemory(setting, self.now)
         return DESIGNS[self._row.design](setting)
 
-    def _told(self, moment: HomeMoment) -> None:
+    def _take_in(self, moment: HomeMoment) -> None:
         self._memory.take_in(moment)
         self._seen.update((seen.object_id, seen) for seen in moment.seen)
         if self._tracer is not None:
