@@ -70,9 +70,14 @@ class ConditionCheck(ThingFinder):
         self, thing: Mention, kinds: Collection[str], *, several: bool
     ) -> Doing[list[SeenObject]]:
         """Return the first that is found of each kind, or all; or the one that is at its place."""
+        if thing.at and several:
+            places = self.episode.places([*map(kind_of, thing.at)])
+            yield from self.looked_over(places[:PLACES], lambda: None)
+            fitting = [one for one in self.of_kinds(kinds) if self.fits(one.object_id, thing)]
+            return fitting if len(places) <= PLACES else []
         if thing.at:
-            one = yield from self._is_there(thing, kinds)
-            return [self.sights[one]] if one else []
+            name = yield from self._is_there(thing, kinds)
+            return [self.sights[name]] if name else []
         found: list[SeenObject] = []
         for kind in kinds:
             result = self.episode.skills.run(SkillCall.of("Explore", kind))
@@ -96,8 +101,7 @@ class ConditionCheck(ThingFinder):
         name = sight.object_id
         if state in ("empty", "filled") and object_types()[sight.object_type].can("receptacle"):
             yield self.episode.skills.look_over(sight)
-            holds = (parent for one in self.sights.values() for parent in one.parent_ids)
-            if any(parent.startswith(name) for parent in holds):  # in it, or in its basin
+            if self.holds_anything(name):
                 return state == "filled"
         return is_so(state, self.sights.get(name) or sight)
 

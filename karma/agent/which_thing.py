@@ -190,8 +190,7 @@ class ThingFinder:
             if (sight := self.sights.get(name)) is None or not self.fits(name, bare):
                 continue
             yield self.episode.skills.look_over(sight)
-            holds = (parent for one in self.sights.values() for parent in one.parent_ids)
-            if not any(parent.startswith(name) for parent in holds):
+            if not self.holds_anything(name):
                 return {kind_of(name): name}
         self.came.short = True
         self.came.say(f"I found none that is empty: {spoken(kinds[0]).lower()}", "otherwise")
@@ -425,14 +424,18 @@ class ThingFinder:
 
     def fits(self, object_id: str, thing: Mention) -> bool:
         """Return whether a thing is at the place, and in the states, that a mention tells."""
-        sights = self.sights
-        sight = sights.get(object_id)
+        sight = self.sights.get(object_id)
         if thing.at and (sight is None or not self._is_at(sight, thing.at)):
             return False
         states = states_told(thing, [kind_of(object_id)])
-        if "empty" in states and any(object_id in one.parent_ids for one in sights.values()):
+        if "empty" in states and self.holds_anything(object_id):
             return False
         return not states or (sight is not None and is_all(states, sight))
+
+    def holds_anything(self, name: str) -> bool:
+        """Return whether something was seen in a place, or in its basin."""
+        parents = (parent for one in self.sights.values() for parent in one.parent_ids)
+        return any(parent.startswith(name) for parent in parents)
 
     def _is_at(self, sight: SeenObject, places: Sequence[str]) -> bool:
         """Return whether a thing lies at a place of some types, or is a part of one: its drawer."""
