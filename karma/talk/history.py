@@ -66,6 +66,11 @@ _BESIDE_IT = re.compile(
     r" (?:is|are|was|were|lies|lie|stands|sits)(?: now| too| already)?(?=[.;!,]|$| and | then )",
     re.IGNORECASE,
 )
+_SWAP = re.compile(
+    r"\b(?:swap|exchange)(?: around)? (?P<one>(?:the|my) [\w ]+?) (?:and|with|for)"
+    r" (?P<other>(?:the|my) [\w ]+?)(?: around| over| places)?(?=[.!]*$)",
+    re.IGNORECASE,
+)
 _AND_BACK = re.compile(r"(?:,? and|, then| then)+ back(?: again)?(?=[.!]?$)", re.IGNORECASE)
 _TELL = re.compile(
     r"\b(?:tell me|let me know) (?=(?:what|where|which|who|when|how|whether|if)\b)", re.IGNORECASE
@@ -325,7 +330,7 @@ def in_plain_words(
 
     `seen` has the latest sights, by id.
     """
-    spoken = (_ORDINAL, _DONE_TO, _ALL_DONE_TO, _BACK, _BESIDE_IT)
+    spoken = (_ORDINAL, _DONE_TO, _ALL_DONE_TO, _BACK, _BESIDE_IT, _SWAP)
     if not any(kind.search(text) for kind in spoken):
         return PlainRequest(text, {})
     speaking = _SpeakingOfThePast(past, reader, seen or {})
@@ -335,6 +340,7 @@ def in_plain_words(
         text = _ALL_DONE_TO.sub(speaking.all_done_to, text)
     text = _BACK.sub(speaking.back, text)
     text = _BESIDE_IT.sub(speaking.beside_it, text)
+    text = _SWAP.sub(speaking.swap, text)
     return PlainRequest(text, speaking.means, tuple(speaking.unknown))
 
 
@@ -468,18 +474,34 @@ class _SpeakingOfThePast:
 
     def beside_it(self, found: re.Match[str]) -> str:
         """Return "put the fork in the drawer" for "put the fork where the spoon is"."""
-        kinds = _kinds_of(found["thing"], self._reader)
-        lying = (
-            place for name, sight in self._seen.items()
-            if base_type(type_of(name)) in kinds and (place := place_of(sight)) not in (None, HAND)
-        )  # fmt: skip
-        place = next(lying, None)
+        place = next((place for _, place in self._lying(found["thing"])), None)
         if place is None or type_of(place) == FLOOR:
             self._not_known(found[0][len(found["order"]) + 1 :])
             return found[0]
         self._mean(place)
         told = found["order"].lower().endswith(f" {name_of(place)}")  # "open the drawer where ..."
         return found["order"] if told else f"{found['order']} {told_place(place)}"
+
+    def swap(self, found: re.Match[str]) -> str:
+        """Return "put the fork in the drawer and the pen on the desk", where they lie so now."""
+        lying = [self._lying(found["one"]), self._lying(found["other"])]
+        places = [type_of(place) for things in lying for _, place in things]
+        if [len(things) for things in lying] != [1, 1] or len({*places}) < _BOTH or FLOOR in places:
+            return self._not_known(found[0])
+        (one, here), (other, there) = (things[0] for things in lying)
+        for name in (one, here, other, there):
+            self._mean(name)
+        second = f"the {name_of(other)} {told_place(here)}"
+        return f"put the {name_of(one)} {told_place(there)} and {second}"
+
+    def _lying(self, words: str) -> list[tuple[str, str]]:
+        """Return what was seen of what words name, and where, but for what is in the hand."""
+        kinds = _kinds_of(words, self._reader)
+        sights = ((name, place_of(one)) for name, one in self._seen.items())
+        return [
+            (name, place) for name, place in sights
+            if base_type(type_of(name)) in kinds and place not in (None, HAND)
+        ]  # fmt: skip
 
 
 def _kinds_of(words: str, reader: RequestReader) -> tuple[str, ...]:

@@ -87,3 +87,15 @@ def test_what_was_done_is_asked_about_and_done_something_else_to(tmp_path):
     reply = agent.do("put everything you washed on the table")
     assert reply.status == "done"
     assert "the apple is on the dining table: seen" in str(reply)
+
+
+def test_two_things_are_swapped_where_both_were_seen(tmp_path):
+    away = "PickupObject(robot, 'Apple')\nPutObject(robot, 'Apple', 'CounterTop')\n"
+    there = "PickupObject(robot, 'Mug')\nPutObject(robot, 'Mug', 'DiningTable')\n"
+    agent = agent_saying(tmp_path, [away, there])
+    assert agent.do("swap the apple and the mug").status == "refused"  # nobody knows where they are
+    assert agent.do("find the apple").status == "done"
+    assert agent.do("find the mug").status == "done"
+    assert agent.do("swap the apple and the mug").status == "done"
+    assert "on the counter top" in str(agent.do("where is the apple?"))
+    assert "on the dining table" in str(agent.do("where is the mug?"))
