@@ -213,8 +213,7 @@ class GuardedErrand(ThingFinder):
             return
         own = {**own, **place}
         only = {**own, kind_of(before): before} if before and kind_of(before) in kinds else own
-        told = bool(thing.other or thing.at or thing.states)  # "the lamp that is on"
-        one_kind = before and told and len(kinds) > 1
+        one_kind = before and len(kinds) > 1  # "the lamp that is on"
         subtask = self._of_one(kind_of(before)) if before and one_kind else self.subtask
         yield from episode.planned(subtask, came, only)
         self.tell_left_behind(kinds)

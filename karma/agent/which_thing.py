@@ -169,7 +169,7 @@ class ThingFinder:
         """Return the place that words tell of, type -> id; {}: any will do, None: there is none."""
         place = self.asked.deeds[0].place
         kinds = [] if place is None else self.kinds_of(place)
-        if place is None or place.every:
+        if place is None or (place.every and not place.at):  # any of the dresser's drawers
             return {}
         if "empty" in states_told(place, kinds) and not object_types()[kinds[0]].can("pickupable"):
             return (yield from self._empty_place(place, kinds))
@@ -219,7 +219,14 @@ class ThingFinder:
                 return ""
         if found is None and thing.other:
             found = yield from self._the_other(kinds)
-        return found
+        return self._not_so_yet(kinds, deed) if found is None else found
+
+    def _not_so_yet(self, kinds: Collection[str], deed: SaidDeed) -> str | None:
+        """Return the first that a deed would change, where others of its kinds are so already."""
+        known = [one for one in self._alike(kinds, deed.things[0]) if one in self.sights]
+        fresh = [one for one in known if not self.holds_already(one, deed, {})]
+        switched = deed_kind(deed.deed).leaves in ("on", "off", "opened", "closed")
+        return fresh[0] if switched and 0 < len(fresh) < len(known) else None
 
     def _is_told(self, thing: Mention, kinds: Collection[str], deed: SaidDeed) -> bool:
         """Return whether words tell which thing is meant: where it is, or how it is by now.

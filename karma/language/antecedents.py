@@ -187,12 +187,20 @@ def _both(one: Mention, named: Sequence[Mention], last: Sequence[Mention]) -> li
 def _so_many(things: Sequence[Mention], number: int | None) -> list[Mention]:
     """Return things that were named before, of which so many are meant: "one of them"."""
     found = [replace(thing, at=()) for thing in things]
+    if number is None and len(found) == 1 and _is_one_of_many(found[0]):
+        return [replace(found[0], every=True)]  # "is any drawer open?", "close them"
     if number is None:
         return found
     if len(found) == 1:
         alone = number > 1 and not (found[0].every or (found[0].number or 1) > 1)
         return [replace(found[0], number=number, every=False, vague=alone)]  # "both" of one
     return found[-number:]
+
+
+def _is_one_of_many(one: Mention) -> bool:
+    """Return whether a single word was said of what there may be more of, by any article."""
+    plural = one.text.split()[-1] in request_words().own_plurals  # "the keys" are one thing
+    return not (plural or one.every or one.other or one.marks or one.number or one.states)
 
 
 def _place_meant(

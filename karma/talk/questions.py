@@ -350,10 +350,12 @@ def _state_told(
 ) -> MemoryAnswer:
     """Return whether what was seen of a thing shows a state; of several, which do."""
     plural = thing.every or (thing.number or 0) > 1
+    any_of_them = q.has("any", "either")
+    plural = plural or any_of_them
     several = plural and len(found) > 1
     some = found if several else found[:1]
     so = [one for one in some if _is_so(q, state or q.state, one[0])]
-    yes = bool(so) if q.has("any", "either") else len(so) == len(some)
+    yes = bool(so) if any_of_them else len(so) == len(some)
     word = state or next(w for w in reversed(q.words) if w in request_words().seen)
     sight, when = (so if yes else [one for one in some if one not in so])[0]
     name, seen = name_of(sight.object_id), q.knows.seen(sight, when, STATE_TOLD)

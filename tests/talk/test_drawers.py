@@ -108,3 +108,24 @@ def test_a_condition_of_both_is_looked_at_of_both(tmp_path):
     (drawer,) = after[fork]
     assert drawer.startswith("Drawer")
     assert [one for one in after if drawer in (after[one] or ())] == [fork]
+
+
+def test_them_are_all_and_the_one_is_not_what_is_so_already(tmp_path):
+    agent = Agent("living_4", planner="karma-nano", folder=tmp_path)
+
+    def so(kinds, state):
+        found = agent._world.last_event.metadata["objects"]
+        return sorted(
+            one["objectType"] for one in found if one[state] and one["objectType"] in kinds
+        )
+
+    assert agent.do("open the drawers of the tv stand").status == "done"
+    assert agent.do("put a book from the coffee table in the dresser drawers").status == "done"
+    assert "Yes. In the drawer: the book" in str(agent.do("is anything in the dresser's drawers?"))
+    assert "Yes" in str(agent.do("did you leave any drawer open?"))
+    assert so(["Drawer"], "isOpen") == ["Drawer", "Drawer"]
+    assert agent.do("close them").status == "done"
+    assert so(["Drawer"], "isOpen") == []
+    assert agent.do("turn off the floor lamp").status == "done"
+    assert agent.do("turn off the lamp").status == "done"
+    assert so(["DeskLamp", "FloorLamp"], "isToggled") == []
