@@ -169,7 +169,7 @@ class ThingFinder:
         """Return the place that words tell of, type -> id; {}: any will do, None: there is none."""
         place = self.asked.deeds[0].place
         kinds = [] if place is None else self.kinds_of(place)
-        if place is None or (place.every and not place.at):  # any of the dresser's drawers
+        if place is None or place.every:
             return {}
         if "empty" in states_told(place, kinds) and not object_types()[kinds[0]].can("pickupable"):
             return (yield from self._empty_place(place, kinds))

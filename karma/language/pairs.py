@@ -91,6 +91,8 @@ class _PairGroup:
     def pair(self, deed: str) -> Pair:
         """Return the things, and where they go; other places say which things are meant."""
         things, place = self.things, self._goal()
+        if place is not None and place.at and place.every:  # any of the desk's drawers
+            place = replace(place, every=False)
         if things and place is not None and place.start != self.places[0].start:
             first, marks = self.places[0], things[-1].marks + self.places[0].marks
             things = [*things[:-1], replace(things[-1], at=first.types, marks=marks)]
