@@ -1,6 +1,7 @@
 """What several tests of the benchmark begin with."""
 
 import pytest
+
 from support.chromium import chromium
 from support.tiny import export_tiny
 
