@@ -12,6 +12,7 @@ from karma.agent.journal.formats import plural
 from karma.agent.planning.program import DEEDS, PUTS
 from karma.agent.seeing.perceive import place_of
 from karma.contracts import Mention, Request, SaidDeed, SeenObject, SkillResult
+from karma.household.deeds import DEED_KINDS
 from karma.household.ids import type_of
 from karma.household.pieces import base_type
 from karma.household.places import FLOOR, HAND
@@ -415,11 +416,10 @@ class _SpeakingOfThePast:
 
     def all_done_to(self, found: re.Match[str]) -> str:
         """Return "the mug and the plate" for "everything you washed"."""
-        names = [
-            name
-            for deed in self._deeds_of(found)
-            for name in done_to(self._past, deed, self._reader)
-        ]
+        deeds = self._deeds_of(found)
+        if not deeds & DEED_KINDS.keys():  # "I appreciate everything you do"
+            return found[0]
+        names = [name for deed in deeds for name in done_to(self._past, deed, self._reader)]
         words: list[str] = []
         for kind in dict.fromkeys(map(_kind_switched, names)):
             those = {name for name in names if _kind_switched(name) == kind}

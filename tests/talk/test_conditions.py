@@ -82,6 +82,7 @@ def test_what_was_done_is_asked_about_and_done_something_else_to(tmp_path):
     agent = agent_saying(tmp_path, [TAKE + WASH, put])
     assert str(agent.do("did you break anything?")).endswith("No, not that I remember.")
     assert agent.do("put everything you washed on the table").status == "asked"
+    assert agent.do("I appreciate everything you do").status != "asked"
     assert agent.do("wash the apple").status == "done"
     assert "Yes: the apple." in str(agent.do("did you wash anything?"))
     reply = agent.do("put everything you washed on the table")
