@@ -51,7 +51,8 @@ _DONE_TO = re.compile(
 )
 _ALL_DONE_TO = re.compile(
     r"\b(?:everything|whatever|anything|all(?: of)?(?: that| the things)?|the (?:things|ones))"
-    r" (?:that |which )?(?:you|we)(?:'ve| have| had| just)* (?P<deed>(?!(?:left|do|did|want|need|like|know|say|said|see|can|have)\b)[a-z]+)"
+    r" (?:that |which )?(?:you|we)(?:'ve| have| had| just)* "
+    r"(?P<deed>(?!(?:left|do|did|want|need|like|know|say|said|see|can|have)\b)[a-z]+)"
     r"(?: (?P<way>off|up|down|away|out|(?<=turned )on|(?<=switched )on)\b)?",
     re.IGNORECASE,
 )
