@@ -263,7 +263,7 @@ class Server:
             return []
         if said.beside is not None:
             place_id = self._beside_now(question, said.beside)
-            return [place_id] if place_id is not None else []
+            return [place_id] if place_id in self._places else []  # not in the hand
         kinds = set(said.place_types) | set(types_meant(said))
         found = [
             place_id
