@@ -108,6 +108,17 @@ def test_a_question_is_answered_from_memory_without_a_step(design):
     assert right >= 0.9 * len(things)
 
 
+@pytest.mark.parametrize("design", MEMORIES)
+def test_beside_what_is_in_the_hand_is_nowhere(design):
+    home = Home(design)
+    thing = home.lonely()[0]
+    asked = home.asked(thing.type, "errand")
+    beside = SaidThing(phrase="beside it", beside=asked.thing)
+    answer = home.server.serve(replace(asked, destination=beside))
+    assert answer.unknown
+    assert home.robot.held is None
+
+
 def test_who_always_looks_goes_there_first():
     home = Home("last-seen", LivedRow(name="sure", design="none", verify="always"))
     thing = home.lonely()[0]
