@@ -420,7 +420,8 @@ class _SpeakingOfThePast:
         deeds = self._deeds_of(found)
         if not deeds & DEED_KINDS.keys():  # "I appreciate everything you do"
             return found[0]
-        names = [name for deed in deeds for name in done_to(self._past, deed, self._reader)]
+        done = (done_to(self._past, deed, self._reader) for deed in sorted(deeds))
+        names = [name for things in done for name in things]
         words: list[str] = []
         for kind in dict.fromkeys(map(_kind_switched, names)):
             those = {name for name in names if _kind_switched(name) == kind}
