@@ -68,6 +68,7 @@ SWITCHED_BY_A_PART = (BURNER, *BASIN_OF, *BASINS)  # a skill that switches them 
 FOUND_BY_SKILL = (*TAPS, KNOB, BURNER, STOVE)  # of several, a skill knows which is meant
 COOKWARE = ("Pan", "Pot", "Kettle")  # stand on a burner; what lies in them is heated with them
 PARTS_OF_FURNITURE = frozenset(("Drawer", "Shelf", "Cabinet"))  # what one names of another
+# of which drawers, shelves and cabinets are parts, so that "on the desk" may say which drawer
 HAVE_PARTS = frozenset(("Desk", "Dresser", "SideTable", "TVStand", "CounterTop", "ShelvingUnit"))
 LAMPS = ("DeskLamp", "FloorLamp")
 

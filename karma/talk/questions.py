@@ -223,7 +223,8 @@ def _is_so(q: AskedQuestion, state: str, sight: SeenObject) -> bool:
     """Return whether a thing was seen in a state; empty is only what was looked into."""
     if state not in ("empty", "filled") or not object_types()[sight.object_type].can("receptacle"):
         return is_so(state, sight)
-    if any(sight.object_id in one.parent_ids for one, _ in q.knows.sights.values()):
+    parents = (parent for one, _ in q.knows.sights.values() for parent in one.parent_ids)
+    if any(parent.startswith(sight.object_id) for parent in parents):  # in it, or in its basin
         return state == "filled"
     shut = has_door(sight.object_type) and sight.object_id not in looked_into(q.knows.past)
     return not shut and is_so(state, sight)
