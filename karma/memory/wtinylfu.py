@@ -18,6 +18,7 @@ method"): every use adds one to a global counter; when that reaches the period W
 halved, and the global counter with them (Einziger and Friedman 2014).
 """
 
+from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Hashable, Iterator
 from hashlib import blake2b
@@ -173,7 +174,7 @@ def _checked_period(period: int | None) -> int | None:
 PROTECTED_SHARE = 0.8  # of the main segment
 
 
-class _WTinyLfu(Generic[K]):
+class _WTinyLfu(ABC, Generic[K]):
     """What both readings are made with.
 
     Args:
@@ -204,9 +205,9 @@ class _WTinyLfu(Generic[K]):
         self._rest: OrderedDict[K, None] = OrderedDict()  # what that is, each reading says
 
     @staticmethod
+    @abstractmethod
     def _window_of(capacity: int) -> int:
         """Return how many lines the window has unless it is said."""
-        raise NotImplementedError
 
     def _counts(self, period: Period, *, sketch: bool) -> CountMin4[K] | ExactCounts[K]:
         saturated = self._count_saturated

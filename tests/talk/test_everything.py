@@ -61,8 +61,3 @@ def test_what_nobody_looked_into_is_not_said_to_be_empty(agent):
     said = re.search(r"(\d+) that I have seen", answer)
     assert said is None or int(said[1]) <= sum("Cabinet" in one for one in opened)
     assert int(re.search(r"(\d+) that", str(agent.do("how many cabinets are there?")))[1]) > 1
-
-
-def test_what_lies_in_the_basin_is_in_the_sink(agent):
-    assert agent.do("put the fork in the sink").status == "done"
-    assert "Empty: the sink" not in str(agent.do("which sink is empty?"))

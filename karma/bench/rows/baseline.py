@@ -1,5 +1,6 @@
 """What baselines share: what an instruction may cost, what usually lies where, what is asked."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
@@ -50,7 +51,7 @@ class BaselineSettings:
 
 
 @dataclass
-class RoomMemory:
+class RoomMemory(ABC):
     """What was seen of one room, which skills may ask: a name is an id or a type."""
 
     here: Callable[[], Vec3]  # where the agent stands
@@ -62,9 +63,9 @@ class RoomMemory:
         for object_id in experience.missed | experience.cut:
             self.seen.pop(object_id, None)
 
+    @abstractmethod
     def best(self, name: str) -> SeenObject | None:
-        """Return the object that a type means now; None without one that may be used."""
-        raise NotImplementedError  # each row has its own order
+        """Return the object that a type means now, by the row's order; None without any."""
 
     def where(self, name: str) -> Known | None:
         """Return the best known place of an id or type."""
