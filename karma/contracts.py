@@ -1070,7 +1070,7 @@ Examples = Callable[[str], Sequence[WorkedExample]]  # for an instruction, the n
 class HomeMemory(Protocol):
     """What a robot keeps of a home where people live: a row of the table of memory designs.
 
-    Made as `made(setting)`, see `karma.memory.lived.setting.MemorySetting`.
+    Made as `made(setting)`, see `karma.plugins.homes.memory.setting.MemorySetting`.
     """
 
     def take_in(self, moment: HomeMoment) -> None:

@@ -17,10 +17,10 @@ from measuring import table, taken
 
 from karma.contracts import Deed, HomeMoment, HomeQuestion, Meaning, SaidThing, Sighting
 from karma.household.types import object_types
-from karma.infer.embed.minilm import MiniLm
-from karma.memory.lived.episodes import EpisodeLog, EpisodeQuery
-from karma.memory.lived.setting import KnownPlace, MemorySetting
-from karma.memory.lived.true_memory import LOG, TrueMemory
+from karma.models.embed.minilm import MiniLm
+from karma.plugins.homes.memory.episodes import EpisodeLog, EpisodeQuery
+from karma.plugins.homes.memory.setting import KnownPlace, MemorySetting
+from karma.plugins.homes.memory.true_memory import LOG, TrueMemory
 from karma.seeds import stream
 
 DAY_S = 86_400.0

@@ -28,16 +28,16 @@ from measuring import CHILDREN, Clock, resident_mb, table, taken
 
 from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.files import sha256_of
-from karma.infer.automaton import ProgramAutomaton
-from karma.infer.checks.gguf import check_gguf
-from karma.infer.checks.memory import gguf_parts_mb
-from karma.infer.llama.answer import CertaintyLog, UnderWay
-from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.opening import LlamaOptions
-from karma.infer.llama.room_states import StateOptions
-from karma.infer.manifest import resolve_planner
+from karma.models.automaton import ProgramAutomaton
+from karma.models.checks.gguf import check_gguf
+from karma.models.checks.memory import gguf_parts_mb
+from karma.models.llama.answer import CertaintyLog, UnderWay
+from karma.models.llama.model import LlamaModel
+from karma.models.llama.opening import LlamaOptions
+from karma.models.llama.room_states import StateOptions
+from karma.models.manifest import resolve_planner
 from karma.offline.guard import go_offline
-from karma.train.testing import make_llama
+from karma.testing import make_llama
 
 NANO = "nano"  # the planner that ships
 CLASSES = {  # shapes of Qwen 2.5 0.5B and 1.5B, Llama 3.2 3B, Llama 3.1 8B

@@ -7,7 +7,7 @@ One Zipf(1) trace over 1,000 objects, best of three, seconds of the processor:
 - touch: the policy's own `touch`, one call a request; its ratio is to the LRU.
 - memory: `ShortTermMemory.find` and `remember`, one request after another, as a caller of the
   public interface would do it; on the first tenth of the trace.
-- simulator: `karma.bench.suites.policies.simulate` over the same trace; its ratio is to the memory.
+- simulator: `karma.bench.policies.simulate` over the same trace; its ratio is to the memory.
   It must hit as often as the memory, or the run fails.
 """
 
@@ -19,7 +19,7 @@ import typer
 from measuring import table, taken
 
 from karma import registry
-from karma.bench.suites.policies.simulate import Trace, simulate
+from karma.bench.policies.simulate import Trace, simulate
 from karma.contracts import MemoryUnit
 from karma.memory.policies import make_policy
 from karma.memory.short_term import ShortTermMemory

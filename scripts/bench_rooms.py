@@ -19,7 +19,7 @@ from karma.agent.journal.header import EPISODES
 from karma.agent.journal.run_folder import read_run
 from karma.bench.engine.run import Run
 from karma.offline.guard import go_offline
-from karma.train.testing import make_llama
+from karma.testing import make_llama
 
 TASKS = Path("eval/alfworld_r/tasks.jsonl")
 WAYS = {  # what is done: its [run]

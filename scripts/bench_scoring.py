@@ -4,7 +4,7 @@
     python scripts/bench_scoring.py --lota-alfred 10
 
 Two models with F16 weights: the shipped planner, and a Llama of random weights made here. That the
-scores are exact is held by `tests/infer/test_scoring.py`.
+scores are exact is held by `tests/models/test_scoring.py`.
 
 Speed: one prompt of 2,000 tokens and 200 candidates, one thread, seconds of the processor, so that
 other jobs on the machine matter less. Naive scoring is timed on three candidates and multiplied,
@@ -28,19 +28,19 @@ from support.every_score import every_score
 from support.naive_scoring import PLACES, THINGS, Naive, lines, tokens_of
 
 from karma.bench.engine.experiment_file import beside
-from karma.bench.suites.alfred.benchmark import read_rooms
-from karma.bench.suites.alfred.experiment import draw_tasks
-from karma.bench.suites.alfred.lota_planner import LotaPromptOptions, followed, score_prompt
-from karma.bench.suites.alfred.players import ExpertPlayer
 from karma.contracts import Choice
-from karma.infer.llama.gguf_model import GgufModel
-from karma.infer.llama.opening import LlamaOptions
-from karma.infer.llama.scoring import SkillScorer
+from karma.models.llama.gguf_model import GgufModel
+from karma.models.llama.opening import LlamaOptions
+from karma.models.llama.scoring import SkillScorer
 from karma.offline.guard import go_offline
+from karma.plugins.alfred.eb_world.actions import LOTA_ALFRED, read_types, skills_of
+from karma.plugins.alfred.eb_world.environment import Environment
+from karma.plugins.alfred.suites.benchmark import read_rooms
+from karma.plugins.alfred.suites.experiment import draw_tasks
+from karma.plugins.alfred.suites.lota_planner import LotaPromptOptions, followed, score_prompt
+from karma.plugins.alfred.suites.players import ExpertPlayer
 from karma.seeds import stream
-from karma.train.testing import make_llama
-from karma.world.eb_alfred.actions import LOTA_ALFRED, read_types, skills_of
-from karma.world.eb_alfred.environment import Environment
+from karma.testing import make_llama
 
 NANO = Path("models/nano/planner.gguf")
 LONG = 2000  # tokens of the prompt that speed is measured on

@@ -25,10 +25,10 @@ from measuring import resident_mb, table, taken
 from karma.files import to_json
 from karma.offline.children import forking, starting
 from karma.offline.guard import go_offline
+from karma.plugins.thor_tools.importing.scenes import import_dump
+from karma.plugins.thor_tools.player import command
 from karma.world.core import scene as scenes
 from karma.world.core.scene import Scene
-from karma.world.importing.scenes import import_dump
-from karma.world.player import command
 from karma.world.sim import EmbeddedWorld
 
 SHARED = Path(os.environ.get("KARMA_SHARED", Path(__file__).parents[2] / "shared")) / "data"

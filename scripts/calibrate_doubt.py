@@ -14,15 +14,14 @@ import typer
 
 from karma import registry
 from karma.agent.loading.planner_files import hints_for
-from karma.agent.planning.refused_requests import FEATURES
-from karma.bench.drawing.memories import generated_rooms
-from karma.bench.drawing.phrases import our_book
 from karma.files import to_json, write_atomic
-from karma.infer.llama.opening import LlamaOptions
-from karma.infer.manifest import resolve_planner
+from karma.models.llama.opening import LlamaOptions
+from karma.models.manifest import resolve_planner
 from karma.offline.guard import go_offline
-from karma.seeds import stream
-from karma.train.figures import (
+from karma.plugins.rules.request_refusals import FEATURES
+from karma.plugins.training.drawing.memories import generated_rooms
+from karma.plugins.training.drawing.phrases import our_book
+from karma.plugins.training.figures import (
     Judged,
     Scored,
     brier,
@@ -32,6 +31,7 @@ from karma.train.figures import (
     judged,
     shares,
 )
+from karma.seeds import stream
 
 ROOMS_SEED = 977  # of rooms that training has not
 CONTROLS = {

@@ -24,9 +24,9 @@ from karma.household.ids import type_of
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types
 from karma.offline.guard import go_offline
+from karma.plugins.homes.home import PastErrand
+from karma.plugins.rules.talk.replies import AgentReply
 from karma.seeds import stream
-from karma.talk.home import PastErrand
-from karma.talk.replies import AgentReply
 
 THINGS = 3
 COLUMNS = (

@@ -42,7 +42,7 @@ from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
 from karma.language.hints import write_words
 from karma.offline.guard import go_offline
-from karma.train.hinted import words_file
+from karma.plugins.training.hinted import words_file
 
 OURS = Path("eval/recall/questions.jsonl")
 BEFORE = Path("eval/recall/before.json")

@@ -35,7 +35,7 @@ from support.talk_judge import VERDICTS, Talk, TalkJudge, Turn, Verdict, read_ta
 from karma.agent.loading.models import Models
 from karma.contracts import Resources
 from karma.offline.guard import go_offline
-from karma.talk.agent import Agent
+from karma.plugins.rules.talk.agent import Agent
 
 _LEANS = ("yes", "no", "says", "in")  # on what was done before
 

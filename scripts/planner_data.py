@@ -4,7 +4,7 @@
     python scripts/planner_data.py evaluate ../shared/data/alfred/valid_seen.jsonl.gz
     python scripts/planner_data.py tasks runs/drawn --seed 1
 
-What it reads, and what stays out, says `karma.train.sources`.
+What it reads, and what stays out, says `karma.plugins.training.sources`.
 """
 
 import gzip
@@ -22,27 +22,27 @@ from rich.progress import track
 from support.hint_figures import asked_words, figures
 
 from karma import registry
-from karma.agent.loading.alfred_sentences import read_sentences
 from karma.agent.loading.planner_files import hints_for
-from karma.bench.drawing.memories import is_authors_plan
-from karma.bench.drawing.phrases import disjoint_book, our_book
-from karma.bench.drawing.requests import KINDS, WITH_PAIRS
-from karma.bench.drawing.several import SEVERAL
 from karma.files import read_json, to_json
-from karma.infer.llama.opening import LlamaOptions
-from karma.infer.manifest import resolve_planner
 from karma.language.hints import WordFile
+from karma.models.llama.opening import LlamaOptions
+from karma.models.manifest import resolve_planner
 from karma.offline.guard import go_offline
+from karma.plugins.alfred.sentences import read_sentences
+from karma.plugins.thor_tools.importing.dump import read_layouts
+from karma.plugins.thor_tools.importing.scenes import import_dump
+from karma.plugins.training.drawing.memories import is_authors_plan
+from karma.plugins.training.drawing.phrases import disjoint_book, our_book
+from karma.plugins.training.drawing.requests import KINDS, WITH_PAIRS
+from karma.plugins.training.drawing.several import SEVERAL
+from karma.plugins.training.figures import read_goals, tell
+from karma.plugins.training.hinted import KeptRows
+from karma.plugins.training.packs import Data, PlannerRecipe, draw_pack
+from karma.plugins.training.samples import TrainingExample, draw_alfred
+from karma.plugins.training.sources import DEVELOPMENT, Sources, held_out_packs
+from karma.plugins.training.task_files import draw_tasks, fresh_rooms
 from karma.seeds import stream
-from karma.train.figures import read_goals, tell
-from karma.train.hinted import KeptRows
-from karma.train.packs import Data, PlannerRecipe, draw_pack
-from karma.train.samples import TrainingExample, draw_alfred
-from karma.train.sources import DEVELOPMENT, Sources, held_out_packs
-from karma.train.task_files import draw_tasks, fresh_rooms
 from karma.world.core.scene import Scene
-from karma.world.importing.dump import read_layouts
-from karma.world.importing.scenes import import_dump
 
 SHARED = Path(os.environ.get("KARMA_SHARED", ROOT.parent / "shared"))
 LOCKED = ROOT / "eval" / "locked" / "tasks.jsonl"

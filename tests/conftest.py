@@ -9,7 +9,7 @@ import pytest
 from hypothesis import settings
 from support.paths import ROOT, SHARED
 
-from karma.infer.manifest import PLANNER, find_model, is_present, verify
+from karma.models.manifest import PLANNER, find_model, is_present, verify
 from karma.offline import guard as offline
 
 pytest_plugins = ("support.eb_alfred", "support.bench_fixtures")
@@ -56,7 +56,7 @@ def nano(tmp_path_factory):
     from support.needs import need_models
 
     from karma.agent.loading.models import Models, load_resources
-    from karma.talk.agent import asking
+    from karma.plugins.rules.talk.agent import asking
 
     need_models("karma-nano")
     maps = tmp_path_factory.mktemp("maps")
@@ -66,7 +66,7 @@ def nano(tmp_path_factory):
 @pytest.fixture
 def agent_in(nano, tmp_path):
     """A function that returns an agent with karma-nano in a room that it does not know."""
-    from karma.talk.agent import Agent
+    from karma.plugins.rules.talk.agent import Agent
 
     def begin(scene, name="run"):
         maps = tmp_path / f"maps-{name}"

@@ -15,10 +15,10 @@ from support.tiny import export_tiny
 from karma.agent.goals.files import load_tasks
 from karma.errors import FileError, ModelError
 from karma.files import append_line, decode_json, read_toml, to_json, write_atomic
-from karma.infer.llama.model import LlamaModel
-from karma.infer.manifest import check_file
+from karma.models.llama.model import LlamaModel
+from karma.models.manifest import check_file
+from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.world.core import scene as scenes
-from karma.world.importing.scenes import import_dump
 from karma.world.sim import EmbeddedWorld
 
 # ----------------------------------------------------------------- scenes and dumps

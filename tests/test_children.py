@@ -14,8 +14,8 @@ from support.needs import need_models
 from support.paths import ROOT
 
 from karma.offline.children import child_command, run_child
-from karma.train.testing import make_picture_model, make_planner
-from karma.world.player import command
+from karma.plugins.thor_tools.player import command
+from karma.testing import make_picture_model, make_planner
 
 NAMES = (
     "random", "json", "typing", "queue", "ctypes", "sitecustomize", "usercustomize", "signal",
@@ -35,7 +35,7 @@ TASK = (
     '{"id": "%s", "kind": "simple", "scene": "kitchen_1", "subtasks": [{"instruction": '
     '"Open the fridge.", "goals": ["OPEN(Fridge)"]}]}\n'
 )
-THOR = """from karma.world.player import command
+THOR = """from karma.plugins.thor_tools.player import command
 from karma.world.thor.backend import ThorWorld
 world = ThorWorld(command())
 world.reset("kitchen_1")
@@ -168,9 +168,9 @@ STARTERS = {
     "karma/offline/children.py": "all others call it",
     "karma/world/thor/backend.py": "as children.py, with pipes and a session of its own",
     "karma/world/thor/client.py": "AI2-THOR's client starts the build, which is no Python",
-    "karma/bundle/install.py": "a file of Python's own modules, in a temporary folder",
-    "karma/bundle/build.py": "-I: pip",
-    "karma/infer/brought.py": "pip, where it is asked to bring a model",
+    "karma/plugins/airgap/install.py": "a file of Python's own modules, in a temporary folder",
+    "karma/plugins/airgap/build.py": "-I: pip",
+    "karma/models/brought.py": "pip, where it is asked to bring a model",
 }
 
 

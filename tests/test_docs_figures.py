@@ -22,7 +22,7 @@ from support.figures import (
 )
 from support.paths import GOLDEN, ROOT
 
-from karma.infer.manifest import PLANNERS
+from karma.models.manifest import PLANNERS
 
 EARLIER = "earlier planner"  # what stands beside a figure of weights that do not ship any more
 WHOLE = ("README.md", "docs/results.md")  # pages on which every number is held

@@ -13,16 +13,16 @@ from support.abuse.faults import Child
 from support.needs import need_models
 from support.run_files import lines_in
 
-from karma.bench.suites.lived.body import HomeRobot
-from karma.bench.suites.lived.home_map import HomeMap
-from karma.infer.embed.minilm import MiniLm
-from karma.memory.lived import ageing
-from karma.memory.lived.episodes import EpisodeLog
-from karma.memory.lived.setting import MemorySetting
-from karma.memory.lived.true_memory import LOG, TrueMemory
-from karma.talk.agent import Agent
-from karma.world.houses import build_home
-from karma.world.residents import Household
+from karma.models.embed.minilm import MiniLm
+from karma.plugins.homes.houses import build_home
+from karma.plugins.homes.lived.body import HomeRobot
+from karma.plugins.homes.lived.home_map import HomeMap
+from karma.plugins.homes.memory import ageing
+from karma.plugins.homes.memory.episodes import EpisodeLog
+from karma.plugins.homes.memory.setting import MemorySetting
+from karma.plugins.homes.memory.true_memory import LOG, TrueMemory
+from karma.plugins.homes.residents import Household
+from karma.plugins.rules.talk.agent import Agent
 
 KILLS = SAMPLE or 2
 ERRANDS = (

@@ -13,7 +13,7 @@ from support.paths import ROOT
 
 from karma.agent.goals.files import load_tasks
 from karma.bench.engine.episode import run_episode
-from karma.bench.rows.expert import ExpertMethod
+from karma.bench.methods.expert import ExpertMethod
 from karma.world.sim import EmbeddedWorld
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"

@@ -5,9 +5,9 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from karma.bundle.conditions import examine
 from karma.cli import app
 from karma.offline import guard as offline
+from karma.plugins.airgap.conditions import examine
 
 SET = {**offline.SWITCHES, **offline.DEFAULTS, offline.OFFLINE: "1"}
 

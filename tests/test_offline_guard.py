@@ -232,7 +232,7 @@ def test_header_of_a_run_says_that_it_had_no_leave(tmp_path):
     (tmp_path / "x.toml").write_text(EXPERT)
     _, _, err = python("from karma.cli import app; app(['eval', 'x.toml'])", tmp_path)
     header = json.loads((tmp_path / "runs/x/header.json").read_text())
-    assert header["network"] is False, err  # with leave: tests/infer/test_hosted.py
+    assert header["network"] is False, err  # with leave: tests/models/test_hosted.py
 
 
 # ----------------------------------------------------------------- planted calls
@@ -274,7 +274,9 @@ def test_planted_call_fails_the_run_and_is_named(kind, tmp_path):
 
 
 def test_player_is_guarded(tmp_path):
-    program = "import karma.world.player.main as m, karma.offline.guard as o; m.main([])"
+    program = (
+        "import karma.plugins.thor_tools.player.main as m, karma.offline.guard as o; m.main([])"
+    )
     program += "; print(o.is_armed())"
     assert python(program, tmp_path)[1] == "True\n"
 

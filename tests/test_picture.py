@@ -19,7 +19,7 @@ NODES = {
     "memory": ["memory"],
     "method": [*(f"agent/{name}.py" for name in ("karma", "attempts", "experience", "tour"))],
     "planner": ["agent/planning"],
-    "infer": ["infer"],
+    "models": ["models"],
 }  # a stop of the picture -> where its code is  # fmt: skip
 
 NOUNS = {

@@ -3,8 +3,8 @@
 import msgspec
 import pytest
 
-from karma.bench.suites.lived.experiment import LivedExperiment
-from karma.bench.suites.policies.figure import TraceFigure
+from karma.bench.policies.figure import TraceFigure
+from karma.plugins.homes.lived.experiment import LivedExperiment
 
 LIVED = {"name": "x", "benchmark": "lived", "rows": [{"name": "r", "design": "last-seen"}]}
 FIGURE = {"kind": "trace", "name": "x", "policies": ["lru[2]"]}

@@ -13,9 +13,9 @@ import zipfile
 import pytest
 from support.paths import ROOT
 
-from karma.bundle import build
 from karma.files import cache
-from karma.infer.manifest import find_model
+from karma.models.manifest import find_model
+from karma.plugins.airgap import build
 
 PYTHON = """#!/usr/bin/env bash
 case "$*" in

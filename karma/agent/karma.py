@@ -12,14 +12,11 @@ from msgspec import Meta
 from karma.agent.attempts import Programs, after_run, as_left, carried_out, lost
 from karma.agent.body.skills import Skills
 from karma.agent.experience import shut_away, units_of
-from karma.agent.guarded import GuardedErrand, joined, reader_of
 from karma.agent.options import settings_of
 from karma.agent.planning.full_profile import furniture_names
 from karma.agent.planning.planner import Planner
-from karma.agent.planning.reading import kind_of
 from karma.agent.seeing.perception import BoxSource, Kind, Perception, detector_of
 from karma.agent.tour import explore_room, position_of
-from karma.agent.which_thing import Came
 from karma.contracts import (
     Area,
     Detector,
@@ -46,11 +43,14 @@ from karma.contracts import (
 from karma.household.ids import type_of
 from karma.household.pieces import goes_by
 from karma.household.places import HAND
-from karma.language.clauses import plainly
-from karma.language.request import RequestReader, asked_last
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory
+from karma.plugins.rules.language.clauses import plainly
+from karma.plugins.rules.language.request import RequestReader, asked_last
+from karma.plugins.rules.object_finder import Came
+from karma.plugins.rules.reading import kind_of
+from karma.plugins.rules.request_executor import GuardedErrand, joined, reader_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

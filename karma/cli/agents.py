@@ -241,7 +241,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
         from rich.markdown import Markdown
 
         from karma.agent.journal.header import RESULTS
-        from karma.bench.suites.policies.figure import figure_run
+        from karma.bench.policies.figure import figure_run
 
         workers = self.workers if self.ray else self.workers or 1
         with bar() as progress:

@@ -23,8 +23,8 @@ from karma.cli.shared import (
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
-    from karma.talk.agent import Agent
-    from karma.talk.replies import AgentReply, Line
+    from karma.plugins.rules.talk.agent import Agent
+    from karma.plugins.rules.talk.replies import AgentReply, Line
 
 _ALL = 10_000  # rows of an answer where no screen ends
 CODES: Mapping[str, int] = {
@@ -60,10 +60,10 @@ def say(agent: "Agent", instruction: str, view: AnswerView | None = None) -> "Ag
 
     `view` hears the agent's answers, and shows them while they come.
     """
-    from karma.agent.planning.understood import Understanding
     from karma.contracts import Plan, SkillResult
-    from karma.talk import replies
-    from karma.talk.replies import Line, RequestReply
+    from karma.plugins.rules.talk import replies
+    from karma.plugins.rules.talk.replies import Line, RequestReply
+    from karma.plugins.rules.understanding import Understanding
 
     most = replies.rows_for(len(agent.clauses(instruction))) if _watched() else _ALL
     number, printed = 0, 0
@@ -145,9 +145,9 @@ def show_folder(agent: "Agent") -> None:
 def home_lines(agent: "Agent") -> list[str]:
     """Return what is said of a home that lasts; nothing of another."""
     from karma.agent.journal.formats import plural
-    from karma.language.clock import time_of_day
-    from karma.talk.home import BEGINS_S
-    from karma.talk.remembering import age
+    from karma.plugins.homes.home import BEGINS_S
+    from karma.plugins.rules.language.clock import time_of_day
+    from karma.plugins.rules.talk.remembering import age
 
     home = agent.home
     if home.folder is None:
@@ -202,8 +202,8 @@ def _whole(agent: "Agent", typed: str, last: "AgentReply") -> str:
 
     "" for a bare yes or no that asks for nothing; what is said to it is printed.
     """
-    from karma.language.clauses import completed
-    from karma.talk.offers import is_no, is_yes
+    from karma.plugins.rules.language.clauses import completed
+    from karma.plugins.rules.talk.offers import is_no, is_yes
 
     asked, offer = last.unclear, last.offer
     if is_no(typed) and (offer or asked):
@@ -327,7 +327,7 @@ def _command(agent: "Agent", name: str) -> None:
 
 
 def _print_plainly(lines: Sequence[str]) -> None:
-    from karma.talk.replies import ROWS
+    from karma.plugins.rules.talk.replies import ROWS
 
     most = ROWS if _watched() else _ALL
     shown = list(lines[:most])
@@ -338,7 +338,7 @@ def _print_plainly(lines: Sequence[str]) -> None:
 
 
 def _why(agent: "Agent") -> None:
-    from karma.talk.replies import lines_why, rows_for
+    from karma.plugins.rules.talk.replies import lines_why, rows_for
 
     parts = agent.replies[-1].parts if agent.replies else ()
     if not parts:

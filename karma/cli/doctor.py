@@ -37,8 +37,8 @@ def doctor(
 
 def doctor_offline(json: Json = None) -> None:
     """List every condition of a run without a network; exit code 1 if one does not hold."""
-    from karma.bundle import conditions
     from karma.offline.guard import DEFAULTS, SWITCHES
+    from karma.plugins.airgap import conditions
     from karma.world.thor.builds import CheckResult
 
     with console.status("looking; models are hashed ..."):
@@ -215,8 +215,8 @@ class BuildCommand:
 
     def do(self) -> None:
         """Build it, and say what it holds."""
-        from karma.bundle.build import PROJECT, BundleSpec, build
         from karma.files import cache
+        from karma.plugins.airgap.build import PROJECT, BundleSpec, build
 
         begin, extras = monotonic(), self.extras or self.thor is not None
         spec = BundleSpec(
@@ -260,6 +260,6 @@ def bundle_install(
 
 def _installer(*arguments: str) -> None:
     """Do what install.py out of the bundle does."""
-    from karma.bundle.install import main
+    from karma.plugins.airgap.install import main
 
     raise typer.Exit(main(list(arguments)))

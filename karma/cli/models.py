@@ -15,7 +15,7 @@ from karma.errors import ModelError
 from karma.files import write_atomic
 
 if TYPE_CHECKING:
-    from karma.infer.manifest import ModelEntry
+    from karma.models.manifest import ModelEntry
 
 _OPEN = "hash not known: fill with karma models add PATH"
 _MARKS = {
@@ -31,7 +31,7 @@ def models_list(json: Json = None) -> None:
 
     Sizes and memory in MB; "+" where a file's size is not known.
     """
-    from karma.infer.manifest import is_present, read_local, read_manifest
+    from karma.models.manifest import is_present, read_local, read_manifest
 
     added = {entry.name for entry in read_local().models}
     entries = read_manifest().models
@@ -51,7 +51,7 @@ def models_list(json: Json = None) -> None:
 
 def models_show(name: str = argument(..., "A model's name."), json: Json = None) -> None:
     """Show one model: what the manifest says of it, and where its files are."""
-    from karma.infer.manifest import file_paths, find_model, is_present
+    from karma.models.manifest import file_paths, find_model, is_present
 
     entry = find_model(name)
     said = {
@@ -71,7 +71,7 @@ def models_show(name: str = argument(..., "A model's name."), json: Json = None)
 
 def models_verify(names: Names = None, json: Json = None) -> None:
     """Check size and SHA-256 of files; exit code 1 if one is wrong, or a named one not here."""
-    from karma.infer.manifest import check, find_model, read_manifest
+    from karma.models.manifest import check, find_model, read_manifest
 
     found = []
     for entry in [*map(find_model, names)] if names else read_manifest().models:
@@ -111,7 +111,7 @@ def models_add(
     Files of a model of the manifest are recognised, and refused by name if they are not what it
     says; anything else becomes a model of its own. Nothing is ever fetched.
     """
-    from karma.infer.added import AddOptions, add_model
+    from karma.models.added import AddOptions, add_model
 
     options = AddOptions(
         name=name, role=_role(role), licence=licence, source=source, revision=revision,
@@ -160,9 +160,9 @@ def models_bring(name: str = argument(..., "A model of the manifest.")) -> None:
     The one command that uses the network, and only when it is called. What was fetched is kept
     until all is there: called again, it goes on.
     """
-    from karma.infer.brought import bring
-    from karma.infer.llama.gguf_files import make_merged
-    from karma.infer.manifest import check, find_model
+    from karma.models.brought import bring
+    from karma.models.llama.gguf_files import make_merged
+    from karma.models.manifest import check, find_model
 
     entry = find_model(name)
     if check(entry).state == "ok":
@@ -200,9 +200,9 @@ def models_tune(
     On processors some 42 tokens a second and core; a GPU is used where torch finds one.
     """
     from karma.agent.journal.formats import figure_text
-    from karma.infer.llama.gguf_files import merge_adapter
-    from karma.infer.manifest import find_model, is_gguf_path, verify
-    from karma.train.tuning import ADAPTER, ADAPTER_CONFIG, TuningRecipe, tune_file
+    from karma.models.llama.gguf_files import merge_adapter
+    from karma.models.manifest import find_model, is_gguf_path, verify
+    from karma.plugins.training.tuning import ADAPTER, ADAPTER_CONFIG, TuningRecipe, tune_file
 
     weights = Path(base) if is_gguf_path(base) else verify(find_model(base))[0]
     recipe = TuningRecipe(
@@ -219,7 +219,7 @@ def models_tune(
 
 def models_remove(name: str = argument(..., "A model that was added.")) -> None:
     """Take back an `add`: the entry, and the copies it made; files added in place stay."""
-    from karma.infer.added import remove_model
+    from karma.models.added import remove_model
 
     place = Path(remove_model(name).files[0].path)
     stays = f"; its files stay in {place.parent}" if place.is_absolute() else ""
@@ -242,9 +242,9 @@ def vlm_eval(
     html: Path | None = option(None, "Also write a page with the failures."),
 ) -> None:
     """Score a vision model on frames of rooms that its training never saw."""
-    from karma.infer.llama.vision import LlamaVision
-    from karma.infer.transformers_vision import TransformersVision
-    from karma.train.picture_score import Clock, examine, held_out_rooms, page, score
+    from karma.models.llama.vision import LlamaVision
+    from karma.models.transformers_vision import TransformersVision
+    from karma.plugins.training.picture_score import Clock, examine, held_out_rooms, page, score
 
     with console.status(escape(f"loading {model} ...")):
         pair = model.removeprefix("llama:")
@@ -286,7 +286,7 @@ def _role(text: str | None) -> Any:
     from typing import get_args
 
     from karma.errors import UnknownNameError
-    from karma.infer.manifest import Role
+    from karma.models.manifest import Role
 
     if text is not None and text not in get_args(Role):
         raise UnknownNameError(f"no role {text!r}; there are {', '.join(get_args(Role))}")

@@ -30,8 +30,8 @@ from karma.offline.guard import settle
 
 if TYPE_CHECKING:
     from karma.bench.figures.tables import Sheet
-    from karma.infer.hosted.cassette import Cassette
-    from karma.infer.hosted.endpoint import Hosted
+    from karma.models.hosted.cassette import Cassette
+    from karma.models.hosted.endpoint import Hosted
 
 _HARMLESS = frozenset("\n\t\u200d")  # the last joins the parts of one sign
 _PLAIN = str.maketrans("→–—…✓·×", ">--.*.x")  # where the terminal has ASCII only
@@ -288,7 +288,7 @@ class Kept:
     @property
     def tape(self) -> "Cassette":
         """The cassette that is asked for; a folder alone is replayed."""
-        from karma.infer.hosted.cassette import MODES, Cassette
+        from karma.models.hosted.cassette import MODES, Cassette
 
         wanted = self.cassette_mode or ("replay" if self.cassette is not None else "off")
         for known in MODES:
@@ -299,7 +299,7 @@ class Kept:
     def hosted(self, planner: str, model: str, **settings: str) -> "Hosted":
         """Return where the planner is, if it is a hosted one."""
         from karma.agent.loading.models import OPENAI
-        from karma.infer.hosted.endpoint import Hosted
+        from karma.models.hosted.endpoint import Hosted
 
         if planner != OPENAI and not (self.base_url or model):
             return Hosted()

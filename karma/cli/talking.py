@@ -26,7 +26,7 @@ from karma.errors import KarmaError
 
 if TYPE_CHECKING:
     from karma.contracts import Mention, Request, SaidDeed
-    from karma.talk.agent import Agent
+    from karma.plugins.rules.talk.agent import Agent
 
 
 _UNITS_S = {"m": 60.0, "h": 3600.0, "d": 86_400.0}
@@ -106,7 +106,7 @@ class ChatCommand(Computed, Kept, RequestOptions):
     def do(self) -> None:
         """Converse in a home that lasts, unless it is to be a fresh one."""
         from karma.contracts import SceneRef
-        from karma.talk.home import SCENE
+        from karma.plugins.homes.home import SCENE
 
         view, lasts = AnswerView(), SceneRef.of(self.scene or SCENE).name
         agent = self.agent(view, self.home if self.fresh else self.home or lasts)
@@ -115,11 +115,11 @@ class ChatCommand(Computed, Kept, RequestOptions):
     def agent(self, view: AnswerView, home: str) -> "Agent":
         """Return the agent of these options; `view` hears its answers."""
         from karma.agent.loading.models import Models, preset
-        from karma.infer.hosted.session import Session
-        from karma.infer.llama.room_states import StateOptions
-        from karma.infer.manifest import default_planner
-        from karma.talk.agent import ANSWER_SECONDS, Agent
-        from karma.talk.home import SCENE
+        from karma.models.hosted.session import Session
+        from karma.models.llama.room_states import StateOptions
+        from karma.models.manifest import default_planner
+        from karma.plugins.homes.home import SCENE
+        from karma.plugins.rules.talk.agent import ANSWER_SECONDS, Agent
 
         if self.fresh and self.home:
             raise typer.BadParameter("--fresh keeps nothing, --home keeps a home: one of them")
@@ -211,7 +211,7 @@ class RunCommand(ChatCommand, RunArguments):
 
 def _later_s(later: str, home: str, people: int | None) -> float:
     """Return how much time has passed in a home: as said, else by the clock at a terminal."""
-    from karma.talk.home import home_folder, left_s
+    from karma.plugins.homes.home import home_folder, left_s
 
     if people is not None and not home:
         raise typer.BadParameter("--people live in a home that lasts: --home NAME")
@@ -242,7 +242,7 @@ def read(
     json: Json = None,
 ) -> None:
     """Say what a request asks for: form, deeds, things, what it rules out, times, conditions."""
-    from karma.agent.guarded import reader_of
+    from karma.plugins.rules.request_executor import reader_of
 
     found = reader_of(None).read(readable(text))
     for request in found:
@@ -286,7 +286,7 @@ Name = Annotated[str, typer.Argument(help="A home's name or folder.")]
 
 def home_list() -> None:
     """List the homes that are kept here."""
-    from karma.talk.home import HOMES, homes
+    from karma.plugins.homes.home import HOMES, homes
 
     for name in [one.name for one in homes()] or [f"no home in {HOMES}; karma chat makes one"]:
         tell(name)
@@ -298,8 +298,8 @@ def home_new(
     people: int = option(0, "Who live there while the agent is away."),
 ) -> None:
     """Begin a home, which nobody has been in yet."""
-    from karma.talk.home import home_folder, new_home
-    from karma.talk.people import check_people
+    from karma.plugins.homes.home import home_folder, new_home
+    from karma.plugins.homes.people import check_people
     from karma.world.sim import EmbeddedWorld
 
     check_people(people)
@@ -310,8 +310,8 @@ def home_new(
 def home_show(name: Name) -> None:
     """Say what was done in a home, the last ten requests."""
     from karma.agent.journal.formats import plural
-    from karma.talk.home import opened
-    from karma.talk.remembering import age
+    from karma.plugins.homes.home import opened
+    from karma.plugins.rules.talk.remembering import age
 
     home = opened(name)
     people = f", {home.card.people} people" if home.card.people else ""
@@ -322,7 +322,7 @@ def home_show(name: Name) -> None:
 
 def home_forget(name: Name) -> None:
     """Remove a home and all that was remembered there."""
-    from karma.talk.home import forget_home, home_folder
+    from karma.plugins.homes.home import forget_home, home_folder
 
     forget_home(home_folder(name))
     tell(f"forgotten: {home_folder(name)}")

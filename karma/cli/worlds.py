@@ -20,9 +20,9 @@ from karma.files import below, to_json, write_atomic
 if TYPE_CHECKING:
     from karma.bench.engine.run import Run
     from karma.bench.engine.task_check import TaskFinding
-    from karma.world.alfred.facts import Files
-    from karma.world.alfred.replay import TrialResult
-    from karma.world.alfred.trial import Trial
+    from karma.plugins.alfred.replay.facts import Files
+    from karma.plugins.alfred.replay.replay import TrialResult
+    from karma.plugins.alfred.replay.trial import Trial
 
 T = TypeVar("T")
 _NAMED = 5  # tasks in a warning
@@ -85,7 +85,7 @@ def world_import(
     houses is known by its keys; things have their type's usual size unless --assets is given.
     """
     if alfred:
-        from karma.world.alfred.facts import side_files
+        from karma.plugins.alfred.replay.facts import side_files
 
         side = side_files(
             layouts=layouts, dumps=dumps, fixed=fixed, receptacles=receptacles, spots=spots
@@ -103,7 +103,7 @@ def world_floors(
     json: Json = None,
 ) -> None:
     """Hold the floor that importing works out from boxes against recorded cells."""
-    from karma.world.importing.scenes import floor_scores
+    from karma.plugins.thor_tools.importing.scenes import floor_scores
 
     scores = list(_shown(floor_scores(dump, layouts), "rooms"))
     table = Table("scene", "computed", "recorded", "both", "precision", "recall")
@@ -125,8 +125,8 @@ def world_floors(
 def _import_dump(
     dump: Path, layouts: str | None, assets: Path | None, only: list[str] | None, out: Path
 ) -> list[dict[str, Any]]:
-    from karma.world.importing.procthor import holds_houses, import_houses
-    from karma.world.importing.scenes import import_dump
+    from karma.plugins.thor_tools.importing.procthor import holds_houses, import_houses
+    from karma.plugins.thor_tools.importing.scenes import import_dump
 
     rows = []
     if houses := holds_houses(dump):
@@ -146,7 +146,7 @@ def _import_dump(
 def _import_trials(
     files: Sequence[Path], side: "Files", only: list[str] | None, out: Path
 ) -> list[dict[str, Any]]:
-    from karma.world.alfred.replay import fitted
+    from karma.plugins.alfred.replay.replay import fitted
 
     chosen, facts = _trials(files, only, side)
     rows = []
@@ -163,8 +163,8 @@ def _trials(
     files: Sequence[Path], ids: Iterable[str] | None, side: "Files", limit: int | None = None
 ) -> "tuple[list[Trial], Any]":
     """Return the trials of these ids, or all, and their rooms' facts; KarmaError for no such id."""
-    from karma.world.alfred.facts import gather
-    from karma.world.alfred.trial import read_trials
+    from karma.plugins.alfred.replay.facts import gather
+    from karma.plugins.alfred.replay.trial import read_trials
 
     trials = [trial for path in files for trial in read_trials(path)]
     wanted = {trial.id for trial in trials} if ids is None else set(ids)
@@ -209,7 +209,7 @@ def world_replay(
     The last line is the count: trials and how many were as recorded (with --mutate: how many of
     the mutilated ones were caught), or recordings, compared flags, and the share that is equal.
     """
-    from karma.world.alfred.facts import side_files
+    from karma.plugins.alfred.replay.facts import side_files
 
     side = side_files(
         layouts=layouts, dumps=dumps, fixed=fixed, receptacles=receptacles, spots=spots
@@ -217,8 +217,8 @@ def world_replay(
     if events:
         _replay_events(files, side.layouts, json)
         return
-    from karma.world.alfred.replay import replay_all
-    from karma.world.alfred.trial import read_ids
+    from karma.plugins.alfred.replay.replay import replay_all
+    from karma.plugins.alfred.replay.trial import read_ids
 
     wanted = [*(only or ()), *(read_ids(ids) if ids else ())]
     chosen, facts = _trials(files, wanted if only or ids else None, side, limit)
@@ -250,7 +250,7 @@ def _trial_line(result: "TrialResult") -> str:
 
 
 def _replay_events(files: Sequence[Path], layouts: Path | None, json: Path | None) -> None:
-    from karma.world.recorded import replay_events, total_rate
+    from karma.plugins.thor_tools.recorded import replay_events, total_rate
 
     reports = [
         replay_events(path, layouts=layouts) for path in _shown(files, "replaying", len(files))

@@ -29,7 +29,7 @@ _POTS = frozenset(("Pan", "Pot"))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeedKind:
-    """One kind of deed, whatever words ask for it (`karma/language/request_words.toml`)."""
+    """One kind of action, whatever words ask for it."""
 
     said: str = ""  # in few words; "": as it was said
     takes: Capability | None = None  # what its thing has to be

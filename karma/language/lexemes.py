@@ -1,7 +1,7 @@
 """What things are called, and which of those words no planner is trained on.
 
 `lexicon.toml` has all words; `held_out.toml` lists those that training lacks (the rule is in
-`karma.train.sources`). A lexeme is a word or phrase of one meaning: a name ("tumbler"),
+`karma.plugins.training.sources`). A lexeme is a word or phrase of one meaning: a name ("tumbler"),
 a vaguer word ("drinking vessel"), a use ("write with"), a verb, an adjective.
 """
 

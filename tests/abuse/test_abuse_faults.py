@@ -1,7 +1,7 @@
 """Killed, without disk, memory or leave to write, or two at once: nothing is lost, nothing torn.
 
 One instant or limit of each kind, or as many as $KARMA_SAMPLE says. Without it runs of one worker
-under kills and a full disk are left to tests/bench/test_runs.py, bundles to tests/bundle.
+under kills and a full disk are left to tests/bench/test_runs.py, bundles to tests/plugins/airgap.
 """
 
 import random

@@ -17,8 +17,8 @@ from karma.agent.options import settings_of
 from karma.cli import app
 from karma.errors import FileError, ModelError, UnwritableError
 from karma.files import TEMPORARY, below, read_toml, unpack, write_atomic
-from karma.infer.checks.gguf import read_header
-from karma.infer.checks.template import try_template
+from karma.models.checks.gguf import read_header
+from karma.models.checks.template import try_template
 from karma.world.core import scene as scenes
 from karma.world.sim import EmbeddedWorld
 

@@ -8,9 +8,9 @@ from support.abuse.faults import small_bundle
 from support.abuse.files import bundle_for
 from typer.testing import CliRunner
 
-from karma.bundle.install import BundleError, install
 from karma.cli import app
 from karma.errors import FileError
+from karma.plugins.airgap.install import BundleError, install
 from karma.world.core import scene as scenes
 
 TASK = {"id": "a", "kind": "simple", "scene": "kitchen_1",

@@ -18,8 +18,8 @@ from support.lived import PLACES, LetterEmbedder, seen
 
 from karma.contracts import Deed
 from karma.errors import FileError
-from karma.memory.lived.episodes import SEAL, Belief, EpisodeLog, EpisodeQuery
-from karma.memory.lived.true_memory import LOG
+from karma.plugins.homes.memory.episodes import SEAL, Belief, EpisodeLog, EpisodeQuery
+from karma.plugins.homes.memory.true_memory import LOG
 
 _ASKED = (
     EpisodeQuery(),

@@ -8,9 +8,9 @@ from support.abuse import Case, all_held, stream
 from support.abuse.answers import BAD
 
 from karma.agent.journal.steps import steps_path
-from karma.bundle.install import unsafe
 from karma.errors import FileError
 from karma.files import below
+from karma.plugins.airgap.install import unsafe
 
 _PIECES = (
     "..", ".", "/", "//", "\\", "~", "a", "FloorPlan1", "\0", "\n", "%2e%2e%2f", "C:", "CON", " ",

@@ -17,10 +17,10 @@ from support.abuse import Case, all_held, stream
 from support.hosted_server import KEY, PROMPT, endpoint, need_loopback
 
 from karma.errors import ModelError
-from karma.infer.hosted.cassette import Cassette
-from karma.infer.hosted.endpoint import Key
-from karma.infer.hosted.model import HostedEmbedder, HostedLanguageModel
-from karma.infer.hosted.session import LARGEST_ANSWER, Session
+from karma.models.hosted.cassette import Cassette
+from karma.models.hosted.endpoint import Key
+from karma.models.hosted.model import HostedEmbedder, HostedLanguageModel
+from karma.models.hosted.session import LARGEST_ANSWER, Session
 
 Speak = Callable[[socket.socket], None]
 PATIENCE_S = 0.4  # of the client; a server that goes on for ever is left after that

@@ -14,7 +14,7 @@ from karma.agent.journal.run_folder import read_run
 from karma.agent.journal.steps import steps_path
 from karma.bench.engine.run import Run
 from karma.errors import FileError, KarmaError
-from karma.language.request import check_length
+from karma.plugins.rules.language.request import check_length
 
 KARMA = str(Path(sys.executable).parent / "karma")
 POLICY = """

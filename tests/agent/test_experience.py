@@ -6,7 +6,7 @@ from support.experiences import experience
 from karma.agent.experience import unit_of, units_of
 from karma.contracts import MemoryUnit, SeenObject
 from karma.household.places import HAND
-from karma.infer.scripted import MetadataVision
+from karma.models.scripted import MetadataVision
 
 
 def sight(*parents):

@@ -7,7 +7,7 @@ from karma.agent.seeing.eyes import GivenBoxes, PictureEyes
 from karma.agent.seeing.perceive import observe, truth_of
 from karma.agent.tour import KnownFloor
 from karma.contracts import SkillCall
-from karma.infer.scripted import BlindVision, MetadataVision
+from karma.models.scripted import BlindVision, MetadataVision
 from karma.world.sim import EmbeddedWorld
 
 FLAGS = {"renderDepthImage": True, "renderInstanceSegmentation": True}

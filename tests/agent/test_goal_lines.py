@@ -18,7 +18,6 @@ from karma.agent.planning.goal_lines import (
     plain_program,
     program_for,
 )
-from karma.agent.planning.guard import Guard, cannot_serve
 from karma.agent.planning.inspector import narrowed
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import SKILLS, parse_program
@@ -26,11 +25,12 @@ from karma.agent.planning.prompt import GOALS
 from karma.contracts import Area, Decoding, MemoryUnit, PlanRequest, ProgramSpec, WorkedExample
 from karma.household.ids import short_type
 from karma.household.types import object_types
-from karma.infer.automaton import ProgramAutomaton
-from karma.infer.parser import SpacyParser
-from karma.infer.scripted import ScriptedModel
-from karma.language.lexicon import Lexicon
-from karma.language.request import RequestReader
+from karma.models.automaton import ProgramAutomaton
+from karma.models.scripted import ScriptedModel
+from karma.plugins.rules.language.lexicon import Lexicon
+from karma.plugins.rules.language.request import RequestReader
+from karma.plugins.rules.parser import SpacyParser
+from karma.plugins.rules.request_checker import Guard, cannot_serve
 
 AREAS = (
     Area(name="node_1", position_m=(0.0, 0.9, 0.0), contains=("CounterTop", "Fridge", "Sink")),

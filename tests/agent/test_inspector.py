@@ -6,11 +6,11 @@ from hypothesis import strategies as st
 
 from karma.agent.planning.inspector import mend, objection
 from karma.agent.planning.program import SKILLS, parse_program
-from karma.bench.drawing.memories import KnownRoom
-from karma.bench.drawing.phrases import our_book
 from karma.contracts import Area, SkillCall
+from karma.plugins.training.drawing.memories import KnownRoom
+from karma.plugins.training.drawing.phrases import our_book
+from karma.plugins.training.samples import draw
 from karma.seeds import stream
-from karma.train.samples import draw
 
 
 def lines(calls):

@@ -8,9 +8,9 @@ from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.contracts import Decoding, Outcome, Plan, Resources, SkillResult, SubTask
 from karma.errors import FileError, KarmaError
-from karma.infer.scripted import MetadataVision, ScriptedModel
 from karma.memory.recall import CosineRecall
 from karma.memory.scene_graph import SceneGraph
+from karma.models.scripted import MetadataVision, ScriptedModel
 from karma.world.sim import EmbeddedWorld
 
 FIND_APPLE = "Explore(robot, 'Apple', ['node_3'])\n"

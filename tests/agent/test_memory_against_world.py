@@ -12,7 +12,7 @@ from support.experiences import begun
 from support.household import kitchen
 
 from karma.contracts import Decoding, MemoryUnit, SubTask
-from karma.infer.scripted import ScriptedModel
+from karma.models.scripted import ScriptedModel
 from karma.world.core import scene as scenes
 from karma.world.sim import EmbeddedWorld
 

@@ -6,7 +6,7 @@ from support.experiences import begun
 from support.household import kitchen
 
 from karma.contracts import Decoding, SubTask
-from karma.infer.scripted import ScriptedModel
+from karma.models.scripted import ScriptedModel
 
 
 @pytest.fixture

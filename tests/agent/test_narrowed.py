@@ -13,14 +13,14 @@ from karma.agent.planning.inspector import hand_of, narrowed, objection
 from karma.agent.planning.planner import program_spec
 from karma.agent.planning.program import OUR_SKILLS, SKILLS, parse_program
 from karma.agent.planning.prompt import compact
-from karma.bench.drawing.memories import generated_rooms
-from karma.bench.drawing.phrases import our_book
-from karma.bench.drawing.requests import WITH_PAIRS, one_ask, pick_kind
 from karma.contracts import HandSpec, ProgramSpec
 from karma.household.types import object_types
-from karma.infer.automaton import ProgramAutomaton
+from karma.models.automaton import ProgramAutomaton
+from karma.plugins.training.drawing.memories import generated_rooms
+from karma.plugins.training.drawing.phrases import our_book
+from karma.plugins.training.drawing.requests import WITH_PAIRS, one_ask, pick_kind
+from karma.plugins.training.samples import draw, draw_facts, program_text, situation, view_of
 from karma.seeds import stream
-from karma.train.samples import draw, draw_facts, program_text, situation, view_of
 
 SAMPLE = int(os.environ.get("KARMA_SAMPLE", "0")) or 200  # of the 2,000 and 10,000
 ROOM = (

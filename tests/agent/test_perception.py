@@ -11,8 +11,8 @@ from karma.agent.planning.planner import Planner
 from karma.contracts import Decoding, SceneRef, SubTask
 from karma.errors import KarmaError
 from karma.files import to_json
-from karma.infer.scripted import BlindVision, ScriptedModel
 from karma.memory.recall import CosineRecall, MultimodalRecall
+from karma.models.scripted import BlindVision, ScriptedModel
 
 LOOKS = {"perception": "pictures"}
 

@@ -11,7 +11,7 @@ from karma.agent.body.sightings import Sightings
 from karma.agent.experience import keep, look_at, png
 from karma.agent.seeing.perceive import observe, shown_states, truth_of
 from karma.contracts import SubTask
-from karma.infer.scripted import MetadataVision, ScriptedModel
+from karma.models.scripted import MetadataVision, ScriptedModel
 from karma.world.sim import EmbeddedWorld
 
 PROGRAM = (

@@ -25,8 +25,8 @@ from karma.contracts import (
 )
 from karma.errors import ModelError
 from karma.household.places import landmark_types
-from karma.infer.automaton import ProgramAutomaton
-from karma.infer.scripted import ScriptedModel
+from karma.models.automaton import ProgramAutomaton
+from karma.models.scripted import ScriptedModel
 
 GOOD = "GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
 BAD = "FlyToObject(robot, 'Apple')\n"

@@ -18,7 +18,7 @@ from karma.cli import app
 from karma.cli.talking import RequestOptions
 from karma.contracts import Resources
 from karma.errors import FileError
-from karma.infer.scripted import MetadataVision, ScriptedModel
+from karma.models.scripted import MetadataVision, ScriptedModel
 
 SETTING = ("recall", "recall_text", "recall_k", "query")
 PAPERS = ("cosine", "listing", 10, "instruction")

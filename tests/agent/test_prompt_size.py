@@ -17,9 +17,9 @@ from support.paths import ROOT
 from karma.agent.planning.prompt import PROFILES, render
 from karma.contracts import FailedProgram, MemoryUnit, PlanRequest, SeenObject
 from karma.memory.scene_graph import SceneGraph
+from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.seeds import stream
 from karma.world.generation.generate import build_scene
-from karma.world.importing.scenes import import_dump
 
 SAMPLE = int(os.environ.get("KARMA_SAMPLE", "0"))
 UNITS = 10

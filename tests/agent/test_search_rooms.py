@@ -15,8 +15,8 @@ from karma.bench.engine.episode import drawn
 from karma.contracts import SceneRef, SkillCall, Task
 from karma.files import to_json
 from karma.offline.children import forking, starting
+from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.world.core.scene import SCENES
-from karma.world.importing.scenes import import_dump
 from karma.world.sim import EmbeddedWorld
 
 SAMPLE = int(os.environ.get("KARMA_SAMPLE", "0"))

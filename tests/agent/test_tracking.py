@@ -11,7 +11,7 @@ from karma.agent.tour import KnownFloor
 from karma.contracts import Detection, SkillCall
 from karma.household.ids import type_of
 from karma.household.types import object_types
-from karma.infer.scripted import BlindVision
+from karma.models.scripted import BlindVision
 from karma.world.sim import EmbeddedWorld
 
 

@@ -4,13 +4,12 @@ import pytest
 from support.experiences import experience, sight
 from support.household import kitchen
 
-from karma.agent.loading.alfred_sentences import GoalFacts, Sentence, facts_of, goals_of, program_of
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
-from karma.bench.rows.baseline import BaselineSettings, likely_places
-from karma.bench.rows.capeam import ANYWHERE, CapeamMethod, EnvironmentMemory
-from karma.bench.rows.capeam_frames import ProgramReader, SubGoal, expand
+from karma.bench.methods.baseline import BaselineSettings, likely_places
+from karma.bench.methods.capeam import ANYWHERE, CapeamMethod, EnvironmentMemory
+from karma.bench.methods.capeam_frames import ProgramReader, SubGoal, expand
 from karma.contracts import (
     Outcome,
     Plan,
@@ -20,7 +19,8 @@ from karma.contracts import (
     SubTask,
 )
 from karma.files import to_json
-from karma.infer.scripted import ScriptedModel
+from karma.models.scripted import ScriptedModel
+from karma.plugins.alfred.sentences import GoalFacts, Sentence, facts_of, goals_of, program_of
 from karma.world.sim import EmbeddedWorld
 
 

@@ -7,10 +7,10 @@ from support.needs import need_models
 
 from karma import registry
 from karma.agent.loading.planner_files import bank_file, examples_for, read_bank
-from karma.bench.rows.expert import CopyingMethod
+from karma.bench.methods.expert import CopyingMethod
 from karma.contracts import Decoding, PlanRequest, Resources
 from karma.errors import KarmaError
-from karma.infer.scripted import MetadataVision, ScriptedModel
+from karma.models.scripted import MetadataVision, ScriptedModel
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from karma.agent.goals.goals import parse_goal
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.bench.engine.episode import run_episode
-from karma.bench.rows.expert import ExpertMethod
+from karma.bench.methods.expert import ExpertMethod
 from karma.contracts import MemoryUnit, Outcome, SceneRef, SubTask, Task
 from karma.errors import (
     FileError,
@@ -26,9 +26,9 @@ from karma.errors import (
     WorkerLost,
     WorldLost,
 )
-from karma.infer.hosted.cassette import CassetteError
-from karma.infer.scripted import MetadataVision, ScriptedModel
 from karma.memory.recall import CosineRecall
+from karma.models.hosted.cassette import CassetteError
+from karma.models.scripted import MetadataVision, ScriptedModel
 from karma.offline.guard import NetworkRefused
 from karma.world.sim import EmbeddedWorld
 

@@ -13,7 +13,7 @@ from karma.agent.goals.goals import parse_goal
 from karma.agent.planning.expert import ExpertView, NamedThing, solve
 from karma.agent.planning.program import SKILLS, parse_program
 from karma.bench.engine.episode import run_episode
-from karma.bench.rows.expert import ExpertMethod
+from karma.bench.methods.expert import ExpertMethod
 from karma.contracts import Area, Goal, SceneRef, SubTask, Task
 from karma.household.pieces import base_type
 from karma.household.places import STAND_CLOSED

@@ -11,21 +11,21 @@ from hypothesis import strategies as st
 from karma.agent.goals.files import load_tasks
 from karma.agent.goals.goals import GoalTracker, parse_goal
 from karma.agent.seeing.perceive import truth_of
-from karma.bench.drawing.phrases import our_book
 from karma.bench.engine.episode import run_episode
-from karma.bench.engine.published_tasks import task_of
 from karma.bench.engine.task_check import OUT_OF_REACH, TAKES_NONE, TOO_BIG, Possible
-from karma.bench.rows.expert import ExpertEpisode, ExpertMethod
-from karma.bench.rows.expert_choices import Chooser, Lessons, Surroundings, left
+from karma.bench.methods.expert import ExpertEpisode, ExpertMethod
+from karma.bench.methods.expert_choices import Chooser, Lessons, Surroundings, left
 from karma.contracts import Outcome, SceneRef, SubTask
 from karma.files import to_json
 from karma.household.places import NEAR_M
-from karma.train.task_files import draw_tasks
-from karma.world.alfred.facts import gather, side_files
-from karma.world.alfred.replay import fitted
-from karma.world.alfred.trial import read_trials
+from karma.plugins.alfred.published_tasks import task_of
+from karma.plugins.alfred.replay.facts import gather, side_files
+from karma.plugins.alfred.replay.replay import fitted
+from karma.plugins.alfred.replay.trial import read_trials
+from karma.plugins.thor_tools.importing.scenes import import_dump
+from karma.plugins.training.drawing.phrases import our_book
+from karma.plugins.training.task_files import draw_tasks
 from karma.world.core.scene import load
-from karma.world.importing.scenes import import_dump
 from karma.world.sim import EmbeddedWorld
 
 

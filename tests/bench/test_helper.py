@@ -8,8 +8,8 @@ from support.household import kitchen
 from karma.agent.loading.planner_files import ExampleMemory
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
-from karma.bench.rows.helper import HelperMethod, HelperSettings, seed_examples
-from karma.bench.rows.helper_memory import (
+from karma.bench.methods.helper import HelperMethod, HelperSettings, seed_examples
+from karma.bench.methods.helper_memory import (
     ObjectMemory,
     ends_there,
     idle,
@@ -28,7 +28,7 @@ from karma.contracts import (
 )
 from karma.errors import KarmaError
 from karma.files import to_json
-from karma.infer.scripted import ScriptedModel
+from karma.models.scripted import ScriptedModel
 from karma.world.sim import EmbeddedWorld
 
 APPLE = "GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"

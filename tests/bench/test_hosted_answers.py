@@ -12,8 +12,8 @@ from karma.agent.journal.records import read_records
 from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import ModelError
-from karma.infer.hosted.cassette import Cassette
-from karma.train.testing import make_planner
+from karma.models.hosted.cassette import Cassette
+from karma.testing import make_planner
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 FREE = "Of course! GoToObject(robot, 'Fridge') comes first."

@@ -29,8 +29,8 @@ from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import FileError, KarmaError
 from karma.files import to_json
-from karma.infer.hosted.cassette import Begin, Cassette, line_key_of
-from karma.infer.hosted.endpoint import Endpoint, Hosted
+from karma.models.hosted.cassette import Begin, Cassette, line_key_of
+from karma.models.hosted.endpoint import Endpoint, Hosted
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 DEMO = ROOT / "eval" / "hosted_demo.toml"

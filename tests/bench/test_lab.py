@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from karma import registry
-from karma.bench.suites.policies.simulate import Trace, best, simulate, simulate_with
-from karma.bench.suites.policies.sweep import (
+from karma.bench.policies.simulate import Trace, best, simulate, simulate_with
+from karma.bench.policies.sweep import (
     Resampler,
     block_interval,
     run_rows,

@@ -13,10 +13,10 @@ from support.paths import ROOT
 from karma.agent.journal.header import EPISODES, RESULTS, TIMINGS
 from karma.agent.journal.owned_folder import MARK
 from karma.bench.engine.experiment_file import kind_of
-from karma.bench.suites.policies.figure import TraceFigure, drawn, figure_run, read_figure
-from karma.bench.suites.policies.paper_claims import FigureCell, claims_of, claims_text
-from karma.bench.suites.policies.simulate import Trace
-from karma.bench.suites.policies.sweep import (
+from karma.bench.policies.figure import TraceFigure, drawn, figure_run, read_figure
+from karma.bench.policies.paper_claims import FigureCell, claims_of, claims_text
+from karma.bench.policies.simulate import Trace
+from karma.bench.policies.sweep import (
     Bootstrapped,
     Exploration,
     PolicyRow,
@@ -24,7 +24,7 @@ from karma.bench.suites.policies.sweep import (
     explore,
     sized,
 )
-from karma.bench.suites.policies.tasks import WORKLOADS
+from karma.bench.policies.tasks import WORKLOADS
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.files import read_toml
 

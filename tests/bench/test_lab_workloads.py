@@ -16,8 +16,8 @@ from itertools import groupby
 import pytest
 from support.lab_trials import many_trials, trial, write_trials
 
-from karma.bench.suites.policies.simulate import simulate
-from karma.bench.suites.policies.tasks import (
+from karma.bench.policies.simulate import simulate
+from karma.bench.policies.tasks import (
     DAY,
     DAYS,
     STAY,
@@ -227,7 +227,7 @@ def test_pool_without_a_kind_of_room_makes_no_house(pool):
 def test_sequences_do_not_depend_on_the_hash_seed(tmp_path):
     write_trials(tmp_path / "t.jsonl.gz", many_trials(60))
     code = (
-        "import sys; from pathlib import Path; from karma.bench.suites.policies.tasks import *\n"
+        "import sys; from pathlib import Path; from karma.bench.policies.tasks import *\n"
         "pool = alfred_pool([Path(sys.argv[1])])\n"
         "for work in WORKLOADS:\n"
         "    drawn = draw_errands(pool, work, 60, 1, 0)\n"

@@ -11,11 +11,11 @@ from support.paths import ROOT
 from karma import registry
 from karma.agent.goals.files import load_tasks
 from karma.agent.goals.goals import GoalTracker, WatchedWorld
-from karma.agent.loading.alfred_sentences import plain, read_sentences, read_steps
-from karma.bench.rows.expert import ExpertMethod
+from karma.bench.methods.expert import ExpertMethod
 from karma.files import to_json
-from karma.train.packs import PlannerRecipe, draw_pack
-from karma.train.sources import Sources
+from karma.plugins.alfred.sentences import plain, read_sentences, read_steps
+from karma.plugins.training.packs import PlannerRecipe, draw_pack
+from karma.plugins.training.sources import Sources
 from karma.world.core.scene import SCENES, load
 from karma.world.generation.generate import build_scene
 

@@ -11,7 +11,7 @@ from support.tiny import export_tiny
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
 from karma.agent.seeing.perceive import observe
-from karma.bench.rows.lota import (
+from karma.bench.methods.lota import (
     DONE,
     LotaGenerate,
     LotaGenerateSettings,
@@ -30,10 +30,10 @@ from karma.bench.rows.lota import (
 from karma.contracts import END, Decoding, Plan, SceneRef, SkillResult, SubTask
 from karma.errors import ModelError
 from karma.files import to_json
-from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.opening import LlamaOptions
-from karma.infer.llama.scoring import SkillScorer
-from karma.infer.scripted import ScriptedModel
+from karma.models.llama.model import LlamaModel
+from karma.models.llama.opening import LlamaOptions
+from karma.models.llama.scoring import SkillScorer
+from karma.models.scripted import ScriptedModel
 from karma.world.sim import EmbeddedWorld
 
 PICK = " find an apple,\n pick up the apple,\n"

@@ -28,10 +28,10 @@ from karma.contracts import (
 )
 from karma.errors import KarmaError
 from karma.files import to_json
-from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.opening import LlamaOptions
-from karma.infer.manifest import resolve_planner
-from karma.infer.scripted import MetadataVision, ScriptedModel
+from karma.models.llama.model import LlamaModel
+from karma.models.llama.opening import LlamaOptions
+from karma.models.manifest import resolve_planner
+from karma.models.scripted import MetadataVision, ScriptedModel
 from karma.world.core.scene import SCENES
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld

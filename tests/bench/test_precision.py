@@ -130,7 +130,7 @@ def test_precision_that_makes_no_sense_is_refused(width, seeds):
 
 
 COIN = """
-from karma.bench.rows.expert import ExpertEpisode
+from karma.bench.methods.expert import ExpertEpisode
 from karma.contracts import Outcome
 from karma.seeds import stream
 

@@ -461,7 +461,7 @@ def test_command_names_a_folder_without_a_run(tmp_path):
 
 
 def test_command_draws_a_figure_of_the_policy_laboratory(tmp_path):
-    from karma.bench.suites.policies.figure import figure_run
+    from karma.bench.policies.figure import figure_run
 
     (tmp_path / "fig.toml").write_text(
         'kind = "trace"\nname = "Fig. <4>"\nclaims = ["split"]\n'

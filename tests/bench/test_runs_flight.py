@@ -22,7 +22,7 @@ from support.run_files import karma
 from karma.agent.journal.records import read_records
 from karma.bench.engine.run import Run
 from karma.errors import KarmaError
-from karma.infer.hosted.cassette import FILE, Cassette
+from karma.models.hosted.cassette import FILE, Cassette
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 ONLY = [
@@ -234,7 +234,7 @@ def test_replay_by_several_workers_of_what_was_not_recorded_ends_the_run(experim
     assert len(read_records(tmp_path / "again" / "episodes.jsonl")) <= 1
 
 
-FAULTS = (  # one of each kind; tests/infer/test_hosted.py has all dresses
+FAULTS = (  # one of each kind; tests/models/test_hosted.py has all dresses
     (200, b'{"error": {"message": "engine is dead", "type": "server_error"}}', "engine is dead"),
     (425, b'{"detail": "too early in the day"}', "too early in the day"),
     (522, b"<html><title>Connection timed out</title></html>", "522"),

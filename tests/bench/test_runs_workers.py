@@ -9,8 +9,8 @@ from karma.agent.loading.models import Models
 from karma.bench.engine.run import Run
 from karma.bench.engine.workers import suggest_workers
 from karma.errors import KarmaError, WorkerLost
-from karma.infer.hosted.cassette import Cassette
-from karma.infer.hosted.endpoint import Endpoint, Hosted
+from karma.models.hosted.cassette import Cassette
+from karma.models.hosted.endpoint import Endpoint, Hosted
 
 DEADLY = """
 import os, signal
@@ -109,8 +109,8 @@ def test_workers_are_as_many_as_cores_memory_and_episodes_allow(
     monkeypatch, tmp_path, free_mb, cores, episodes, number
 ):
     (tmp_path / "meminfo").write_text(f"MemAvailable: {free_mb * 1_000_000 // 1024} kB\n")
-    monkeypatch.setattr("karma.infer.checks.memory.MEMINFO", tmp_path / "meminfo")
-    monkeypatch.setattr("karma.infer.checks.memory.CGROUP", tmp_path)
+    monkeypatch.setattr("karma.models.checks.memory.MEMINFO", tmp_path / "meminfo")
+    monkeypatch.setattr("karma.models.checks.memory.CGROUP", tmp_path)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
     found = suggest_workers(Models(), episodes)
     assert found.number == number

@@ -9,7 +9,7 @@ from support.paths import ROOT
 
 from karma.agent.goals.files import load_tasks
 from karma.bench.engine.episode import run_episode
-from karma.bench.rows.expert import ExpertMethod
+from karma.bench.methods.expert import ExpertMethod
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
 

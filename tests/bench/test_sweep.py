@@ -21,7 +21,7 @@ from karma.bench.engine.sweep_folder import CELLS, SWEEP, TABLE, read_sweep
 from karma.bench.figures.metrics import METRICS
 from karma.cli import app, shared
 from karma.errors import FileError, KarmaError
-from karma.train.testing import make_planner
+from karma.testing import make_planner
 
 ONLY = ["simple-11"]
 TEXT = f"""

@@ -8,14 +8,14 @@ import pytest
 from support.paths import ROOT
 
 from karma.agent.goals.files import load_said, load_tasks, load_texts
-from karma.agent.loading.alfred_sentences import plain
 from karma.agent.loading.planner_files import bank_file, examples_for, kept_vectors, read_bank
 from karma.bench.engine.episode import run_episode
-from karma.bench.rows.expert import ExpertMethod
+from karma.bench.methods.expert import ExpertMethod
 from karma.contracts import REFUSAL_KINDS
 from karma.errors import FileError
 from karma.files import to_json
-from karma.infer.embed.minilm import MiniLm
+from karma.models.embed.minilm import MiniLm
+from karma.plugins.alfred.sentences import plain
 from karma.world.sim import EmbeddedWorld
 
 WRITTEN = ROOT / "eval" / "requests" / "written.jsonl"

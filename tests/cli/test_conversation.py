@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from karma.cli import app, conversation
 from karma.cli.conversation import _whole, converse, say
 from karma.cli.shared import console
-from karma.infer.scripted import ScriptedModel
+from karma.models.scripted import ScriptedModel
 
 
 @pytest.fixture

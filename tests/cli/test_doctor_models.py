@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from karma.agent.loading.models import Models
 from karma.bench.engine import model_doctor
 from karma.cli import app
-from karma.train.testing import make_picture_model, make_planner
+from karma.testing import make_picture_model, make_planner
 
 EXPERIMENT = """
 name = "x"

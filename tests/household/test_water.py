@@ -7,7 +7,7 @@ from support.household import find, kitchen, on, thing
 from karma.agent.seeing.perceive import observe, truth_of
 from karma.household.uses import BASINS, TAPS
 from karma.household.water import Lying, wetted
-from karma.world.importing.scenes import import_dump
+from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.world.sim import EmbeddedWorld
 
 

@@ -7,8 +7,8 @@ from support import tiny_models
 from karma.agent.experience import keep
 from karma.contracts import MemoryUnit
 from karma.errors import FileError, KarmaError
-from karma.infer.embed.clip import ClipEmbedder
 from karma.memory.recall import MultimodalRecall
+from karma.models.embed.clip import ClipEmbedder
 
 
 class Space:

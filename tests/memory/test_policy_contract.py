@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from karma import registry
-from karma.bench.suites.policies.simulate import Trace, best, simulate_with
+from karma.bench.policies.simulate import Trace, best, simulate_with
 
 KEYS = st.text("abcdefg", max_size=50)
 POLICIES = registry.names("policies")

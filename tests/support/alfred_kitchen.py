@@ -7,8 +7,8 @@ import copy
 import gzip
 import json
 
-from karma.world.alfred.facts import Files
-from karma.world.alfred.trial import read_trials
+from karma.plugins.alfred.replay.facts import Files
+from karma.plugins.alfred.replay.trial import read_trials
 from karma.world.sim import EmbeddedWorld
 from support.household import kitchen
 

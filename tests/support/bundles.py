@@ -6,7 +6,7 @@ import json
 import tarfile
 import zipfile
 
-from karma.bundle.install import ABOUT, SUMS, here
+from karma.plugins.airgap.install import ABOUT, SUMS, here
 
 
 def wheel_bytes(name="small", version="1.0", *, needs=(), extra=(), module=True):

@@ -6,10 +6,10 @@ import pytest
 
 from karma.agent.journal.header import EPISODES, RESULTS, TABLE
 from karma.bench.engine.run import Run
-from karma.bench.suites.alfred.benchmark import TrialRooms
-from karma.world.alfred.facts import gather
-from karma.world.eb_alfred.actions import ActionTypes
-from karma.world.eb_alfred.environment import Environment
+from karma.plugins.alfred.eb_world.actions import ActionTypes
+from karma.plugins.alfred.eb_world.environment import Environment
+from karma.plugins.alfred.replay.facts import gather
+from karma.plugins.alfred.suites.benchmark import TrialRooms
 from support import alfred_kitchen as ours
 
 TYPES = ActionTypes(

@@ -22,8 +22,8 @@ from karma.household.ids import short_type, type_of
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types, types_with
 from karma.household.uses import BASIN_OF
+from karma.plugins.rules.talk.agent import Agent
 from karma.seeds import stream
-from karma.talk.agent import Agent
 from karma.world.sim import EmbeddedWorld
 
 SCENES = [

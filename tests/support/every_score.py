@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from karma.infer.llama.scoring import path_to
+from karma.models.llama.scoring import path_to
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,8 +8,8 @@ from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.contracts import Decoding, Experience, SceneRef, SeenObject
 from karma.files import to_json
-from karma.infer.scripted import MetadataVision
 from karma.memory.recall import CosineRecall
+from karma.models.scripted import MetadataVision
 from karma.world.sim import EmbeddedWorld
 from support.household import kitchen
 

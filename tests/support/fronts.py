@@ -7,7 +7,7 @@ from importlib.util import find_spec
 import pytest
 
 from karma.files import to_json
-from karma.world.player import command
+from karma.plugins.thor_tools.player import command
 from karma.world.sim import EmbeddedWorld
 from support.household import kitchen
 

@@ -7,12 +7,12 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.bench.drawing.phrases import our_book
 from karma.bench.figures.statistics import wilson
 from karma.contracts import Embedder, Vectors
 from karma.language.hints import SHARPNESS, WordFile, singular
 from karma.language.lexemes import every_word, held_out, types_called
 from karma.language.words import base_of
+from karma.plugins.training.drawing.phrases import our_book
 
 DEEDS: Mapping[str, str] = MappingProxyType(
     {

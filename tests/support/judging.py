@@ -11,8 +11,8 @@ from karma.agent.goals.goals import Goal, GoalTracker
 from karma.agent.loading.models import Models, load_resources
 from karma.contracts import Resources, SubTask
 from karma.errors import KarmaError
-from karma.talk.agent import Agent, asking
-from karma.talk.replies import AgentReply
+from karma.plugins.rules.talk.agent import Agent, asking
+from karma.plugins.rules.talk.replies import AgentReply
 from support.asked import AskedRequest, states_of
 
 MAPS = Path("runs/maps-asked")

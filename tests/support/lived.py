@@ -5,11 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from karma.bench.suites.lived.designs import DESIGNS
-from karma.bench.suites.lived.home_map import HomeMap
 from karma.contracts import Deed, HomeMoment, HomeQuestion, Meaning, SaidThing, Sighting
-from karma.memory.lived.setting import KnownPlace, MemorySetting
-from karma.world.houses import build_home
+from karma.plugins.homes.houses import build_home
+from karma.plugins.homes.lived.designs import DESIGNS
+from karma.plugins.homes.lived.home_map import HomeMap
+from karma.plugins.homes.memory.setting import KnownPlace, MemorySetting
 
 DAY_S, HOUR_S = 86_400.0, 3_600.0
 

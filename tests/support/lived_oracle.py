@@ -1,13 +1,13 @@
 """What a request means, worked out from its words, the start and the log alone.
 
-It shares nothing with `karma.bench.suites.lived` but the sentences' data: words are matched
+It shares nothing with `karma.plugins.homes.lived` but the sentences' data: words are matched
 against the forms, times are computed anew, and where things are is replayed from the start.
 """
 
 import re
 
-from karma.bench.suites.lived.request import request_forms
 from karma.household.types import in_words, object_types
+from karma.plugins.homes.lived.request import request_forms
 from tests.support.lived import DAY_S, HOUR_S
 
 DAY_NAMES = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")

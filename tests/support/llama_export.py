@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from karma.infer.llama.gguf_files import (
+from karma.models.llama.gguf_files import (
     add_special_tokens,
     add_vocabulary,
     interleave,

@@ -1,8 +1,8 @@
 """LoTa-Bench's ALFRED over the kitchen of tests/support/alfred_kitchen.py."""
 
-from karma.bench.engine.published_tasks import ListedTask
-from karma.world.eb_alfred.actions import LOTA_ALFRED
-from karma.world.eb_alfred.environment import Environment
+from karma.plugins.alfred.eb_world.actions import LOTA_ALFRED
+from karma.plugins.alfred.eb_world.environment import Environment
+from karma.plugins.alfred.published_tasks import ListedTask
 from support import alfred_kitchen as ours
 from support import eb_alfred as eb
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from karma.agent.goals.files import load_tasks
 from karma.contracts import END
-from karma.infer.llama.gguf_model import GgufModel
+from karma.models.llama.gguf_model import GgufModel
 from support.paths import ROOT
 
 TASKS = ROOT / "eval/alfred_l/tasks.jsonl"

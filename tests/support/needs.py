@@ -6,7 +6,7 @@ import subprocess
 import pytest
 
 from karma.errors import KarmaError
-from karma.infer.manifest import find_model, verify
+from karma.models.manifest import find_model, verify
 
 CUT_OFF = ("unshare", "--user", "--map-root-user", "--net")
 

@@ -1,6 +1,6 @@
 """Random programs of a spec."""
 
-from karma.infer.automaton import CLOSINGS
+from karma.models.automaton import CLOSINGS
 
 
 def random_program(automaton, generator, lines):

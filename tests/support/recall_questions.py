@@ -13,13 +13,13 @@ from typing import Literal
 
 import msgspec
 
-from karma.bench.drawing.memories import KnownRoom, draw_unit, room_of
 from karma.bench.figures.statistics import Estimate, mean
 from karma.contracts import MemoryUnit, Recall, Recalled
 from karma.files import decode_json, read_bytes
 from karma.household.pieces import base_type
 from karma.household.places import HAND, ROOMS
 from karma.household.states import deed_for
+from karma.plugins.training.drawing.memories import KnownRoom, draw_unit, room_of
 from karma.seeds import stream
 from karma.world.core.scene import load
 

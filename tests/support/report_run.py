@@ -15,12 +15,12 @@ from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.bench.engine.episode import run_episode
 from karma.bench.figures.columns import added_up
+from karma.bench.methods.expert import ExpertMethod
 from karma.bench.report.episodes import EpisodeReplay
 from karma.bench.report.replay import replaying
-from karma.bench.rows.expert import ExpertMethod
 from karma.contracts import SceneRef, SubTask, Task
-from karma.infer.scripted import MetadataVision, ScriptedModel
 from karma.memory.recall import CosineRecall
+from karma.models.scripted import MetadataVision, ScriptedModel
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
 

@@ -73,7 +73,7 @@ def started(path, folder, **how):
     """`karma eval` in a process of its own, which finds the libraries imported."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(
-        ["karma.cli", "karma.bench.engine.run", "llama_cpp", "karma.infer.embed.minilm"]
+        ["karma.cli", "karma.bench.engine.run", "llama_cpp", "karma.models.embed.minilm"]
     )
     how["shared"] = os.environ.get("KARMA_SHARED")
     process = context.Process(target=evaluate, args=(path, folder), kwargs=how)

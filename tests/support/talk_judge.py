@@ -14,8 +14,8 @@ from karma.household.places import HAND
 from karma.household.saying import name_of
 from karma.household.types import object_types
 from karma.household.uses import without_basin
-from karma.talk.agent import Agent
-from karma.talk.replies import AgentReply
+from karma.plugins.rules.talk.agent import Agent
+from karma.plugins.rules.talk.replies import AgentReply
 from support.judging import tracking, watched
 
 Verdict = Literal[

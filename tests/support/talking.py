@@ -6,9 +6,9 @@ import numpy as np
 
 from karma.contracts import Decoding, Resources
 from karma.files import to_json
-from karma.infer.scripted import MetadataVision, ScriptedModel
 from karma.memory.recall import CosineRecall
-from karma.talk.agent import Agent
+from karma.models.scripted import MetadataVision, ScriptedModel
+from karma.plugins.rules.talk.agent import Agent
 from support.household import kitchen
 
 _numbers = count()  # of runs in kept homes

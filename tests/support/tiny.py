@@ -5,10 +5,10 @@ import json
 import subprocess
 import sys
 
-from karma.infer.llama.gguf_files import new_tokenizer
-from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.opening import LlamaOptions
-from karma.train.testing import make_llama
+from karma.models.llama.gguf_files import new_tokenizer
+from karma.models.llama.model import LlamaModel
+from karma.models.llama.opening import LlamaOptions
+from karma.testing import make_llama
 from support.llama_export import EOS, export_llama, random_llama
 from support.paths import ROOT
 
@@ -54,7 +54,7 @@ import json, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from karma.contracts import Prompt
-from karma.infer.llama.room_states import StateOptions
+from karma.models.llama.room_states import StateOptions
 from support.tiny import answer, opened
 path, folder, stable, changing = sys.argv[2:]
 states = StateOptions(folder=Path(folder)) if folder else None

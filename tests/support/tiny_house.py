@@ -4,7 +4,7 @@ from collections import deque
 from copy import deepcopy
 from itertools import pairwise
 
-from karma.world.houses import room_at
+from karma.plugins.homes.houses import room_at
 
 TABLE = {
     "id": "DiningTable|2|0", "position": {"x": 1.5, "y": 0.4, "z": 1.5},

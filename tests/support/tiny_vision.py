@@ -1,6 +1,6 @@
 """Vision models of random weights in a few hundred kB: each family's own architecture and files."""
 
-from karma.infer.picture_questions import STATES, question
+from karma.models.picture_questions import STATES, question
 
 TEMPLATE = (
     "{% for message in messages %}{{ message['role'] }}: {% for part in message['content'] %}"
@@ -67,7 +67,7 @@ def _tokenizer(family):
 def _processor(family, tokenizer):
     import transformers
 
-    from karma.infer.transformers_vision import pictures_only
+    from karma.models.transformers_vision import pictures_only
 
     template = TEMPLATE.replace("PICTURE", PICTURE[family])
     kind = pictures_only(family)

@@ -16,9 +16,9 @@ from support.household import kitchen, reach, thing
 from support.paths import ROOT
 from support.stage import facing, map_camera, moment, room, towards
 
+from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.world.core.scene import SCENES, load
 from karma.world.core.state import Camera, Room, Settings, begin
-from karma.world.importing.scenes import import_dump
 from karma.world.render.drawn import drawn, tasks
 from karma.world.render.picture import _ROOMS, Picture, agent_camera, render
 from karma.world.render.pixels import AGENT, CEILING, FLOOR, NOTHING, PIECES, STAND, WALL

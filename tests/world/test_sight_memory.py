@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from karma.contracts import Pose
+from karma.plugins.homes.residents import Household
 from karma.world.core.objects import Objects
 from karma.world.core.view import sight
-from karma.world.residents import Household
 from tests.support.lived import HOUR_S, small_home
 
 

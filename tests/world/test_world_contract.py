@@ -13,7 +13,7 @@ from support.household import kitchen
 from karma import registry
 from karma.errors import KarmaError
 from karma.files import to_json
-from karma.world.player import command
+from karma.plugins.thor_tools.player import command
 
 TEXT, NUMBER, FLAG, LIST, DICT, NULL = str, (int, float), bool, list, dict, type(None)
 EVENT_FIELDS = {

@@ -4,9 +4,9 @@ import pytest
 from msgspec.structs import replace
 from support.household import find, kitchen, look, thing
 
+from karma.plugins.thor_tools.importing.scenes import import_dump
+from karma.plugins.thor_tools.recorded import with_falling
 from karma.world.core.thing import moved
-from karma.world.importing.scenes import import_dump
-from karma.world.recorded import with_falling
 from karma.world.sim import EmbeddedWorld
 
 BASIN = next(one for one in kitchen().objects if one.type == "SinkBasin")  # its bottom at 0.78

@@ -557,7 +557,7 @@ def test_object_behind_glass_is_visible_but_not_interactable():
 
 def test_visibility_agrees_with_the_genuine_simulator_at_reset(shared):
     """120 recorded scenes; the agent's place follows from its distances to all objects."""
-    from karma.world.importing.scenes import scene_from_dump
+    from karma.plugins.thor_tools.importing.scenes import scene_from_dump
 
     agree = extra = missing = 0
     with gzip.open(shared / "data/thor5/scenes.jsonl.gz") as lines:
@@ -576,7 +576,7 @@ def test_visibility_agrees_with_the_genuine_simulator_at_reset(shared):
 
 
 def test_things_in_basins_of_recorded_rooms_are_seen_from_three_poses_and_more(shared):
-    from karma.world.importing.scenes import scene_from_dump
+    from karma.plugins.thor_tools.importing.scenes import scene_from_dump
 
     with gzip.open(shared / "data/thor5/scenes.jsonl.gz") as lines:
         rows = [json.loads(line) for line in lines]

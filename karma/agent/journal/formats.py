@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from karma.infer.hosted.endpoint import Ledger, Spent
+from karma.models.hosted.endpoint import Ledger, Spent
 
 COST_DIGITS = 6
 UNKNOWN = "–"

@@ -20,17 +20,17 @@ from karma.agent.planning.prompt import template_files
 from karma.contracts import SceneRef, Task
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, sha256_of, to_json
-from karma.infer.checks.memory import MEMINFO
-from karma.infer.llama.opening import devices
-from karma.infer.manifest import find_model, resolve_planner
+from karma.models.checks.memory import MEMINFO
+from karma.models.llama.opening import devices
+from karma.models.manifest import find_model, resolve_planner
 from karma.offline.guard import network_allowed
 from karma.world.core.scene import find
 
 _DEFAULT_MODELS = {  # of what is named without one: a model, or the constant that names it
     "sentence": "bge-small-en",
-    "clip": "karma.infer.embed.clip:DEFAULT",
-    "nano-vlm": "karma.infer.transformers_vision:NANO",
-    "transformers": "karma.infer.transformers_vision:NANO",
+    "clip": "karma.models.embed.clip:DEFAULT",
+    "nano-vlm": "karma.models.transformers_vision:NANO",
+    "transformers": "karma.models.transformers_vision:NANO",
 }
 PACKAGE = Path(__file__).parents[2]
 COMPUTING = (  # packages whose next version may give other bits
@@ -147,7 +147,7 @@ def _name_and_hash(name: str) -> str:
     """Return the name of an implementation with the hash of its model, if it has one."""
     kind, _, model = name.partition(":")
     if kind == "minilm":
-        from karma.infer.embed.minilm import FILES
+        from karma.models.embed.minilm import FILES
 
         return f"{name} {_sha(to_json(FILES))}"
     if not model and kind in _DEFAULT_MODELS:

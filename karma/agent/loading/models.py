@@ -34,13 +34,13 @@ from karma.contracts import (
     World,
 )
 from karma.errors import KarmaError, ModelError, RequestRefused, did_you_mean
-from karma.infer.hosted.endpoint import Endpoint, Hosted
-from karma.infer.hosted.planner import open_planner
-from karma.infer.hosted.session import Session
-from karma.infer.llama.opening import KvType, LlamaOptions, Switch
-from karma.infer.llama.room_states import StateOptions
-from karma.infer.manifest import default_planner, resolve_planner
-from karma.infer.torch_load import DType, TorchOptions
+from karma.models.hosted.endpoint import Endpoint, Hosted
+from karma.models.hosted.planner import open_planner
+from karma.models.hosted.session import Session
+from karma.models.llama.opening import KvType, LlamaOptions, Switch
+from karma.models.llama.room_states import StateOptions
+from karma.models.manifest import default_planner, resolve_planner
+from karma.models.torch_load import DType, TorchOptions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -291,7 +291,7 @@ def filled(
 
 def check_asked(model: LanguageModel, profile: str) -> None:
     """Refuse, as a ModelError, a local model that no prompt of a profile can be put to."""
-    from karma.infer.llama.model import LlamaModel
+    from karma.models.llama.model import LlamaModel
 
     if not isinstance(model, LlamaModel):
         return  # a server says so itself

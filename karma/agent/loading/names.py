@@ -10,7 +10,7 @@ from karma import registry
 from karma.agent.options import settings_of
 from karma.agent.planning.prompt import check_profile
 from karma.errors import KarmaError, ModelError, UnknownNameError, did_you_mean
-from karma.infer.manifest import ModelEntry, Role, find_model, is_gguf_path, read_manifest
+from karma.models.manifest import ModelEntry, Role, find_model, is_gguf_path, read_manifest
 
 MODELS = ("planner", "profile", "recall", "embedder", "vision", "detector")  # of [models]
 _HOSTED = "openai"

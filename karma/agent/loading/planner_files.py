@@ -12,22 +12,22 @@ import numpy as np
 
 from karma import registry
 from karma.agent.goals.files import SaidRequest, load_said
-from karma.agent.loading.alfred_sentences import Sentence, names_its_place, read_sentences
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.goal_lines import as_lines, plain_program
-from karma.agent.planning.refused_requests import LogisticDoubt, read_doubt
 from karma.contracts import Embedder, Examples, Hints, Vectors, WorkedExample
 from karma.errors import FileError, KarmaError
 from karma.files import cache, read_bytes, shipped, write_atomic
-from karma.infer.embed.minilm import FILES
-from karma.infer.manifest import (
+from karma.language.hints import Hinter, load_words
+from karma.models.embed.minilm import FILES
+from karma.models.manifest import (
     check_file,
     file_paths,
     find_model,
     is_gguf_path,
     resolve_planner,
 )
-from karma.language.hints import Hinter, load_words
+from karma.plugins.alfred.sentences import Sentence, names_its_place, read_sentences
+from karma.plugins.rules.request_refusals import LogisticDoubt, read_doubt
 
 WORDS, DOUBT = "words.json", "doubt.json"  # beside a GGUF that has no entry, if it has them
 NO_WORDS = "none"  # as a words file: no hints

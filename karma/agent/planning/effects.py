@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 from karma.agent.planning.program import CHANGES, DEEDS, DOOR_AFTER, PUTS, SWITCH_AFTER, WAYS
-from karma.agent.planning.reading import kind_of
 from karma.contracts import SkillCall
 from karma.household.ids import short_type
 from karma.household.places import FLOOR, HAND
@@ -24,6 +23,7 @@ from karma.household.uses import (
     TAPS,
     TOASTER,
 )
+from karma.plugins.rules.reading import kind_of
 
 
 @dataclass(slots=True)

@@ -1,6 +1,6 @@
 """The expert's programs: goals and what is known -> skill calls.
 
-The nano planner learns from them, and the `expert` row (`karma.bench.rows.expert`) acts on them,
+The nano planner learns from them, and the `expert` row (`karma.bench.methods.expert`) acts on them,
 which shows that every task can be solved. It knows the skill API and household sense, not the
 world: the view it is given may be one agent's memory or the whole truth. What the world refused
 stands in the view too, so that the next program goes another way.

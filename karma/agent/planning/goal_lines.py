@@ -17,8 +17,6 @@ from dataclasses import replace
 from typing import Literal
 
 from karma.agent.planning.expert import ExpertView, NamedThing, solve
-from karma.agent.planning.guard import Guard, meant_by, switch_of
-from karma.agent.planning.reading import kind_of
 from karma.contracts import Goal, MemoryUnit, Mention, Request, SaidDeed, Skill, SkillCall
 from karma.household import uses
 from karma.household.deeds import able_to, deed_kind
@@ -26,7 +24,9 @@ from karma.household.ids import short_type
 from karma.household.pieces import base_type, piece_type
 from karma.household.places import SURFACES, landmark_types
 from karma.household.states import DONE_BY, END_STATES
-from karma.language.request_words import deed_states
+from karma.plugins.rules.language.request_words import deed_states
+from karma.plugins.rules.reading import kind_of
+from karma.plugins.rules.request_checker import Guard, meant_by, switch_of
 
 _STATES = {
     "Clean": ("cleaned", "", "it was washed or rinsed"),

@@ -6,13 +6,10 @@ from typing import Literal, Self
 
 from karma.agent.planning.effects import trimmed, with_turns
 from karma.agent.planning.goal_lines import asked_lines, program_for
-from karma.agent.planning.guard import Guard
 from karma.agent.planning.inspector import hand_of, mend, narrowed, objection
 from karma.agent.planning.program import SKILLS
 from karma.agent.planning.prompt import GOALS, render, skills_of
-from karma.agent.planning.reading import astray
 from karma.agent.planning.recovery import Recovered, program_of
-from karma.agent.planning.refused_requests import KNOWN, cannot_be, doubted, with_words
 from karma.contracts import (
     REFUSAL_KINDS,
     Completion,
@@ -37,6 +34,9 @@ from karma.errors import ProgramError
 from karma.household.ids import short_type, type_of
 from karma.household.places import OVERLOOKED, STAND_CLOSED, landmark_types
 from karma.household.types import object_types
+from karma.plugins.rules.reading import astray
+from karma.plugins.rules.request_checker import Guard
+from karma.plugins.rules.request_refusals import KNOWN, cannot_be, doubted, with_words
 
 _LOOSE_AFTER = 2  # answers after which a mug will do for a cup
 

@@ -38,7 +38,7 @@ from karma.errors import FileError, UnknownNameError, did_you_mean
 from karma.files import read_bytes
 from karma.household.pieces import base_type
 from karma.household.places import HAND, landmark_types
-from karma.language.clauses import said
+from karma.plugins.rules.language.clauses import said
 
 GOALS = "goals"  # the profile that asks what is to be so, not for skills
 PROFILES: Mapping[str, tuple[Skill, ...]] = MappingProxyType(

@@ -31,8 +31,8 @@ from karma.contracts import (
 )
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.household.uses import BIN
-from karma.infer.hosted.cassette import Cassette, CassetteError
-from karma.infer.hosted.endpoint import Ledger
+from karma.models.hosted.cassette import Cassette, CassetteError
+from karma.models.hosted.endpoint import Ledger
 from karma.seeds import stream
 from karma.world.home import Home
 

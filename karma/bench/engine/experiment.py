@@ -17,13 +17,13 @@ import msgspec
 from karma.agent.goals.files import load_tasks
 from karma.agent.loading.models import Models, Row
 from karma.bench.engine.episode import check_seeds
-from karma.bench.engine.published_tasks import AlfredTasks, alfred_tasks, load_authors_tasks
 from karma.bench.figures.precision import MAX_SEEDS, Precision
 from karma.contracts import SceneRef, Task
 from karma.errors import FileError, KarmaError
 from karma.files import below, read_bytes, to_json
-from karma.infer.llama.room_states import StateOptions
-from karma.world.importing.scenes import import_dump
+from karma.models.llama.room_states import StateOptions
+from karma.plugins.alfred.published_tasks import AlfredTasks, alfred_tasks, load_authors_tasks
+from karma.plugins.thor_tools.importing.scenes import import_dump
 
 MOST_SEEDS = 10_000
 

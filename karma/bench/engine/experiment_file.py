@@ -24,7 +24,7 @@ from karma.errors import FileError, KarmaError, did_you_mean
 from karma.files import read_toml, shipped
 
 T = TypeVar("T", bound=msgspec.Struct)
-TRACE = "trace"  # `kind` of a figure of policies, see `karma.bench.suites.policies.figure`
+TRACE = "trace"  # `kind` of a figure of policies, see `karma.bench.policies.figure`
 _SHARED = re.compile(r"(\.\./)+shared/")
 _SETTING = re.compile(r'((?:"[^"]*"|[^"])*?\.\w+|\w+)=(.*)', re.DOTALL)
 

@@ -15,9 +15,9 @@ from karma.bench.engine.workers import IN_FLIGHT, Suggestion, check_far, perform
 from karma.bench.figures.precision import takes_another
 from karma.contracts import Task
 from karma.errors import KarmaError
-from karma.infer.hosted.cassette import Cassette
-from karma.infer.hosted.dialects import slots_of
-from karma.infer.hosted.session import Session
+from karma.models.hosted.cassette import Cassette
+from karma.models.hosted.dialects import slots_of
+from karma.models.hosted.session import Session
 
 
 class Run:

@@ -28,7 +28,7 @@ from karma.bench.engine.experiment_file import Changes, Setting, read_experiment
 from karma.bench.engine.run import Run
 from karma.bench.engine.sweep_folder import SweepData, SweptCell, read_sweep, write_sweep
 from karma.errors import FileError, KarmaError, UnwritableError
-from karma.infer.checks.gguf import is_gguf, is_projector
+from karma.models.checks.gguf import is_gguf, is_projector
 
 _NO_GRID = Setting(key="grid", value=[])
 _LONGEST = 100  # letters of a cell's folder

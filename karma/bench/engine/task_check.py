@@ -14,7 +14,7 @@ import msgspec
 from karma.agent.goals.goals import GoalTracker, Meanings, alternatives, object_names
 from karma.agent.seeing.perceive import cells_of
 from karma.bench.engine.episode import run_episode
-from karma.bench.rows.expert import ExpertMethod
+from karma.bench.methods.expert import ExpertMethod
 from karma.contracts import Goal, SceneRef, Task, World
 from karma.household.containment import fits_whole_or_cut
 from karma.household.ids import is_id, is_position, root_type

@@ -32,12 +32,12 @@ from karma.bench.engine.suite import Chain, Do, Done, Suite
 from karma.contracts import SceneRef
 from karma.errors import FileError, KarmaError, ModelError, UnknownNameError, UnwritableError
 from karma.files import write_atomic
-from karma.infer.checks.memory import available_mb
-from karma.infer.hosted.cassette import Cassette, CassetteError, Tape
-from karma.infer.hosted.endpoint import Hosted
-from karma.infer.hosted.session import Session
-from karma.infer.llama.opening import devices
-from karma.infer.manifest import find_model, read_manifest, resolve_planner
+from karma.models.checks.memory import available_mb
+from karma.models.hosted.cassette import Cassette, CassetteError, Tape
+from karma.models.hosted.endpoint import Hosted
+from karma.models.hosted.session import Session
+from karma.models.llama.opening import devices
+from karma.models.manifest import find_model, read_manifest, resolve_planner
 from karma.offline.guard import NetworkRefused, go_offline, network_allowed
 
 _BASE_MB = 350  # Python with torch, faiss and a world, beside the models; measured

@@ -13,13 +13,18 @@ from karma.agent.journal.formats import UNKNOWN, range_text
 from karma.agent.journal.header import BenchmarkHeader
 from karma.bench.engine.benchmark_runs import read_played
 from karma.bench.figures.tables import Sheet
+from karma.bench.policies.figure import Results, caption_of, pictures_of, read_figure
+from karma.bench.policies.paper_claims import claims_sheets
+from karma.bench.policies.plot import empty, svg_of
+from karma.bench.policies.sweep import Bootstrapped
 from karma.bench.report.html import data_uri, fill, script_data
-from karma.bench.report.lived_day import WALK_S, day_name, told_day
 from karma.bench.report.page import columns_of, facts_of
 from karma.bench.report.room import plan_of
-from karma.bench.suites.lived.benchmark import LivedHomes
-from karma.bench.suites.lived.request import DAY_S, LivedRecord
-from karma.bench.suites.lived.table import (
+from karma.errors import KarmaError, did_you_mean
+from karma.plugins.homes.lived.benchmark import LivedHomes
+from karma.plugins.homes.lived.report_day import WALK_S, day_name, told_day
+from karma.plugins.homes.lived.request import DAY_S, LivedRecord
+from karma.plugins.homes.lived.table import (
     ALL,
     KINDS,
     OURS,
@@ -29,12 +34,7 @@ from karma.bench.suites.lived.table import (
     figures_of,
     stale_shares,
 )
-from karma.bench.suites.lived.trace import HomeTrace
-from karma.bench.suites.policies.figure import Results, caption_of, pictures_of, read_figure
-from karma.bench.suites.policies.paper_claims import claims_sheets
-from karma.bench.suites.policies.plot import empty, svg_of
-from karma.bench.suites.policies.sweep import Bootstrapped
-from karma.errors import KarmaError, did_you_mean
+from karma.plugins.homes.lived.trace import HomeTrace
 
 NAMED = 6  # homes in a message
 DRAWN_CM = 800.0  # of a home, at which marks have their usual size

@@ -41,7 +41,7 @@ def _tasks(path: Path) -> object:
 
 
 def _authors(path: Path) -> object:
-    from karma.bench.engine.published_tasks import load_authors_tasks
+    from karma.plugins.alfred.published_tasks import load_authors_tasks
 
     return load_authors_tasks([path])
 
@@ -59,19 +59,19 @@ def _experiment(path: Path) -> object:
 
 
 def _dump(path: Path) -> object:
-    from karma.world.importing.scenes import import_dump
+    from karma.plugins.thor_tools.importing.scenes import import_dump
 
     return list(import_dump(path))
 
 
 def _trial(path: Path) -> object:
-    from karma.world.alfred.trial import read_trials
+    from karma.plugins.alfred.replay.trial import read_trials
 
     return list(read_trials(path))
 
 
 def _layouts(path: Path) -> object:
-    from karma.world.importing.dump import read_layouts
+    from karma.plugins.thor_tools.importing.dump import read_layouts
 
     return read_layouts(path)
 
@@ -89,7 +89,7 @@ def _steps(path: Path) -> object:
 
 
 def _cassette(path: Path) -> object:
-    from karma.infer.hosted.cassette import Cassette
+    from karma.models.hosted.cassette import Cassette
 
     return Cassette(path.parent, "replay")
 
@@ -101,38 +101,38 @@ def _header(path: Path) -> object:
 
 
 def _manifest(path: Path) -> object:
-    from karma.infer.manifest import read_manifest
+    from karma.models.manifest import read_manifest
 
     with patch.dict(os.environ, {"KARMA_MODELS": str(path.parent)}):
         return read_manifest()
 
 
 def _gguf(path: Path) -> object:
-    from karma.infer.checks.gguf import check_gguf
+    from karma.models.checks.gguf import check_gguf
 
     return check_gguf(path)
 
 
 def _projector(path: Path) -> object:
-    from karma.infer.checks.gguf import check_projector
+    from karma.models.checks.gguf import check_projector
 
     return check_projector(path)
 
 
 def _safetensors(path: Path) -> object:
-    from karma.infer.checks.folder import check_safetensors
+    from karma.models.checks.folder import check_safetensors
 
     return check_safetensors(path)
 
 
 def _config(path: Path) -> object:
-    from karma.infer.checks.folder import read_config
+    from karma.models.checks.folder import read_config
 
     return read_config(path, fix="bring another")
 
 
 def _bundle(path: Path) -> object:
-    from karma.bundle.install import BundleError, verify
+    from karma.plugins.airgap.install import BundleError, verify
 
     try:
         return verify(path)

@@ -1,0 +1,142 @@
+"""Pictures of results: hit rates against tasks done, and against exploration saved."""
+
+import io
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+from karma.bench.policies.paper_claims import FIFO, FigureCell
+from karma.bench.policies.simulate import BELADY
+from karma.bench.policies.sweep import PolicyRow, division_of, family_of, line_of
+
+WIDTH_IN, HEIGHT_IN = 3.1, 2.5  # of a panel
+
+
+def curves(cells: Sequence[FigureCell], title: str, caption: str) -> Any:
+    """Draw a panel for each workload and policy: hit rate against tasks, a line for each size.
+
+    Vertical lines mark where the memory was 95 % full, on average over sequences. FIFO (dotted) and
+    the bound (dashed) of the sizes that a panel has are in each panel.
+    """
+    rows = cells[0].sweep.rows
+    panel_of = line_of if len({row.size for row in rows}) > 1 else family_of
+    names = _panel_names([panel_of(row.policy) for row in rows])
+    figure, axes = _panels(len(names), len(cells))
+    for column, cell in enumerate(cells):
+        for line, name in enumerate(names):
+            panel = axes[line][column]
+            mine = [row for row in cell.sweep.rows if panel_of(row.policy) == name]
+            _draw_curves(panel, mine, cell.sweep.rows)
+            panel.set_title(f"{cell.workload} · {name}", fontsize=8)
+            if column == 0:
+                panel.set_ylabel("hit rate")
+            if line == len(names) - 1:
+                panel.set_xlabel("tasks")
+            if column == len(cells) - 1:
+                panel.legend(fontsize=5.5, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return _finish(figure, title, caption)
+
+
+def exploration(cells: Sequence[FigureCell], title: str, caption: str) -> Any:
+    """Draw a panel for each workload and policy: a dot for each sequence, and the line."""
+    policies = [one.policy for one in cells[0].exploration if not one.policy.startswith(BELADY)]
+    figure, axes = _panels(len(policies), len(cells))
+    for column, cell in enumerate(cells):
+        mine = [one for one in cell.exploration if one.policy in policies]
+        for line, found in enumerate(mine):
+            panel = axes[line][column]
+            panel.plot(found.rates, found.reduced, ".", markersize=3, color="C0")
+            text = found.policy
+            if found.slope is not None and found.intercept is not None and found.r is not None:
+                ends = [min(found.rates), max(found.rates)]
+                panel.plot(ends, [found.slope * x + found.intercept for x in ends], color="C3")
+                text += f"\nr {found.r.value:.3f}, slope {found.slope:.2f}"
+            panel.set_title(f"{cell.workload} · {text}", fontsize=8)
+            panel.set_xlabel("hit rate")
+            if column == 0:
+                panel.set_ylabel("reduced exploration")
+    return _finish(figure, title, caption)
+
+
+def png_of(figure: Any) -> bytes:
+    """Return a picture as PNG; equal pictures give equal bytes."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=130, metadata={"Software": None})
+    return file.getvalue()
+
+
+def svg_of(figure: Any) -> bytes:
+    """Return a picture as SVG, without a date: equal pictures give equal bytes."""
+    import matplotlib as mpl
+
+    file = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "karma"}):
+        figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
+    return file.getvalue()
+
+
+# ------------------------------------------------------------- parts
+
+
+def _panel_names(names: Sequence[str]) -> list[str]:
+    """Return what gets a panel: all but the bound, and all but FIFO where there is more."""
+    found = [name for name in dict.fromkeys(names) if name != BELADY]
+    return [name for name in found if not name.startswith("fifo")] or found
+
+
+def _draw_curves(panel: Any, rows: Sequence[PolicyRow], every: Sequence[PolicyRow]) -> None:
+    """Draw the rows of a panel; where they differ in size, a size has one colour for all."""
+    import matplotlib as mpl
+
+    shades = mpl.colormaps["viridis"]
+    sizes = sorted({row.size for row in rows})
+    of_size = {size: shades(place / len(sizes)) for place, size in enumerate(sizes)}
+    several = len(sizes) > 1
+    for number, row in enumerate(rows):
+        shade = of_size[row.size] if several else shades(number / max(len(rows) - 1, 1) * 0.9)
+        _line(panel, row, division_of(row.policy), color=shade)
+        if row.warm_task is not None:
+            panel.axvline(row.warm_task, color=shade, linewidth=0.5, alpha=0.7)
+    for row in every:
+        if row.size not in of_size or row in rows:
+            continue
+        if row.policy.startswith(f"{BELADY}["):
+            look = {"color": of_size[row.size] if several else "black", "linestyle": "--"}
+            _line(panel, row, f"Belady [{row.size}]", **look)
+        elif family_of(row.policy) == FIFO:
+            look = {"color": of_size[row.size] if several else "C3", "linestyle": ":"}
+            _line(panel, row, f"FIFO [{row.size}]", **look)
+    panel.set_xscale("log")  # memories of ten fill within ten tasks
+    panel.xaxis.set_major_formatter("{x:g}")
+    panel.set_ylim(bottom=0)
+
+
+def _line(panel: Any, row: PolicyRow, label: str, **look: Any) -> None:
+    tasks = [point.tasks for point in row.curve]
+    panel.plot(tasks, [point.rate.value for point in row.curve], label=label, linewidth=1, **look)
+    if all(point.rate.low is not None for point in row.curve):
+        lows = [point.rate.low for point in row.curve]
+        highs = [point.rate.high for point in row.curve]
+        panel.fill_between(tasks, lows, highs, color=look["color"], alpha=0.12, linewidth=0)
+
+
+def _panels(lines: int, columns: int) -> tuple[Any, Any]:
+    figure = empty(WIDTH_IN * columns + 1.0, HEIGHT_IN * lines + 0.6)
+    return figure, figure.subplots(lines, columns, squeeze=False)
+
+
+def empty(width_in: float, height_in: float) -> Any:
+    """Return a figure of its own, which no global state knows of."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _finish(figure: Any, title: str, caption: str) -> Any:
+    width = int(figure.get_size_inches()[0] * 14)
+    figure.suptitle(title, fontsize=10)
+    figure.supxlabel(textwrap.fill(caption, width), fontsize=7)
+    return figure

@@ -1,0 +1,348 @@
+"""Several policies at several sizes over the same sequences, and what their hits save."""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from karma.bench.figures.statistics import FEWEST_TASKS, Floats, Statistic, bootstrap, times_in
+from karma.bench.policies.simulate import BELADY, FIRST_TASKS, Trace, TraceReplay, simulator
+from karma.errors import KarmaError
+from karma.memory.policies import make_policy
+from karma.seeds import stream
+
+RESAMPLES = 2000
+_SHARE = re.compile(r"([\w-]+)\[(\d+)/(\d+)\](.*)")
+_NAME = re.compile(r"([\w-]+)((?: +\S+)*)")
+_SIZE = re.compile(r"\[(\d+)(?:,(\d+))?\]")
+
+
+# ----------------------------------------------------------------- intervals, by bootstrap
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bootstrapped:
+    """A figure and its 95 % percentile interval; `low` and `high` are None for a few sequences."""
+
+    value: float
+    low: float | None = None
+    high: float | None = None
+
+    def holds(self, wanted: float) -> bool:
+        """Return whether the interval covers a value."""
+        return self.low is not None and self.high is not None and self.low <= wanted <= self.high
+
+    def above(self, floor: float) -> bool:
+        """Return whether all of the interval lies above a value."""
+        return self.low is not None and self.low > floor
+
+
+class Resampler:
+    """The same resamples of some sequences for every figure, so that differences are paired."""
+
+    def __init__(self, count: int, seed: int) -> None:
+        self._times = times_in(stream(seed, "lab", "bootstrap"), count, RESAMPLES)
+
+    def mean(self, values: Sequence[float]) -> Bootstrapped:
+        """Return the mean of a figure over sequences."""
+        return self.ratio(values, [1.0] * len(values))
+
+    def ratio(self, over: Sequence[float], under: Sequence[float]) -> Bootstrapped:
+        """Return the sum of one figure over the sum of another (of means: the same)."""
+        return self._of([over, under], lambda sums: sums[:, 0] / sums[:, 1])
+
+    def correlation(self, x: Sequence[float], y: Sequence[float]) -> Bootstrapped | None:
+        """Return Pearson's r, None where one of the two never changes."""
+        a, b = np.asarray(x, float), np.asarray(y, float)
+        if len(a) < 3 or not a.std() or not b.std():
+            return None
+        a, b = (a - a.mean()) / a.std(), (b - b.mean()) / b.std()
+        return self._of([np.ones(len(a)), a, b, a * a, b * b, a * b], _correlation)
+
+    def _of(self, columns: Sequence[Sequence[float] | Floats], of: Statistic) -> Bootstrapped:
+        sums = np.column_stack(columns).astype(np.float64)
+        found = bootstrap(sums, of, number=len(sums), times=self._times).estimate
+        value = float("nan") if found.value is None else _short(found.value)
+        if found.interval is None:
+            return Bootstrapped(value=value)
+        low, high = _short(found.interval.low), _short(found.interval.high)
+        return Bootstrapped(value=value, low=low, high=high)
+
+
+def block_interval(hits: Sequence[int], requests: Sequence[int], seed: int) -> Bootstrapped | None:
+    """Return the hit rate of one sequence with an interval over blocks of its tasks.
+
+    Neighbouring tasks need the same things, so whole blocks of about the square root of their
+    number are drawn again. None where nothing was asked.
+    """
+    if not sum(requests):
+        return None
+    size = max(1, round(len(hits) ** 0.5))
+    starts = range(0, len(hits), size)
+    parts = [(sum(hits[at : at + size]), sum(requests[at : at + size])) for at in starts]
+    parts = [part for part in parts if part[1]]
+    return Resampler(len(parts), seed).ratio([a for a, _ in parts], [b for _, b in parts])
+
+
+def _correlation(sums: Floats) -> Floats:
+    """Return Pearson's r from sums of 1, a, b, their squares and their product."""
+    number, a, b, aa, bb, ab = sums.T
+    spread = (number * aa - a * a) * (number * bb - b * b)
+    return np.where(spread > 1e-9, (number * ab - a * b) / np.sqrt(spread), np.nan)
+
+
+def _short(value: float) -> float:
+    """Round so that results do not hang on the last bits of a sum."""
+    return round(value, 5)
+
+
+# ----------------------------------------------------------------- sweeps
+
+
+class Point(msgspec.Struct, frozen=True, kw_only=True):
+    """The hit rate from the empty memory up to a number of tasks."""
+
+    tasks: int
+    rate: Bootstrapped
+
+
+class PolicyRow(msgspec.Struct, frozen=True, kw_only=True):
+    """What one policy made of all sequences; the lists have one entry a sequence."""
+
+    policy: str
+    size: int
+    cold: Bootstrapped | None  # all tasks, from the empty memory on; None: nothing was asked
+    first: Bootstrapped | None  # the first 100 tasks
+    steady: Bootstrapped | None  # the second half of the tasks
+    warm: Bootstrapped | None  # from the task on that found the memory 95 % full; None: not in each
+    hits: list[int]
+    steady_hits: list[int]
+    left: float | None  # units that left, per sequence; None for the bound
+    warm_task: float | None  # tasks until the memory was 95 % full, mean; None: not in each
+    curve: list[Point]
+
+
+class Sweep(msgspec.Struct, frozen=True, kw_only=True):
+    """All rows over the same sequences."""
+
+    requests: list[int]  # of each sequence
+    steady_requests: list[int]
+    units: float  # distinct ones a sequence, mean
+    interval: str  # what the intervals are over
+    rows: list[PolicyRow]
+
+
+def sized(policies: Iterable[str], sizes: Iterable[int]) -> tuple[str, ...]:
+    """Return policies in the notation of `make_policy`, each named one at each size.
+
+    `lru` takes all sizes, with what stands behind it (`wtinylfu-karma W=inf`);
+    `wtinylfu-caffeine[9/1]` divides each size nine to one, the main segment at least one line;
+    `lru[10]` stays what it is. The order is that of the policies, then of the sizes. KarmaError
+    if a text is no policy, or no size was given for a bare name; UnknownNameError if no such
+    policy is registered.
+    """
+    sizes = tuple(sizes)
+    found = tuple(dict.fromkeys(one for text in policies for one in _at_sizes(text.strip(), sizes)))
+    for text in found:
+        make_policy(text.replace(BELADY, "lru", 1) if text.startswith(f"{BELADY}[") else text)
+    return found
+
+
+def _at_sizes(text: str, sizes: Sequence[int]) -> Iterator[str]:
+    share, bare = _SHARE.fullmatch(text), _NAME.fullmatch(text)
+    if (share or bare) and not sizes:
+        name = text.split("[")[0].split(" ")[0]
+        raise KarmaError(f"policy {text!r} has no size: give sizes = [10], or write {name}[10]")
+    if share:
+        name, window, main, rest = share.groups()
+        part = int(main) / max(int(window) + int(main), 1)
+        for size in sizes:
+            lines = max(1, int(size * part))
+            yield f"{name}[{size - lines},{lines}]{rest}"
+    elif bare:
+        yield from (f"{bare[1]}[{size}]{bare[2]}" for size in sizes)
+    else:
+        yield text
+
+
+def size_of(policy: str) -> int:
+    """Return the lines that a policy text has.
+
+    >>> size_of("wtinylfu-karma[9,1] W=inf")
+    10
+    """
+    found = _SIZE.search(policy)
+    return sum(int(part or 0) for part in found.groups()) if found else 0
+
+
+def family_of(policy: str) -> str:
+    """Return a policy text without its size.
+
+    >>> family_of("wtinylfu-karma[9,1] W=inf")
+    'wtinylfu-karma W=inf'
+    """
+    return _SIZE.sub("", policy, count=1)
+
+
+def division_of(policy: str) -> str:
+    """Return the size as a policy text has it.
+
+    >>> division_of("wtinylfu-karma[9,1] W=inf")
+    '[9,1]'
+    """
+    found = _SIZE.search(policy)
+    return found[0] if found else ""
+
+
+def line_of(policy: str) -> str:
+    """Return what the sizes of one policy have in common, their division included.
+
+    >>> line_of("wtinylfu-karma[23,2] W=inf"), line_of("lru[5]")
+    ('wtinylfu-karma 9/1 W=inf', 'lru')
+    """
+    found = _SIZE.search(policy)
+    if found is None or found[2] is None:
+        return family_of(policy)
+    window, main = int(found[1]), int(found[2])
+    kind = f"{window},{main}"
+    if main == max(1, (window + main) // 10):
+        kind = "9/1"
+    elif window == 1:
+        kind = "1/9"
+    name, _, rest = family_of(policy).partition(" ")
+    return f"{name} {kind} {rest}".strip()
+
+
+def run_rows(
+    traces: Sequence[Trace],
+    policies: Iterable[str],
+    *,
+    checkpoints: Sequence[int] = (),
+    seed: int = 0,
+) -> Iterator[PolicyRow]:
+    """Run every policy over every sequence, and yield each policy's row.
+
+    `checkpoints`: numbers of tasks for `PolicyRow.curve`.
+    """
+    rates = _Rates(len(traces), seed)
+    for policy in policies:
+        run = simulator(policy)
+        outcomes = [run(trace) for trace in traces]
+        yield _row(policy, outcomes, rates, checkpoints)
+
+
+def sweep_of(traces: Sequence[Trace], rows: Iterable[PolicyRow]) -> Sweep:
+    """Return rows together with the sequences that they are of."""
+    halves = [trace.starts[len(trace.tasks) // 2] for trace in traces]
+    return Sweep(
+        requests=[trace.requests for trace in traces],
+        steady_requests=[t.requests - half for t, half in zip(traces, halves, strict=True)],
+        units=round(sum(len(trace.keys) for trace in traces) / len(traces), 3),
+        interval=_over(traces),
+        rows=list(rows),
+    )
+
+
+def _over(traces: Sequence[Trace]) -> str:
+    """Return what the intervals are over, or why there are none."""
+    if len(traces) == 1:
+        return "bootstrap over blocks of tasks; they speak of this sequence only"
+    if len(traces) < FEWEST_TASKS:
+        return f"none: {len(traces)} sequences say little of others, it takes {FEWEST_TASKS}"
+    return "bootstrap over sequences"
+
+
+class _Rates:
+    """Mean hit rates over sequences, or of one sequence over its blocks."""
+
+    def __init__(self, count: int, seed: int) -> None:
+        self._resampler = Resampler(count, seed)
+        self._seed = seed
+
+    def of(
+        self, outcomes: Sequence[TraceReplay], spans: Sequence[tuple[int, int]]
+    ) -> Bootstrapped | None:
+        """Return the rate over some tasks of each outcome; None where one asked nothing."""
+        if len(outcomes) == 1:
+            first, last = spans[0]
+            tasks = range(first, min(last, outcomes[0].tasks))
+            counts = [outcomes[0].between(task, task + 1) for task in tasks]
+            return block_interval([a for a, _ in counts], [b for _, b in counts], self._seed)
+        rates = [one.rate(*span) for one, span in zip(outcomes, spans, strict=True)]
+        known = [rate for rate in rates if rate is not None]
+        return self._resampler.mean(known) if len(known) == len(rates) else None
+
+
+def _row(
+    policy: str, outcomes: list[TraceReplay], rates: _Rates, checkpoints: Sequence[int]
+) -> PolicyRow:
+    every = [(0, one.tasks) for one in outcomes]
+    halves = [(one.tasks // 2, one.tasks) for one in outcomes]
+    warm = [one.warm_task for one in outcomes if one.warm_task is not None]
+    left = [one.left for one in outcomes if one.left is not None]
+    filled = len(warm) == len(outcomes)
+    after = [(one.warm_task or 0, one.tasks) for one in outcomes]
+    curve = [
+        Point(tasks=tasks, rate=rate)
+        for tasks in checkpoints
+        if tasks <= max(one.tasks for one in outcomes)
+        if (rate := rates.of(outcomes, [(0, tasks)] * len(outcomes))) is not None
+    ]
+    return PolicyRow(
+        policy=policy,
+        size=size_of(policy),
+        cold=rates.of(outcomes, every),
+        first=rates.of(outcomes, [(0, FIRST_TASKS)] * len(outcomes)),
+        steady=rates.of(outcomes, halves),
+        warm=rates.of(outcomes, after) if filled else None,
+        hits=[one.hits for one in outcomes],
+        steady_hits=[one.between(*span)[0] for one, span in zip(outcomes, halves, strict=True)],
+        left=round(sum(left) / len(left), 3) if left else None,
+        warm_task=round(sum(warm) / len(warm), 3) if filled else None,
+        curve=curve,
+    )
+
+
+class Exploration(msgspec.Struct, frozen=True, kw_only=True):
+    """One policy's hit rate and reduced exploration, a pair for each sequence, and their line.
+
+    A unit that is in memory is found without a search; for any other one the receptacles of its
+    room are visited in the order of how likely they hold it (`tasks.Finds`). Reduced exploration
+    (KARMA section 4.2) is the share of all those stops that hits save: a hit rate in which dear
+    units weigh more. That it rises with the hit rate is nearly certain by construction.
+    """
+
+    policy: str
+    rates: list[float]
+    reduced: list[float]
+    slope: float | None
+    intercept: float | None
+    r: Bootstrapped | None  # Pearson's, over sequences; None where one of both never changes
+
+
+def explore(
+    policy: str, traces: Sequence[Trace], costs: Sequence[Sequence[float]], seed: int
+) -> Exploration:
+    """Run a policy and weigh its hits by the searches that they save.
+
+    `costs`: for each request of each sequence, the stops of its search.
+    """
+    run = simulator(policy)
+    rates, reduced = [], []
+    for trace, prices in zip(traces, costs, strict=True):
+        outcome = run(trace)
+        saved = sum(p for hit, p in zip(outcome.answers, prices, strict=True) if hit)
+        rates.append(round(outcome.hits / outcome.requests, 6))
+        reduced.append(round(saved / sum(prices), 6))
+    r = Resampler(len(traces), seed).correlation(rates, reduced)
+    slope = intercept = None
+    if r is not None:
+        x, y = np.asarray(rates), np.asarray(reduced)
+        dx, dy = x - x.mean(), y - y.mean()
+        slope = round(float((dx * dy).sum() / (dx * dx).sum()), 6)
+        intercept = round(float(y.mean() - slope * x.mean()), 6)
+    return Exploration(
+        policy=policy, rates=rates, reduced=reduced, slope=slope, intercept=intercept, r=r
+    )

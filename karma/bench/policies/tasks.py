@@ -1,0 +1,395 @@
+"""What tasks need, ALFRED's own or those of our grammar; sequences of them, as access traces.
+
+A task is written down as two lists of object types, in the order of its plan:
+
+- R4: the object, the movable receptacle, the thing to switch on, and the receptacle.
+- M: what can be carried only: the object, the movable receptacle, and the knife if one is used.
+
+Slices count as what they were cut from.
+
+ALFWorld-R is seeded random sequences of tasks. The paper draws "each task randomly from tasks in
+ALFRED"; that is `type`. The others keep to one house (a kitchen, a living room, a bedroom, a
+bathroom) and come closer to how homes are used:
+
+| workload | next task | a unit is |
+|---|---|---|
+| `type` | any task there is | an object type |
+| `house` | any task of the house | a type in its room |
+| `rooms` | of the room; after 8 tasks on average (geometric), another room | same |
+| `habit` | of the room that the hour wants (12 a day, each room at least once), Zipf(1) over the household's own order of its tasks, a fifth of which is dealt anew every 20 days | same |
+| `chain` | half of the time one about a thing of the last 3 tasks, else any of the house | same |
+"""  # noqa: E501
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from itertools import islice, product
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, get_args
+
+import msgspec
+import numpy as np
+
+from karma.bench.policies.simulate import Trace
+from karma.errors import FileError, KarmaError
+from karma.household.ids import root_type
+from karma.household.pieces import base_type
+from karma.household.places import ROOMS
+from karma.household.types import types_with
+from karma.household.uses import KNIVES
+from karma.plugins.alfred.replay.trial import PlannerAction, Targets
+from karma.plugins.alfred.sentences import read_demonstrations
+from karma.seeds import stream
+
+if TYPE_CHECKING:
+    from karma.plugins.training.drawing.memories import KnownRoom
+    from karma.plugins.training.drawing.phrases import Book
+
+UnitSet = Literal["r4", "m"]
+UNIT_SETS: tuple[UnitSet, ...] = get_args(UnitSet)
+SMOOTHING = 0.5  # added to each count of where things were found
+GRAMMAR_SCENES = 10  # generated rooms of each kind
+GRAMMAR_TASKS = 40  # requests drawn in each
+_FLOOR_PLANS = dict(zip((0, 2, 3, 4), ROOMS, strict=True))  # by the hundred
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Errand:
+    """One task as the units it needs."""
+
+    scene: str  # where
+    room: str  # its kind, one of `ROOMS`
+    r4: tuple[str, ...]  # types of all units
+    m: tuple[str, ...]  # types of those that can be carried, and of the knife
+    subjects: tuple[str, ...]  # the object and the movable receptacle
+
+    def units(self, unit_set: UnitSet) -> tuple[str, ...]:
+        """Return the types of one of the two sets."""
+        return self.r4 if unit_set == "r4" else self.m
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finds:
+    """Where things were found, and where one can look."""
+
+    places: Mapping[str, Mapping[str, int]]  # scene -> receptacle type -> how many of it there are
+    found: Mapping[tuple[str, str], Mapping[str, int]]  # (room, type) -> receptacle type -> times
+
+    def stops(self, scene: str, room: str, object_type: str) -> float | None:
+        """Return how many receptacles a search for an object is expected to visit.
+
+        The receptacles of the scene are visited type by type, the likeliest type first, as often
+        as the type was found to hold such an object in rooms of the kind (+ 0.5). None where the
+        scene has no receptacle.
+        """
+        here = self.places.get(scene, {})
+        found = self.found.get((room, object_type), {})
+        weights = {kind: found.get(kind, 0) + SMOOTHING for kind in here}
+        total, before, stops = sum(weights.values()), 0, 0.0
+        for kind in sorted(weights, key=lambda kind: (-weights[kind], kind)):
+            stops += weights[kind] / total * (before + (here[kind] + 1) / 2)
+            before += here[kind]
+        return stops if here else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pool:
+    """Tasks to draw from."""
+
+    source: str  # where they come from, for captions
+    errands: tuple[Errand, ...]  # all of them, in order
+    finds: Finds  # what tells the cost of a search
+    _costs: dict[tuple[str, str], float] = field(default_factory=dict, compare=False, repr=False)
+
+    @cached_property
+    def homes(self) -> Mapping[str, Mapping[str, tuple[Errand, ...]]]:
+        """Room kind -> scene -> its tasks; sorted by name."""
+        found: dict[str, dict[str, list[Errand]]] = {room: {} for room in ROOMS}
+        for errand in self.errands:
+            found[errand.room].setdefault(errand.scene, []).append(errand)
+        return {
+            room: {scene: tuple(scenes[scene]) for scene in sorted(scenes)}
+            for room, scenes in found.items()
+        }
+
+    def cost(self, errand: Errand, object_type: str) -> float:
+        """Return the stops of a search for a unit of a task; what cannot be carried costs one."""
+        key = (errand.scene, object_type)
+        if key not in self._costs:
+            stops = None
+            if object_type in types_with("pickupable"):
+                stops = self.finds.stops(errand.scene, errand.room, object_type)
+            self._costs[key] = 1.0 if stops is None else stops
+        return self._costs[key]
+
+
+# ------------------------------------------------------------- ALFRED's tasks
+
+
+class _Scene(msgspec.Struct, frozen=True):
+    floor_plan: str
+
+
+class _PlanStep(msgspec.Struct, frozen=True):
+    planner_action: PlannerAction
+
+
+class _Plan(msgspec.Struct, frozen=True):
+    high_pddl: tuple[_PlanStep, ...]
+
+
+class _Trial(msgspec.Struct, frozen=True):
+    pddl_params: Targets
+    scene: _Scene
+    plan: _Plan
+
+
+def alfred_pool(paths: Iterable[Path]) -> Pool:
+    """Return the tasks of files of ALFRED demonstrations, one JSON record a line.
+
+    FileError if a file is missing, torn, or holds something else.
+    """
+    paths = tuple(paths)
+    movable = types_with("pickupable")
+    errands: list[Errand] = []
+    spots: dict[str, set[tuple[str, str]]] = defaultdict(set)
+    found: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
+    for path in paths:
+        for trial in read_demonstrations(path, _Trial):
+            errand = _errand(trial, path)
+            errands.append(errand)
+            picked: set[str] = set()
+            for kind, receptacle, spot in _handled(trial):
+                if receptacle in movable:
+                    continue
+                spots[errand.scene].add((receptacle, spot))
+                if kind and kind not in picked:
+                    picked.add(kind)
+                    found[errand.room, kind][receptacle] += 1
+    if not errands:
+        raise FileError(paths[0], "no demonstrations in it")
+    places = {scene: Counter(kind for kind, _ in at) for scene, at in spots.items()}
+    source = "ALFRED, " + ", ".join(path.name.split(".")[0] for path in paths)
+    return Pool(source=source, errands=tuple(errands), finds=Finds(places=places, found=found))
+
+
+def _handled(trial: _Trial) -> Iterator[tuple[str, str, str]]:
+    """Yield what is picked up ("" for what is put down), from which receptacle, and its place."""
+    for act in (step.planner_action for step in trial.plan.high_pddl):
+        where = act.coordinate_receptacle_object_id
+        if where and act.action in ("PickupObject", "PutObject"):
+            kind = root_type(act.object_id or "") if act.action == "PickupObject" else ""
+            yield kind, where[0], str(where[1:])
+
+
+def _errand(trial: _Trial, path: Path) -> Errand:
+    wanted, plan = trial.pddl_params, trial.scene.floor_plan
+    number = plan.removeprefix("FloorPlan")
+    room = _FLOOR_PLANS.get(int(number) // 100) if number.isdigit() else None
+    if room is None:
+        raise FileError(path, f"{plan!r} is no floor plan of ALFRED's")
+    subjects = _distinct((wanted.object_target, wanted.mrecep_target))
+    knives = [
+        kind
+        for step in trial.plan.high_pddl
+        if wanted.object_sliced and step.planner_action.action == "PickupObject"
+        if (kind := root_type(step.planner_action.object_id or "")) in KNIVES
+    ]
+    return Errand(
+        scene=plan,
+        room=room,
+        r4=_distinct((*subjects, wanted.toggle_target, wanted.parent_target)),
+        m=_distinct((*subjects, *knives)),
+        subjects=subjects,
+    )
+
+
+def _distinct(names: Iterable[str]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(base_type(name) for name in names if name))
+
+
+# ------------------------------------------------------------- tasks of our own
+
+
+@lru_cache(maxsize=4)
+def grammar_pool(seed: int, *, scenes: int = GRAMMAR_SCENES, tasks: int = GRAMMAR_TASKS) -> Pool:
+    """Return requests of our task grammar in generated rooms, each about a thing to carry."""
+    from karma.plugins.training.drawing.memories import room_of
+    from karma.plugins.training.drawing.phrases import our_book
+    from karma.world.generation.generate import build_scene
+
+    errands: list[Errand] = []
+    places: dict[str, Counter[str]] = {}
+    found: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
+    for kind, number in product(ROOMS, range(scenes)):
+        scene = build_scene(kind, 2000 + number, seed)
+        name = f"{kind}_{number}"
+        types = {thing.id: thing.type for thing in scene.objects}
+        movable = {t.id for t in scene.objects if "pickupable" in t.capabilities}
+        here = places[name] = Counter()
+        for thing in scene.objects:
+            if "receptacle" in thing.capabilities and thing.id not in movable:
+                here[thing.type] += 1
+            if thing.id in movable and thing.parents and thing.parents[0] not in movable:
+                found[kind, thing.type][types[thing.parents[0]]] += 1
+        errands += _requests(room_of(scene, name, seed=seed), our_book(), kind, seed, tasks)
+    if not errands:
+        raise KarmaError("the rooms give no task; draw more of them")
+    finds = Finds(places=places, found=found)
+    return Pool(source=f"our task grammar, seed {seed}", errands=tuple(errands), finds=finds)
+
+
+def _requests(
+    room: "KnownRoom", book: "Book", kind: str, seed: int, count: int
+) -> Iterator[Errand]:
+    """Yield requests about something to carry."""
+    from karma.plugins.training.drawing.drawn_tasks import draw_task
+
+    movable = types_with("pickupable")
+    for number in range(count):
+        rng = stream(seed, "lab", "grammar", room.name, str(number))
+        steps = draw_task(rng, room, book, "simple")
+        if not steps:
+            continue
+        goals = steps[0].goals
+        named = [word for goal in goals for word in goal.arguments if word[:1].isupper()]
+        r4 = _distinct(named)
+        carried = tuple(name for name in r4 if name in movable)
+        cuts = any(goal.arguments[-1] == "sliced" for goal in goals)
+        knives = [one for one in KNIVES if one in room.movables][: int(cuts)]
+        if carried:
+            yield Errand(
+                scene=room.name,
+                room=kind,
+                r4=r4,
+                m=_distinct((*carried, *knives)),
+                subjects=carried,
+            )
+
+
+# ------------------------------------------------------------- sequences of tasks, as traces
+
+Workload = Literal["type", "house", "rooms", "habit", "chain"]
+WORKLOADS: tuple[Workload, ...] = get_args(Workload)
+
+STAY = 8  # tasks in a room, on average
+DAY = 12  # tasks a day, each in the room of its hour
+DAYS = 20  # until some habits change
+CHANGED = 0.2  # of the ranks then
+CHAINED = 0.5  # chance that a task is about a thing of the last ones
+LAST = 3  # of them
+
+Rng = np.random.Generator
+Draws = Iterator[Errand]
+House = dict[str, tuple[Errand, ...]]  # room -> its tasks
+
+
+def draw_errands(
+    pool: Pool, workload: Workload, length: int, seed: int, number: int
+) -> list[Errand]:
+    """Draw one sequence of tasks.
+
+    A shorter sequence is the beginning of a longer one. KarmaError if the pool has no task in
+    some kind of room.
+    """
+    rng = stream(seed, "lab", workload, str(number))
+    draw = (
+        _uniform(rng, pool.errands)
+        if workload == "type"
+        else _DRAWS[workload](rng, _house(rng, pool))
+    )
+    return list(islice(draw, length))
+
+
+def trace_of(errands: Sequence[Errand], workload: Workload, unit_set: UnitSet) -> Trace:
+    """Return what a sequence of tasks asks for."""
+    if workload == "type":
+        return Trace.of(errand.units(unit_set) for errand in errands)
+    return Trace.of(
+        [f"{errand.scene}/{name}" for name in errand.units(unit_set)] for errand in errands
+    )
+
+
+def costs_of(errands: Sequence[Errand], unit_set: UnitSet, pool: Pool) -> list[float]:
+    """Return for each request the stops of the search that a hit saves."""
+    return [pool.cost(errand, name) for errand in errands for name in errand.units(unit_set)]
+
+
+def _house(rng: Rng, pool: Pool) -> House:
+    house = {}
+    for room in ROOMS:
+        scenes = pool.homes[room]
+        if not scenes:
+            raise KarmaError(f"{pool.source}: no tasks in a {room}, and a house needs one")
+        house[room] = tuple(scenes.values())[int(rng.integers(len(scenes)))]
+    return house
+
+
+def _all(house: House) -> tuple[Errand, ...]:
+    return tuple(errand for room in ROOMS for errand in house[room])
+
+
+def _one_of(rng: Rng, errands: Sequence[Errand]) -> Errand:
+    return errands[int(rng.integers(len(errands)))]
+
+
+def _uniform(rng: Rng, errands: Sequence[Errand]) -> Draws:
+    while True:
+        yield _one_of(rng, errands)
+
+
+def _in_phases(rng: Rng, house: House) -> Draws:
+    room = ROOMS[int(rng.integers(len(ROOMS)))]
+    while True:
+        tasks = house[room]
+        for _ in range(int(rng.geometric(1 / STAY))):
+            yield _one_of(rng, tasks)
+        others = [other for other in ROOMS if other != room]
+        room = others[int(rng.integers(len(others)))]
+
+
+def _by_habit(rng: Rng, house: House) -> Draws:
+    more = [ROOMS[int(rng.integers(len(ROOMS)))] for _ in range(DAY - len(ROOMS))]
+    hours = [(*ROOMS, *more)[int(place)] for place in rng.permutation(DAY)]
+    ranks = {room: rng.permutation(len(house[room])) for room in ROOMS}
+    odds = {room: np.cumsum(1 / np.arange(1, len(house[room]) + 1)) for room in ROOMS}
+
+    def usual(room: str) -> Errand:
+        rank = int(np.searchsorted(odds[room], rng.random() * odds[room][-1], "right"))
+        return house[room][int(ranks[room][rank])]
+
+    while True:
+        for _ in range(DAYS):
+            for room in hours:
+                yield usual(room)
+        for room in ROOMS:
+            order = ranks[room]
+            moved = rng.choice(len(order), size=round(CHANGED * len(order)), replace=False)
+            order[moved] = order[rng.permutation(moved)]
+
+
+def _in_chains(rng: Rng, house: House) -> Draws:
+    every = _all(house)
+    about: dict[tuple[str, str], list[Errand]] = defaultdict(list)
+    for errand in every:
+        for name in errand.subjects:
+            about[errand.scene, name].append(errand)
+    last: list[Errand] = []
+    while True:
+        if last and rng.random() < CHAINED:
+            before = _one_of(rng, last)
+            name = before.subjects[int(rng.integers(len(before.subjects)))]
+            choices: Sequence[Errand] = about[before.scene, name]
+        else:
+            choices = every
+        last = [*last, _one_of(rng, choices)][-LAST:]
+        yield last[-1]
+
+
+_DRAWS: dict[str, Callable[[Rng, House], Draws]] = {
+    "house": lambda rng, house: _uniform(rng, _all(house)),
+    "rooms": _in_phases,
+    "habit": _by_habit,
+    "chain": _in_chains,
+}

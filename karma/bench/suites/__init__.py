@@ -1,1 +1,0 @@
-"""Benchmarks: EB-ALFRED, LoTa-Bench's ALFRED, lived-in homes, replacement policies."""

@@ -1,1 +1,0 @@
-"""Carry everything over the air gap in one archive: build, verify, install."""

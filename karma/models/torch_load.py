@@ -1,0 +1,217 @@
+"""Open checked folders with transformers: from disk only, in silence, and only if all fits."""
+
+import os
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from karma.errors import KarmaError, ModelError
+from karma.models.checks.folder import CheckedFolder, check_folder, check_sizes, read_config
+from karma.models.checks.memory import check_memory, weights_mb
+from karma.models.manifest import Role, resolve_folder
+
+DType = Literal["auto", "float32", "bfloat16", "float16"]
+_DEVICES = re.compile(r"auto|cpu|mps|cuda(:\d+)?|xpu(:\d+)?")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TorchOptions:
+    """How a model of transformers or sentence-transformers is opened; ModelError: no such value."""
+
+    device: str = "auto"  # "cuda" where there is one, else "cpu"
+    dtype: DType = "auto"  # float32; large models that are stored in 16 bits stay so
+
+    def __post_init__(self) -> None:
+        """Refuse what torch would speak of in its own words, after seconds."""
+        if not _DEVICES.fullmatch(self.device):
+            raise ModelError(f'device = {self.device!r}: "auto", "cpu", "cuda", "cuda:1" or "mps"')
+        if self.dtype not in get_args(DType):
+            raise ModelError(f"dtype = {self.dtype!r}: one of {', '.join(get_args(DType))}")
+
+
+def checked_folder(
+    model: str | Path,
+    role: Role,
+    families: Mapping[str, Collection[str]],
+    *,
+    needs: Sequence[Sequence[str]] = (),
+) -> CheckedFolder:
+    """Find a model by its name in the manifest or by its path, and check its folder.
+
+    Errors as those of `resolve_folder` and `check_folder`.
+    """
+    place = resolve_folder(model, role)
+    return check_folder(place.path, families, needs=needs, name=place.name, fix=place.fix)
+
+
+def device_of(options: TorchOptions) -> str:
+    """Return the device that is meant, as torch calls it: "cpu", "cuda", "cuda:1", "mps".
+
+    ModelError where there is none like it here.
+    """
+    import torch
+
+    wanted = options.device
+    if wanted == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    kind, _, number = wanted.partition(":")
+    there = {
+        "cpu": 1, "cuda": torch.cuda.device_count(), "mps": int(torch.backends.mps.is_available()),
+        "xpu": torch.xpu.device_count(),
+    }[kind]  # fmt: skip
+    if there <= int(number or 0):
+        raise ModelError(
+            f"device = {wanted!r}: torch {torch.__version__} finds {there or 'no'} such device\n"
+            f'  To fix: device = "auto" or "cpu", or install a torch that was built for {kind}'
+        )
+    return wanted
+
+
+def bytes_of(options: TorchOptions, *, half: bool = False) -> int:
+    """Return how many bytes a parameter takes once loaded; `half`: where auto means 16 bits."""
+    return 4 if options.dtype == "float32" or (options.dtype == "auto" and not half) else 2
+
+
+def check_room(folder: CheckedFolder, options: TorchOptions, *, half: bool = False) -> str:
+    """Return the device of a model; ModelError, before weights are read, where it does not fit."""
+    import torch
+
+    device, count, each = device_of(options), folder.parameters, bytes_of(options, half=half)
+    free = float(torch.cuda.mem_get_info(device)[0]) / 1e6 if device[:4] == "cuda" else None
+    check_memory(
+        str(folder.path), weights_mb(count, bytes_each=each), free_mb=free,
+        parts=f"{count / 1e6:.1f} million parameters of {each} bytes, and room to compute",
+        fix="take a smaller model (`karma models list`)",
+    )  # fmt: skip
+    return device
+
+
+def load_weights(
+    kind: str, folder: CheckedFolder, options: TorchOptions | None = None, *, half: bool = False
+) -> Any:
+    """Open a model of a class of transformers on its device, ready to be asked.
+
+    In bfloat16 if `half` and the options leave it open, else in float32.
+
+    Raises:
+        ModelError: no such device, too little memory, or weights that are not this
+            architecture's: transformers itself would fill what is missing with random numbers and
+            say so in a warning only.
+    """
+    options = options or TorchOptions()
+    device = check_room(folder, options, half=half)
+    import torch
+
+    auto = "bfloat16" if half else "float32"
+    dtype = getattr(torch, auto if options.dtype == "auto" else options.dtype)
+    transformers = import_transformers()
+    with quiet(), foreign(f"{folder.path}: not a {kind} that opens"):
+        model, told = getattr(transformers, kind).from_pretrained(
+            folder.path, local_files_only=True, use_safetensors=True,
+            dtype=dtype,
+            trust_remote_code=False, output_loading_info=True,
+        )  # fmt: skip
+    missing = sorted(map(str, told["missing_keys"]))
+    if missing:
+        raise ModelError(
+            f"{folder.path}: not a whole {kind}: {len(missing)} weights are missing, "
+            f"e.g. {missing[0]}"
+        )
+    return model.eval().to(device)
+
+
+@contextmanager
+def foreign(what: str) -> Iterator[None]:
+    """Turn whatever a library makes of files from elsewhere into one ModelError.
+
+    Errors of ours and the lack of memory stay as they are; `what` names the file, and its fault.
+    """
+    try:
+        yield
+    except (KarmaError, MemoryError):
+        raise
+    except BaseException as error:
+        panics = type(error).__module__ == "pyo3_runtime"  # of tokenizers and safetensors, in Rust
+        if not (panics or isinstance(error, Exception)):
+            raise
+        reason = str(error).strip().splitlines() or [type(error).__name__]
+        raise ModelError(f"{what}: {reason[0][:300]}") from error
+
+
+def place_of(model: Any) -> str:
+    """Return where a loaded model is computed: device and numbers, "cpu, float32"."""
+    dtype = str(next(model.parameters()).dtype).removeprefix("torch.")
+    return f"{model.device}, {dtype}"
+
+
+def import_transformers() -> Any:
+    """Import transformers such that it never asks the package `kernels`, which downloads code."""
+    os.environ.setdefault("USE_HUB_KERNELS", "0")
+    import transformers
+
+    return transformers
+
+
+def load_image_processor(folder: CheckedFolder) -> Any:
+    """Open what prepares pictures, the variant over Pillow whatever else is installed.
+
+    ModelError where preprocessor_config.json cannot be used.
+    """
+    where = folder.path / "preprocessor_config.json"
+    said = read_config(where, fix="bring the model's whole folder")
+    kinds = [said.get(key) for key in ("image_processor_type", "feature_extractor_type")]
+    if not any(isinstance(kind, str) for kind in kinds):  # else sizes would be guessed
+        raise ModelError(f"{where}: cannot be used: no image_processor_type")
+    check_sizes(where, said)
+    with quiet(), foreign(f"{where}: cannot be used"):
+        return import_transformers().AutoImageProcessor.from_pretrained(
+            folder.path, local_files_only=True, trust_remote_code=False, backend="pil"
+        )
+
+
+def load_tokenizer(folder: CheckedFolder) -> Any:
+    """Open tokenizer.json with the `tokenizers` library, which runs no code of the model's.
+
+    ModelError where it is torn or no tokenizer.
+    """
+    from tokenizers import Tokenizer
+
+    path = folder.path / "tokenizer.json"
+    with foreign(f"{path}: not a tokenizer"):
+        found = Tokenizer.from_file(str(path))
+        found.encode("7 red apples")  # some open, and end in a panic of the library's when asked
+        return found
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Show no progress bars and warnings of transformers meanwhile; leave no setting changed."""
+    logging = import_transformers().utils.logging
+    shown, level = logging.is_progress_bar_enabled(), logging.get_verbosity()
+    logging.disable_progress_bar()
+    logging.set_verbosity_error()
+    try:
+        yield
+    finally:
+        logging.set_verbosity(level)
+        if shown:
+            logging.enable_progress_bar()
+
+
+@contextmanager
+def threads(count: int | None) -> Iterator[None]:
+    """Run torch on so many threads meanwhile, None: as it is set.
+
+    On one, the same input gives the same bits anywhere.
+    """
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(count or before)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -1,0 +1,238 @@
+"""Read object states by transformers: Qwen2.5-VL, SmolVLM/Idefics3, LLaVA, our nano.
+
+A model is a folder of safetensors and JSON; nothing is fetched, nothing pickled is opened. Beside
+the files that transformers knows there may be `karma.json`, which says how the model is asked.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from karma.contracts import Frame, SeenObject
+from karma.errors import ModelError
+from karma.files import read_json
+from karma.models.checks.folder import CheckedFolder
+from karma.models.picture_questions import Profile, cut, question, some_picture, states_told
+from karma.models.torch_load import (
+    TorchOptions,
+    checked_folder,
+    foreign,
+    import_transformers,
+    load_weights,
+    place_of,
+    quiet,
+    threads,
+)
+
+FAMILIES = {
+    "llava": ("LlavaForConditionalGeneration",),
+    "qwen2_5_vl": ("Qwen2_5_VLForConditionalGeneration",),
+    "smolvlm": ("SmolVLMForConditionalGeneration",),
+    "idefics3": ("Idefics3ForConditionalGeneration",),
+}
+NEEDS = (
+    ("tokenizer.json",),
+    ("processor_config.json", "preprocessor_config.json"),
+    ("chat_template.jinja", "chat_template.json", "tokenizer_config.json"),
+)
+NANO = "karma-nano-vlm"
+OPTIONS_FILE = "karma.json"
+Conversation = Sequence[Mapping[str, Any]]
+_BATCH = 8  # pictures on a GPU
+LARGE = 500_000_000  # parameters; from here on what is stored in 16 bits stays so
+_PARTS = ["image_processor", "tokenizer"]
+_CLASSES = {
+    "qwen2_5_vl": "Qwen2_5_VLProcessor",
+    "smolvlm": "Idefics3Processor",  # the same placeholders for pictures
+    "idefics3": "Idefics3Processor",
+    "llava": "LlavaProcessor",
+}
+
+
+class VisionOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How a model is asked (`karma.json`); the defaults are the paper's."""
+
+    profile: Profile = "full"
+    # side of a square around one object over its box; None: whole frame
+    crop: Annotated[float, Meta(gt=0, le=100)] | None = None
+    outline: bool = False  # draw the silhouette of the object's box in that square
+    boxes: bool = False  # say in words where objects are in the frame
+    max_tokens: Annotated[int, Meta(ge=1, le=100_000)] = 768
+    attempts: Annotated[int, Meta(ge=1, le=100)] = 2  # a second one quotes what could not be used
+    threads: Annotated[int, Meta(ge=1, le=1024)] | None = None  # None: as torch is set
+    # pictures looked at together; None: 8 on a GPU, 1 on the CPU
+    batch: Annotated[int, Meta(ge=1, le=1024)] | None = None
+
+
+class TransformersVision:
+    """A `VisionModel` that looks at pictures.
+
+    With `crop`, each object of interest is asked about alone, on a square cut out around its box;
+    else all at once, on the whole frame. Decoding is greedy. Weights are opened in float32; large
+    models that are stored in 16 bits are opened in bfloat16. `model`: a name of the manifest (then
+    every file is verified first), or a folder; `options` go before its `karma.json`.
+
+    Raises:
+        UnknownNameError: neither.
+        ModelError: another architecture, a file missing or damaged, or too little memory; all of
+            that before weights are read.
+    """
+
+    needs_pictures = True
+    computed_on = ""  # device and numbers, as torch calls them
+
+    def __init__(
+        self,
+        model: str | Path = NANO,
+        *,
+        options: VisionOptions | None = None,
+        torch_options: TorchOptions | None = None,
+    ) -> None:
+        folder = checked_folder(model, "vlm", FAMILIES, needs=NEEDS)
+        own = folder.path / OPTIONS_FILE
+        self.name = folder.name
+        self.options = options or (
+            read_json(own, VisionOptions) if own.exists() else VisionOptions()
+        )
+        self._processor = load_processor(folder)
+        stored = folder.config.get("dtype", folder.config.get("torch_dtype"))
+        half = folder.parameters >= LARGE and stored in ("bfloat16", "float16")
+        kind = "AutoModelForImageTextToText"
+        self._model = load_weights(kind, folder, torch_options, half=half)
+        self.computed_on = place_of(self._model)
+        self._batch = self.options.batch or (1 if self._model.device.type == "cpu" else _BATCH)
+        if folder.parameters < LARGE:  # others take minutes for a picture
+            with foreign(f"{folder.path}: it opens and cannot be asked"):
+                self.answer_all([np.full((37, 53, 3), 100, np.uint8)], [_TRIAL], most=1)
+
+    def read_states(
+        self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]
+    ) -> Mapping[str, tuple[str, ...]]:
+        """Return object id -> state words, () for "none"; ids without a usable answer are left out.
+
+        With `crop` objects without a region cannot be asked about. ModelError where there is no
+        picture (uint8, (H, W, 3)).
+        """
+        if not objects:
+            return {}
+        image = some_picture(self.name, image)
+        found: dict[str, tuple[str, ...]] = {}
+        questions = list(self._questions(image, objects))
+        for first in range(0, len(questions), self._batch):
+            found.update(self._ask_all(questions[first : first + self._batch], instruction))
+        return found
+
+    def _questions(
+        self, image: Frame, objects: Sequence[SeenObject]
+    ) -> Iterator[tuple[Frame, Sequence[SeenObject]]]:
+        if self.options.crop is None:
+            yield image, objects
+            return
+        for one in objects:
+            if one.region is not None:
+                corners = one.silhouette if self.options.outline else ()
+                yield cut(image, one.region, self.options.crop, corners), [one]
+
+    def _ask_all(
+        self, asked: Sequence[tuple[Frame, Sequence[SeenObject]]], instruction: str
+    ) -> Mapping[str, tuple[str, ...]]:
+        """Ask about several pictures together; what is asked again, is asked alone."""
+        options, first = self.options, []
+        for _, objects in asked:
+            role, text = question(options.profile, instruction, objects, boxes=options.boxes)
+            system = [_message("system", role)] if role else []
+            first.append([*system, _message("user", text, picture=True)])
+        if len(asked) == 1:
+            answers = [self.answer(asked[0][0], first[0])]
+        else:
+            answers = self.answer_all([image for image, _ in asked], first)
+        found: dict[str, tuple[str, ...]] = {}
+        for (image, objects), opening, told in zip(asked, first, answers, strict=True):
+
+            def ask(
+                said: Sequence[tuple[str, str]],
+                image: Frame = image, opening: Conversation = opening, told: str = told,
+            ) -> str:  # fmt: skip
+                more = [_message(role, text) for role, text in said]
+                return self.answer(image, [*opening, *more]) if more else told
+
+            found |= states_told(ask, objects, self.options.attempts)
+        return found
+
+    def answer(self, image: Frame, messages: Conversation) -> str:
+        """Return what the model says to a conversation with one picture, uint8 (H, W, 3)."""
+        return self.answer_all([image], [messages])[0]
+
+    def answer_all(
+        self, images: Sequence[Frame], conversations: Sequence[Conversation], *, most: int = 0
+    ) -> list[str]:
+        """Return what the model says to several conversations, each about one picture of its own.
+
+        They go through the network together, padded on the left, which moves logits in their last
+        bits; so what stands beside a question is part of what decides its answer. `most`: tokens
+        of an answer; 0: as the options say.
+        """
+        import torch
+        from PIL import Image
+
+        texts = [
+            self._processor.apply_chat_template(one, add_generation_prompt=True)
+            for one in conversations
+        ]
+        pictures = [Image.fromarray(image) for image in images]
+        batch = self._processor(
+            images=pictures if len(pictures) == 1 else [[one] for one in pictures],
+            text=texts, return_tensors="pt", padding=len(pictures) > 1,
+        )  # fmt: skip
+        # pictures in the model's numbers; tokens stay whole ones
+        batch = batch.to(self._model.device, dtype=self._model.dtype)
+        with threads(self.options.threads), torch.inference_mode(), quiet():
+            tokens = self._model.generate(
+                **batch,
+                max_new_tokens=most or self.options.max_tokens,
+                do_sample=False,
+                pad_token_id=self._processor.tokenizer.pad_token_id,
+            )
+        new = tokens[:, batch["input_ids"].shape[1] :]
+        return [str(self._processor.tokenizer.decode(one, skip_special_tokens=True)) for one in new]
+
+
+def _message(role: str, text: str, *, picture: bool = False) -> dict[str, Any]:
+    parts = [{"type": "image"}] if picture else []
+    return {"role": role, "content": [*parts, {"type": "text", "text": text}]}
+
+
+_TRIAL = (_message("user", "What is it?", picture=True),)
+
+
+def load_processor(folder: CheckedFolder) -> Any:
+    """Open a vision model's processor: tokenizer, picture preparation and chat template.
+
+    ModelError where a file of it is missing or damaged, or there is no chat template.
+    """
+    kind = pictures_only(folder.model_type)
+    with quiet(), foreign(f"{folder.path}: its processor does not open"):
+        found = kind.from_pretrained(
+            folder.path, local_files_only=True, trust_remote_code=False, backend="pil"
+        )
+    if not (found.chat_template or found.tokenizer.chat_template):
+        raise ModelError(
+            f"{folder.path}: no chat template (chat_template.jinja, or in "
+            "tokenizer_config.json)\n  To fix: bring the instruction-tuned model's whole folder"
+        )
+    found.tokenizer.padding_side = "left"
+    return found
+
+
+def pictures_only(model_type: str) -> Any:
+    """Return a family's processor class without its video part."""
+    whole = getattr(import_transformers(), _CLASSES[model_type])
+
+    def get_attributes(cls: type) -> list[str]:
+        return _PARTS
+
+    return type(whole.__name__, (whole,), {"get_attributes": classmethod(get_attributes)})

@@ -1,0 +1,1 @@
+"""Optional features: each package here can be deleted without touching the core."""

@@ -1,0 +1,1 @@
+"""The bundle: everything in one archive for a machine without a network."""

@@ -1,0 +1,1 @@
+"""Persistent homes: residents, long-lived memory, the lived-in-homes benchmark."""

@@ -1,0 +1,115 @@
+"""Lived-in homes as a run plays them: a chain for each row in each home, a record a day."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any, ClassVar
+
+from karma.agent.loading.models import filled
+from karma.bench.engine.suite import BenchmarkResults, Chain, Play
+from karma.contracts import Embedder
+from karma.errors import KarmaError
+from karma.models.hosted.session import Session
+from karma.plugins.homes.habits import TABLE
+from karma.plugins.homes.lived.experiment import LivedExperiment
+from karma.plugins.homes.lived.play import HomeLife
+from karma.plugins.homes.lived.reading import Reader
+from karma.plugins.homes.lived.request import FORMS, LivedRecord
+from karma.plugins.homes.lived.table import (
+    figures_of,
+    kinds_sheet,
+    known_sheet,
+    remarks_on,
+    truth_sheet,
+    work_sheet,
+)
+from karma.plugins.homes.lived.trace import HomeTrace, HomeTracer
+from karma.plugins.homes.memory.ageing import PRIOR
+
+
+class LivedHomes:
+    """Days of family life over an experiment, see `Benchmark`."""
+
+    experiment_kind: ClassVar[type[Any]] = LivedExperiment
+    record_kind: ClassVar[type[Any]] = LivedRecord
+
+    def __init__(self, experiment: LivedExperiment, path: Path) -> None:
+        self._experiment, self._path = experiment, path
+
+    def chains(self) -> list[Chain]:
+        """Return a chain for each row in each home; the rows of a home stand together."""
+        one = self._experiment
+        return [
+            Chain(
+                row=row.name,
+                tasks=tuple(f"{spec.name}/day_{day}" for day in range(one.days)),
+                seed=seed,
+                shares=spec.name,
+            )
+            for seed in one.seeds
+            for spec in one.specs()
+            for row in one.rows
+        ]
+
+    def files(self) -> list[Path]:
+        """Return habits, sentences and the prior that memories begin with."""
+        return [TABLE, FORMS, PRIOR]
+
+    def begin(self, session: Session) -> Play:
+        """Load the embedder and the reader's words."""
+        reader = Reader(self._embedder(session))
+
+        def played(chain: Chain) -> Iterator[LivedRecord]:
+            with closing(self._life(chain, reader)) as life:
+                for day in range(self._experiment.days):
+                    yield life.day(day)
+
+        return played
+
+    def trace(
+        self, chain: Chain, days: int, *, after_day: Callable[[], object] = lambda: None
+    ) -> tuple[list[LivedRecord], HomeTrace]:
+        """Live the first days of a chain again; return their records, and what went on."""
+        tracer, records = HomeTracer(), []
+        with closing(self._life(chain, Reader(self._embedder(Session())), tracer)) as life:
+            for day in range(days):
+                records.append(life.day(day))
+                after_day()
+            return records, tracer.trace
+
+    def _life(self, chain: Chain, reader: Reader, tracer: HomeTracer | None = None) -> HomeLife:
+        one, home = self._experiment, chain.tasks[0].rpartition("/")[0]
+        row = next(row for row in one.rows if row.name == chain.row)
+        spec = next(spec for spec in one.specs() if spec.name == home)
+        return HomeLife(one, row, spec, chain.seed, reader, tracer)
+
+    def results(self, records: Sequence[LivedRecord]) -> BenchmarkResults:
+        """Return success by kind of request, and what lies behind it."""
+        figures = figures_of(records)
+        return BenchmarkResults(
+            figures=figures,
+            table=kinds_sheet(figures),
+            behind=tuple(
+                sheet
+                for sheet in (truth_sheet(figures), work_sheet(figures), known_sheet(figures))
+                if sheet.lines
+            ),
+            remarks=(*remarks_on(self._experiment), *self._without_room(records)),
+        )
+
+    def _without_room(self, records: Sequence[LivedRecord]) -> Iterator[str]:
+        """Yield the settings whose homes have fewer things than were asked for."""
+        for setting in self._experiment.settings:
+            had = [one.things for one in records if one.setting == setting.name]
+            if had and min(had) < (setting.things or 0):
+                yield (
+                    f"{setting.name}: things = {setting.things:,} did not find room;"
+                    f" homes have {min(had):,} to {max(had):,}."
+                )
+
+    def _embedder(self, session: Session) -> Embedder:
+        models = self._experiment.models
+        embedder: Embedder | None = filled("embedders", models.embedder, None, session, models)
+        if embedder is None:
+            raise KarmaError(f"{self._path}: an embedder is needed\n  To fix: embedder = 'minilm'")
+        return embedder

@@ -1,0 +1,1 @@
+"""Rules of English for small models: parser, request checker, dialogue."""

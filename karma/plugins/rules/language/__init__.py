@@ -1,0 +1,1 @@
+"""Parser of English requests: verbs, objects, references, times."""

@@ -1,0 +1,550 @@
+"""What the log of a home says of things: who moved them, what is theirs, where they go back to.
+
+A request may speak of it: "put it back where it was", "the first thing you put away", "put the
+apple away" where apples go into the fridge. It is then said in plain words, and carried out so.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from karma.agent.journal.formats import plural
+from karma.agent.planning.program import DEEDS, PUTS
+from karma.agent.seeing.perceive import place_of
+from karma.contracts import Mention, Request, SaidDeed, SeenObject, SkillResult
+from karma.household.deeds import DEED_KINDS
+from karma.household.ids import type_of
+from karma.household.pieces import base_type
+from karma.household.places import FLOOR, HAND
+from karma.household.saying import name_of, told_place
+from karma.household.types import object_types
+from karma.household.uses import BURNER, KNOB
+from karma.plugins.homes.home import BEGINS_S, PLACE_TOLD, TOLD, PastDeed, PastErrand
+from karma.plugins.homes.memory.ageing import Ageing, home_prior
+from karma.plugins.rules.language.clauses import said
+from karma.plugins.rules.language.clock import HOUR_S
+from karma.plugins.rules.language.request import RequestReader
+from karma.plugins.rules.language.request_words import (
+    base_of_deed,
+    deed_verbs,
+    is_usual,
+    request_words,
+)
+
+_LINKS = "in|on|into|onto|to|at|under|from|near|next|back|away|where|wherever|with|and|then"
+_IT = (
+    "(?P<it>both of them|them both|both|it|them|that|this"
+    rf"|(?:the|my|that|this)(?: (?!(?:{_LINKS})\b)\w+){{1,4}})"
+)
+_BACK = re.compile(
+    rf"\b(?:put|place|bring|take|return|set|move) (?:back )?{_IT}(?: back(?: in)?| away)?"
+    r"(?:,? (?:to )?where(?:ver)? (?:it|they|you)(?: \w+)? ?"
+    r"(?:was|were|came from|found (?:it|them)|took (?:it|them) from|had (?:it|them)"
+    r"|(?P<habit>belongs?|goes|go|lives?))(?: before)?)?(?=[.,;!]|$| and | then )",
+    re.IGNORECASE,
+)
+_ORDINAL = re.compile(
+    r"\bthe (?P<which>first|last) (?:thing|one) (?:that )?you (?:have )?"
+    r"(?:put (?:away|down)|moved|picked up|took|taken|handled|carried|stored)\b",
+    re.IGNORECASE,
+)
+_DONE_TO = re.compile(
+    r"\b(?:the|that|whatever) (?:thing|one|object|item) (?:that |which )?(?:you|we) "
+    r"(?:have |had )?(?:just |last )?(?P<deed>[a-z]+)"
+    r"(?: (?P<way>off|up|down|away|out|(?<=turned )on|(?<=switched )on)\b)?",
+    re.IGNORECASE,
+)
+_ALL_DONE_TO = re.compile(
+    r"\b(?:everything|whatever|anything|all(?: of)?(?: that| the things)?|the (?:things|ones))"
+    r" (?:that |which )?(?:you|we)(?:'ve| have| had| just)* "
+    r"(?P<deed>(?!(?:left|do|did|want|need|like|know|say|said|see|can|have)\b)[a-z]+)"
+    r"(?: (?P<way>off|up|down|away|out|(?<=turned )on|(?<=switched )on)\b)?",
+    re.IGNORECASE,
+)
+_ASKS = re.compile(
+    r"\W*(?:did|do|have|has|is|are|was|were|what|which|where|who|when|how|why)\b", re.IGNORECASE
+)
+_TAUGHT = re.compile(
+    r"^\W*(?:please )?(?:remember|keep in mind|note|don't forget) that +", re.IGNORECASE
+)
+_BESIDE_IT = re.compile(
+    r"(?P<order>\b(?:put|place|set|leave|bring|move|drop|lay|pop|open|close|shut)\b[^.,;?]*?) "
+    rf"where(?:ver)? (?P<thing>(?:the|my|your)(?: (?!(?:{_LINKS})\b)\w+){{1,3}}?)"
+    r" (?:is|are|was|were|lies|lie|stands|sits)(?: now| too| already)?(?=[.;!,]|$| and | then )",
+    re.IGNORECASE,
+)
+_SWAP = re.compile(
+    r"\b(?:swap|exchange)(?: around)? (?P<one>(?:the|my) [\w ]+?) (?:and|with|for)"
+    r" (?P<other>(?:the|my) [\w ]+?)(?: around| over| places)?(?=[.!]*$)",
+    re.IGNORECASE,
+)
+_AND_BACK = re.compile(r"(?:,? and|, then| then)+ back(?: again)?(?=[.!]?$)", re.IGNORECASE)
+_TELL = re.compile(
+    r"\b(?:tell me|let me know) (?=(?:what|where|which|who|when|how|whether|if)\b)", re.IGNORECASE
+)
+_USUAL = re.compile(r"\b(?:always|usually|belongs?)\b[^.;!]*[.;!]", re.IGNORECASE)
+_CUTS = re.compile(r"[.;!]|,? (?:and )?then\b|,|\band\b", re.IGNORECASE)
+_ACTIONS = {
+    "open": "OpenObject", "close": "CloseObject", "on": "ToggleObjectOn", "off": "ToggleObjectOff",
+    "slice": "SliceObject", "break": "BreakObject",
+}  # by which things a deed was done to  # fmt: skip
+_BOTH = 2
+_BELONGS = frozenset(("belongs", "belong", "goes", "go", "lives", "live"))
+_JOINING = frozenset(("and", "the", "all", "my", "our"))  # words between things that go alike
+_POINTING = frozenset(
+    ("it", "them", "that", "this", "there", "one", "too", "both", "these", "those")
+)
+_MINE = re.compile(r"^\W*(?:my|mine)\b.*\bone\b", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Move:
+    """A thing that came from one place to another, as the log shows it."""
+
+    object_id: str
+    before: str  # id of the place it came from
+    after: str | None  # of where it was seen next; None: on nothing that was seen
+    at_s: float
+    said: str  # the request by which the agent moved it; "" where somebody else did
+    told: bool = False  # a person said so
+
+
+def moves(past: Sequence[PastErrand]) -> list[Move]:
+    """Return what was moved, by whom it may be, in the order in which it was known."""
+    found: list[Move] = []
+    places: dict[str, str | None] = {}
+    for errand in past:
+        for change in errand.changes:
+            taken = dict(change.taken)
+            for sight in change.seen:
+                name, after = sight.object_id, place_of(sight)
+                known, took = places.get(name), taken.get(name)
+                steps = [(known, took, ""), (took, after, errand.plain or errand.said)]
+                for before, then, own in steps if took else [(known, after, "")]:
+                    if _can_move(sight) and before and before != then:
+                        found.append(
+                            Move(object_id=name, before=before, after=then, at_s=errand.at_s,
+                                 said=own, told=errand.status == PLACE_TOLD)
+                        )  # fmt: skip
+                places[name] = after
+    return found
+
+
+def deeds_of(
+    asked: Request | None, results: Sequence[SkillResult], *, done: bool
+) -> Iterator[PastDeed]:
+    """Yield what an errand asked for and what its skills did, to be asked about later."""
+    for deed in asked.deeds if asked is not None else ():
+        things = tuple(kind for one in deed.things for kind in one.types)
+        places = deed.place.types if deed.place is not None else ()
+        yield PastDeed(deed=deed.deed or deed.verb, things=things, places=places, done=done)
+    for result in (one for one in results if one.ok):
+        kinds = tuple(base_type(type_of(one)) for one in result.object_ids)
+        said = deed_verbs().get(DEEDS.get(result.call.skill, ""), "")
+        places = kinds[-1:] if result.call.skill in PUTS else ()
+        if said and kinds:
+            yield PastDeed(deed=said, things=kinds[:1], places=places, done=True)
+
+
+def deeds_in(errand: PastErrand, reader: RequestReader) -> tuple[PastDeed, ...]:
+    """Return what an errand asked for and did; of a log that did not keep it, by its words."""
+    if errand.deeds or errand.status in TOLD:
+        return errand.deeds
+    read, done = reader.read(errand.said), errand.status == "done"
+    return tuple(deed for one in read for deed in deeds_of(one, (), done=done))
+
+
+def in_plain(asked: Request | None) -> str:
+    """Return a request in plain words where its own only point at what it is about."""
+    if asked is None or not asked.deeds:
+        return ""
+    words = {word.strip(".,!?").lower() for word in asked.text.split()}
+    bare = not any(thing.start >= 0 for deed in asked.deeds for thing in deed.things)
+    return " and ".join(map(said, asked.deeds)) if bare or words & _POINTING else ""
+
+
+def found_elsewhere(past: Sequence[PastErrand]) -> tuple[str, ...]:
+    """Return what is said of things that the last errand took from elsewhere than was known."""
+    taken = {name for change in past[-1].changes for name, _ in change.taken}
+    return tuple(
+        f"the {name_of(one.object_id)} was {told_place(type_of(one.after))}, not "
+        f"{told_place(type_of(one.before))}: somebody had moved it"
+        for one in moves(past)
+        if one.at_s == past[-1].at_s and one.object_id in taken and not one.said and one.after
+        and type_of(one.after) != type_of(one.before)
+    )  # fmt: skip
+
+
+def how_sure(past: Sequence[PastErrand], sight: SeenObject, when_s: float, now_s: float) -> float:
+    """Return the chance that a thing is still where it was seen, in a home with people.
+
+    What training homes showed of its type is made sharper by what this home showed: of each thing
+    that was seen twice, whether somebody else had moved it.
+    """
+    ageing = Ageing(home_prior().types)
+    last: dict[str, tuple[str | None, float]] = {}
+    for errand in past:
+        for change in errand.changes:
+            for one in filter(_can_move, change.seen):
+                place, kind, at_s = place_of(one), base_type(one.object_type), errand.at_s
+                before, before_s = last.get(one.object_id, (place, at_s))
+                if at_s - before_s > HOUR_S:
+                    found = dict(change.taken).get(one.object_id, place)
+                    hours = ageing.hours(kind, BEGINS_S + before_s, BEGINS_S + at_s)
+                    ageing.learn(one.object_id, kind, hours, moved=found != before)
+                last[one.object_id] = (place, at_s)
+    kind = base_type(sight.object_type)
+    hours = ageing.hours(kind, BEGINS_S + when_s, BEGINS_S + now_s)
+    return ageing.stays(sight.object_id, kind, hours)
+
+
+def _can_move(sight: SeenObject) -> bool:
+    return sight.pickupable or object_types()[base_type(sight.object_type)].can("pickupable")
+
+
+def habits(past: Sequence[PastErrand], reader: RequestReader) -> dict[str, str]:
+    """Return where things of a type always go, as it was told last: type -> type of the place."""
+    found: dict[str, str] = {}
+    for errand in past:
+        is_said = errand.status == PLACE_TOLD or _BELONGS & {*errand.said.lower().split()}
+        for thing, place in habits_in(errand.said, reader) if is_said else ():
+            found.update(dict.fromkeys(thing.types, place.types[0]))
+    return found
+
+
+def habits_in(text: str, reader: RequestReader) -> list[tuple[Mention, Mention]]:
+    """Return what goes where by "apples and eggs always go in the fridge, forks in a drawer".
+
+    So of "remember that the apples belong in the fridge", which without its first words is asked.
+    """
+    text = _TAUGHT.sub("", text)
+    words = {word.strip(".,!") for word in text.lower().split()}
+    lists = request_words()
+    usual = is_usual(text.lower().split()) or words & _BELONGS
+    requests = reader.read(text)
+    no = words & lists.negations or any(word.endswith("n't") for word in words)
+    if not usual or no or len(requests) != 1:
+        return []
+    request = requests[0]
+    belongs = [one for one in request.deeds if one.verb in _BELONGS]  # not of "go and put it"
+    named = list(request.alone)
+    if belongs and belongs == list(request.deeds):
+        named = [one for deed in belongs for one in (*deed.things, deed.place) if one is not None]
+    elif request.form not in ("statement", "teaching"):
+        return []
+    found: list[tuple[Mention, Mention]] = []
+    waiting: list[Mention] = []  # for the place that comes behind them
+    for one in (one for one in named if one.types):
+        between = (request.whole or request.text)[waiting[-1].end : one.start] if waiting else ""
+        is_next = not {*between.replace(",", " and ").lower().split()} - _JOINING
+        if waiting and not is_next and all(can_lie_in(thing, one) for thing in waiting):
+            found += [(thing, one) for thing in waiting]
+            waiting = []
+        else:
+            waiting.append(one)
+    return [] if waiting else found
+
+
+def is_taught(text: str) -> bool:
+    """Return whether a text begins so as to be kept: "remember that ..."."""
+    return bool(_TAUGHT.match(text))
+
+
+def can_lie_in(thing: Mention, place: Mention) -> bool:
+    """Return whether what is named first can be carried, and what is named second can hold."""
+    kinds = object_types()
+    return any(kinds[one].can("pickupable") for one in thing.types) and any(
+        kinds[one].can("receptacle") for one in place.types
+    )
+
+
+def owned(past: Sequence[PastErrand]) -> dict[str, str]:
+    """Return what is whose: type -> id of the thing that "my mug is the one ..." was said of."""
+    found: dict[str, str] = {}
+    for errand in past:
+        if errand.status == PLACE_TOLD and is_owning(errand.said):
+            for sight in (one for change in errand.changes for one in change.seen):
+                found[base_type(sight.object_type)] = sight.object_id
+    return found
+
+
+def is_owning(text: str) -> bool:
+    """Return whether a statement says which thing is the person's own.
+
+    >>> is_owning("my mug is the one in the cabinet"), is_owning("my mug is in the cabinet")
+    (True, False)
+    """
+    return bool(_MINE.match(text))
+
+
+# ----------------------------------------------------------------- a request that speaks of it
+
+
+@dataclass(frozen=True, slots=True)
+class PlainRequest:
+    """A request without what it says of the log, and which things it means: type -> id."""
+
+    text: str
+    means: Mapping[str, str]
+    unknown: tuple[str, ...] = ()  # words of it to which nothing in the log answers
+
+
+def in_turn(text: str) -> list[str]:
+    """Return a text cut ahead of what speaks of the log, and behind what always goes somewhere.
+
+    What is before a cut is done, or kept, first.
+
+    >>> in_turn("wash the mug, then put it back where it was")
+    ['wash the mug', 'put it back where it was']
+    """
+    text = _AND_BACK.sub(", then put it back where it was", text)  # "to the bath, then back again"
+    kinds = (_ORDINAL, _DONE_TO, _ALL_DONE_TO)
+    speaks = [one.start() for kind in kinds for one in kind.finditer(text)]
+    speaks += [one.start() for one in _BACK.finditer(text) if _goes_back(one)]
+    speaks += [one.start() for one in _TELL.finditer(text)]
+    cuts = [0]
+    for at in sorted(speaks):
+        ahead = [one for one in _CUTS.finditer(text, 0, at) if one.start() > 0]
+        if ahead and ahead[-1].end() > cuts[-1]:
+            cuts.append(ahead[-1].end())
+    cuts = sorted({*cuts, *(one.end() for one in _USUAL.finditer(text) if text[one.end() :])})
+    parts = [text[a:b] for a, b in zip(cuts, [*cuts[1:], len(text)], strict=True)]
+    parts = [re.sub(rf"(?:{_CUTS.pattern})\s*$", "", part.strip(), flags=re.IGNORECASE).strip()
+             if n < len(parts) - 1 else part.strip() for n, part in enumerate(parts)]  # fmt: skip
+    return [part for part in parts if part] or [text]
+
+
+def only_needs(text: str, reader: RequestReader) -> bool:
+    """Return whether a text says no more than that something is needed: "I still need it"."""
+    deeds = [deed for request in reader.read(text) for deed in request.deeds]
+    return bool(deeds) and all(
+        deed.verb in request_words().needs and all(thing.vague for thing in deed.things)
+        for deed in deeds
+    )
+
+
+def _goes_back(found: re.Match[str]) -> bool:
+    return re.search(r"\b(?:back|return|where)", found[0], re.IGNORECASE) is not None
+
+
+def in_plain_words(
+    text: str,
+    past: Sequence[PastErrand],
+    reader: RequestReader,
+    seen: Mapping[str, SeenObject] | None = None,
+) -> PlainRequest:
+    """Return a request with what it says of the log said plainly; as it is where that is unknown.
+
+    `seen` has the latest sights, by id.
+    """
+    spoken = (_ORDINAL, _DONE_TO, _ALL_DONE_TO, _BACK, _BESIDE_IT, _SWAP)
+    if not any(kind.search(text) for kind in spoken):
+        return PlainRequest(text, {})
+    speaking = _SpeakingOfThePast(past, reader, seen or {})
+    text = _ORDINAL.sub(speaking.ordinal, text)
+    text = _DONE_TO.sub(speaking.done_to, text)
+    if not _ASKS.match(text):
+        text = _ALL_DONE_TO.sub(speaking.all_done_to, text)
+    text = _BACK.sub(speaking.back, text)
+    text = _BESIDE_IT.sub(speaking.beside_it, text)
+    text = _SWAP.sub(speaking.swap, text)
+    return PlainRequest(text, speaking.means, tuple(speaking.unknown))
+
+
+def with_habits(request: Request, usual: Mapping[str, str]) -> Request:
+    """Return a request that puts things away where they always go: "tidy the bread away".
+
+    `usual` has the type of the place by the type of the thing.
+    """
+
+    def of(deed: SaidDeed) -> SaidDeed:
+        kinds = [kind for thing in deed.things for kind in thing.types]
+        place = next((usual[kind] for kind in kinds if kind in usual), "")
+        if deed.deed != "put" or deed.place is not None or not place:
+            return deed
+        there = Mention(text=name_of(place), start=-1, end=-1, types=(place,))
+        return replace(deed, place=there)
+
+    deeds = tuple(map(of, request.deeds))
+    if deeds == request.deeds:
+        return request
+    whole = request.lacking != "where" or all(d.place for d in deeds if d.deed == "put")
+    if not whole:
+        return replace(request, deeds=deeds)
+    errand = " and ".join(said(deed, request.whole) for deed in deeds)
+    return replace(request, deeds=deeds, form="errand", lacking="", errand=errand)
+
+
+class _SpeakingOfThePast:
+    """Says plainly what is said of the log, and keeps what that means."""
+
+    def __init__(
+        self, past: Sequence[PastErrand], reader: RequestReader, seen: Mapping[str, SeenObject]
+    ) -> None:
+        self._seen = seen
+        self._moves = [one for one in moves(past) if one.said]
+        self._taken = [
+            (name, place) for one in past for change in one.changes for name, place in change.taken
+        ]
+        self._usual, self._reader = habits(past, reader), reader
+        self._past = past
+        self._done = [one for one in past if one.status == "done"]
+        self.means: dict[str, str] = {}
+        self.unknown: list[str] = []
+
+    def _mean(self, name: str) -> None:
+        """Note that a thing or place is meant; there is but one floor, and no knob is named."""
+        if type_of(name) not in (FLOOR, KNOB):
+            self.means[base_type(type_of(name))] = name
+
+    def _not_known(self, words: str) -> str:
+        """Note that nothing in the log answers to some words, and return them."""
+        self.unknown.append(words)
+        return words
+
+    def ordinal(self, found: re.Match[str]) -> str:
+        """Return "the apple" for the first thing that was put away."""
+        put = [one for one in self._moves if one.after not in (None, HAND, FLOOR)]
+        if not put:
+            return self._not_known(found[0])
+        name = put[0 if found["which"].lower() == "first" else -1].object_id
+        self._mean(name)
+        return f"the {name_of(name)}"
+
+    def done_to(self, found: re.Match[str]) -> str:
+        """Return "the laptop" for "the thing you just closed"."""
+        asked = self._deeds_of(found)
+        for errand in reversed(self._done):
+            for deed in (deed for one in self._reader.read(errand.said) for deed in one.deeds):
+                if deed.deed in asked and deed.things and deed.things[0].types:
+                    return f"the {deed.things[0].text}"
+        return self._not_known(found[0])
+
+    def all_done_to(self, found: re.Match[str]) -> str:
+        """Return "the mug and the plate" for "everything you washed"."""
+        deeds = self._deeds_of(found)
+        if not deeds & DEED_KINDS.keys():  # "I appreciate everything you do"
+            return found[0]
+        done = (done_to(self._past, deed, self._reader) for deed in sorted(deeds))
+        names = [name for things in done for name in things]
+        words: list[str] = []
+        for kind in dict.fromkeys(map(_kind_switched, names)):
+            those = {name for name in names if _kind_switched(name) == kind}
+            known = {name for name in self._seen if base_type(type_of(name)) == kind}
+            if len(those) == 1:
+                self._mean(*those)
+            elif known != those:  # words tell all of a kind, or one of it
+                return self._not_known(found[0])
+            words.append("the " + plural(len(those), name_of(kind)).removeprefix("1 "))
+        return " and ".join(words) or self._not_known(found[0])
+
+    def _deeds_of(self, found: re.Match[str]) -> set[str]:
+        """Return the deeds that "washed" or "turned on" may mean."""
+        order = f"{base_of_deed(found['deed'].lower())} {found['way'] or ''} it".replace("  ", " ")
+        return {deed.deed or deed.verb for one in self._reader.read(order) for deed in one.deeds}
+
+    def back(self, found: re.Match[str]) -> str:
+        """Return "put the apple on the table" for "put it back", where the log knows both."""
+        words = found["it"]
+        if "both" in words.lower():
+            return self._both_back(found)
+        kinds = _kinds_of(words, self._reader)
+        moved = [(one.object_id, one.before) for one in self._moves]
+        about = [one for one in self._taken if base_type(type_of(one[0])) in kinds]
+        last = next(reversed(about if kinds else moved), None)
+        kind = next(iter(kinds), None) or (base_type(type_of(last[0])) if last else "")
+        name = words if kinds or last is None else f"the {name_of(last[0])}"
+        if found["habit"]:
+            place = self._usual.get(kind)
+            return found[0] if place is None else f"put {name} {told_place(place)}"
+        if _goes_back(found) and last is None and (kinds or self._moves):
+            self._not_known(found[0])  # the log has no place to which it would go back
+        if not _goes_back(found) or last is None or type_of(last[1]) == HAND:
+            return found[0]
+        self.means[kind] = last[0]
+        self._mean(last[1])
+        return f"put {name} {told_place(last[1])}"
+
+    def _both_back(self, found: re.Match[str]) -> str:
+        """Return where two things go back to that were moved last: "put them both back"."""
+        first: dict[str, str] = {}
+        for one in reversed(self._moves):
+            if one.before != HAND and one.object_id not in first and len(first) < _BOTH:
+                first[one.object_id] = one.before
+        if len(first) < _BOTH or not _goes_back(found):
+            return self._not_known(found[0])
+        for name, place in first.items():
+            self._mean(name)
+            self._mean(place)
+        told = (f"put the {name_of(name)} {told_place(place)}" for name, place in first.items())
+        return " and ".join(told)
+
+    def beside_it(self, found: re.Match[str]) -> str:
+        """Return "put the fork in the drawer" for "put the fork where the spoon is"."""
+        place = next((place for _, place in self._lying(found["thing"])), None)
+        if place is None or type_of(place) == FLOOR:
+            self._not_known(found[0][len(found["order"]) + 1 :])
+            return found[0]
+        self._mean(place)
+        told = found["order"].lower().endswith(f" {name_of(place)}")  # "open the drawer where ..."
+        return found["order"] if told else f"{found['order']} {told_place(place)}"
+
+    def swap(self, found: re.Match[str]) -> str:
+        """Return "put the fork in the drawer and the pen on the desk", where they lie so now."""
+        lying = [self._lying(found["one"]), self._lying(found["other"])]
+        places = [type_of(place) for things in lying for _, place in things]
+        if [len(things) for things in lying] != [1, 1] or len({*places}) < _BOTH or FLOOR in places:
+            return self._not_known(found[0])
+        (one, here), (other, there) = (things[0] for things in lying)
+        for name in (one, here, other, there):
+            self._mean(name)
+        second = f"the {name_of(other)} {told_place(here)}"
+        return f"put the {name_of(one)} {told_place(there)} and {second}"
+
+    def _lying(self, words: str) -> list[tuple[str, str]]:
+        """Return what was seen of what words name, and where, but for what is in the hand."""
+        kinds = _kinds_of(words, self._reader)
+        sights = ((name, place_of(one)) for name, one in self._seen.items())
+        return [
+            (name, place) for name, place in sights
+            if base_type(type_of(name)) in kinds and place not in (None, HAND)
+        ]  # fmt: skip
+
+
+def _kinds_of(words: str, reader: RequestReader) -> tuple[str, ...]:
+    """Return the types that a thing's words mean; () of a pronoun."""
+    if " " not in words:
+        return ()
+    found = reader.read(f"find {words}")
+    return next((thing.types for one in found for thing in one.mentions if thing.types), ())
+
+
+def done_to(past: Sequence[PastErrand], deed: str, reader: RequestReader) -> dict[str, float]:
+    """Return the things that a deed was done to and when it was last; a search opens things, too.
+
+    What no action tells of was carried by an errand that asked for the deed.
+    """
+    done: dict[str, float] = {}
+    for errand in past:
+        asked = [one for one in deeds_in(errand, reader) if one.deed == deed and one.done]
+        for did, given in errand.actions if asked or deed == "open" else ():
+            name = str(given.get("objectId", ""))
+            kind = _kind_switched(name)
+            meant = deed == "open" or any(kind in one.things or not one.things for one in asked)
+            if did == _ACTIONS.get(deed, "PickupObject") and meant:
+                done[name] = errand.at_s
+    return done
+
+
+def _kind_switched(name: str) -> str:
+    """Return the type of a thing by which people speak of it: a knob's burner."""
+    kind = base_type(type_of(name))
+    return BURNER if kind == KNOB else kind
+
+
+def looked_into(past: Sequence[PastErrand]) -> set[str]:
+    """Return the ids of what was opened: it was looked into."""
+    return {
+        str(arguments["objectId"]) for errand in past for action, arguments in errand.actions
+        if action == "OpenObject" and "objectId" in arguments
+    }  # fmt: skip

@@ -1,0 +1,263 @@
+"""What a request was understood as, said before anything is done: things, deeds, and how sure.
+
+What it means is read off the planner's own program: a phrase stands for those of the program's
+things whose names come nearest to it. What the program uses and the request does not name is said,
+and what the request names and the program leaves alone is said, too.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from karma.agent.planning.planner import grounded
+from karma.agent.planning.program import DEEDS, WAYS
+from karma.contracts import Known, Plan, RefusalKind, RefusedRequest, SkillCall
+from karma.household.ids import is_id, type_of
+from karma.household.pieces import base_type
+from karma.household.places import HAND
+from karma.household.saying import name_of, spoken, told_place
+from karma.household.types import object_types
+from karma.household.uses import KNOB, TAPS, without_basin
+from karma.language.hints import singular
+from karma.language.phrases import phrases_of
+from karma.plugins.rules.language.lexicon import ALIKE, Lexicon
+from karma.plugins.rules.reading import noun_phrases
+from karma.plugins.rules.request_refusals import sentence
+
+Where = Callable[[str], Known | None]  # of a type or id: where the agent believes it to be
+_QUESTIONS: Mapping[RefusalKind, str] = {
+    "language": 'Say it in English, please, as in "wash the mug".',
+    "negated": "What should I do in its place?",
+    "incomplete": "What do you mean by that?",
+    "time": "Should I do it now?",
+    "question": "Is there something that I should do?",
+    "statement": "Is there something that I should do?",
+    "condition": "Should I do it anyway?",
+    "which": "Which one?",
+    "alike": "Will any of them do?",
+    "astray": "Say it in other words, please, or one thing at a time.",
+    "impossible": "Which other thing or place would do?",
+}
+_UNNAMED = ("thing", "place", "unclear")  # kinds of refusals whose words name nothing here
+_ABILITIES = {
+    "on": "switch on", "off": "switch off", "throw": "throw away", "look": "look at under a lamp",
+}  # deeds of `karma.language`, in words  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Meant:
+    """A phrase, and what it stands for here."""
+
+    phrase: str
+    things: tuple[str, ...] = ()  # "Apple on the counter top"; () where nothing is done with it
+
+    def __str__(self) -> str:
+        """Return it as people are told."""
+        return f"{self.phrase} → {', '.join(self.things) or 'nothing that I would use'}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Understanding:
+    """A request as the planner took it."""
+
+    instruction: str
+    meant: tuple[Meant, ...] = ()
+    unnamed: tuple[str, ...] = ()  # what the program uses besides
+    deeds: tuple[str, ...] = ()  # in their order
+    forbidden: tuple[str, ...] = ()  # deeds that the request says not to do
+    sure: str = ""
+    refused: str = ""  # why it is not carried out
+    question: str = ""  # that may help then
+    offer: str = ""  # what "yes" asks for, where that answers the question
+    candidates: tuple[str, ...] = ()  # types or things that the question offers
+
+
+def understood(
+    instruction: str, plan: Plan, where: Where, lexicon: Lexicon, here: Sequence[str]
+) -> Understanding:
+    """Return what a planner's answer makes of a request.
+
+    `here`: types that the agent knows of in this room.
+    """
+    sure = sureness(plan)
+    if plan.refused is not None:
+        return Understanding(
+            instruction=instruction,
+            sure=sure,
+            refused=sentence(plan.refused),
+            question=question(plan.refused, instruction, lexicon, here),
+            candidates=offered(plan.refused, lexicon, here),
+        )
+    calls = grounded(plan.calls, plan.names)
+    meant, unnamed = _meant(instruction, calls, where, lexicon)
+    negated = (verb.text for verb in phrases_of(instruction).verbs if verb.negated)
+    return Understanding(
+        instruction=instruction,
+        meant=meant,
+        unnamed=unnamed,
+        deeds=tuple(dict.fromkeys(_joined(_deeds(calls)))),
+        forbidden=tuple(dict.fromkeys(negated)),
+        sure=sure,
+    )
+
+
+def sureness(plan: Plan) -> str:
+    """Return how sure a planner is of its answer, and by which measure; "" where it is not told.
+
+    >>> from karma.contracts import Certainty, Completion, Prompt
+    >>> said = Completion(text="", finish="stop", prompt_tokens=1, reused_tokens=0,
+    ...     completion_tokens=9, first_token_s=None, total_s=0.0,
+    ...     certainty=Certainty(mean_logprob=-0.01, least_logprob=-0.1))
+    >>> plan = Plan(prompt=Prompt(stable="", changing=""), completion=said, calls=(), names={})
+    >>> sureness(plan)
+    '0.91 is the chance of the whole answer by the planner (not calibrated)'
+    """
+    if plan.doubt is not None:
+        chance = plan.doubt if plan.refused else 1 - plan.doubt
+        what = "refused" if plan.refused else "done"
+        return f"{chance:.2f} that this should be {what} (calibrated)"
+    certainty, tokens = plan.completion.certainty, plan.completion.completion_tokens
+    if certainty is None:
+        return ""
+    if tokens is None:
+        return f"{math.exp(certainty.mean_logprob):.2f} per token by the planner (not calibrated)"
+    whole = math.exp(certainty.mean_logprob * tokens)
+    return f"{whole:.2f} is the chance of the whole answer by the planner (not calibrated)"
+
+
+# ----------------------------------------------------------------- things and deeds
+
+
+def _meant(
+    instruction: str, calls: Sequence[SkillCall], where: Where, lexicon: Lexicon
+) -> tuple[tuple[Meant, ...], tuple[str, ...]]:
+    """Return the phrases with their things, and the types that no phrase stands for."""
+    found = phrases_of(instruction)
+    phrases = noun_phrases(instruction)
+    names = {_kind(name): name for call in calls for name in _objects(call)}
+    kinds = list(names)
+    taken: dict[str, str] = {}  # type -> phrase
+    if phrases:
+        near = {phrase: lexicon.likeness(phrase, kinds) for phrase in phrases}
+        for kind in kinds:
+            best = max(phrases, key=lambda phrase: near[phrase][kind])
+            if near[best][kind] >= ALIKE:
+                taken[kind] = best
+    pronoun = next((one.text for one in found.pronouns), "")
+    for kind in kinds if pronoun else ():
+        if kind not in taken and object_types()[kind].can("pickupable"):
+            taken[kind] = pronoun
+    meant = {phrase: list[str]() for phrase in phrases}
+    for kind in (one for one in kinds if one in taken):
+        meant.setdefault(taken[kind], []).append(_thing_and_place(names[kind], where))
+    found_meant = tuple(Meant(phrase=one, things=tuple(its)) for one, its in meant.items())
+    return found_meant, tuple(spoken(kind) for kind in kinds if kind not in taken)
+
+
+def _kind(name: str) -> str:
+    return without_basin(base_type(type_of(name)))
+
+
+def _objects(call: SkillCall) -> Iterator[str]:
+    """Yield what a call speaks of, no areas and no coordinates."""
+    for name in call.objects:
+        if type_of(name) in object_types() and type_of(name) != KNOB:
+            yield name
+
+
+def _thing_and_place(name: str, where: Where) -> str:
+    """Return a thing with the place where the agent believes it to be."""
+    kind, known = _kind(name), where(name)
+    fixed = not object_types()[kind].can("pickupable")
+    if known is None:
+        return kind if fixed else f"{kind}, to be looked for"
+    if known.place_id is None:
+        return kind
+    return f"{kind} {told_place(known.place_id)}"
+
+
+def _deeds(calls: Sequence[SkillCall]) -> Iterator[str]:
+    """Yield the deeds of a program in few words."""
+    chosen = [call for call in calls if call.skill not in WAYS] or calls[-1:]
+    for call in chosen:
+        if call.skill in WAYS:
+            yield f"go to {_thing_phrase(call.objects[0])}"
+        elif call.skill == "PutObject" and call.objects[1:]:
+            yield f"put {_thing_phrase(call.objects[0])} {told_place(call.objects[-1])}"
+        else:
+            yield " ".join([DEEDS[call.skill], *dict.fromkeys(map(_thing_phrase, call.objects))])
+
+
+def _joined(deeds: Iterator[str]) -> Iterator[str]:
+    """Yield deeds, with what is switched on and off again at once as one."""
+    last = ""
+    for deed in deeds:
+        if last.startswith("switch on") and deed == last.replace("switch on", "switch off"):
+            last = last.replace("switch on", "switch on and off")
+            continue
+        yield from filter(None, [last])
+        last = deed
+    yield from filter(None, [last])
+
+
+def _thing_phrase(name: str) -> str:
+    known = type_of(name) in object_types() and name != HAND
+    return f"the {name_of(name)}" if known or is_id(name) else name
+
+
+# ----------------------------------------------------------------- questions
+
+
+def question(
+    refused: RefusedRequest, instruction: str, lexicon: Lexicon, here: Sequence[str]
+) -> str:
+    """Return what is asked or suggested where a request is not carried out."""
+    if refused.kind in _QUESTIONS:
+        where = refused.kind == "incomplete" and "where" in refused.words
+        return "Where should it go?" if where else _QUESTIONS[refused.kind]
+    if refused.kind == "deed":
+        return _nearest_deeds(instruction, lexicon)
+    if slip := misspelt(refused, lexicon, here):
+        return f"Do you mean {slip[1]!r}?"
+    return _nearest_things(refused, instruction, lexicon, here)
+
+
+def misspelt(
+    refused: RefusedRequest, lexicon: Lexicon, here: Sequence[str]
+) -> tuple[str, str] | None:
+    """Return a word that nothing is called by, and what it may be a slip of; None for none."""
+    words = refused.words if refused.kind in _UNNAMED else ()
+    small = [name for name, kind in object_types().items() if kind.can("pickupable")]
+    found = ((one, lexicon.misspelt(one, [*here, *small])) for one in words)
+    return next((one for one in found if one[1]), None)
+
+
+def offered(refused: RefusedRequest, lexicon: Lexicon, here: Sequence[str]) -> tuple[str, ...]:
+    """Return what may be meant: things alike, or the types nearest to the words of a refusal."""
+    if refused.kind == "which":
+        return refused.words
+    words = refused.words if refused.kind in _UNNAMED else ()
+    return next(filter(None, (_nearest(one, lexicon, here) for one in words)), ())
+
+
+def _nearest(phrase: str, lexicon: Lexicon, here: Sequence[str]) -> tuple[str, ...]:
+    return lexicon.nearest(phrase, [kind for kind in here if kind not in TAPS])
+
+
+def _nearest_deeds(instruction: str, lexicon: Lexicon) -> str:
+    verbs = [verb.text for verb in phrases_of(instruction).verbs]
+    near = [_ABILITIES.get(one, one) for verb in verbs[:1] for one in lexicon.deeds(verb)]
+    if not near:
+        return "I can fetch, put, wash, heat, cool, slice, open, close and switch things."
+    return f"What I can do that is nearest to it: {' or '.join(near)}. Is that meant?"
+
+
+def _nearest_things(
+    refused: RefusedRequest, instruction: str, lexicon: Lexicon, here: Sequence[str]
+) -> str:
+    for phrase in refused.words or noun_phrases(instruction):
+        near = _nearest(phrase, lexicon, here)
+        if near and singular(phrase.lower()) not in (near[0].lower(), spoken(near[0]).lower()):
+            words = " or ".join(f"the {spoken(kind)}" for kind in near)
+            return f"Nearest to {phrase!r} here: {words}. Is one of them meant?"
+    return "Which thing do you mean, and where should it go?"

@@ -1,0 +1,175 @@
+"""Tasks drawn for the world: requests of our own task grammar, one after another in one room.
+
+* simple: one request that names its things.
+* composite: two to four requests about the same few things, which are named or "it".
+* complex: three to five requests, the later ones about earlier things in vague words that only the
+  memory of what was done can resolve (KARMA section 4: "unspecific object references").
+
+What a request leaves behind is written down by rule; whether a task can be done at all is for the
+expert to show in the world.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal
+
+from karma.contracts import Goal, MemoryUnit
+from karma.household.ids import short_type
+from karma.household.pieces import base_type
+from karma.household.places import HAND
+from karma.household.types import object_types
+from karma.household.uses import KNIFE
+from karma.plugins.training.drawing.memories import (
+    KnownRoom,
+    Rng,
+    after,
+    known_facts,
+    names_of,
+    pick,
+    subject,
+    unit_of,
+)
+from karma.plugins.training.drawing.phrases import Book
+from karma.plugins.training.drawing.referring_expressions import Situation
+from karma.plugins.training.drawing.requests import KINDS, Ask, one_ask, pick_kind, wrapped
+from karma.plugins.training.drawing.several import SEVERAL, several_asks
+
+Kind = Literal["simple", "composite", "complex"]
+FOLLOW_UPS = tuple(kind for kind in KINDS if kind not in ("coffee", "toast", "break"))
+LASTING = {"cleaned": "clean", "sliced": "sliced", "cooked": "cooked"}
+TRIES = 60
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnRequest:
+    """One sub-task: what is said and what must hold then."""
+
+    kind: str
+    text: str
+    goals: tuple[Goal, ...]
+
+
+class TaskDraft:
+    """A task being drawn: what was asked so far, and what that left in memory."""
+
+    def __init__(
+        self, rng: Rng, room: KnownRoom, book: Book, kinds: Mapping[str, float] = KINDS
+    ) -> None:
+        self._rng, self._room, self._book, self._kinds = rng, room, book, kinds
+        self._units: list[MemoryUnit] = []
+        self.steps: list[DrawnRequest] = []
+
+    def ask(self, *, vague: bool, about_known: bool) -> bool:
+        """Add a request; False when none was found.
+
+        `vague`: known things are called by kind, state, place or what was done to them.
+        """
+        for _ in range(TRIES):
+            kind = pick(self._rng, FOLLOW_UPS) if about_known else pick_kind(self._rng, self._kinds)
+            draw = several_asks if kind == SEVERAL else partial(one_ask, kind=kind)
+            ask = draw(self._rng, self._situation(vague=vague))
+            if (
+                ask is None
+                or self._pointless(ask)
+                or about_known != (self._known(subject(ask.goals[0])) is not None)
+            ):
+                continue
+            text = wrapped(self._rng, self._book, ask.text)
+            if any(step.text == text for step in self.steps):
+                continue
+            goals = tuple(dict.fromkeys((*map(_by_type, ask.goals), *self._same(ask))))
+            self.steps.append(DrawnRequest(kind=kind, text=text, goals=goals))
+            self._do(ask)
+            return True
+        return False
+
+    # ------------------------------------------------------------- parts
+
+    def _situation(self, *, vague: bool) -> Situation:
+        held = next((unit for unit in self._units if unit.place_id == HAND), None)
+        facts = known_facts(self._room.areas, self._units, held)
+        return Situation(
+            room=self._room, facts=facts, names=names_of(facts), book=self._book,
+            mapped=True, strict=True, vague=1.0 if vague else -1.0,
+        )  # fmt: skip
+
+    def _known(self, name: str) -> MemoryUnit | None:
+        return next((u for u in self._units if base_type(u.object_type) == name), None)
+
+    def _pointless(self, ask: Ask) -> bool:
+        """Return whether it is done already, or about the knife that cuts."""
+        for goal in ask.goals:
+            unit = self._known(subject(goal))
+            if unit is None:
+                continue
+            if goal.predicate == "HOLDON" and unit.place_id == HAND:
+                return True
+            if goal.predicate == "ON" and (unit.place_id or "").startswith(goal.arguments[1]):
+                return True
+            state = {"clean": "cleaned"}.get(goal.arguments[-1], goal.arguments[-1])
+            if goal.predicate == "STATE" and state in unit.states:
+                return True
+        return False
+
+    def _same(self, ask: Ask) -> Iterator[Goal]:
+        """Yield what must still be true of a known thing, so that no other one will do."""
+        unit = self._known(subject(ask.goals[0]))
+        if unit is None or any(goal.arguments[-1] == "broken" for goal in ask.goals):
+            return
+        for state, word in LASTING.items():
+            if state in unit.states:
+                yield Goal(predicate="STATE", arguments=(base_type(unit.object_type), word))
+
+    def _do(self, ask: Ask) -> None:
+        """Write down what the request leaves behind; of two of a kind nothing can be said apart."""
+        for goal in ask.goals:
+            name = subject(goal)
+            if goal.count > 1 or "pickupable" not in object_types()[name].capabilities:
+                continue
+            self._change(name, goal)
+
+    def _change(self, name: str, goal: Goal) -> None:
+        unit = self._known(name) or unit_of(name, name, handled=True)
+        self._units = [one for one in self._units if one.object_id != unit.object_id]
+        changed = after(unit, goal)
+        if goal.predicate in ("ON", "INSIDE", "HOLDON") or changed.place_id == HAND:
+            self._empty_hand()
+        if changed.object_type != unit.object_type or goal.arguments[-1] == "sliced":
+            self._units = [one for one in self._units if one.object_type != KNIFE]
+            self._units.append(unit_of(KNIFE, KNIFE, place_id=HAND, handled=True))
+        if goal.arguments[-1] != "broken":
+            self._units.append(changed)
+        place = goal.arguments[-1]
+        into = goal.predicate in ("ON", "INSIDE") and self._known(place) is None
+        if into and "pickupable" in object_types()[place].capabilities:  # a dish
+            self._units.append(unit_of(place, place, handled=True))
+
+    def _empty_hand(self) -> None:
+        self._units = [
+            replace(one, place_id=None) if one.place_id == HAND else one for one in self._units
+        ]
+
+
+def _by_type(goal: Goal) -> Goal:
+    """Return a goal with types for the expert's `Apple_2`; Sinks hold in their basins."""
+    return replace(goal, arguments=tuple(short_type(word) for word in goal.arguments))
+
+
+def draw_task(
+    rng: Rng, room: KnownRoom, book: Book, kind: Kind, kinds: Mapping[str, float] = KINDS
+) -> Sequence[DrawnRequest] | None:
+    """Draw one task; None when the room gave out.
+
+    `kinds` of requests have weights; `WITH_PAIRS` has two of a kind among them.
+    """
+    story = TaskDraft(rng, room, book, kinds)
+    if kind == "simple":
+        plan = [(False, False)]
+    elif kind == "composite":
+        plan = [(False, False)] + [(False, True)] * int(rng.integers(1, 4))
+    else:
+        plan = [(False, False)] * int(rng.integers(2, 4))
+        plan += [(True, True)] * int(rng.integers(1, 3))
+    done = all(story.ask(vague=vague, about_known=known) for vague, known in plan)
+    return tuple(story.steps) if done else None

@@ -1,0 +1,254 @@
+"""What an agent may remember: rooms to be in, short-term memories drawn for them, and changes."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from karma.agent.planning.prompt import compact
+from karma.contracts import Area, Goal, MemoryUnit, PlanRequest, SeenObject
+from karma.household.ids import type_of
+from karma.household.pieces import EGG, base_type
+from karma.household.places import HAND, ROOMS, SEVERAL, landmark_types
+from karma.household.states import END_STATES, OPPOSITES
+from karma.household.types import ObjectType, object_types
+from karma.household.uses import CHANGED_IN, COOKED, FRIDGE, TOASTED
+from karma.language.lexemes import lexicon
+from karma.memory.scene_graph import SceneGraph
+from karma.plugins.thor_tools.importing.scenes import import_dump
+from karma.seeds import stream
+from karma.world.core.scene import Scene
+from karma.world.generation.generate import build_scene
+
+Rng = np.random.Generator
+T = TypeVar("T")
+CAPACITY = 10
+STATES_BY_CAPABILITY = {
+    "dirtyable": (("dirty", 0.15), ("cleaned", 0.3)),
+    "canFillWithLiquid": (("filled", 0.15),),
+    "openable": (("opened", 0.2), ("closed", 0.2)),
+    "toggleable": (("on", 0.15), ("off", 0.15)),
+    "canBeUsedUp": (("used up", 0.1),),
+}
+FOOD_STATES = (("cleaned", 0.35), ("sliced", 0.35), ("heated", 0.08), ("cooked", 0.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KnownRoom:
+    """What a request can be about: area nodes and the types of the movable things around."""
+
+    name: str
+    areas: tuple[Area, ...]
+    movables: tuple[str, ...]
+    several: tuple[str, ...] = ()  # those of which there are two or more
+
+    @property
+    def landmarks(self) -> tuple[str, ...]:
+        """Return the immovable types worth a word, sorted."""
+        return tuple(sorted({k for a in self.areas for k in a.contains} & landmark_types()))
+
+
+def pick(rng: Rng, items: Sequence[T]) -> T:
+    """Draw one item; `rng.choice` would copy the sequence into an array each time."""
+    return items[int(rng.integers(len(items)))]
+
+
+def weighted(rng: Rng, odds: Mapping[str, float]) -> str:
+    """Draw a key by its weight."""
+    roll = rng.random() * sum(odds.values())
+    for name, weight in odds.items():
+        roll -= weight
+        if roll < 0:
+            return name
+    return list(odds)[-1]
+
+
+def draw_units(rng: Rng, room: KnownRoom) -> tuple[tuple[MemoryUnit, ...], MemoryUnit | None]:
+    """Draw a short-term memory, the last used last, and what is in the hand, if anything."""
+    count = 0 if rng.random() < 0.15 else int(1 + CAPACITY * rng.random() ** 1.5)
+    pool = [kind for kind in room.movables if kind in lexicon()]
+    if not pool:
+        return (), None
+    units: list[MemoryUnit] = []
+    for number in range(count):
+        kind = pick(rng, pool)
+        if any(base_type(u.object_type) == kind for u in units) and rng.random() < 0.6:
+            continue
+        late = number / max(count, 1)
+        handled = bool(rng.random() < 0.25 + 0.6 * late)
+        units.append(draw_unit(rng, room, kind, number, units, handled=handled))
+    held = None
+    if units and rng.random() < 0.17:
+        held = replace(units[-1], place_id=HAND, handled=True)
+        units[-1] = held
+    return tuple(units), held
+
+
+def draw_unit(
+    rng: Rng,
+    room: KnownRoom,
+    kind: str,
+    number: int,
+    others: Sequence[MemoryUnit],
+    *,
+    handled: bool,
+) -> MemoryUnit:
+    """Draw the state and the place of a remembered thing.
+
+    `number` tells its id from others; what was `handled` has more states; `others` may carry
+    it.
+    """
+    info = object_types()[kind]
+    odds = FOOD_STATES if info.slices_into or kind == EGG else ()
+    for capability, more in STATES_BY_CAPABILITY.items():
+        if capability in info.capabilities:
+            odds = (*odds, *more)
+    states: list[str] = []
+    for state, chance in odds:
+        chance = 0.2 if state == "cooked" and kind in (*COOKED, TOASTED) else chance
+        if rng.random() < chance * (1.0 if handled else 0.4) and OPPOSITES.get(state) not in states:
+            states.append(state)
+    if "sliced" in states and not info.slices_into:
+        states.remove("sliced")
+    rng.shuffle(states)
+    sliced = info.slices_into if "sliced" in states and info.slices_into else kind
+    return unit_of(
+        f"{kind}|{number}",
+        sliced,
+        states=tuple(states),
+        place_id=_draw_place(rng, room, object_types()[sliced], others),
+        handled=handled,
+    )
+
+
+def _draw_place(
+    rng: Rng, room: KnownRoom, info: ObjectType, others: Sequence[MemoryUnit]
+) -> str | None:
+    fitting = [name for name in room.landmarks if info.fits(object_types()[name])]
+    carriers = [
+        unit.object_id
+        for unit in others
+        if unit.place_id != HAND and info.fits(object_types()[unit.object_type])
+    ]
+    if carriers and rng.random() < 0.15:
+        return pick(rng, carriers)
+    if not fitting or rng.random() < 0.04:
+        return None
+    name = pick(rng, fitting)
+    return f"{name}|{int(rng.integers(1, 4)) if name in SEVERAL else 1}"
+
+
+def unit_of(object_id: str, object_type: str, **said: Any) -> MemoryUnit:
+    """Return a unit whose position does not matter."""
+    return MemoryUnit(
+        object_id=object_id, object_type=object_type, position_m=(0.0, 0.0, 0.0), **said
+    )
+
+
+def known_facts(
+    areas: Sequence[Area], units: Sequence[MemoryUnit], held: MemoryUnit | None, said: str = ""
+) -> PlanRequest:
+    """Return what an agent knows, and what it is asked."""
+    return PlanRequest(
+        instruction=said,
+        areas=tuple(areas),
+        units=tuple(units),
+        held_id=held.object_id if held else None,
+        held_type=held.object_type if held else None,
+    )
+
+
+def names_of(facts: PlanRequest) -> dict[str, str]:
+    """Return what remembered things are called in a prompt, by id."""
+    return {object_id: name for name, object_id in compact(facts).names.items()}
+
+
+def place_type(units: Sequence[MemoryUnit], place: str) -> str:
+    """Return the type of a place: a remembered unit's, or the one its id speaks of."""
+    return next((u.object_type for u in units if u.object_id == place), type_of(place))
+
+
+KITCHEN_SHARE = 3  # kitchens per room of another kind, as most requests are about kitchens
+AUTHORS_PLANS = frozenset({1, 11, 14, 16, 19, 22, 23, 27, 28, 201, 203, 207, 224, 314, 417, 422})
+
+
+def room_of(scene: Scene, name: str, *, keep: float = 0.93, seed: int = 0) -> KnownRoom:
+    """Return what an agent that explored the scene knows of it, a few things overlooked.
+
+    `name` names the random stream; `keep` is the chance that an immovable thing was noticed.
+    """
+    rng = stream(seed, "rooms", name)
+    graph = SceneGraph.over(scene.reachable, height_m=scene.floor_y, cell_m=scene.grid_m)
+    graph.observe(
+        SeenObject(
+            object_id=thing.id,
+            object_type=thing.type,
+            position_m=thing.position,
+            box_center_m=thing.center,
+            box_size_m=thing.size,
+            pickupable=False,
+        )
+        for thing in scene.objects
+        if "pickupable" not in thing.capabilities and rng.random() < keep
+    )
+    movables = Counter(
+        base_type(thing.type) for thing in scene.objects if "pickupable" in thing.capabilities
+    )
+    return KnownRoom(
+        name=name,
+        areas=graph.areas(),
+        movables=tuple(sorted(movables)),
+        several=tuple(sorted(kind for kind, count in movables.items() if count > 1)),
+    )
+
+
+def generated_rooms(count: int, seed: int) -> Iterator[KnownRoom]:
+    """Yield rooms of the generator, none of them a shipped scene (their seeds differ)."""
+    order = [ROOMS[0]] * KITCHEN_SHARE + list(ROOMS[1:])
+    for number in range(count):
+        kind = order[number % len(order)]
+        scene = build_scene(kind, 1000 + number, seed)
+        yield room_of(scene, f"generated/{seed}/{number}", seed=seed)
+
+
+def imported_rooms(dumps: Path, layouts: Path | None, seed: int) -> Iterator[KnownRoom]:
+    """Yield AI2-THOR's floor plans, without those of the authors' tasks."""
+    for scene in import_dump(dumps, layouts=layouts):
+        if not is_authors_plan(scene.name):
+            yield room_of(scene, scene.name, seed=seed)
+
+
+def is_authors_plan(name: str) -> bool:
+    """Return whether a floor plan is one of the authors' tasks, which no training sees."""
+    return int(name.removeprefix("FloorPlan").split("_")[0]) in AUTHORS_PLANS
+
+
+def subject(goal: Goal) -> str:
+    """Return the type of what a goal is about."""
+    return base_type(goal.arguments[1] if goal.predicate == "HOLDON" else goal.arguments[0])
+
+
+def after(unit: MemoryUnit, goal: Goal) -> MemoryUnit:
+    """Return a thing once a goal about it is met."""
+    word = goal.arguments[-1]
+    if goal.predicate in ("ON", "INSIDE"):
+        return replace(unit, place_id=word)
+    if goal.predicate == "HOLDON":
+        return replace(unit, place_id=HAND)
+    if goal.predicate != "STATE":
+        word = END_STATES[goal.predicate]
+    state = {"clean": "cleaned", "cold": ""}.get(word, word)
+    states = [s for s in unit.states if s not in (state, OPPOSITES.get(state))]
+    kind = object_types()[unit.object_type]
+    if state == "cleaned" and "canFillWithLiquid" in kind.capabilities:
+        states.append("filled")
+    return replace(
+        unit,
+        object_type=(kind.slices_into or unit.object_type) if state == "sliced" else kind.name,
+        states=(*states, *([state] if state else [])),
+        place_id=FRIDGE if word == "cold" else CHANGED_IN.get(state, unit.place_id),
+        handled=True,
+    )

@@ -1,0 +1,268 @@
+"""Training examples: a room, a memory and a request, drawn from one seed -> a plain program.
+
+No simulator runs here: what is drawn is what an agent would know (area nodes, recalled units, what
+is in its hand), rendered by the same `karma.agent.planning.prompt` that plans with it.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+from karma.agent.planning.expert import ExpertView, NamedThing
+from karma.agent.planning.goal_lines import plain_program
+from karma.agent.planning.prompt import compact
+from karma.contracts import MemoryUnit, PlanRequest, SkillCall
+from karma.household.ids import short_type
+from karma.household.pieces import base_type
+from karma.household.places import HAND, likest
+from karma.household.types import object_types
+from karma.plugins.alfred.sentences import Sentence, StepSentence, program_of
+from karma.plugins.training.drawing.memories import (
+    KnownRoom,
+    Rng,
+    draw_units,
+    known_facts,
+    names_of,
+    pick,
+    place_type,
+    unit_of,
+)
+from karma.plugins.training.drawing.phrases import Book
+from karma.plugins.training.drawing.referring_expressions import Situation
+from karma.plugins.training.drawing.requests import WITH_PAIRS, Ask, one_ask, pick_kind, wrapped
+from karma.plugins.training.drawing.several import several_asks
+from karma.plugins.training.past import draw_failure, live_memory, with_twins
+
+RECALLED = 0.75  # share of prompts with a few units, as recall leaves them, not all
+FEW = 3  # units then
+ALIKE = 0.5  # share of those in which the other ones are as like it as can be
+FRESH = 0.2  # share of prompts with a map in which nothing is remembered
+LIVED = 0.8  # share of memories that a few requests have left behind
+TWINS = 0.2  # share of memories with a second or third one of something
+VAGUE = 0.7  # share of draws in which a remembered thing is mostly not called by its name
+SEVERAL = 0.12  # share of sentences with two or three requests
+TYPOS = 0.04  # share of sentences with a letter wrong
+LONGEST = 40  # lines of a program
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrainingExample:
+    """One (memory, instruction) -> program pair, as text."""
+
+    kind: str
+    stable: str
+    changing: str
+    program: str
+    facts: PlanRequest = field(default=PlanRequest(instruction=""), compare=False, repr=False)
+
+    @property
+    def sentence(self) -> str:
+        """What was asked."""
+        return self.changing.partition("\n")[0].removeprefix("#task ")
+
+
+def draw(
+    rng: Rng,
+    room: KnownRoom,
+    book: Book,
+    *,
+    mapped: bool,
+    told: Callable[[Rng, Situation, str], str] | None = None,
+) -> TrainingExample:
+    """Draw one example.
+
+    `told` puts the sentence in other words of the same meaning.
+    """
+    while True:
+        facts, held = draw_facts(rng, room, mapped=mapped)
+        scene = situation(rng, room, facts, book, mapped=mapped)
+        ask = _draw_ask(rng, scene)
+        if ask is None:
+            continue
+        if rng.random() < RECALLED:
+            facts = _recalled(rng, scene, ask)
+            scene = replace(scene, facts=facts)
+        view = view_of(scene, held)
+        parts = ask.parts or (ask.goals,)
+        calls = tuple(call for part in parts for call in plain_program(part, view))
+        if not calls or len(calls) > LONGEST:
+            continue
+        text = told(rng, scene, ask.text) if told is not None else ask.text
+        text = misspelt(rng, text) if rng.random() < TYPOS else text
+        about = frozenset(base_type(short_type(name)) for g in ask.goals for name in g.arguments)
+        failure = draw_failure(rng, scene, calls, wanted=about)
+        facts = replace(facts, instruction=text, error=failure.error)
+        return example_of(ask.kind, facts, program_text(failure.calls))
+
+
+def _recalled(rng: Rng, scene: Situation, ask: Ask) -> PlanRequest:
+    """Return the facts with what the request means and a few other units, as a recall leaves them.
+
+    Everything stays where a unit would go by another name among the few.
+    """
+    named = {argument for goal in ask.goals for argument in goal.arguments}
+    meant = [unit for unit in scene.units if scene.names[unit.object_id] in named]
+    others = [unit for unit in scene.units if unit not in meant]
+    rng.shuffle(others)
+    if meant and rng.random() < ALIKE:
+        others.sort(key=lambda unit: -max(_likeness(unit, one) for one in meant))
+    kept = {unit.object_id for unit in (*meant, *others[: max(FEW - len(meant), 0)])}
+    few = replace(scene.facts, units=tuple(unit for unit in scene.units if unit.object_id in kept))
+    names = names_of(few)
+    return few if all(names[one] == scene.names[one] for one in kept) else scene.facts
+
+
+def _likeness(unit: MemoryUnit, other: MemoryUnit) -> int:
+    """Return how easily a unit is taken for another: by type, use, place, states and history."""
+    one, two = (object_types()[base_type(u.object_type)] for u in (unit, other))
+    return (
+        3 * (one.name == two.name)
+        + (one.goes_in == two.goes_in)
+        + (unit.place_id == other.place_id)
+        + len({*unit.states} & {*other.states})
+        + (unit.handled == other.handled)
+    )
+
+
+def draw_step(rng: Rng, room: KnownRoom, steps: Sequence[StepSentence]) -> TrainingExample | None:
+    """Draw one example with what an annotator said of one step, None if it cannot be.
+
+    What is put down is in the hand, and in memory; it goes by whatever the annotator called it.
+    """
+    step = pick(rng, steps)
+    facts, _ = draw_facts(rng, room, mapped=False)
+    about = {name for goal in step.goals for name in goal.arguments}
+    units = [
+        unit
+        for unit in facts.units
+        if base_type(unit.object_type) not in about and unit.place_id != HAND
+    ]
+    if rng.random() < 0.5:
+        units = units[-FEW + 1 :]
+    held = None
+    if step.held:
+        held = unit_of(f"{step.held}|held", step.held, place_id=HAND, handled=True)
+        units.append(held)
+    facts = known_facts(facts.areas, units, held, step.text)
+    calls = plain_program(step.goals, ExpertView())
+    return example_of("step", facts, program_text(calls)) if calls else None
+
+
+def draw_alfred(
+    rng: Rng, room: KnownRoom, sentences: Sequence[Sentence], *, mapped: bool
+) -> TrainingExample | None:
+    """Draw one example with a sentence of ALFRED's annotators, None where the room has no place.
+
+    Short-term memory is mostly empty: the prompt holds the sentence, and the map if there is one.
+
+    With long-term memory (`mapped`) the room should be the one that the sentences were said in.
+    """
+    sentence = pick(rng, sentences)
+    wanted = sentence.facts
+    if mapped and wanted.place not in room.landmarks:
+        place = likest(wanted.place, room.landmarks)
+        if place is None:
+            return None
+        wanted = replace(wanted, place=place)
+        sentence = replace(sentence, facts=wanted)
+    facts, held = draw_facts(rng, room, mapped=mapped)
+    if rng.random() < 0.8:
+        facts, held = replace(facts, units=(), held_id=None, held_type=None), None
+    book = Book(templates={}, adjectives={}, just={}, around={}, references={})
+    scene = situation(rng, room, facts, book, mapped=mapped)
+    known = {base_type(unit.object_type) for unit in facts.units}
+    if known & {wanted.thing, wanted.movable} and (wanted.task == "two" or wanted.sliced):
+        return None
+    calls = program_of(sentence, view_of(scene, held))
+    if not calls or len(calls) > LONGEST:
+        return None
+    text = misspelt(rng, sentence.text) if rng.random() < TYPOS else sentence.text
+    return example_of("alfred", replace(facts, instruction=text), program_text(calls))
+
+
+def program_text(calls: Sequence[SkillCall]) -> str:
+    """Return a program, a line per call."""
+    return "".join(f"{call}\n" for call in calls)
+
+
+def example_of(kind: str, facts: PlanRequest, program: str) -> TrainingExample:
+    """Return the example of what the agent knows and what it is to answer."""
+    prompt = compact(facts).prompt
+    return TrainingExample(
+        kind=kind, stable=prompt.stable, changing=prompt.changing, program=program, facts=facts
+    )
+
+
+def draw_facts(rng: Rng, room: KnownRoom, *, mapped: bool) -> tuple[PlanRequest, MemoryUnit | None]:
+    """Draw what an agent knows, as yet without an instruction, and what is in its hand."""
+    units, held = live_memory(rng, room) if rng.random() < LIVED else draw_units(rng, room)
+    if rng.random() < TWINS:
+        units = with_twins(rng, room, units)
+    if mapped and rng.random() < FRESH:
+        units, held = (), None
+    if rng.random() < 0.15:
+        units = units[-3:]  # a recall of few
+    if held is not None and (rng.random() < 0.15 or held not in units):
+        units = ()  # without short-term memory the robot still feels what it holds
+    return known_facts(room.areas if mapped else (), units, held), held
+
+
+def situation(
+    rng: Rng,
+    room: KnownRoom,
+    facts: PlanRequest,
+    book: Book,
+    *,
+    mapped: bool,
+) -> Situation:
+    """Return the situation in which a request is drawn."""
+    vague = 1.0 if rng.random() < VAGUE else 0.0
+    names = names_of(facts)
+    return Situation(room=room, facts=facts, names=names, book=book, mapped=mapped, vague=vague)
+
+
+def misspelt(rng: Rng, text: str) -> str:
+    """Drop, double or swap one letter of a longer word."""
+    words = text.split(" ")
+    long = [number for number, word in enumerate(words) if len(word) > 4]
+    if not long:
+        return text
+    at = pick(rng, long)
+    word = words[at]
+    place = int(rng.integers(1, len(word) - 1))
+    words[at] = pick(
+        rng,
+        (
+            word[:place] + word[place + 1 :],
+            word[:place] + word[place] + word[place:],
+            word[:place] + word[place + 1] + word[place] + word[place + 2 :],
+        ),
+    )
+    return " ".join(words)
+
+
+def _draw_ask(rng: Rng, scene: Situation) -> Ask | None:
+    """Draw one request, or several in one sentence."""
+    several = rng.random() < SEVERAL
+    ask = several_asks(rng, scene) if several else one_ask(rng, scene, pick_kind(rng, WITH_PAIRS))
+    return replace(ask, text=wrapped(rng, scene.book, ask.text)) if ask is not None else None
+
+
+def view_of(scene: Situation, held: MemoryUnit | None) -> ExpertView:
+    """Return the expert's view of the same knowledge that the prompt states."""
+    things = tuple(_thing(scene, unit) for unit in reversed(scene.units))
+    return ExpertView(
+        things=things,
+        areas=scene.room.areas if scene.mapped else (),
+        held=_thing(scene, held) if held else None,
+    )
+
+
+def _thing(scene: Situation, unit: MemoryUnit) -> NamedThing:
+    place = unit.place_id if unit.place_id != HAND else None
+    return NamedThing(
+        name=scene.names[unit.object_id],
+        object_type=unit.object_type,
+        states=unit.states,
+        place=scene.names.get(place) if place else None,
+        place_type=place_type(scene.units, place) if place else None,
+    )

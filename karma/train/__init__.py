@@ -1,1 +1,0 @@
-"""What the nano models learn from, and how."""

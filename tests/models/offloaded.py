@@ -1,0 +1,161 @@
+"""A GGUF on a GPU: weights lie there, bits and words are those of the CPU, all of it is told.
+
+The GPU is llama.cpp's RPC device on this machine, see `support.rpc_device`. Not covered: a card.
+`test_devices.py` runs these tests in a process of their own.
+"""
+
+import json
+
+import numpy as np
+import pytest
+from support.paths import ROOT
+from support.rpc_device import rpc_device
+from support.sights import about
+from support.tiny import make_layers, opened
+from typer.testing import CliRunner
+
+from karma.cli import app
+from karma.contracts import ProgramSpec, Prompt, Skill
+from karma.models.automaton import ProgramAutomaton
+from karma.models.llama import opening as devices
+from karma.models.llama.opening import LlamaOptions
+from karma.models.llama.room_states import StateOptions
+from karma.models.llama.vision import LlamaVision
+from karma.models.manifest import PicturePair
+from karma.testing import make_picture_model
+
+PROMPT = Prompt(stable="#areas\nnode_1 Fridge Sink\n" * 12, changing="#task go\n#program\n")
+SPEC = ProgramSpec(
+    skills=(Skill(name="GoToObject", arguments=("object",)),),
+    objects=("Apple", "Fridge"), max_calls=3,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def gpu():
+    return rpc_device()
+
+
+@pytest.fixture(scope="module")
+def gguf(tmp_path_factory):
+    return make_layers(tmp_path_factory.mktemp("m"))
+
+
+def test_offloaded_model_has_its_weights_over_there_and_the_same_bits(gpu, gguf):
+    before = gpu.memory_mb()
+    there, here = opened(gguf, flash_attention="off"), opened(gguf, gpu_layers=0)
+    said, wanted = (one.complete(PROMPT, max_tokens=8) for one in (there, here))
+    assert said.engine.device.startswith("RPC")
+    assert (said.engine.gpu_layers, wanted.engine.gpu_layers) == (5, 0)
+    assert wanted.engine.device == "CPU"
+    assert gpu.memory_mb() - before > 0.9 * gguf.stat().st_size / 1e6
+    assert said.text == wanted.text
+    assert np.array_equal(there.gguf.logits(), here.gguf.logits())
+    there.close()
+
+
+def test_flash_attention_is_on_by_itself_on_a_gpu_only(gpu, gguf):
+    there, here = opened(gguf, gpu_layers=2), opened(gguf, gpu_layers=0)
+    for model in (there, here):
+        model.complete(PROMPT, max_tokens=1)
+    assert (there.gguf.engine.flash_attention, here.gguf.engine.flash_attention) == (True, False)
+    assert there.gguf.engine.gpu_layers == 2
+    assert np.abs(there.gguf.logits() - here.gguf.logits()).max() < 0.2
+    assert (
+        opened(gguf, kv="q8_0", gpu_layers=0).complete(PROMPT, max_tokens=1).engine.flash_attention
+    )
+    there.close()
+
+
+def test_constrained_answers_of_an_offloaded_model_are_programs(gpu, gguf):
+    model, automaton = opened(gguf), ProgramAutomaton(SPEC)
+    for seed in range(20):
+        text = model.complete(PROMPT, spec=SPEC, temperature=1.0, seed=seed).text
+        assert automaton.accepts(automaton.advance(automaton.start(), text))
+    model.close()
+
+
+def test_offloaded_model_scores_and_grows(gpu, gguf):
+    there, here = opened(gguf, flash_attention="off"), opened(gguf, gpu_layers=0)
+    texts = ["GoToObject(robot, 'Apple')\n", "GoToObject(robot, 'Fridge')\n", ""]
+    long = (PROMPT.stable * 4, PROMPT.changing)
+    for prompt in ((PROMPT.stable, PROMPT.changing), long):
+        one, other = (model.choose(prompt, texts) for model in (there, here))
+        assert one.number == other.number
+        assert one.score == pytest.approx(other.score, abs=1e-3)
+    there.complete(Prompt(stable=long[0], changing=long[1]), max_tokens=4)
+    assert there.gguf.n_ctx > 512
+    there.close()
+
+
+def test_state_of_a_room_is_saved_on_a_device_and_loaded_to_it(gpu, gguf, tmp_path):
+    states = StateOptions(folder=tmp_path)
+    answers = []
+    for source in ("evaluated", "loaded"):
+        model = opened(gguf, states=states)
+        found = model.complete(PROMPT, max_tokens=8)
+        answers.append((found.text, model.gguf.logits().tobytes()))
+        assert found.state == source
+        model.close()
+    assert answers[0] == answers[1]
+    assert (
+        opened(gguf, states=states, gpu_layers=0).complete(PROMPT, max_tokens=8).state
+        == "evaluated"
+    )
+
+
+def test_eval_on_a_device_records_it_and_names_it_in_the_header(gpu, tmp_path):
+    (tmp_path / "one.toml").write_text(
+        f'name = "one"\ntasks = "{ROOT}/eval/alfred_l/tasks.jsonl"\nonly = ["simple-02"]\n'
+        '[[rows]]\nname = "karma"\n'
+    )
+    command = ["eval", tmp_path / "one.toml", "--out", tmp_path / "run"]
+    done = CliRunner().invoke(app, [str(one) for one in [*command, "--workers", 1]])
+    assert done.exit_code == 0, done.output
+    (timing,) = map(json.loads, (tmp_path / "run" / "timings.jsonl").read_text().splitlines())
+    engines = [answer["engine"] for sub in timing["subtasks"] for answer in sub["answers"]]
+    assert {(one["device"][:3], one["gpu_layers"]) for one in engines} == {("RPC", 7)}
+    header = json.loads((tmp_path / "run" / "header.json").read_text())
+    assert any(one.startswith("CPU: ") for one in header["machine"]["devices"])
+    refused = CliRunner().invoke(app, [str(one) for one in [*command, "--kv", "q4_0"]])
+    assert refused.exit_code == 1
+    assert "q4_0" in refused.output
+    assert (tmp_path / "run").exists()
+
+
+def planner_seen(tmp_path):
+    """What `karma doctor models` finds of our planner, and what it prints."""
+    out = tmp_path / "out.json"
+    done = CliRunner().invoke(app, ["doctor", "models", "--json", str(out)], env={"COLUMNS": "160"})
+    assert done.exit_code == 0, done.output
+    found = {one["role"]: one for one in json.loads(out.read_text(encoding="utf-8"))}
+    return found["planner"], done.output
+
+
+def test_planner_on_a_device_tells_its_layers_there(gpu, tmp_path):
+    found, _ = planner_seen(tmp_path)
+    assert found["device"].startswith("RPC")
+    assert found["how"] == "7 of 7 layers, f16 KV, flash attention on, 1 thread"
+    assert found["measured_mb"] is None  # this device counts nothing down
+
+
+def test_layers_that_do_not_fit_are_told_with_what_makes_room(gpu, monkeypatch, tmp_path):
+    monkeypatch.setattr(devices, "memory_mb", lambda _: (devices._SPARE_MB + 60, 1000.0))
+    found, text = planner_seen(tmp_path)
+    assert " of 7 layers, " in found["how"]
+    assert not found["how"].startswith("7")
+    assert "of 7 layers fit the GPU: a smaller file" in text
+
+
+def test_pictures_are_answered_with_the_same_words(gpu, tmp_path):
+    made = make_picture_model(tmp_path / "pair", "llava")
+    pair = PicturePair(name="llava", model=made.model, projector=made.projector)
+    far = LlamaVision(pair, llama_options=LlamaOptions(threads=1))
+    near = LlamaVision(pair, llama_options=LlamaOptions(threads=1, gpu_layers=0))
+    assert (far.engine.device, near.engine.device) == ("RPC0", "CPU")
+    assert far.engine.gpu_layers > 0
+    frame = np.random.default_rng(3).integers(0, 256, (96, 128, 3), dtype=np.uint8)
+    said = [chat.answer(about(frame), max_tokens=8) for chat in (far, near)]
+    assert said[0] == said[1] != ""
+    far.close()
+    near.close()

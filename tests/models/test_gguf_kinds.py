@@ -1,0 +1,272 @@
+"""Files that end in .gguf and are no language model, and models under other names than theirs."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import gguf as format
+import numpy as np
+import pytest
+from support.paths import ROOT
+
+from karma.agent.loading.names import check_models
+from karma.errors import ModelError, UnknownNameError
+from karma.models.added import AddOptions, add_model
+from karma.models.checks.gguf import check_gguf
+from karma.models.llama.model import LlamaModel
+from karma.models.manifest import read_local, resolve_planner
+from karma.testing import make_planner
+from karma.testing.families import Size, language_keys, language_tensors
+from karma.testing.models import add_keys, write_random_gguf
+
+LLAMA = "llama"
+
+
+@pytest.fixture(scope="module")
+def planner(tmp_path_factory):
+    return make_planner(tmp_path_factory.mktemp("m") / "tiny.gguf", "llama3")
+
+
+@pytest.fixture
+def manifest(tmp_path, monkeypatch):
+    folder = tmp_path / "models"
+    folder.mkdir()
+    shutil.copy(ROOT / "models/manifest.toml", folder)
+    monkeypatch.setenv("KARMA_MODELS", str(folder))
+    return folder / "manifest.toml"
+
+
+def written(path, architecture, fill):
+    def whole(writer):
+        add_keys(writer, language_keys(LLAMA, Size()))
+        fill(writer)
+
+    return write_random_gguf(path, architecture, whole, language_tensors(LLAMA, Size()), seed=0)
+
+
+def no_vocabulary(model):
+    def fill(writer):
+        if model is not None:
+            writer.add_tokenizer_model(model)
+
+    return fill
+
+
+def typed(kind):
+    return lambda writer: writer.add_type(kind)
+
+
+@pytest.mark.parametrize(
+    ("architecture", "fill", "said"),
+    [
+        (LLAMA, no_vocabulary("none"), "it has no vocabulary"),
+        (LLAMA, no_vocabulary("no_vocab"), "it has no vocabulary"),
+        (LLAMA, no_vocabulary(None), "it has no vocabulary"),
+        (LLAMA, no_vocabulary("gpt2"), "it has no vocabulary"),
+        (LLAMA, typed("adapter"), r"an adapter \(LoRA\).*\n  To fix: merge it"),
+        (LLAMA, typed("imatrix"), "an importance matrix"),
+        ("clip", typed("mmproj"), "the picture part of a model"),
+        ("nomic-bert", typed("model"), r"an embedder \(nomic-bert\)"),
+    ],
+)
+def test_what_is_no_model_to_ask_says_what_it_is(manifest, tmp_path, architecture, fill, said):
+    path = written(tmp_path / "other.gguf", architecture, fill)
+    with pytest.raises(ModelError, match=said):
+        check_gguf(path)
+    with pytest.raises(ModelError, match=said):
+        LlamaModel(path)
+    with pytest.raises(ModelError):
+        add_model(path)
+    assert not read_local().models
+
+
+@pytest.mark.parametrize(
+    ("begins", "said"),
+    [
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n", "git lfs pull"),
+        (b"<!doctype html><title>401</title>", "a page of the web"),
+        (b"PK\x03\x04" + bytes(60), "a zip archive"),
+        (b"\x1f\x8b\x08" + bytes(60), "a gzip archive"),
+        (b"tjgg" + bytes(60), "before GGUF"),
+        (b"anything else", "it begins with b'anyt'"),
+    ],
+)
+def test_first_bytes_tell_what_a_file_is(tmp_path, begins, said):
+    path = tmp_path / "file.gguf"
+    path.write_bytes(begins)
+    with pytest.raises(ModelError, match=said):
+        check_gguf(path)
+
+
+BOMBS = (
+    "{{ 9**9**9 }}",
+    "{% generation %}{{ 9**9**9 }}{% endgeneration %}",
+    "{% for m in messages %}{% generation %}{{ 'a' * 9 * 9**8 }}{% endgeneration %}{% endfor %}",
+    "{% for a in range(999999) %}{% for b in range(999999) %}{% endfor %}{% break %}{% endfor %}",
+)
+
+
+@pytest.mark.parametrize("key", ["", ".default", ".tool_use", ".rag"])
+@pytest.mark.parametrize("bomb", BOMBS)
+def test_each_template_of_a_file_is_looked_at_with_the_runtimes_tags(tmp_path, key, bomb):
+    def fill(writer):
+        writer.add_tokenizer_model("gpt2")
+        writer.add_token_list(["a", "b"])
+        writer.add_string(f"tokenizer.chat_template{key}", bomb)
+
+    path = written(tmp_path / "bomb.gguf", LLAMA, fill)
+    with pytest.raises(ModelError, match="its chat template"):
+        check_gguf(path)
+
+
+def test_generation_tags_are_no_reason_to_refuse_a_template(tmp_path):
+    from karma.models.checks.template import check_template
+
+    check_template(
+        "x", "{% for m in messages %}{% generation %}{{ m }}{% endgeneration %}{% endfor %}"
+    )
+
+
+@pytest.mark.parametrize("name", ["Tiny-Q4_K_M.gguf", "TINY.GGUF", "0f3c", "model.Q4"])
+def test_a_gguf_is_told_by_its_first_bytes_and_named_by_its_link(
+    manifest, planner, tmp_path, monkeypatch, name
+):
+    (tmp_path / "blobs").mkdir()
+    (tmp_path / "snapshots").mkdir()
+    shutil.copy(planner, tmp_path / "blobs" / "9a1b")
+    link = tmp_path / "snapshots" / name
+    link.symlink_to("../blobs/9a1b")
+    added = add_model(link).entry
+    assert added.name == name.rpartition(".")[0] or name
+    found = resolve_planner(added.name)
+    assert found.path.read_bytes() == planner.read_bytes() and not found.path.is_symlink()
+    monkeypatch.chdir(link.parent)
+    assert resolve_planner(name).path.name == name
+    check_models({"planner": name})
+    again = add_model(link, AddOptions(name="there", in_place=True)).entry
+    assert again.files[0].path == str(link)
+
+
+def test_name_of_a_model_goes_before_a_file_of_that_name(planner, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(planner, tmp_path / "karma-nano")
+    assert resolve_planner("karma-nano").sha256 is not None
+    assert resolve_planner("./karma-nano").sha256 is None
+    with pytest.raises(UnknownNameError, match="nor such a file"):
+        check_models({"planner": "0f3d"})
+
+
+def test_one_letter_that_is_no_utf8_costs_no_template(planner, tmp_path):
+    before = planner.read_bytes()
+    place = before.index(b"Random weights")
+    path = tmp_path / "jose.gguf"
+    path.write_bytes(before[:place] + b"\xe9" + before[place + 1 :])
+    model = LlamaModel(path)
+    assert model.manner == "through its own chat template"
+    model.close()
+
+
+def test_folder_of_two_quantisations_and_a_folder_without_its_opener_say_so(planner, tmp_path):
+    two = tmp_path / "two"
+    two.mkdir()
+    for name in ("a-Q4.gguf", "b-Q8.gguf"):
+        shutil.copy(planner, two / name)
+    with pytest.raises(ModelError, match=r"more than one model or part: a-Q4\.gguf, b-Q8\.gguf"):
+        add_model(two)
+    with pytest.raises(UnknownNameError, match=f"'clip:{two}' or 'sentence:{two}'"):
+        check_models({"embedder": str(two)})
+    with pytest.raises(UnknownNameError, match="what opens it stands before it"):
+        check_models({"vision": str(two)})
+
+
+def killed_while_it_is_tried(folder, *words):
+    """Start `models add`; kill it as soon as its trial runs."""
+    command = [sys.executable, "-P", "-m", "karma", "models", "add", *map(str, words)]
+    running = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    try:
+        children = Path(f"/proc/{running.pid}/task/{running.pid}/children")
+        while running.poll() is None and not children.read_text().strip():
+            time.sleep(0.005)
+        was_running = running.poll() is None
+    finally:
+        running.send_signal(signal.SIGKILL)
+        running.wait()
+    return was_running
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc")
+def test_model_whose_trial_was_killed_is_not_listed(manifest, planner):
+    assert killed_while_it_is_tried(manifest.parent, planner, "--name", "mine")
+    assert not read_local().models
+    assert add_model(planner, AddOptions(name="mine")).entry.name == "mine"
+
+
+def test_trial_that_fails_leaves_nothing_and_sees_the_entry_before_it_is_listed(manifest, planner):
+    def refuses(entry, folder):
+        assert (folder / "tiny.gguf").read_bytes() == planner.read_bytes()
+        assert entry.name == "tiny" and not read_local().models
+        raise ModelError("it is tired")
+
+    with pytest.raises(ModelError, match="it is tired"):
+        add_model(planner, trial=refuses)
+    assert not read_local().models
+    assert list((manifest.parent / "weights").iterdir()) == []
+
+
+def spm(path, *, prefix):
+    """A SentencePiece model, whose texts begin with a space or do not."""
+    words = ["<unk>", "<s>", "</s>", *(f"<0x{byte:02X}>" for byte in range(256))]
+    said = ["▁", "▁a", "▁the", "▁robot", "the", "robot", "Go", "To", "▁Go", "(", ")", "'", ","]
+    letters = [chr(one) for one in range(33, 127) if chr(one) not in said]
+    kinds = [2, 3, 3, *[6] * 256, *[1] * (len(said) + len(letters))]
+
+    def fill(writer):
+        writer.add_tokenizer_model("llama")
+        writer.add_token_list([one.encode() for one in [*words, *said, *letters]])
+        writer.add_token_scores(
+            [0.0] * len(words) + [-float(n) for n in range(len(said + letters))]
+        )
+        writer.add_token_types(kinds)
+        writer.add_bos_token_id(1)
+        writer.add_eos_token_id(2)
+        writer.add_add_bos_token(True)
+        if not prefix:
+            writer.add_add_space_prefix(False)
+
+    size = Size(vocabulary=len(kinds))
+
+    def whole(writer):
+        add_keys(writer, language_keys(LLAMA, size))
+        fill(writer)
+
+    return write_random_gguf(path, LLAMA, whole, language_tensors(LLAMA, size), seed=3)
+
+
+@pytest.mark.parametrize("prefix", [True, False])
+def test_parts_of_a_text_have_the_tokens_of_the_text(tmp_path, prefix):
+    model = LlamaModel(spm(tmp_path / "spm.gguf", prefix=prefix))
+    for before, after in (
+        ("the robot\n", "GoTo('Apple')\n"),
+        ("the robot ", "Go the robot"),
+        ("a", "\n\nthe"),
+        ("the ", "| robot"),
+        ("x\n", "'"),
+        ("the\n", " robot"),
+        ("the\n", "robot\n\nGo ä"),
+    ):
+        whole = model.gguf.tokens(before + after, begins=True)
+        parts = model.gguf.tokens(before, begins=True) + model.gguf.tokens(after)
+        text = b"".join(model.gguf.table.pieces[one] for one in parts).decode()
+        assert text == " " * prefix + before + after
+        assert np.array_equal(parts, whole) or not before.endswith("\n")  # where no words join
+    assert model.gguf.tokens("") == []
+    model.close()
+
+
+def test_gguf_reader_of_the_package_agrees_on_the_keys(planner):
+    ours, theirs = check_gguf(planner), format.GGUFReader(planner)
+    assert set(ours) == {key for key in theirs.fields if not key.startswith("GGUF.")}

@@ -1,0 +1,228 @@
+"""The manifest is read strictly, and files are checked before anything parses them."""
+
+import hashlib
+from typing import get_args
+
+import pytest
+from support.paths import ROOT
+
+from karma.errors import FileError, ModelError, UnknownNameError
+from karma.models.embed import minilm as embed
+from karma.models.manifest import (
+    ModelEntry,
+    ModelFile,
+    Role,
+    check,
+    check_file,
+    file_paths,
+    find_model,
+    manifest_path,
+    read_manifest,
+    read_shipped,
+    resolve_folder,
+    resolve_planner,
+    verify,
+)
+
+SAFE = (".gguf", ".safetensors", ".json", ".txt", ".model", ".jinja")
+DATA = b"weights"
+SHA = hashlib.sha256(DATA).hexdigest()
+ENTRY = f"""
+[[models]]
+name = "nano"
+role = "planner"
+format = "gguf"
+licence = "Apache-2.0"
+source = "trained here"
+restore = "git restore models/nano"
+prompt_profile = "compact"
+context_length = 2048
+files = [{{ path = "nano/nano.gguf", bytes = 7, sha256 = "{SHA}" }}]
+"""
+FOLDER = f"""
+[[models]]
+name = "folder"
+role = "text-embedder"
+format = "safetensors"
+licence = "MIT"
+source = "somewhere"
+files = [
+  {{ path = "f/1_Pooling/config.json", sha256 = "{SHA}" }},
+  {{ path = "f/model.safetensors", bytes = 7, sha256 = "{SHA}" }},
+]
+"""
+
+
+@pytest.fixture
+def manifest(tmp_path, monkeypatch):
+    monkeypatch.setenv("KARMA_MODELS", str(tmp_path))
+    (tmp_path / "nano").mkdir()
+    (tmp_path / "nano/nano.gguf").write_bytes(DATA)
+    path = tmp_path / "manifest.toml"
+    path.write_text(ENTRY)
+    return path
+
+
+def test_project_s_manifest_is_sound_and_its_minilm_is_the_one_the_code_loads():
+    entry = find_model("minilm")
+    verify(entry)
+    hashes = {file.path.removeprefix("model/"): file.sha256 for file in entry.files}
+    assert embed.FILES.items() <= hashes.items()
+    assert (entry.package, entry.restore) == (embed.PACKAGE, embed.RESTORE)
+    names = [entry.name for entry in read_manifest().models]
+    assert len(names) == len(set(names))
+
+
+def test_project_s_shipped_files_are_what_the_manifest_says():
+    for name in ("minilm", "karma-nano"):
+        entry = find_model(name)
+        assert verify(entry) == file_paths(entry)
+
+
+def test_project_s_manifest_has_every_role_and_says_where_a_model_comes_from():
+    models = read_shipped().models
+    assert {entry.role for entry in models} == set(get_args(Role)), "a role nobody fills"
+    for entry in models:
+        assert entry.licence
+        assert entry.memory_mb
+        assert entry.package or entry.pieces or entry.revision or "card: cards/" in entry.source
+        spacy = entry.format == "spacy"  # msgpack and JSON, of names of its own
+        assert spacy or all(file.path.endswith(SAFE) for file in entry.files)
+
+
+def test_project_s_manifest_holds_no_hash_twice_where_files_differ():
+    seen = {}
+    for entry in read_shipped().models:
+        for file in entry.files:
+            if file.sha256 and file.bytes is not None:
+                assert seen.setdefault(file.sha256, file.bytes) == file.bytes
+
+
+def test_every_key_and_role_of_the_manifest_is_in_its_page():
+    page = (ROOT / "docs/models.md").read_text()
+    for key in (*ModelEntry.__struct_fields__, *ModelFile.__struct_fields__, *get_args(Role)):
+        assert f"`{key}`" in page, key
+    for entry in read_shipped().models:
+        assert f"`{entry.name}`" in page, entry.name
+
+
+def test_right_file_is_verified(manifest):
+    entry = find_model("nano")
+    assert verify(entry) == (manifest.parent / "nano/nano.gguf",)
+
+
+def test_absent_wrong_open_and_right_files_are_told_apart(manifest):
+    entry = find_model("nano")
+    assert check(entry).state == "ok"
+    manifest.write_text(ENTRY.replace(f', sha256 = "{SHA}"', ""))
+    unknown = find_model("nano")
+    found = check(unknown)
+    assert found.state == "open"
+    assert "hash not known: nano/nano.gguf; fill with `karma models add" in found.detail
+    with pytest.raises(ModelError, match="not known, so it is not opened"):
+        verify(unknown)
+    with pytest.raises(ModelError, match="not known, so it is not opened"):
+        resolve_planner("nano")
+    (manifest.parent / "nano/nano.gguf").write_bytes(b"other")
+    assert check(entry).state == "wrong"
+    (manifest.parent / "nano/nano.gguf").unlink()
+    assert check(entry).state == check(unknown).state == "absent"
+    with pytest.raises(ModelError, match="karma models add PATH --name nano"):
+        verify(unknown)
+
+
+@pytest.mark.parametrize("text", ["org/model", "sentence-transformers/all-MiniLM-L6-v2", "nope"])
+def test_name_of_a_hub_is_an_error_that_names_it_and_the_command(manifest, text):
+    for resolve in (resolve_planner, lambda name: resolve_folder(name, "vlm")):
+        with pytest.raises(UnknownNameError) as caught:
+            resolve(text)
+        for part in (text, "Nothing is ever fetched", "karma models add PATH"):
+            assert part in str(caught.value)
+
+
+def test_folder_is_a_verified_name_or_a_path(manifest):
+    manifest.write_text(FOLDER)
+    (manifest.parent / "f/1_Pooling").mkdir(parents=True)
+    for file in ("f/model.safetensors", "f/1_Pooling/config.json"):
+        (manifest.parent / file).write_bytes(DATA)
+    found = resolve_folder("folder", "text-embedder")
+    assert (found.name, found.path) == ("folder", manifest.parent / "f")
+    assert resolve_folder(str(manifest.parent / "f"), "text-embedder").path == found.path
+    with pytest.raises(ModelError, match="not for role vlm but for 'text-embedder'"):
+        resolve_folder("folder", "vlm")
+    with pytest.raises(ModelError, match="no such folder"):
+        resolve_folder(manifest.parent / "g", "text-embedder")
+    (manifest.parent / "f/1_Pooling/config.json").write_bytes(b"Weights")
+    with pytest.raises(ModelError, match=r"1_Pooling/config\.json: its SHA-256"):
+        resolve_folder("folder", "text-embedder")
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"), [(None, "No such file"), (b"weight", "6 bytes"), (b"Weights", "SHA-256")]
+)
+def test_wrong_file_is_named_with_hash_and_command(manifest, content, reason):
+    file = manifest.parent / "nano/nano.gguf"
+    file.unlink()
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(ModelError) as caught:
+        verify(find_model("nano"))
+    fix = ("git restore models/nano", "karma models verify")
+    for part in (str(file), reason, f"Expected SHA-256: {SHA}", *fix):
+        assert part in str(caught.value)
+
+
+def test_missing_package_is_named_with_the_command_that_installs_it(manifest):
+    manifest.write_text(ENTRY.replace("files", 'package = "no_such_package"\nfiles'))
+    with pytest.raises(ModelError, match="no_such_package") as caught:
+        verify(find_model("nano"))
+    assert "git restore" in str(caught.value)
+
+
+@pytest.mark.parametrize(("old", "new", "reason"), [
+    ("licence", "license", "license"),
+    ('"planner"', '"poet"', "poet"), ("name =", "# name =", "name"),
+    ("prompt_profile", "# prompt_profile", "prompt_profile"), ("[{", "[[{", ""),
+    ("source", "extra = 1\nsource", "extra"), ("bytes = 7", 'bytes = "7"', "bytes"),
+    (SHA[:9], "ABC", "sha256"), ("nano/nano", "../nano", "'..'"),
+    ("nano/nano", "/nano", "absolute"), ('name = "nano"', 'name = "a/b"', "a/b"),
+])  # fmt: skip
+def test_manifest_that_does_not_fit_is_refused_by_name(manifest, old, new, reason):
+    manifest.write_text(ENTRY.replace(old, new, 1))
+    with pytest.raises(FileError, match=r"manifest\.toml") as caught:
+        read_manifest()
+    assert reason in str(caught.value)
+
+
+def test_missing_manifest_says_how_to_point_to_it(tmp_path, monkeypatch):
+    monkeypatch.setenv("KARMA_MODELS", str(tmp_path))
+    with pytest.raises(FileError, match="KARMA_MODELS"):
+        read_manifest()
+
+
+def test_environment_moves_the_manifest(manifest, monkeypatch):
+    monkeypatch.delenv("KARMA_MODELS")
+    assert manifest_path() == ROOT / "models/manifest.toml"
+    monkeypatch.setenv("KARMA_MODELS", str(manifest.parent))
+    assert [entry.name for entry in read_manifest().models] == ["nano"]
+
+
+def test_planner_is_a_name_or_any_gguf_path(manifest, tmp_path):
+    named = resolve_planner("nano")
+    assert (named.name, named.sha256, named.prompt_profile) == ("nano", SHA, "compact")
+    assert named.path.read_bytes() == DATA
+    other = resolve_planner(str(tmp_path / "my.Model.gguf"))
+    assert (other.name, other.sha256, other.prompt_profile) == ("my.Model", None, "full")
+
+
+def test_planner_unknown_name_suggests_the_nearest(manifest, monkeypatch):
+    with pytest.raises(UnknownNameError, match="Did you mean 'nano'"):
+        resolve_planner("nanno")
+    monkeypatch.delenv("KARMA_MODELS")
+    with pytest.raises(ModelError, match="not a planner"):
+        resolve_planner("minilm")
+
+
+def test_check_file_of_a_folder_is_a_model_error(tmp_path):
+    with pytest.raises(ModelError, match="a folder, not a file"):
+        check_file(tmp_path, SHA)

@@ -1,0 +1,401 @@
+"""`karma models add` and `remove`: taken in whole and by hash, refused by name, nothing lost."""
+
+import hashlib
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import tiny_models
+from support.tiny import export_tiny
+from typer.testing import CliRunner
+
+from karma.agent.loading.models import Models, Row
+from karma.agent.loading.names import check_models
+from karma.cli import app
+from karma.errors import FileError, ModelError, UnknownNameError
+from karma.models import added as added_models
+from karma.models.added import AddOptions, add_model, remove_model
+from karma.models.embed.clip import ClipEmbedder
+from karma.models.llama.model import LlamaModel
+from karma.models.manifest import (
+    check,
+    find_model,
+    read_local,
+    read_manifest,
+    resolve_folder,
+    resolve_planner,
+    verify,
+)
+
+OURS = """
+[[models]]
+name = "ours"
+role = "planner"
+format = "gguf"
+licence = "Apache-2.0"
+source = "trained here"
+prompt_profile = "compact"
+context_length = 64
+files = [{ path = "ours.gguf", bytes = 3, sha256 = "HASH" }]
+""".replace("HASH", hashlib.sha256(b"abc").hexdigest())
+
+
+@pytest.fixture(scope="module")
+def gguf(tmp_path_factory):
+    return export_tiny(tmp_path_factory.mktemp("g") / "tiny-Q8.gguf")
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    return tiny_models.save_clip(tmp_path_factory.mktemp("c"))
+
+
+@pytest.fixture
+def manifest(tmp_path, monkeypatch):
+    folder = tmp_path / "models"
+    folder.mkdir()
+    monkeypatch.setenv("KARMA_MODELS", str(folder))
+    (folder / "ours.gguf").write_bytes(b"abc")
+    (folder / "manifest.toml").write_text(OURS)
+    return folder / "manifest.toml"
+
+
+def known(manifest, clip, *, leave_open=(), sizes=True, wrong=None):
+    """Enter the CLIP folder into the manifest as a model that somebody may bring."""
+    rows = []
+    for path in sorted(clip.iterdir()):
+        data = b"other" if path.name == wrong else path.read_bytes()
+        row = f'path = "weights/clip/{path.name}"'
+        if sizes and path.name != wrong:
+            row += f", bytes = {len(data)}"
+        if path.name not in leave_open:
+            row += f', sha256 = "{hashlib.sha256(data).hexdigest()}"'
+        rows.append(f"  {{ {row} }},")
+    manifest.write_text(
+        OURS + '[[models]]\nname = "clip"\nrole = "image-embedder"\nformat = "safetensors"\n'
+        'licence = "MIT"\nsource = "https://example.org/clip"\nrevision = "abc"\nfiles = [\n'
+        + "\n".join(rows) + "\n]\n"
+    )  # fmt: skip
+
+
+def everything(folder):
+    """All files below a folder with their bytes."""
+    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+# ------------------------------------------------------------------------------ taking in
+
+
+def test_gguf_is_copied_hashed_described_and_runs(manifest, gguf):
+    added = add_model(gguf, AddOptions(licence="MIT"))
+    entry = find_model("tiny-Q8")
+    assert added.entry == entry
+    assert not added.known
+    assert (entry.role, entry.format, entry.licence) == ("planner", "gguf", "MIT")
+    assert (entry.context_length, entry.prompt_profile, entry.chat) == (4096, "full", None)
+    assert entry.files[0].sha256 == hashlib.sha256(gguf.read_bytes()).hexdigest()
+    assert entry.memory_mb > entry.files[0].bytes / 1e6 + 12
+    (path,) = verify(entry)
+    assert path == manifest.parent / "weights/tiny-Q8/tiny-Q8.gguf"
+    assert check(entry).state == "ok"
+    planner = resolve_planner("tiny-Q8")
+    assert LlamaModel(planner.path, sha256=planner.sha256).name == "tiny-Q8"
+
+
+def test_folder_without_a_name_in_the_manifest_is_described_by_its_config(manifest, clip, tmp_path):
+    folder = tmp_path / "my-clip"
+    shutil.copytree(clip, folder)
+    (folder / "pytorch_model.bin").write_bytes(b"pickle")
+    (folder / ".cache").mkdir()
+    (folder / ".cache/x.json").write_text("{}")
+    added = add_model(folder)
+    assert added.left_out == ("pytorch_model.bin",)
+    assert (added.entry.name, added.entry.role) == ("my-clip", "image-embedder")
+    copies = manifest.parent / "weights/my-clip"
+    assert set(everything(copies)) == {Path(p.name) for p in clip.iterdir()}
+    place = resolve_folder("my-clip", "image-embedder")
+    assert np.array_equal(
+        ClipEmbedder(place.path).embed(["apple"]), ClipEmbedder(clip).embed(["apple"])
+    )
+
+
+def test_in_place_leaves_the_files_where_they_are(manifest, gguf):
+    options = AddOptions(name="there", in_place=True, chat=True, context_length=128)
+    entry = add_model(gguf, options).entry
+    assert verify(find_model("there")) == (gguf.resolve(),)
+    assert (entry.chat, entry.context_length) == (True, 128)
+    assert not (manifest.parent / "weights").exists()
+    remove_model("there")
+    assert gguf.is_file()
+
+
+def test_model_of_the_manifest_is_recognised_and_its_open_hashes_are_filled(manifest, clip):
+    known(manifest, clip, leave_open=("config.json", "tokenizer.json"))
+    assert check(find_model("clip")).state == "absent"
+    added = add_model(clip)
+    assert (added.entry.name, added.known) == ("clip", True)
+    entry = find_model("clip")
+    assert all(file.sha256 for file in entry.files)
+    assert (entry.licence, entry.revision) == ("MIT", "abc")
+    assert check(entry).state == "ok"
+    assert [entry.name for entry in read_manifest().models] == ["ours", "clip"]
+    remove_model("clip")
+    assert find_model("clip").files[0].sha256 != ""
+    assert check(find_model("clip")).state == "absent"
+
+
+def test_files_put_where_the_manifest_has_them_need_no_copy_and_are_never_removed(manifest, clip):
+    known(manifest, clip, leave_open=("config.json",))
+    place = manifest.parent / "weights/clip"
+    shutil.copytree(clip, place)
+    before = everything(place)
+    assert check(find_model("clip")).state == "open"
+    add_model(place)
+    assert check(find_model("clip")).state == "ok"
+    remove_model("clip")
+    assert everything(place) == before
+    assert check(find_model("clip")).state == "open"
+
+
+def test_progress_reaches_all_the_bytes(manifest, clip):
+    told = []
+    add_model(clip, progress=lambda *step: told.append(step))
+    total = sum(path.stat().st_size for path in clip.iterdir())
+    assert told[-1][1:] == (total, total)
+    assert {part for part, _, _ in told} == {path.name for path in clip.iterdir()}
+
+
+# ------------------------------------------------------------------------------ refusing
+
+
+def test_file_that_is_not_the_manifest_s_is_refused_by_name_before_it_is_parsed(
+    manifest, clip, tmp_path, monkeypatch
+):
+    known(manifest, clip, wrong="config.json")
+    before = everything(manifest.parent)
+    for part in ("check_weights", "read_config", "check_gguf"):
+        monkeypatch.setattr(added_models, part, None)  # a call would be another error
+    with pytest.raises(ModelError, match=r"config\.json: not the file of model 'clip'") as caught:
+        add_model(clip, AddOptions(name="clip"))
+    for part in (hashlib.sha256(b"other").hexdigest(), "https://example.org/clip", "revision abc"):
+        assert part in str(caught.value)
+    assert everything(manifest.parent) == before
+
+
+def test_wrong_file_of_a_telling_name_is_refused_and_not_made_a_model_of_its_own(
+    manifest, gguf, tmp_path
+):
+    shutil.copy(gguf, tmp_path / "ours.gguf")
+    with pytest.raises(ModelError, match=r"ours\.gguf: not the file of model 'ours'") as caught:
+        add_model(tmp_path / "ours.gguf")
+    assert "as another model with --name" in str(caught.value)
+    added = add_model(tmp_path / "ours.gguf", AddOptions(name="mine"))
+    assert (added.entry.name, added.known) == ("mine", False)
+
+
+def test_model_that_lacks_a_file_of_the_manifest_is_refused_by_that_name(manifest, clip, tmp_path):
+    known(manifest, clip)
+    shutil.copytree(clip, tmp_path / "part")
+    (tmp_path / "part/tokenizer.json").unlink()
+    with pytest.raises(ModelError, match=r"tokenizer\.json: missing"):
+        add_model(tmp_path / "part", AddOptions(name="clip"))
+    assert not any((manifest.parent / "weights").iterdir())
+
+
+@pytest.mark.parametrize("name", ["m.bin", "m.pt", "m.pth", "m.pkl", "m.ckpt", "m.onnx"])
+def test_pickle_is_refused_by_name_as_a_file_and_as_a_folder(manifest, tmp_path, name):
+    folder = tmp_path / "bad"
+    folder.mkdir()
+    (folder / name).write_bytes(b"\x80\x04")
+    (folder / "config.json").write_text("{}")
+    with pytest.raises(ModelError, match=f"{name}: not opened"):
+        add_model(folder / name)
+    with pytest.raises(ModelError, match=r"may hold code|no \.safetensors, no \.gguf"):
+        add_model(folder)
+    assert not (manifest.parent / "local.toml").exists()
+
+
+@pytest.mark.parametrize("path", ["org/model", "sentence-transformers/all-MiniLM-L6-v2", "x.gguf"])
+def test_path_that_does_not_exist_is_no_name_of_a_hub(manifest, tmp_path, monkeypatch, path):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ModelError, match="no such file or folder") as caught:
+        add_model(path)
+    assert "never looked up" in str(caught.value)
+
+
+def test_damaged_files_are_refused_and_leave_nothing(manifest, gguf, clip, tmp_path):
+    before = everything(manifest.parent)
+    (tmp_path / "cut.gguf").write_bytes(gguf.read_bytes()[:-1])
+    shutil.copytree(clip, tmp_path / "cut")
+    (tmp_path / "cut/model.safetensors").write_bytes(b"x" * 100)
+    for path in ("cut.gguf", "cut"):
+        with pytest.raises(ModelError, match="damaged") as caught:
+            add_model(tmp_path / path)
+        assert str(caught.value).startswith(str(tmp_path / path))
+    assert everything(manifest.parent) == before
+    assert list((manifest.parent / "weights").iterdir()) == []
+
+
+def test_parts_of_a_gguf_are_told_to_be_joined(manifest, gguf, tmp_path):
+    import gguf as format
+
+    part = tmp_path / "m-00001-of-00002.gguf"
+    writer = format.GGUFWriter(part, "llama")
+    for key in ("context_length", "embedding_length", "block_count", "attention.head_count"):
+        writer.add_uint32(f"llama.{key}", 4)
+    writer.add_uint16("split.count", 2)
+    writer.add_tensor("token_embd.weight", np.zeros((4, 4), np.float32))
+    writer.write_header_to_file()
+    writer.write_kv_data_to_file()
+    writer.write_tensors_to_file()
+    writer.close()
+    shutil.copy(gguf, tmp_path / "m-00002-of-00002.gguf")
+    for path in (part, tmp_path):
+        with pytest.raises(ModelError, match="llama-gguf-split --merge"):
+            add_model(path)
+    with pytest.raises(ModelError, match="one part of 2"):
+        LlamaModel(part)
+
+
+def test_names_do_not_collide_and_do_not_leave_the_folder(manifest, gguf):
+    add_model(gguf)
+    with pytest.raises(ModelError, match="was added before"):
+        add_model(gguf)
+    with pytest.raises(ModelError, match="SHA-256"):  # it is another file than ours.gguf
+        add_model(gguf, AddOptions(name="ours"))
+    for name in ("../up", ".hidden", "a/b", "a\nb"):
+        with pytest.raises(ModelError, match="is not a name"):
+            add_model(gguf, AddOptions(name=name))
+    (manifest.parent / "weights/second").mkdir()
+    with pytest.raises(FileError, match="something already"):
+        add_model(gguf, AddOptions(name="second"))
+
+
+def test_folder_of_unknown_purpose_asks_for_a_role(manifest, clip, tmp_path):
+    shutil.copytree(clip, tmp_path / "odd")
+    (tmp_path / "odd/config.json").write_text('{"model_type": "strange"}')
+    with pytest.raises(ModelError, match="give --role"):
+        add_model(tmp_path / "odd")
+    entry = add_model(tmp_path / "odd", AddOptions(role="vlm")).entry
+    assert entry.role == "vlm"
+
+
+def test_full_disk_is_told_before_anything_is_copied(manifest, gguf, monkeypatch):
+    usage = shutil.disk_usage(manifest.parent)._replace(free=1000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
+    with pytest.raises(FileError, match="0 are free"):
+        add_model(gguf)
+    assert list((manifest.parent / "weights").iterdir()) == []
+
+
+def test_list_that_cannot_be_written_leaves_no_copy(manifest, gguf, monkeypatch):
+    def full(path, data):
+        raise FileError(path, "cannot write: No space left on device")
+
+    monkeypatch.setattr(added_models, "write_atomic", full)
+    with pytest.raises(FileError, match="No space left"):
+        add_model(gguf)
+    assert list((manifest.parent / "weights").iterdir()) == []
+    assert read_local().models == ()
+
+
+def test_remove_touches_only_what_was_added(manifest, gguf):
+    add_model(gguf)
+    with pytest.raises(ModelError, match=r"'ours' was not added, so it stays\. Added: tiny-Q8"):
+        remove_model("ours")
+    remove_model("tiny-Q8")
+    assert not (manifest.parent / "weights/tiny-Q8").exists()
+    assert not (manifest.parent / "local.toml").exists()
+    assert (manifest.parent / "ours.gguf").read_bytes() == b"abc"
+    with pytest.raises(ModelError, match="Added: nothing"):
+        remove_model("tiny-Q8")
+
+
+def test_manifest_that_came_to_know_another_hash_wins(manifest, clip):
+    known(manifest, clip, leave_open=("config.json",))
+    add_model(clip)
+    known(manifest, clip, wrong="config.json")
+    with pytest.raises(
+        FileError, match=r"local\.toml: model 'clip' has no file of SHA-256"
+    ) as caught:
+        read_manifest()
+    assert "karma models remove clip" in str(caught.value)
+    remove_model("clip")
+    assert find_model("clip")
+
+
+# ------------------------------------------------------------------------------ the command
+
+
+def karma(*arguments, code=0):
+    found = CliRunner().invoke(app, list(map(str, arguments)))
+    assert found.exit_code == code, found.output
+    return found.output
+
+
+def test_commands_bring_in_show_verify_and_take_out(manifest, clip, monkeypatch, tmp_path):
+    known(manifest, clip, leave_open=("config.json",))
+    assert "clip: hash not known: fill with karma models add PATH" in karma("models", "list")
+    assert "– clip: not present" in karma("models", "verify")
+    assert "https://example.org/clip at revision abc" in karma("models", "verify", "clip", code=1)
+    said = karma("models", "add", clip)
+    assert "added clip (image-embedder" in said
+    assert "as the manifest wants it" in said
+    assert "✓ clip: 5 files as they must be" in karma("models", "verify", "clip")
+    assert "hash not known" not in karma("models", "show", "clip", "--json", tmp_path / "x.json")
+    assert "removed clip" in karma("models", "remove", "clip")
+    assert "hash not known" in karma("models", "show", "clip")
+
+
+def test_commands_refuse_with_one_message(manifest, monkeypatch, tmp_path):
+    (tmp_path / "m.bin").write_bytes(b"x")
+    for arguments, reason in [
+        (("add", tmp_path / "m.bin"), "m.bin: not opened, it may hold code"),
+        (("add", "org/model"), "names of a hub are never looked up"),
+        (("add", tmp_path, "--role", "poet"), "no role 'poet'"),
+        (("remove", "ours"), "was not added"), (("show", "our"), "Did you mean 'ours'?"),
+        (("verify", "our"), "Did you mean 'ours'?"),
+    ]:  # fmt: skip
+        assert reason in " ".join(karma("models", *arguments, code=1).split())
+
+
+def test_verify_goes_on_after_a_wrong_file(manifest, gguf, monkeypatch):
+    add_model(gguf)
+    (manifest.parent / "ours.gguf").write_bytes(b"abd")
+    said = karma("models", "verify", code=1)
+    assert "✗ ours" in said and "ours.gguf: its SHA-256 is" in said
+    assert "karma models verify" in said
+    assert "✓ tiny-Q8" in said
+
+
+# ------------------------------------------------------------------------------ tried before
+
+
+def test_add_tries_a_planner_and_says_how_fast_it_is(manifest, gguf, monkeypatch):
+    said = karma("models", "add", gguf, "--name", "mine", "--profile", "compact")
+    assert "tried as planner on " in said and "decode tokens/s" in said
+    assert said.index("tried as planner") < said.index("added mine")
+
+
+def test_what_does_not_run_in_its_role_is_not_added(manifest, clip, monkeypatch, tmp_path):
+    said = karma("models", "add", clip, "--name", "eyes", "--role", "vlm", code=1)
+    assert "not added, since it was tried" in said
+    assert "added eyes" not in said and "Traceback" not in said
+    assert not read_local().models
+    assert not (manifest.parent / "weights" / "eyes").exists()
+    said = karma("models", "add", clip, "--name", "eyes", "--role", "vlm", "--untried")
+    assert "added eyes" in said and "tried as" not in said
+
+
+def test_model_is_found_by_its_name_alone_in_the_role_that_it_has(manifest, clip, monkeypatch):
+    karma("models", "add", clip, "--name", "mysmol", "--role", "vlm", "--untried")
+    karma("models", "add", clip, "--name", "myclip")
+    assert Models(vision="mysmol").vision == "transformers:mysmol"
+    assert Row(name="x", vision="mysmol").vision == "transformers:mysmol"
+    assert Models(embedder="myclip").embedder == "clip:myclip"
+    assert Models(embedder="clip").embedder == "clip"  # what is registered goes first
+    with pytest.raises(ModelError, match="vision: model 'myclip' is not for role vlm"):
+        check_models({"vision": Models(vision="myclip").vision})
+    with pytest.raises(UnknownNameError, match="Did you mean 'mysmol'"):
+        check_models({"vision": "mysmoll"})

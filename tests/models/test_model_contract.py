@@ -1,0 +1,476 @@
+"""Language models: llama.cpp over random weights made here, and the scripted one."""
+
+import hashlib
+import inspect
+from functools import partial
+
+import numpy as np
+import pytest
+from support import tiny
+from support.llama_export import export_llama, random_llama
+from support.sights import seen
+from support.tiny_models import save_clip, save_sentence
+
+from karma.contracts import (
+    Embedder,
+    ImageEmbedder,
+    LanguageModel,
+    ProgramSpec,
+    Prompt,
+    ScoringModel,
+    Skill,
+    VisionModel,
+)
+from karma.errors import ModelError
+from karma.models.automaton import ProgramAutomaton
+from karma.models.checks import memory
+from karma.models.checks.gguf import check_gguf
+from karma.models.llama import gguf_model
+from karma.models.llama.gguf_files import new_tokenizer
+from karma.models.llama.model import LlamaModel
+from karma.models.scripted import MetadataVision, ScriptedModel
+from karma.registry import load, names
+from karma.testing import make_llama
+
+CORPUS = ["PutObject(robot, 'Apple', 'Fridge')\nThe apple is in the fridge; put it on the table.\n"]
+CHAT = (
+    "{% for m in messages %}<|{{ m.role }}|>{{ m.content }}<|eos|>\n{% endfor %}<|assistant|>"
+)  # fmt: skip
+SKILLS = (
+    Skill(name="GoToObject", arguments=("object",)),
+    Skill(name="PutObject", arguments=("object", "object"), optional=1),
+    Skill(name="Explore", arguments=("object", "positions"), optional=1),
+)
+SPEC = ProgramSpec(
+    skills=SKILLS, objects=("Apple", "Fridge", "Apple|-00.47|+01.15|+00.48"),
+    positions=("node_1", "node_2"), max_calls=3,
+)  # fmt: skip
+SCENE = Prompt(
+    stable="You are a robot.\nThe fridge is in the kitchen.\n" * 3, changing="Task: go.\n"
+)
+OTHER = Prompt(stable="Another scene, with a table.\n" * 5, changing="Task: put.\n")
+
+
+def tiny_llama():
+    return random_llama(420, seed=3, max_position_embeddings=512)
+
+
+def export(path, *, model=None, **more):
+    tokenizer = new_tokenizer(CORPUS, 420, ["<|bos|>", "<|eos|>"])
+    return export_llama(model or tiny_llama(), tokenizer, path, bos="<|bos|>", **more)
+
+
+@pytest.fixture(scope="module", params=["F16", "Q8_0"])
+def gguf(request, tmp_path_factory):
+    return export(tmp_path_factory.mktemp("m") / "tiny.gguf", dtype=request.param, template=CHAT)
+
+
+@pytest.fixture(scope="module")
+def model(gguf):
+    return opened(gguf, threads=1)
+
+
+opened = partial(tiny.opened, chat=False)
+
+
+def answer(model, prompt, **options):
+    return tiny.answer(model, prompt, **options)[1]
+
+
+@pytest.mark.parametrize("temperature", [0.0, 0.8])
+def test_warm_answer_equals_cold_to_the_bit(gguf, temperature):
+    options = {"temperature": temperature, "seed": 5}
+    cold = answer(opened(gguf, threads=1), SCENE, **options)
+    model = opened(gguf, threads=2)
+    assert answer(model, SCENE, **options) == cold
+    assert answer(model, Prompt(stable=SCENE.stable, changing="What else?\n")) != cold
+    assert answer(model, SCENE, **options) == cold
+    answer(model, OTHER)
+    assert answer(model, SCENE, **options) == cold
+
+
+def test_answer_in_a_new_process_is_the_same(gguf, model):
+    assert tiny.answer_elsewhere(gguf, SCENE)[1] == answer(model, SCENE)
+
+
+def test_completion_counts_what_it_reused_and_cost(gguf):
+    model = opened(gguf, threads=1)
+    first = model.complete(SCENE, max_tokens=5)
+    again = model.complete(SCENE, max_tokens=5)
+    other = model.complete(OTHER, max_tokens=5)
+    assert first.reused_tokens == 0 == other.reused_tokens
+    assert 0 < again.reused_tokens < again.prompt_tokens == first.prompt_tokens
+    assert first.completion_tokens == 5
+    assert first.finish == "length"
+    assert 0 < first.first_token_s <= first.total_s
+
+
+def test_logits_equal_transformers_on_the_joined_prompt(tmp_path):
+    import torch
+
+    path = export(tmp_path / "f32.gguf", dtype="F32")
+    tokenizer = new_tokenizer(CORPUS, 420, ["<|bos|>", "<|eos|>"])
+    tokens = tokenizer.encode(SCENE.stable).ids + tokenizer.encode(SCENE.changing).ids
+    with torch.no_grad():
+        expected = tiny_llama()(torch.tensor([tokens])).logits[0, -1].numpy()
+    model = opened(path, kv="f32")
+    for _ in range(2):
+        model.complete(SCENE, max_tokens=1)
+        assert np.abs(model.gguf.logits() - expected).max() < 1e-3
+
+
+@pytest.mark.parametrize("temperature", [0.0, 1.5])
+@pytest.mark.parametrize("max_tokens", [3, 40, 400])
+def test_constrained_answers_are_programs_however_long(model, temperature, max_tokens):
+    automaton = ProgramAutomaton(SPEC)
+    for seed in range(4):
+        found = model.complete(
+            SCENE, spec=SPEC, max_tokens=max_tokens, temperature=temperature, seed=seed
+        )
+        state = automaton.advance(automaton.start(), found.text)
+        assert state is not None
+        assert (found.finish == "stop") is (found.fault == "")
+        if found.finish == "stop":
+            assert automaton.accepts(state)
+            assert found.text.rstrip("\n").endswith(")")
+
+
+def test_seed_decides_sampled_answers(model):
+    def texts():
+        return [
+            model.complete(SCENE, max_tokens=12, temperature=1.0, seed=s).text for s in range(3)
+        ]
+
+    assert texts() == texts()
+    assert len(set(texts())) == 3
+
+
+def test_prompt_longer_than_context_names_both_numbers(gguf):
+    model = opened(gguf, n_ctx=64)
+    with pytest.raises(ModelError, match=r"the prompt has \d+ tokens .* context of 64"):
+        model.complete(SCENE)
+    assert model.complete(Prompt(stable="", changing="Go")).text  # and it works on
+    with pytest.raises(ModelError, match="empty"):
+        model.complete(Prompt(stable="", changing=""))
+
+
+def test_answer_ends_where_the_context_does(gguf):
+    model = opened(gguf, n_ctx=4096)
+    assert model.gguf.n_ctx == model.gguf.limit == 512  # what it was trained for
+    found = model.complete(Prompt(stable="", changing="Go"), max_tokens=9999)
+    assert found.prompt_tokens + found.completion_tokens <= 512
+
+
+@pytest.mark.parametrize("changing", ["", "T"])
+def test_prompt_cut_before_its_last_token_is_answered_alike_warm_and_cold(gguf, changing):
+    """One token alone is multiplied by another routine than many: here the cut shows in F16."""
+    model = opened(gguf, threads=1)
+    for more in range(8):  # at some lengths only
+        prompt = Prompt(stable=SCENE.stable * 2 + "!\n" * more, changing=changing)
+        cold, warm = (
+            model.complete(prompt, max_tokens=1) and model.gguf.logits().copy() for _ in range(2)
+        )
+        assert np.array_equal(cold, warm)
+
+
+def test_bos_is_put_in_once(tmp_path):
+    plain, begun = (opened(export(tmp_path / f"{bos}.gguf", add_bos=bos)) for bos in (False, True))
+    counts = [m.complete(SCENE, max_tokens=1).prompt_tokens for m in (plain, begun)]
+    assert counts[1] == counts[0] + 1
+
+
+def test_chat_template_is_applied_and_cut_at_the_same_place(gguf):
+    chat, plain = opened(gguf, chat=True), opened(gguf)
+    written = Prompt(
+        stable=f"<|system|>{SCENE.stable}", changing=f"{SCENE.changing}"
+    )  # the plain model takes no control tokens from text, so only the halves are compared
+    before, after = chat._template.halves(SCENE)
+    assert before == f"{written.stable}<|eos|>\n<|user|>"
+    assert after == f"{written.changing}<|eos|>\n<|assistant|>"
+    cold, warm = (chat.complete(SCENE, spec=SPEC, max_tokens=60) for _ in range(2))
+    assert cold.text == warm.text
+    assert warm.reused_tokens > 0
+    assert cold.prompt_tokens > plain.complete(SCENE, max_tokens=1).prompt_tokens
+
+
+def test_chat_without_system_role_puts_all_into_the_user_s_message(tmp_path):
+    template = (
+        "{% for m in messages %}{% if m.role == 'system' %}{{ raise_exception('no') }}{% endif %}"
+        "[{{ m.content }}]{% endfor %}"
+    )
+    model = opened(export(tmp_path / "x.gguf", template=template), chat=True)
+    assert model._template.halves(SCENE) == ("[" + SCENE.stable, SCENE.changing + "]")
+
+
+# -------------------------------------------------------------------- files that are not right
+
+
+def test_missing_file_is_named_with_hash_and_command(tmp_path):
+    for options in ({}, {"sha256": "ab" * 32}):
+        with pytest.raises(ModelError) as caught:
+            LlamaModel(tmp_path / "nope.gguf", **options)
+        for part in ("nope.gguf", "karma models verify", "make setup", *options.values()):
+            assert part in str(caught.value)
+
+
+def test_wrong_hash_is_refused_before_parsing(tmp_path):
+    path = tmp_path / "x.gguf"
+    path.write_bytes(b"not a model at all")
+    with pytest.raises(ModelError, match="SHA-256") as caught:
+        LlamaModel(path, sha256="0" * 64)
+    assert hashlib.sha256(path.read_bytes()).hexdigest() in str(caught.value)
+
+
+def test_cut_off_or_foreign_file_is_a_model_error(gguf, tmp_path):
+    data = gguf.read_bytes()
+    path = tmp_path / "bad.gguf"
+    cuts = [0, 3, 4, 20, 100, 1000, 9000, len(data) // 2, len(data) - 1]
+    for content in [data[:cut] for cut in cuts] + [b"PK\3\4" + data[4:], b"\0" * 5000]:
+        path.write_bytes(content)
+        with pytest.raises(ModelError, match=r"bad\.gguf"):
+            LlamaModel(path)
+
+
+def test_file_that_makes_llama_cpp_abort_is_a_model_error(gguf, tmp_path):
+    letter = b"\1" + bytes(7)  # a token of one byte
+    path = tmp_path / "bad.gguf"
+    path.write_bytes(gguf.read_bytes().replace(letter + b"(", letter + b")", 1))
+    assert check_gguf(path)  # the header looks right: one token is there twice
+    with pytest.raises(ModelError, match=r"bad\.gguf: llama\.cpp cannot run it \(code -6\)"):
+        LlamaModel(path)
+
+
+def test_header_with_flipped_bytes_is_refused_or_read_never_worse(gguf, tmp_path):
+    data, generator = gguf.read_bytes(), np.random.default_rng(0)
+    path = tmp_path / "bad.gguf"
+    for _ in range(300):
+        changed = bytearray(data)
+        for place in generator.integers(4, 2000, 3):
+            changed[place] = generator.integers(256)
+        path.write_bytes(changed)
+        try:
+            assert check_gguf(path)["general.architecture"]
+        except ModelError as error:
+            assert "bad.gguf" in str(error)
+
+
+def test_chat_without_template_is_a_model_error(tmp_path):
+    with pytest.raises(ModelError, match="no chat template"):
+        opened(export(tmp_path / "x.gguf"), chat=True)
+
+
+def test_answer_tells_the_threads_and_the_batch_that_made_it(gguf):
+    found = opened(gguf, threads=1, n_ctx=128).complete(OTHER, max_tokens=1)
+    assert (found.engine.threads, found.engine.batch) == (1, 128)
+    assert opened(gguf, threads=2).complete(OTHER, max_tokens=1).engine.batch == 512
+    assert ScriptedModel(["x"]).complete(OTHER).engine is None
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory):
+    """A planner that was trained for more tokens than it is opened with."""
+    return make_llama(
+        tmp_path_factory.mktemp("long") / "long.gguf", layers=2, width=64, heads=2, kv_heads=1,
+        feed_forward=128, vocabulary=600, context=5000,
+    )  # fmt: skip
+
+
+def test_context_grows_with_the_prompt_and_changes_no_bit(long):
+    grown, whole = opened(long, threads=1), opened(long, threads=1, n_ctx=4096)
+    prompts = [
+        Prompt(stable="#areas\nnode_1 Fridge Sink\n" * times, changing="#task go\n#program\n")
+        for times in (2, 40, 80, 3, 40)
+    ]
+    sizes = []
+    for prompt in prompts:
+        assert answer(grown, prompt)[1] == answer(whole, prompt)[1]
+        assert answer(grown, prompt) == answer(whole, prompt)
+        sizes.append(grown.gguf.engine.n_ctx)
+    assert sizes == sorted(sizes)
+    assert sizes[0] == 512 < sizes[1] < sizes[2] <= 4096
+    assert whole.gguf.engine.n_ctx == 4096
+
+
+def test_context_said_is_a_ceiling_and_one_not_said_what_it_was_trained_for(long):
+    prompt = Prompt(stable="#areas\nnode_1 Fridge Sink\n" * 30, changing="go")
+    small = opened(long, n_ctx=300)
+    with pytest.raises(ModelError, match=r"the prompt has \d+ tokens .* context of 300"):
+        small.complete(prompt)
+    with pytest.raises(
+        ModelError, match=r"301 tokens do not fit its context of 300, as n_ctx says"
+    ):
+        small.gguf.make_room(301)
+    with pytest.raises(ModelError, match=r"of 5000, as it was trained for"):
+        opened(long).gguf.make_room(5001)
+
+
+def test_context_that_would_not_fit_the_memory_is_refused_and_a_shorter_one_works(
+    long, tmp_path, monkeypatch
+):
+    model = opened(long)
+    model.complete(OTHER, max_tokens=2)
+    short = model.gguf.size.token_mb * 300 * 1000 * 1.2
+    (tmp_path / "meminfo").write_text(f"MemAvailable: {short:.0f} kB\n")
+    monkeypatch.setattr(memory, "MEMINFO", tmp_path / "meminfo")
+    with pytest.raises(ModelError, match=r"a context of 4000 tokens"):
+        model.gguf.make_room(4000)
+    model.gguf.make_room(800)  # not the 1024 that would be wanted
+    assert model.gguf.n_ctx == 800
+    assert model.complete(OTHER, max_tokens=2).text
+
+
+def test_file_too_big_for_the_free_memory_is_refused_before_it_is_opened(
+    gguf, tmp_path, monkeypatch
+):
+    (tmp_path / "meminfo").write_text("MemAvailable: 1000 kB\n")
+    monkeypatch.setattr(memory, "MEMINFO", tmp_path / "meminfo")
+    monkeypatch.setattr(gguf_model, "open_gguf", None)  # not reached
+    with pytest.raises(ModelError, match=r"tiny\.gguf: needs about .* 1 MB are free") as caught:
+        opened(gguf)
+    assert "a context of 512 tokens" in str(caught.value)
+    assert "karma models list" in str(caught.value)
+
+
+def test_second_cache_too_big_for_the_free_memory_is_refused(gguf, tmp_path, monkeypatch):
+    model = opened(gguf)
+    (tmp_path / "meminfo").write_text("MemAvailable: 100 kB\n")
+    monkeypatch.setattr(memory, "MEMINFO", tmp_path / "meminfo")
+    with pytest.raises(ModelError, match=r"tiny: needs about 1 MB .*a second cache, of 5000 tok"):
+        model.gguf.sequences(2, cells=5000)
+
+
+def test_keys_and_values_of_32_bits_are_counted_as_such(gguf, tmp_path, monkeypatch):
+    parts = {"context": 512, "batch": 512}
+    half, whole = (
+        memory.gguf_parts_mb(gguf, check_gguf(gguf), **parts, bytes_each=size) for size in (2, 4)
+    )
+    assert whole - half == pytest.approx(2 * 512 * 2 * (2 * 2 * 16) / 1e6)
+    monkeypatch.setattr(memory, "available_mb", lambda: (half + whole) / 2)
+    assert opened(gguf, kv="f16").name == "tiny"
+    with pytest.raises(ModelError, match="needs about"):
+        opened(gguf, kv="f32")
+
+
+def test_model_that_was_closed_fails_in_python_and_closing_again_does_nothing(gguf):
+    model = opened(gguf)
+    model.close()
+    model.close()
+    with pytest.raises(AttributeError):
+        model.complete(SCENE)
+
+
+@pytest.mark.parametrize("spec", [None, SPEC])
+@pytest.mark.parametrize("temperature", [0.0, 1.0])
+def test_damaged_weights_are_a_model_error_not_an_answer(tmp_path, spec, temperature):
+    weights = tiny_llama()
+    weights.model.norm.weight.data[:] = np.nan
+    export(tmp_path / "nan.gguf", model=weights)
+    with pytest.raises(ModelError, match="best score of a token is nan: damaged weights"):
+        opened(tmp_path / "nan.gguf").complete(SCENE, spec=spec, temperature=temperature)
+
+
+def test_machine_that_does_not_tell_its_memory_refuses_nothing(gguf, tmp_path, monkeypatch):
+    for name in ("MEMINFO", "CGROUP"):
+        monkeypatch.setattr(memory, name, tmp_path / "none")
+    assert memory.available_mb() is None
+    assert opened(gguf).name == "tiny"
+
+
+# ------------------------------------------------------------------------------ the other models
+
+
+@pytest.mark.parametrize(("role", "contract"), [
+    ("language_models", LanguageModel), ("vision_models", VisionModel), ("embedders", Embedder),
+    ("image_embedders", ImageEmbedder),
+])  # fmt: skip
+def test_every_registered_model_has_the_contract_s_methods(role, contract):
+    assert names(role)
+    for name in names(role):
+        found = load(role, name)
+        for method, told in inspect.getmembers(contract, inspect.isfunction):
+            if not method.startswith("_"):
+                ours = inspect.signature(getattr(found, method)).parameters
+                assert list(ours) == list(inspect.signature(told).parameters), (name, method)
+
+
+@pytest.mark.parametrize("name", names("language_models"))
+def test_every_language_model_but_a_hosted_one_chooses_as_the_contract_says(name):
+    ours = getattr(load("language_models", name), "choose", None)
+    assert (ours is None) == (name == "openai")
+    if ours is not None:
+        told = inspect.signature(ScoringModel.choose).parameters
+        assert list(inspect.signature(ours).parameters) == list(told)
+
+
+@pytest.mark.parametrize("name", names("vision_models"))
+def test_every_vision_model_says_whether_it_needs_pictures(name):
+    assert load("vision_models", name).needs_pictures is (name not in ("blind", "metadata"))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A function that makes a registered model over files of its own."""
+    root = tmp_path_factory.mktemp("models")
+
+    def folder(save):
+        place = root / save.__name__
+        return place / "out" if place.exists() and save is save_sentence else _saved(place, save)
+
+    def make(role, name):
+        if name == "openai":
+            pytest.skip("needs a server: tests/models/test_hosted.py")
+        arguments = {
+            "minilm": (), "sentence": (save_sentence,), "clip": (save_clip,),
+        }[name]  # to register is to be tested  # fmt: skip
+        return load(role, name)(*map(folder, arguments))
+
+    return make
+
+
+def _saved(place, save):
+    if place.exists():
+        return place
+    place.mkdir()
+    return save(place)
+
+
+@pytest.mark.parametrize("name", names("embedders"))
+def test_every_registered_embedder_gives_the_same_unit_rows_in_any_order(made, name):
+    model = made("embedders", name)
+    texts = ["red mug", "", "the apple is in the fridge", "red mug"]
+    rows = model.embed(texts)
+    assert rows.shape == (4, model.dimension)
+    assert rows.dtype == np.float32
+    assert np.allclose(np.linalg.norm(rows, axis=1), 1, atol=1e-5)
+    assert np.array_equal(rows[0], rows[3])
+    assert np.array_equal(made("embedders", name).embed(texts[::-1]), rows[::-1])
+    assert model.embed([]).shape == (0, model.dimension)
+    assert model.name
+
+
+@pytest.mark.parametrize("name", names("image_embedders"))
+def test_every_registered_image_embedder_gives_unit_rows_of_the_texts_space(made, name):
+    model = made("image_embedders", name)
+    frames = np.random.default_rng(1).integers(0, 256, (2, 30, 40, 3), dtype=np.uint8)
+    rows = model.embed_images(list(frames))
+    assert rows.shape == (2, model.dimension) == model.embed(["a", "b"]).shape
+    assert np.allclose(np.linalg.norm(rows, axis=1), 1, atol=1e-5)
+    assert np.array_equal(model.embed_images(list(frames[::-1])), rows[::-1])
+    assert model.embed_images([]).shape == (0, model.dimension)
+
+
+def test_scripted_model_says_its_script_and_then_fails():
+    model = ScriptedModel(["a b", "c"])
+    assert [model.complete(SCENE, spec=SPEC).text, model.complete(OTHER).text] == ["a b", "c"]
+    assert model.prompts == [SCENE, OTHER]
+    assert model.specs == [SPEC, None]
+    with pytest.raises(ModelError, match="run out: 2 answers"):
+        model.complete(SCENE)
+
+
+def test_metadata_vision_repeats_the_states_of_the_objects_given():
+    objects = [seen("a", states=("dirty", "off")), seen("b")]
+    assert MetadataVision().read_states(None, "clean it", objects) == {
+        "a": ("dirty", "off"),
+        "b": (),
+    }
