@@ -26,6 +26,15 @@ _CALLED: Mapping[str, Mapping[str, int]] = MappingProxyType(
     }
 )
 
+_EXTRAS: Mapping[tuple[str, str], str] = MappingProxyType(  # of implementations in our plug-ins
+    {
+        ("cassettes", "file"): "hosted",
+        ("embedders", "openai"): "hosted",
+        ("language_models", "openai"): "hosted",
+        ("vision_models", "openai"): "hosted",
+    }
+)
+
 
 def names(role: str) -> list[str]:
     """Return the registered names of a role ("policies", "worlds", ...), sorted."""
@@ -40,6 +49,11 @@ def load(role: str, name: str) -> Any:
             installed under it is no longer there.
     """
     found = {ep.name: ep for ep in _installed().select(group=f"karma.{role}")}
+    if name not in found and (extra := _EXTRAS.get((role, name))):
+        raise UnknownNameError(
+            f"{name!r} of {role} is in the plug-in {extra}, which is not installed\n"
+            f"  To fix: pip install 'karma-offline[{extra}]'"
+        )
     if name not in found:
         hint = did_you_mean(name, found)
         raise UnknownNameError(f"no {role} named {name!r}.{hint} Installed: {sorted(found)}")

@@ -115,9 +115,9 @@ class ChatCommand(Computed, Kept, RequestOptions):
     def agent(self, view: AnswerView, home: str) -> "Agent":
         """Return the agent of these options; `view` hears its answers."""
         from karma.agent.loading.models import Models, preset
-        from karma.models.hosted.session import Session
         from karma.models.llama.room_states import StateOptions
         from karma.models.manifest import default_planner
+        from karma.models.session import Session
         from karma.plugins.homes.home import SCENE
         from karma.plugins.rules.talk.agent import ANSWER_SECONDS, Agent
 
