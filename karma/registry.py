@@ -31,6 +31,7 @@ _EXTRAS: Mapping[tuple[str, str], str] = MappingProxyType(  # of implementations
         ("cassettes", "file"): "hosted",
         ("embedders", "openai"): "hosted",
         ("language_models", "openai"): "hosted",
+        ("planners", "openai"): "hosted",
         ("vision_models", "openai"): "hosted",
     }
 )
@@ -68,7 +69,7 @@ def load(role: str, name: str) -> Any:
     if missing := _missing(role, made):
         raise UnknownNameError(
             f"{_where(role, found[name])}: {missing}\n"
-            "  To fix: docs/plugins.md has one of each kind that works"
+            "  To fix: docs/plugins/README.md has one of each kind that works"
         )
     return made
 

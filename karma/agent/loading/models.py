@@ -314,7 +314,7 @@ def language_model(
         ModelError: it is missing, damaged or of the wrong kind, or a hosted one out of reach.
     """
     if models.hosted.planner is not None:
-        hosted = registry.load("language_models", OPENAI)(
+        hosted = registry.load("planners", OPENAI)(
             models.hosted.planner,
             session=session,
             constrained=models.constraint != "free",

@@ -1,7 +1,7 @@
 """Find out who answers at an endpoint, and say to each kind of server what it understands.
 
-Every server ignores some form of constraint without a word, so none is trusted: see `planner`. What
-was tried against the real server, and what is written down from its documents: docs/plugins/hosted.md.
+Every server ignores some form of constraint without a word, so none is trusted: see `planner`.
+docs/plugins/hosted.md says which dialects were tried against the real server.
 """
 
 from collections.abc import Callable, Mapping, Sequence
