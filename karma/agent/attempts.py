@@ -28,10 +28,9 @@ from karma.contracts import (
 from karma.household.deeds import deed_kind
 from karma.household.ids import type_of
 from karma.household.places import HAND
-from karma.household.uses import LAMPS
+from karma.household.uses import LAMPS, kind_of, switch_of
 from karma.memory.short_term import merged_states
-from karma.plugins.rules.reading import kind_of, left_undone, put_right
-from karma.plugins.rules.request_checker import switch_of
+from karma.plugins.rules.reading import left_undone, put_right
 
 
 @dataclass(slots=True)

@@ -24,9 +24,9 @@ from karma.household.ids import short_type
 from karma.household.pieces import base_type, piece_type
 from karma.household.places import SURFACES, landmark_types
 from karma.household.states import DONE_BY, END_STATES
+from karma.household.uses import kind_of, switch_of
 from karma.plugins.rules.language.request_words import deed_states
-from karma.plugins.rules.reading import kind_of
-from karma.plugins.rules.request_checker import Guard, meant_by, switch_of
+from karma.plugins.rules.request_checker import Guard, meant_by
 
 _STATES = {
     "Clean": ("cleaned", "", "it was washed or rinsed"),

@@ -14,12 +14,10 @@ from functools import cache
 from karma.agent.planning.program import CHANGES, DEEDS, DOOR_AFTER, PUTS, SWITCH_AFTER, WAYS
 from karma.contracts import SkillCall
 from karma.household.containment import fits_whole_or_cut
-from karma.household.ids import short_type, type_of
-from karma.household.pieces import base_type
 from karma.household.places import HAND
 from karma.household.saying import spoken
 from karma.household.types import WIDEST, object_types, types_with
-from karma.household.uses import BIN, BURNER, KNIVES, KNOB, STOVE, TAP_OF, TAPS, without_basin
+from karma.household.uses import BIN, KNIVES, TAP_OF, TAPS, kind_of
 from karma.language.hints import bare_words
 from karma.language.phrases import phrases_of
 from karma.plugins.rules.language.lexicon import Lexicon
@@ -69,16 +67,6 @@ def reading_of(calls: Iterable[SkillCall]) -> FirstReading:
         doors = {(one.skill, kind_of(one.objects[-1])) for one in calls if one.skill in DOOR_AFTER}
         alone = deeds or doors or _sought(calls)
     return FirstReading(moved=moved, deeds=frozenset(changed | alone))
-
-
-def kind_of(name: str) -> str:
-    """Return the type that a name speaks of: of wholes, sinks and stoves.
-
-    >>> kind_of("Apple_2"), kind_of("Sink|1|2|3|SinkBasin"), kind_of("StoveKnob")
-    ('Apple', 'Sink', 'StoveBurner')
-    """
-    kind = without_basin(base_type(short_type(type_of(name))))
-    return BURNER if kind in (KNOB, STOVE) else kind
 
 
 def _sought(calls: Iterable[SkillCall]) -> set[tuple[str, str]]:
