@@ -54,7 +54,7 @@ def load(role: str, name: str) -> Any:
     if missing := _missing(role, made):
         raise UnknownNameError(
             f"{_where(role, found[name])}: {missing}\n"
-            "  To fix: docs/plugins.md has one of each kind that works"
+            "  To fix: docs/plugins/README.md has one of each kind that works"
         )
     return made
 
