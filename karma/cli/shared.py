@@ -24,6 +24,8 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from karma import registry
+from karma.cli.commands import argument as argument
+from karma.cli.commands import option as option
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
 from karma.offline.guard import settle
@@ -223,19 +225,6 @@ class Command(Protocol):
 
     def do(self) -> None:
         """Carry the command out."""
-
-
-def option(usual: Any, text: str, *names: str, panel: str | None = None, **how: Any) -> Any:
-    """Return the default of a field that is an option; `usual` ...: it must be given.
-
-    `names` stand in place of the field's own, `how` is more of `typer.Option`.
-    """
-    return typer.Option(usual, *names, help=text, rich_help_panel=panel, **how)
-
-
-def argument(usual: Any, text: str, **how: Any) -> Any:
-    """Return the default of what stands without a name; as in `option`."""
-    return typer.Argument(usual, help=text, **how)
 
 
 def as_function(kind: type[Command]) -> Callable[..., None]:
