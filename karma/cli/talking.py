@@ -116,7 +116,6 @@ class ChatCommand(Computed, Kept, RequestOptions):
         """Return the agent of these options; `view` hears its answers."""
         from karma.agent.loading.models import Models, preset
         from karma.assistant.session_log import DEFAULT_SCENE
-        from karma.models.llama.room_states import StateOptions
         from karma.models.manifest import default_planner
         from karma.models.session import Session
         from karma.plugins.rules.talk.agent import ANSWER_SECONDS, Agent
@@ -162,7 +161,6 @@ class ChatCommand(Computed, Kept, RequestOptions):
                 maps=self.maps,
                 seed=self.seed,
                 session=session,
-                states=StateOptions(folder=self.states),
                 listen=view.hear,
                 answer_seconds=ANSWER_SECONDS if seconds is None else seconds or None,
                 home=home or None,
