@@ -43,13 +43,13 @@ from karma.contracts import (
 from karma.household.ids import type_of
 from karma.household.pieces import goes_by
 from karma.household.places import HAND
+from karma.household.uses import kind_of
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory
 from karma.plugins.rules.language.clauses import plainly
 from karma.plugins.rules.language.request import RequestReader, asked_last
 from karma.plugins.rules.object_finder import Came
-from karma.plugins.rules.reading import kind_of
 from karma.plugins.rules.request_executor import GuardedErrand, joined, reader_of
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
+from karma.household.ids import short_type, type_of
 from karma.household.pieces import EGG, base_type
 from karma.household.types import object_types
 
@@ -93,3 +94,21 @@ COOKED = ("Potato", "PotatoSliced", EGG)  # in the microwave; an egg that is cra
 TOASTED = "Bread"
 COFFEE_CUP = "Mug"
 MOMENTARY = frozenset((*TAPS, MICROWAVE, TOASTER, COFFEE_MACHINE, BURNER, KNOB))
+
+
+# ----------------------------------------------------------------- whole object types
+
+
+def kind_of(name: str) -> str:
+    """Return the type that a name or id stands for: of wholes, sinks and burners.
+
+    >>> kind_of("Apple_2"), kind_of("Sink|1|2|3|SinkBasin"), kind_of("StoveKnob")
+    ('Apple', 'Sink', 'StoveBurner')
+    """
+    kind = without_basin(base_type(short_type(type_of(name))))
+    return BURNER if kind in (KNOB, STOVE) else kind
+
+
+def switch_of(kind: str) -> str:
+    """Return the type that is switched for a type: the tap of a sink."""
+    return TAPS[0] if kind in (SINK, "Bathtub", *TAPS) else kind

@@ -22,8 +22,8 @@ from karma.household.uses import (
     TAP_OF,
     TAPS,
     TOASTER,
+    kind_of,
 )
-from karma.plugins.rules.reading import kind_of
 
 
 @dataclass(slots=True)

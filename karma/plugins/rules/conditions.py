@@ -6,8 +6,8 @@ from functools import partial
 
 from karma.contracts import Condition, Mention, RefusedRequest, SeenObject, SkillCall
 from karma.household.types import object_types
+from karma.household.uses import kind_of
 from karma.plugins.rules.object_finder import PLACES, Doing, ThingFinder, is_several, is_so, refusal
-from karma.plugins.rules.reading import kind_of
 from karma.plugins.rules.request_checker import here_of
 
 

@@ -33,9 +33,8 @@ from karma.household.places import HAND
 from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import NOT_SO, SAID_AS
 from karma.household.types import object_types
-from karma.household.uses import BASINS, BURNER, KNOB, LAMPS, PARTS_OF_FURNITURE
+from karma.household.uses import BASINS, BURNER, KNOB, LAMPS, PARTS_OF_FURNITURE, kind_of
 from karma.plugins.rules.language.request_words import request_words
-from karma.plugins.rules.reading import kind_of
 from karma.plugins.rules.request_checker import meant_by, stated
 
 T = TypeVar("T")

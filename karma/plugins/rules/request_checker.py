@@ -22,14 +22,13 @@ from karma.household.uses import (
     COFFEE_MACHINE,
     COOKWARE,
     MICROWAVE,
-    SINK,
-    TAPS,
     TOASTED,
     TOASTER,
+    kind_of,
+    switch_of,
 )
 from karma.language.hints import singular
 from karma.plugins.rules.language.request_words import deed_states, request_words
-from karma.plugins.rules.reading import kind_of
 
 # ----------------------------------------------------------------- before any planner
 
@@ -470,11 +469,6 @@ def _done(
             return any(one == deed.deed and kind_of(thing[0]) in kinds for one, thing in found.ever)
         case _:
             return found.did(deed.deed, kinds)
-
-
-def switch_of(kind: str) -> str:
-    """Return what is switched for a kind: the tap of a sink."""
-    return TAPS[0] if kind in (SINK, "Bathtub", *TAPS) else kind
 
 
 def _momentary(kind: str) -> bool:

@@ -29,7 +29,7 @@ from karma.household.places import HAND
 from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import ENDS, SAID_AS
 from karma.household.types import Capability, object_types, types_with
-from karma.household.uses import BURNER, LAMPS
+from karma.household.uses import BURNER, LAMPS, kind_of
 from karma.plugins.rules.conditions import ConditionCheck
 from karma.plugins.rules.language.clauses import context_left_out, said
 from karma.plugins.rules.language.lexicon import Lexicon
@@ -45,7 +45,6 @@ from karma.plugins.rules.object_finder import (
     refusal,
     states_told,
 )
-from karma.plugins.rules.reading import kind_of
 from karma.plugins.rules.request_checker import Guard, cannot_serve, here_of, meant_by
 
 _HEATED: tuple[Capability, ...] = ("cookable", "sliceable", "canFillWithLiquid")
