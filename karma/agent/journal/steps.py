@@ -18,11 +18,11 @@ from typing import Any, Self
 import msgspec
 
 from karma.agent.journal.owned_folder import STEPS
+from karma.agent.planning.refusal_text import sentence
 from karma.agent.seeing.perceive import refusal
 from karma.contracts import Event, MemoryUnit, Outcome, Plan, SkillResult, SubTask
 from karma.errors import FileError
 from karma.files import read_bytes, to_json, unpack
-from karma.plugins.rules.request_refusals import sentence
 
 _LONGEST_SLUG = 80  # characters
 
