@@ -25,8 +25,8 @@ from karma.cli.shared import (
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
+    from karma.assistant.agent import Agent
     from karma.contracts import Mention, Request, SaidDeed
-    from karma.plugins.rules.talk.agent import Agent
 
 
 _UNITS_S = {"m": 60.0, "h": 3600.0, "d": 86_400.0}
@@ -46,6 +46,7 @@ class RequestOptions:
     planner: str = option(
         "", "Name in the manifest, or a GGUF; default karma-mini, else karma-nano."
     )
+    assistant: str = option("", '"rules" or "direct"; default as the planner wants.')
     profile: str = option("", '"compact", "full", or "goals".')
     chat: bool | None = option(
         None, "Through the GGUF's chat template; default: if any.", "--chat/--no-chat"
@@ -115,11 +116,11 @@ class ChatCommand(Computed, Kept, RequestOptions):
     def agent(self, view: AnswerView, home: str) -> "Agent":
         """Return the agent of these options; `view` hears its answers."""
         from karma.agent.loading.models import Models, preset
+        from karma.assistant.agent import ANSWER_SECONDS, Agent
         from karma.assistant.session_log import DEFAULT_SCENE
         from karma.models.hosted.session import Session
         from karma.models.llama.room_states import StateOptions
         from karma.models.manifest import default_planner
-        from karma.plugins.rules.talk.agent import ANSWER_SECONDS, Agent
 
         if self.fresh and self.home:
             raise typer.BadParameter("--fresh keeps nothing, --home keeps a home: one of them")
@@ -168,6 +169,7 @@ class ChatCommand(Computed, Kept, RequestOptions):
                 home=home or None,
                 later_s=_later_s(self.later, home, self.people),
                 people=self.people,
+                assistant=self.assistant,
             )
         if agent.manner:
             tell(f"planner: {planner}, {agent.manner}", style="dim")
