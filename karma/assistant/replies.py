@@ -14,7 +14,7 @@ from typing import Literal
 from karma.agent.body.afterwards import taken_back
 from karma.agent.journal.records import SubTaskRecord, Turn
 from karma.contracts import Check, Found, Plan, SkillResult
-from karma.models.hosted.endpoint import Spent
+from karma.models.session import Spent
 
 Status = Literal["done", "answered", "partly", "unfinished", "refused", "asked"]
 Mark = Literal["said", "meant", "sure", "asked", "did", "failed", "seen", "not seen"]

@@ -8,6 +8,7 @@ and what the request names and the program leaves alone is said, too.
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
+from karma.agent.planning.first_program import noun_phrases
 from karma.agent.planning.planner import grounded
 from karma.agent.planning.refusal_text import sentence
 from karma.assistant.program_words import in_words
@@ -21,7 +22,6 @@ from karma.household.uses import KNOB, TAPS, without_basin
 from karma.language.hints import singular
 from karma.language.phrases import phrases_of
 from karma.plugins.rules.language.lexicon import ALIKE, Lexicon
-from karma.plugins.rules.reading import noun_phrases
 
 Where = Callable[[str], Known | None]  # of a type or id: where the agent believes it to be
 _QUESTIONS: Mapping[RefusalKind, str] = {
