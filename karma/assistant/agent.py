@@ -47,7 +47,6 @@ from karma.contracts import (
 from karma.errors import KarmaError
 from karma.files import read_bytes
 from karma.models.llama.model import LlamaModel
-from karma.models.llama.room_states import StateOptions
 from karma.models.manifest import default_planner, resolve_planner
 from karma.models.session import Session, Spent
 
@@ -87,7 +86,6 @@ class Agent:
         maps: folder of long-term memories.
         seed: of the planner's sampling.
         session: of hosted models.
-        states: where a local planner keeps what it computed of rooms.
         resources: models that are loaded already, in place of all by name.
         answer_seconds: an answer of the planner takes at most; one that is cut is asked for again,
             never carried out. None: no bound.
@@ -114,7 +112,6 @@ class Agent:
         maps: str | Path = MAPS,
         seed: int = 0,
         session: Session | None = None,
-        states: StateOptions | None = None,
         resources: Resources | None = None,
         answer_seconds: float | None = ANSWER_SECONDS,
         listen: Listener | None = None,
@@ -145,9 +142,8 @@ class Agent:
             check_options("karma", row.all_options)
             place = TalkFolder(None if folder is None else Path(folder), self.scene.name)
             loaded = resources or load_resources(
-                named or Models(), maps=maps, seed=seed, learn=True, session=self.session,
-                states=states,
-            )  # fmt: skip
+                named or Models(), maps=maps, seed=seed, learn=True, session=self.session
+            )
             self.session.ledger.take()  # what loading asked, as the canary, is no part of the bill
             decoding = replace(loaded.decoding, answer_seconds=answer_seconds)
             loaded = replace(loaded, decoding=decoding, listen=listen)

@@ -120,7 +120,6 @@ class ChatCommand(Computed, Kept, RequestOptions):
         from karma.agent.loading.models import Models, preset
         from karma.assistant.agent import ANSWER_SECONDS, Agent
         from karma.assistant.session_log import DEFAULT_SCENE
-        from karma.models.llama.room_states import StateOptions
         from karma.models.manifest import default_planner
         from karma.models.session import Session
 
@@ -165,7 +164,6 @@ class ChatCommand(Computed, Kept, RequestOptions):
                 maps=self.maps,
                 seed=self.seed,
                 session=session,
-                states=StateOptions(folder=self.states),
                 listen=view.hear,
                 answer_seconds=ANSWER_SECONDS if seconds is None else seconds or None,
                 home=home or None,
