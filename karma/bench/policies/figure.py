@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Self
 import msgspec
 from msgspec import Meta
 
-from karma import __version__
+from karma import __version__, registry
 from karma.agent.journal.header import ALWAYS, RESULTS
 from karma.agent.journal.owned_folder import HEADER, OwnedFolder, changed, check_sealed
 from karma.agent.journal.records import NotRun, PlayedTiming
@@ -40,7 +40,6 @@ from karma.bench.policies.tasks import (
     Pool,
     UnitSet,
     Workload,
-    alfred_pool,
     costs_of,
     draw_errands,
     grammar_pool,
@@ -288,7 +287,8 @@ def _pool(figure: TraceFigure, path: Path) -> Pool:
     files = [beside(path.parent, name) for name in figure.tasks]
     missing = [file for file in files if not file.exists()]
     if files and not missing:
-        return alfred_pool(files)
+        pool: Pool = registry.load("task_pools", "alfred")(files)
+        return pool
     if missing and figure.otherwise != "grammar":
         fix = 'put it there, or write otherwise = "grammar"'
         raise FileError(missing[0], f"no such file, which {path} draws from", fix=fix)
