@@ -25,6 +25,7 @@ from karma.bench.engine.experiment_file import beside
 from karma.bench.engine.run import Run
 from karma.bench.engine.suite import NO_MODELS, Chain, Do, Done
 from karma.bench.engine.workers import loaded, refuse_node
+from karma.bench.figures.drawing import png_of, svg_of
 from karma.bench.policies.paper_claims import FigureCell, PaperClaim, claims_of, claims_text
 from karma.bench.policies.simulate import BELADY
 from karma.bench.policies.sweep import (
@@ -245,13 +246,11 @@ def read_figure(folder: Path) -> Results:
 
 def drawn(results: Results) -> dict[str, bytes]:
     """Return the claims as Markdown, and the pictures as PNG and SVG, by their files' names."""
-    from karma.bench.policies import plot
-
     found: dict[str, bytes] = {}
     if results.claims:
         found[CLAIMS_FILE] = claims_text(results.claims, caption_of(results)).encode()
     for name, picture in pictures_of(results):
-        found |= {f"{name}.png": plot.png_of(picture), f"{name}.svg": plot.svg_of(picture)}
+        found |= {f"{name}.png": png_of(picture), f"{name}.svg": svg_of(picture)}
     return found
 
 
