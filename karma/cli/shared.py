@@ -24,14 +24,16 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from karma import registry
+from karma.cli.commands import argument as argument
+from karma.cli.commands import option as option
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
 from karma.offline.guard import settle
 
 if TYPE_CHECKING:
     from karma.bench.figures.tables import Sheet
-    from karma.models.hosted.cassette import Cassette
-    from karma.models.hosted.endpoint import Hosted
+    from karma.models.endpoint import Hosted
+    from karma.models.session import Cassette
 
 _HARMLESS = frozenset("\n\t\u200d")  # the last joins the parts of one sign
 _PLAIN = str.maketrans("→–—…✓·×", ">--.*.x")  # where the terminal has ASCII only
@@ -225,19 +227,6 @@ class Command(Protocol):
         """Carry the command out."""
 
 
-def option(usual: Any, text: str, *names: str, panel: str | None = None, **how: Any) -> Any:
-    """Return the default of a field that is an option; `usual` ...: it must be given.
-
-    `names` stand in place of the field's own, `how` is more of `typer.Option`.
-    """
-    return typer.Option(usual, *names, help=text, rich_help_panel=panel, **how)
-
-
-def argument(usual: Any, text: str, **how: Any) -> Any:
-    """Return the default of what stands without a name; as in `option`."""
-    return typer.Argument(usual, help=text, **how)
-
-
 def as_function(kind: type[Command]) -> Callable[..., None]:
     """Return a command as Typer takes it: a function with the parameters of the dataclass."""
 
@@ -257,12 +246,9 @@ class Computed:
     gpu_layers: str | None = _computed(
         'On a GPU: "auto", all that fit, or a number; 0: on the CPU.'
     )
-    n_ctx: int | None = _computed("Context of a GGUF in tokens, at most; else as its prompts need.")
-    flash_attention: str | None = _computed('"on", "off" or "auto": on a GPU.')
-    kv: str | None = _computed('Kept keys and values: "f16", "f32" or "q8_0".')
+    n_ctx: int | None = _computed("Context of a GGUF in tokens; else as its prompts need.")
     threads: int | None = _computed("Of a GGUF on the CPU; results do not depend on it.")
     device: str | None = _computed('Of torch models: "auto", "cpu", "cuda", "cuda:1", "mps".')
-    dtype: str | None = _computed('Of torch models: "auto", "float32", "bfloat16", "float16".')
 
     @property
     def computed(self) -> dict[str, Any]:
@@ -276,30 +262,25 @@ class Computed:
 
 @dataclass(frozen=True, kw_only=True)
 class Kept:
-    """Where what models said and computed is kept."""
+    """Where the exchanges with hosted models are kept."""
 
     cassette: Path | None = option(None, "Folder that hosted models are recorded in.")
     cassette_mode: str = option(
         "", '"record", "replay" (asks nobody) or "off"; default: replay a cassette.'
     )
-    states: Path | None = option(None, "Folder to keep what a local planner computed of rooms.")
     base_url: str = option("", "Of hosted models, e.g. http://127.0.0.1:8000/v1.")
 
     @property
     def tape(self) -> "Cassette":
         """The cassette that is asked for; a folder alone is replayed."""
-        from karma.models.hosted.cassette import MODES, Cassette
+        from karma.models.session import cassette_of
 
-        wanted = self.cassette_mode or ("replay" if self.cassette is not None else "off")
-        for known in MODES:
-            if known == wanted:
-                return Cassette(self.cassette, known)
-        raise KarmaError(f"no cassette mode {self.cassette_mode!r}; there are {', '.join(MODES)}")
+        return cassette_of(self.cassette, self.cassette_mode)
 
     def hosted(self, planner: str, model: str, **settings: str) -> "Hosted":
         """Return where the planner is, if it is a hosted one."""
         from karma.agent.loading.models import OPENAI
-        from karma.models.hosted.endpoint import Hosted
+        from karma.models.endpoint import Hosted
 
         if planner != OPENAI and not (self.base_url or model):
             return Hosted()

@@ -94,7 +94,7 @@ def test_word_that_looks_like_a_number_stays_a_word_where_words_are_meant(path):
         ("models.constraint=1", r"models\.constraint = 1: Expected `str`"),
         ("models.planner", "it is KEY=VALUE"),
         ("=x", "it is KEY=VALUE"),
-        ("models.max_tokens=0", "max_tokens and thinking_tokens are 1 or more"),
+        ("models.max_tokens=0", "max_tokens is 1 or more"),
         ("limit=0", "limit = 0: 1 or more"),
         ("rows=[]", "rows: there is none"),
         ("rows.expert=1", "no such row"),

@@ -34,13 +34,11 @@ from karma.contracts import (
     World,
 )
 from karma.errors import KarmaError, ModelError, RequestRefused, did_you_mean
-from karma.models.hosted.endpoint import Endpoint, Hosted
-from karma.models.hosted.planner import open_planner
-from karma.models.hosted.session import Session
-from karma.models.llama.opening import KvType, LlamaOptions, Switch
-from karma.models.llama.room_states import StateOptions
+from karma.models.endpoint import Endpoint, Hosted
+from karma.models.llama.opening import LlamaOptions
 from karma.models.manifest import default_planner, resolve_planner
-from karma.models.torch_load import DType, TorchOptions
+from karma.models.session import Session
+from karma.models.torch_load import TorchOptions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,7 +119,6 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     words: str = ""  # a words file, for hints; "": as the manifest says, "none": no hints
     refusing: bool | None = None  # requests may be refused; None: by who has learnt it (manifest)
     thinking: Thinking = "off"  # whether a model that can think first may
-    thinking_tokens: int = 1024  # of a thought at most
     embedder: str = "minilm"  # or "sentence:MODEL", "clip:MODEL", of the manifest or a folder
     recall: str = PRESETS[""].recall
     recall_text: str = PRESETS[""].recall_text  # how a unit is put in words for recall
@@ -135,11 +132,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     threads: int = 1
     gpu_layers: int | Literal["auto"] = "auto"  # this and the next: see `LlamaOptions`
     n_ctx: int | None = None
-    beyond_training: bool = False
-    flash_attention: Switch = "auto"
-    kv: KvType = "f16"
     device: str = "auto"  # of torch models, see `TorchOptions`
-    dtype: DType = "auto"
     hosted: Hosted = Hosted()  # where the roles are that have "openai"
 
     def __post_init__(self) -> None:
@@ -155,8 +148,8 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             hosted = getattr(self, role).partition(":")[0] == OPENAI
             if hosted != (getattr(self.hosted, role) is not None):
                 raise ValueError(f"{role} = {OPENAI!r} and [models.hosted.{role}] go together")
-        if self.thinking_tokens < 1 or self.max_tokens < 1:
-            raise ValueError("max_tokens and thinking_tokens are 1 or more")
+        if self.max_tokens < 1:
+            raise ValueError("max_tokens is 1 or more")
         if not 0 <= self.temperature <= _HOTTEST:
             raise ValueError(f"temperature = {self.temperature:g}: 0 to {_HOTTEST:g}")
         try:
@@ -179,7 +172,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     @property
     def torch(self) -> TorchOptions:
         """How a model of transformers or sentence-transformers is opened."""
-        return TorchOptions(device=self.device, dtype=self.dtype)
+        return TorchOptions(device=self.device)
 
 
 def load_resources(
@@ -189,9 +182,8 @@ def load_resources(
     seed: int,
     learn: bool = False,
     session: Session | None = None,
-    states: StateOptions | None = None,
 ) -> Resources:
-    """Load the models of a run, each once; `states`: where a local planner keeps those of rooms.
+    """Load the models of a run, each once.
 
     Raises:
         ModelError: a model is missing, damaged or of the wrong kind, or a hosted one out of reach.
@@ -199,7 +191,7 @@ def load_resources(
     """
     check_models({key: getattr(models, key) for key in MODELS})
     session = session or Session()
-    model, profile = language_model(models, session, states, seed)
+    model, profile = language_model(models, session, seed)
     check_asked(model, profile)
     is_hosted = models.hosted.planner is not None
     asked = models.refusing
@@ -306,21 +298,18 @@ def check_asked(model: LanguageModel, profile: str) -> None:
         ) from error
 
 
-def language_model(
-    models: Models, session: Session, states: StateOptions | None, seed: int
-) -> tuple[LanguageModel, str]:
+def language_model(models: Models, session: Session, seed: int) -> tuple[LanguageModel, str]:
     """Return the planner's model and its prompt profile.
 
     Raises:
         ModelError: it is missing, damaged or of the wrong kind, or a hosted one out of reach.
     """
     if models.hosted.planner is not None:
-        hosted = open_planner(
+        hosted = registry.load("planners", OPENAI)(
             models.hosted.planner,
             session=session,
             constrained=models.constraint != "free",
             thinking=models.thinking,
-            thinking_tokens=models.thinking_tokens,
             seed=seed,
         )
         return hosted, models.profile or "full"
@@ -332,9 +321,7 @@ def language_model(
         sha256=file.sha256,
         restore=file.fix,
         chat=file.chat if models.chat is None else models.chat,
-        states=states,
         thinking=models.thinking,
-        thinking_tokens=models.thinking_tokens,
     )
     return local, models.profile or file.prompt_profile
 

@@ -35,9 +35,8 @@ from karma.bench.engine.workers import NodeFolder, loaded
 from karma.bench.figures.columns import added_up
 from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
 from karma.errors import FileError, KarmaError
-from karma.models.hosted.session import Session
-from karma.models.llama.room_states import StateOptions
 from karma.models.manifest import resolve_planner
+from karma.models.session import Session
 from karma.offline.guard import settle
 from karma.world.home import Home
 
@@ -54,7 +53,6 @@ class OurTasks:
     scenes: Mapping[str, bytes]  # that the tasks bring along, by name
     folder: Path  # of the run, on the machine that does the episodes, for maps and pictures
     steps: bool
-    states: StateOptions
 
     @property
     def rows(self) -> tuple[Row, ...]:
@@ -133,7 +131,6 @@ def our_tasks(
     *,
     folder: Path,
     steps: bool | None,
-    states: Path | None,
     half_width: float | None,
     max_seeds: int | None,
 ) -> OurTasks:
@@ -153,7 +150,6 @@ def our_tasks(
             f"task {alike[0]} is a sequence, which has one seed: no half-width is reached by more\n"
             "  To fix: leave out the half-width, or put more sequences into the task file"
         )
-    kept = experiment.run.room_states
     return OurTasks(
         experiment=experiment,
         models=models,
@@ -161,7 +157,6 @@ def our_tasks(
         scenes=found.scenes,
         folder=folder,
         steps=experiment.run.steps if steps is None else steps,
-        states=replace(kept, folder=states or kept.folder),
     )
 
 
@@ -199,7 +194,6 @@ class Performer:
             maps=self._maps,
             seed=suite.experiment.seeds[0],  # of the planner's decoding
             session=session,
-            states=suite.states,
         )
         world = suite.experiment.world
         self._make = world_maker(world, [row.all_options for row in suite.rows])

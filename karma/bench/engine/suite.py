@@ -18,7 +18,7 @@ from karma.bench.engine.experiment_file import DataFolders
 from karma.bench.figures.drawing import Picture
 from karma.bench.figures.tables import Sheet
 from karma.contracts import LanguageModel
-from karma.models.hosted.session import Session
+from karma.models.session import Session
 
 
 class ExperimentFile(Protocol):
@@ -152,8 +152,6 @@ def planner_of(models: Models, session: Session, seed: int) -> LanguageModel:
     Raises:
         ModelError: see `language_model`.
     """
-    model, _ = language_model(
-        msgspec.structs.replace(models, constraint="free"), session, None, seed
-    )
+    model, _ = language_model(msgspec.structs.replace(models, constraint="free"), session, seed)
     check_asked(model, "compact")  # benchmarks' prompts are longer
     return model

@@ -10,7 +10,7 @@ from karma.bench.engine.suite import BenchmarkResults, Chain, Play
 from karma.bench.figures.drawing import Picture
 from karma.contracts import Embedder
 from karma.errors import KarmaError
-from karma.models.hosted.session import Session
+from karma.models.session import Session
 from karma.plugins.homes.habits import TABLE
 from karma.plugins.homes.lived.experiment import LivedExperiment
 from karma.plugins.homes.lived.pictures import curves_picture, lived_pictures
