@@ -40,6 +40,7 @@ _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
         },
         "assistants": {"rules": ("rules",)},
         "parsers": {"rules": ("spacy",)},
+        "task_sources": {"alfred": ("alfred", "authors")},
     }
 )
 
