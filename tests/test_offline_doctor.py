@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from karma.cli import app
 from karma.offline import guard as offline
-from karma.plugins.airgap.conditions import examine
+from karma.cli.conditions import examine
 
 SET = {**offline.SWITCHES, **offline.DEFAULTS, offline.OFFLINE: "1"}
 
