@@ -39,8 +39,13 @@ _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
             "training": ("models tune", "vlm"),
         },
         "assistants": {"rules": ("rules",)},
+        "cassettes": {"hosted": ("file",)},
+        "embedders": {"hosted": ("openai",)},
+        "language_models": {"hosted": ("openai",)},
         "parsers": {"rules": ("spacy",)},
         "task_sources": {"alfred": ("alfred", "authors")},
+        "planners": {"hosted": ("openai",)},
+        "vision_models": {"hosted": ("openai",)},
     }
 )
 

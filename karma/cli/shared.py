@@ -32,8 +32,8 @@ from karma.offline.guard import settle
 
 if TYPE_CHECKING:
     from karma.bench.figures.tables import Sheet
-    from karma.models.hosted.cassette import Cassette
-    from karma.models.hosted.endpoint import Hosted
+    from karma.models.endpoint import Hosted
+    from karma.models.session import Cassette
 
 _HARMLESS = frozenset("\n\t\u200d")  # the last joins the parts of one sign
 _PLAIN = str.maketrans("→–—…✓·×", ">--.*.x")  # where the terminal has ASCII only
@@ -277,18 +277,14 @@ class Kept:
     @property
     def tape(self) -> "Cassette":
         """The cassette that is asked for; a folder alone is replayed."""
-        from karma.models.hosted.cassette import MODES, Cassette
+        from karma.models.session import cassette_of
 
-        wanted = self.cassette_mode or ("replay" if self.cassette is not None else "off")
-        for known in MODES:
-            if known == wanted:
-                return Cassette(self.cassette, known)
-        raise KarmaError(f"no cassette mode {self.cassette_mode!r}; there are {', '.join(MODES)}")
+        return cassette_of(self.cassette, self.cassette_mode)
 
     def hosted(self, planner: str, model: str, **settings: str) -> "Hosted":
         """Return where the planner is, if it is a hosted one."""
         from karma.agent.loading.models import OPENAI
-        from karma.models.hosted.endpoint import Hosted
+        from karma.models.endpoint import Hosted
 
         if planner != OPENAI and not (self.base_url or model):
             return Hosted()

@@ -116,9 +116,9 @@ class ChatCommand(Computed, Kept, RequestOptions):
         """Return the agent of these options; `view` hears its answers."""
         from karma.agent.loading.models import Models, preset
         from karma.assistant.session_log import DEFAULT_SCENE
-        from karma.models.hosted.session import Session
         from karma.models.llama.room_states import StateOptions
         from karma.models.manifest import default_planner
+        from karma.models.session import Session
         from karma.plugins.rules.talk.agent import ANSWER_SECONDS, Agent
 
         if self.fresh and self.home:

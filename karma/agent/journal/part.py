@@ -29,8 +29,7 @@ from karma.contracts import (
 )
 from karma.errors import KarmaError
 from karma.household.pieces import base_type
-from karma.models.hosted.cassette import Cassette
-from karma.models.hosted.endpoint import Ledger
+from karma.models.session import Cassette, Ledger
 from karma.world.home import Home
 
 

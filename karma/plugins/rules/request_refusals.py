@@ -103,7 +103,7 @@ class LogisticDoubt(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """How likely it is that a request should be refused: a logistic regression.
 
     Over a few figures of the planner's first answer. Coefficients and threshold are data beside the
-    weights that they were fitted for (`scripts/calibrate_doubt.py`).
+    weights that they were fitted for (their cards name the commit).
     """
 
     coefficients: dict[str, float]

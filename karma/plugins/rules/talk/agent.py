@@ -45,11 +45,10 @@ from karma.contracts import (
 )
 from karma.errors import KarmaError
 from karma.files import read_bytes
-from karma.models.hosted.endpoint import Spent
-from karma.models.hosted.session import Session
 from karma.models.llama.model import LlamaModel
 from karma.models.llama.room_states import StateOptions
 from karma.models.manifest import default_planner, resolve_planner
+from karma.models.session import Session, Spent
 from karma.plugins.rules.language.clauses import clauses_of, context_left_out
 from karma.plugins.rules.language.lexicon import Lexicon
 from karma.plugins.rules.language.request import RequestReader, asked_last, check_length

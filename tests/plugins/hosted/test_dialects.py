@@ -16,11 +16,11 @@ from karma.agent.planning.program import SKILLS
 from karma.bench.methods.lota import chooser_of
 from karma.contracts import ProgramSpec, ScoringModel
 from karma.errors import ModelError, RequestRefused, ServerLost
-from karma.models.hosted.cassette import Cassette
-from karma.models.hosted.dialects import DIALECTS
-from karma.models.hosted.endpoint import DialectName, Endpoint
-from karma.models.hosted.planner import open_planner
-from karma.models.hosted.session import Session
+from karma.models.endpoint import DialectName, Endpoint
+from karma.models.session import Session
+from karma.plugins.hosted.cassette import Cassette
+from karma.plugins.hosted.dialects import DIALECTS
+from karma.plugins.hosted.planner import open_planner
 
 SPEC = ProgramSpec(skills=SKILLS, objects=("Mug",), max_calls=2)
 PROGRAM = "GoToObject(robot, 'Mug')\n"

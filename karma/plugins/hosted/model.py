@@ -1,7 +1,7 @@
 """Fill the roles of planner, embedder and vision over any OpenAI-compatible endpoint.
 
-`dialects` says who answers and how it is held to programs, `planner` proves it, and `session` holds
-the line.
+`dialects` says who answers and how it is held to programs, `planner` proves it, and `connection`
+holds the line.
 """
 
 import hashlib
@@ -28,11 +28,13 @@ from karma.errors import ModelError, RequestRefused
 from karma.language.whole import CUTS, cut_off, filtered
 from karma.models.automaton import without_closing
 from karma.models.embed import REMEMBERED, stacked, unit_row
-from karma.models.hosted.cassette import Exchange
-from karma.models.hosted.dialects import Language, Manner, language_of, manner_of
-from karma.models.hosted.endpoint import Endpoint, cost_of, usage_of
-from karma.models.hosted.session import Session
+from karma.models.endpoint import Endpoint
 from karma.models.picture_questions import picture_url, question, some_picture, states_told
+from karma.models.session import Session
+from karma.plugins.hosted.cassette import Exchange
+from karma.plugins.hosted.connection import Connection
+from karma.plugins.hosted.dialects import Language, Manner, language_of, manner_of
+from karma.plugins.hosted.usage import cost_of, usage_of
 
 _VISION_TOKENS = 1024  # four steps of reasoning
 _VISION_ATTEMPTS = 2  # the second quotes what could not be used
@@ -59,15 +61,15 @@ class HostedLanguageModel:
     text, for models that have no chat template. Without a manner it is asked as the endpoint says.
 
     Raises:
-        KarmaError: the endpoint may not or cannot be reached, see `Session.admit`.
+        KarmaError: the endpoint may not or cannot be reached, see `Connection.admit`.
     """
 
     def __init__(
         self, endpoint: Endpoint, *, session: Session | None = None, manner: Manner | None = None
     ) -> None:
         self.name, self.host = endpoint.model, endpoint.host
-        self._endpoint, self._session = endpoint, session or Session()
-        self._session.admit(endpoint)
+        self._endpoint, self._connection = endpoint, Connection(session)
+        self._connection.admit(endpoint)
         self.manner = manner or manner_of(endpoint)
         self._no_system = False  # its server has refused a system message
 
@@ -147,7 +149,7 @@ class HostedLanguageModel:
         fields, room = self.manner.fields(language, max_tokens)
         options = options_of(self._endpoint, room, temperature, seed, fields)
         try:
-            exchange = self._session.ask(
+            exchange = self._connection.ask(
                 "planner", self._endpoint, path, {**body, **options}, named={**kept, **options}
             )
         except RequestRefused as error:
@@ -178,13 +180,13 @@ def _fault(said: Said, language: Language | None, tokens: int | None) -> str:
 class HostedEmbedder:
     """An `Embedder` at an endpoint: one text a request, each asked once a run.
 
-    KarmaError as by `Session.admit`.
+    KarmaError as by `Connection.admit`.
     """
 
     def __init__(self, endpoint: Endpoint, *, session: Session | None = None) -> None:
         self.name = endpoint.model
-        self._endpoint, self._session = endpoint, session or Session()
-        self._session.admit(endpoint)
+        self._endpoint, self._connection = endpoint, Connection(session)
+        self._connection.admit(endpoint)
         self._rows = lru_cache(maxsize=REMEMBERED)(self._ask)
         self._dimension: int | None = None
 
@@ -205,14 +207,16 @@ class HostedEmbedder:
 
     def _row(self, text: str) -> Vectors:
         """Return the row of a text; what an episode asks depends on no earlier one's questions."""
-        return self._rows(self._session.cassette.scope, text)
+        return self._rows(self._connection.session.cassette.scope, text)
 
     def _ask(self, _scope: str, text: str) -> Vectors:
         body = {"input": sendable(text), "model": self._endpoint.model, "encoding_format": "float"}
         body |= self._endpoint.extra
         for field in self._endpoint.omit:
             body.pop(field, None)
-        exchange = self._session.ask("embedder", self._endpoint, "/embeddings", body, shared=True)
+        exchange = self._connection.ask(
+            "embedder", self._endpoint, "/embeddings", body, shared=True
+        )
         row = self._checked(exchange.reply.answer)
         if self._dimension not in (None, row.size):
             raise _odd(self._endpoint, f"a row of {row.size} after rows of {self._dimension}")
@@ -238,7 +242,7 @@ class HostedVision:
 
     Raises:
         ModelError: the endpoint is not for chat.
-        KarmaError: see `Session.admit`.
+        KarmaError: see `Connection.admit`.
     """
 
     needs_pictures = True
@@ -247,8 +251,8 @@ class HostedVision:
         if endpoint.api != "chat":
             raise ModelError(f'{endpoint.model}: pictures need api = "chat"')
         self.name = endpoint.model
-        self._endpoint, self._session = endpoint, session or Session()
-        self._session.admit(endpoint)
+        self._endpoint, self._connection = endpoint, Connection(session)
+        self._connection.admit(endpoint)
 
     def read_states(
         self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]
@@ -270,7 +274,7 @@ class HostedVision:
         def ask(said: Sequence[tuple[str, str]]) -> str:
             later = [{"role": role, "content": text} for role, text in said]
             body, named = ({"messages": [*one["messages"], *later], **options} for one in first)
-            exchange = self._session.ask("vision", place, "/chat/completions", body, named=named)
+            exchange = self._connection.ask("vision", place, "/chat/completions", body, named=named)
             return said_in(exchange.reply.answer or {}, place)[0]
 
         return states_told(ask, objects, _VISION_ATTEMPTS)

@@ -23,9 +23,12 @@ import msgspec
 
 from karma.errors import ModelError, RequestRefused, ServerLost
 from karma.language.whole import CUTS, ENDS
-from karma.models.hosted.cassette import Cassette, CassetteError, Exchange, Reply
-from karma.models.hosted.endpoint import Endpoint, Key, Ledger, Spent, Usage, cost_of, usage_of
+from karma.models.endpoint import Endpoint
+from karma.models.session import CassetteError, Session, Spent
 from karma.offline.guard import allow_host
+from karma.plugins.hosted.cassette import Cassette, Exchange, Reply
+from karma.plugins.hosted.keys import Key
+from karma.plugins.hosted.usage import Usage, cost_of, usage_of
 
 _KEY = re.compile(r"[!-~]+")
 _ANY_ADDRESS = ("0.0.0.0", "::")  # that a server prints which listens to all: it is this machine
@@ -39,12 +42,13 @@ _PAUSE_S = 0.5  # before it is asked again for what stands in a body; then twice
 _REFUSED = ("HTTP 400", "HTTP 413", "HTTP 422")  # what was asked, e.g. too long or improper
 
 
-class Session:
-    """What the hosted models of one run share; without a cassette every request goes out."""
+class Connection:
+    """Ask endpoints on behalf of one session: recorded, billed, and without the key."""
 
-    def __init__(self, cassette: Cassette | None = None) -> None:
-        self.cassette = cassette or Cassette()
-        self.ledger = Ledger()
+    def __init__(self, session: Session | None = None) -> None:
+        self.session = session or Session()
+        recorded = self.session.cassette
+        self._cassette = recorded if isinstance(recorded, Cassette) else Cassette()
         self._clients: dict[tuple[str, str, float, int], Any] = {}
 
     def admit(self, endpoint: Endpoint) -> None:
@@ -57,7 +61,7 @@ class Session:
             KarmaError: it is on another machine and there is no --allow-network.
             ModelError: what its variable holds is no key, or there is no `openai` package.
         """
-        if self.cassette.mode == "replay":
+        if self.session.cassette.mode == "replay":
             return
         if endpoint.host not in _ANY_ADDRESS:
             allow_host(endpoint.host)
@@ -107,7 +111,7 @@ class Session:
             kept = {"method": "GET", "path": path}
             return self._exchange(endpoint, path, None, kept).reply.answer
         except CassetteError:
-            if self.cassette.mode == "replay":
+            if self.session.cassette.mode == "replay":
                 return None
             raise
 
@@ -120,8 +124,9 @@ class Session:
         *,
         shared: bool = False,
     ) -> Exchange:
-        key = Key() if self.cassette.mode == "replay" else _key(endpoint)
-        return self.cassette.exchange(
+        key = Key() if self.session.cassette.mode == "replay" else _key(endpoint)
+        self._cassette.scope = self.session.cassette.scope
+        return self._cassette.exchange(
             key.out_of(kept),
             lambda: self._sent(endpoint, key, path, body),
             url=key.out_of(endpoint.base_url),
@@ -130,7 +135,7 @@ class Session:
 
     def _enter(self, role: str, endpoint: Endpoint, exchange: Exchange) -> None:
         """Put an exchange on the bill of the episode that it was made in."""
-        if exchange.scope != self.cassette.scope:
+        if exchange.scope != self.session.cassette.scope:
             return
         answer = exchange.reply.answer
         usage = _NOTHING if answer is None else usage_of(answer)
@@ -140,7 +145,7 @@ class Session:
             prompt_tokens=usage.prompt_tokens, completion_tokens=usage.completion_tokens,
             cost=cost_of(usage, endpoint.prices), seconds=exchange.seconds,
         )  # fmt: skip
-        self.ledger.enter(new)
+        self.session.ledger.enter(new)
 
     def _sent(
         self, endpoint: Endpoint, key: Key, path: str, body: Mapping[str, Any] | None

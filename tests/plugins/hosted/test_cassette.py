@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from karma.errors import FileError
-from karma.models.hosted.cassette import (
+from karma.plugins.hosted.cassette import (
     FILE,
     MAX_LINES,
     MAX_WIDTH,
@@ -307,7 +307,7 @@ def elsewhere(code, *arguments):
     """Run code in another process, which has `Cassette`, `Tape`, `Reply` and `sys`."""
     start = (
         "import sys\nfrom pathlib import Path\n"
-        "from karma.models.hosted.cassette import Cassette, CassetteError, Reply, Tape\n"
+        "from karma.plugins.hosted.cassette import Cassette, CassetteError, Reply, Tape\n"
     )
     return subprocess.Popen(
         [sys.executable, "-c", start + code, *map(str, arguments)],

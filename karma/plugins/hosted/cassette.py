@@ -10,7 +10,7 @@ join it by its `Tape`. Every line says its episode, so neither the order of epis
 the number of processes makes a difference to a replay.
 
 The cassette also keeps the times of a recorded run, local models' too, and replays them as they
-were measured. Keys never get here: `karma.models.hosted.session` takes them out first.
+were measured. Keys never get here: `karma.plugins.hosted.connection` takes them out first.
 """
 
 import hashlib
@@ -19,19 +19,17 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from difflib import SequenceMatcher, unified_diff
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import msgspec
 
 from karma.errors import FileError
 from karma.files import LARGEST_LOG, append_line, decode_json, read_bytes, to_json
-from karma.models.hosted.recording import Recording
+from karma.models.session import CassetteError, Mode, Tape
+from karma.plugins.hosted.recording import Recording
 
-Mode = Literal["record", "replay", "off"]
-MODES: tuple[Mode, ...] = ("record", "replay", "off")
 FILE = "exchanges.jsonl"
 VOLATILE = frozenset({
     "metadata", "prompt_cache_key", "safety_identifier", "service_tier", "store", "user",
@@ -42,22 +40,6 @@ MAX_WIDTH = 160
 _COMPARED = 50  # candidates that are compared letter by letter
 _LONGEST = 2000  # letters of each that are compared
 _SHARED = b'"shared":true'
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tape:
-    """What another process needs to join a cassette."""
-
-    folder: Path | None = None
-    mode: Mode = "off"
-    token: str = ""  # of a recording
-
-
-class CassetteError(FileError):
-    """A cassette is missing, damaged, cannot be written, or does not hold what is asked for.
-
-    Unlike a model's failure it is no fact about an episode: it ends the run.
-    """
 
 
 class Reply(msgspec.Struct, frozen=True, kw_only=True):

@@ -17,10 +17,11 @@ from support.abuse import Case, all_held, stream
 from support.hosted_server import KEY, PROMPT, endpoint, need_loopback
 
 from karma.errors import ModelError
-from karma.models.hosted.cassette import Cassette
-from karma.models.hosted.endpoint import Key
-from karma.models.hosted.model import HostedEmbedder, HostedLanguageModel
-from karma.models.hosted.session import LARGEST_ANSWER, Session
+from karma.models.session import Session
+from karma.plugins.hosted.cassette import Cassette
+from karma.plugins.hosted.connection import LARGEST_ANSWER
+from karma.plugins.hosted.keys import Key
+from karma.plugins.hosted.model import HostedEmbedder, HostedLanguageModel
 
 Speak = Callable[[socket.socket], None]
 PATIENCE_S = 0.4  # of the client; a server that goes on for ever is left after that

@@ -10,11 +10,12 @@ from dataclasses import replace
 
 from karma.contracts import LanguageModel, Prompt, Thinking
 from karma.errors import ModelError, ServerLost
+from karma.models.endpoint import Endpoint
 from karma.models.grammars import literal, object_schema
-from karma.models.hosted.dialects import Language, manner_of
-from karma.models.hosted.endpoint import Endpoint
-from karma.models.hosted.model import HostedLanguageModel
-from karma.models.hosted.session import Session
+from karma.models.session import Session
+from karma.plugins.hosted.connection import Connection
+from karma.plugins.hosted.dialects import Language, manner_of
+from karma.plugins.hosted.model import HostedLanguageModel
 from karma.seeds import stream
 
 _TIMES = 2
@@ -39,11 +40,12 @@ def open_planner(
 
     Raises:
         ModelError: see `manner_of` and `prove`.
-        KarmaError: see `Session.admit`.
+        KarmaError: see `Connection.admit`.
     """
     session = session or Session()
-    session.admit(endpoint)
-    manner = manner_of(endpoint, session, thinking=thinking, thinking_tokens=thinking_tokens)
+    connection = Connection(session)
+    connection.admit(endpoint)
+    manner = manner_of(endpoint, connection, thinking=thinking, thinking_tokens=thinking_tokens)
     model = HostedLanguageModel(endpoint, session=session, manner=manner)
     if constrained:
         prove(model, seed)
@@ -115,5 +117,5 @@ def _unproven(model: HostedLanguageModel, why: str) -> ModelError:
     return ModelError(
         f"{model.name} at {model.host}: answers are not held to programs: {why}\n"
         f"  To fix: {thinks}constraint = 'free' under [models] (--no-constrained) samples and"
-        " reads them; or see the servers in docs/hosted.md that hold answers to a grammar"
+        " reads them; or see the servers in docs/plugins/hosted.md that hold answers to a grammar"
     )

@@ -16,10 +16,11 @@ from support.hosted_server import (
 
 from karma.contracts import Prompt
 from karma.errors import ModelError
-from karma.models.hosted.cassette import Cassette
-from karma.models.hosted.endpoint import Endpoint, Key
-from karma.models.hosted.model import HostedLanguageModel
-from karma.models.hosted.session import Session
+from karma.models.endpoint import Endpoint
+from karma.models.session import Session
+from karma.plugins.hosted.cassette import Cassette
+from karma.plugins.hosted.keys import Key
+from karma.plugins.hosted.model import HostedLanguageModel
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,7 @@ from karma.agent.journal.records import read_records
 from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import ModelError
-from karma.models.hosted.cassette import Cassette
+from karma.plugins.hosted.cassette import Cassette
 from karma.testing import make_planner
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"

@@ -29,8 +29,8 @@ from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import FileError, KarmaError
 from karma.files import to_json
-from karma.models.hosted.cassette import Begin, Cassette, line_key_of
-from karma.models.hosted.endpoint import Endpoint, Hosted
+from karma.models.endpoint import Endpoint, Hosted
+from karma.plugins.hosted.cassette import Begin, Cassette, line_key_of
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 DEMO = ROOT / "eval" / "hosted_demo.toml"
@@ -239,6 +239,6 @@ def test_hosted_models_can_be_moved_but_not_to_where_none_is():
 
 
 def test_documents_name_every_field_of_an_endpoint():
-    text = (ROOT / "docs" / "hosted.md").read_text()
+    text = (ROOT / "docs" / "plugins" / "hosted.md").read_text()
     fields = [field.name for field in msgspec.structs.fields(Endpoint)]
     assert [name for name in fields if not re.search(rf"(`|^){name}(`| = )", text, re.M)] == []

@@ -32,9 +32,9 @@ from support.paths import ROOT
 from karma.agent.planning.program import SKILLS, parse_program
 from karma.contracts import ProgramSpec, Prompt
 from karma.errors import KarmaError, ModelError, ServerLost
-from karma.models.hosted.cassette import Cassette
-from karma.models.hosted.model import HostedEmbedder, HostedLanguageModel
-from karma.models.hosted.session import Session
+from karma.models.session import Session
+from karma.plugins.hosted.cassette import Cassette
+from karma.plugins.hosted.model import HostedEmbedder, HostedLanguageModel
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 

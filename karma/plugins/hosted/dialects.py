@@ -1,7 +1,7 @@
 """Find out who answers at an endpoint, and say to each kind of server what it understands.
 
-Every server ignores some form of constraint without a word, so none is trusted: see `planner`. What
-was tried against the real server, and what is written down from its documents: docs/hosted.md.
+Every server ignores some form of constraint without a word, so none is trusted: see `planner`.
+docs/plugins/hosted.md says which dialects were tried against the real server.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -15,6 +15,7 @@ from typing import Any
 from karma.contracts import AnswerSpec, PlanSpec, Thinking
 from karma.errors import ModelError, ServerLost
 from karma.models.automaton import ProgramAutomaton
+from karma.models.endpoint import Constraint, DialectName, Endpoint
 from karma.models.grammars import (
     admits_plan,
     gbnf,
@@ -25,8 +26,7 @@ from karma.models.grammars import (
     regex,
     schema,
 )
-from karma.models.hosted.endpoint import Constraint, DialectName, Endpoint
-from karma.models.hosted.session import Session
+from karma.plugins.hosted.connection import Connection
 
 Fields = dict[str, Any]  # of a request
 
@@ -204,12 +204,12 @@ _SHOWN = 8  # models in a message
 
 def manner_of(
     endpoint: Endpoint,
-    session: Session | None = None,
+    connection: Connection | None = None,
     *,
     thinking: Thinking = "off",
     thinking_tokens: int = 1024,
 ) -> Manner:
-    """Return how an endpoint's model is asked; without a session, by what the endpoint says alone.
+    """Return how an endpoint's model is asked; without a connection, by the endpoint alone.
 
     A model whose `thinking` is on thinks before it answers, `thinking_tokens` at most.
 
@@ -218,9 +218,9 @@ def manner_of(
             reached, or it takes no such constraint.
     """
     dialect, known = DIALECTS.get(endpoint.dialect, DIALECTS["plain"]), False
-    if session is not None:
-        _check_listed(endpoint, session)
-        found = _dialect_of(endpoint, session)
+    if connection is not None:
+        _check_listed(endpoint, connection)
+        found = _dialect_of(endpoint, connection)
         dialect, known = found or dialect, found is not None
     constraint = endpoint.constraint or dialect.constraint
     if constraint is not None and constraint not in dialect.bindings:
@@ -230,60 +230,47 @@ def manner_of(
         )
     thinks, chat = thinking == "on", endpoint.api == "chat"
     opens = False
-    if session is not None and thinks and chat and dialect.thought_in_grammar and known:
-        opens = _opens_thought(dialect, endpoint, session)
+    if connection is not None and thinks and chat and dialect.thought_in_grammar and known:
+        opens = _opens_thought(dialect, endpoint, connection)
     return Manner(
         dialect=dialect, constraint=constraint, thinks=thinks, thinking_tokens=thinking_tokens,
         chat=chat, opens_thought=opens, known=known,
     )  # fmt: skip
 
 
-def slots_of(endpoint: Endpoint) -> int | None:
-    """Return how many requests a server works on at once; None where it does not say.
-
-    KarmaError where it may not or cannot be reached.
-    """
-    if endpoint.dialect not in ("auto", "llama-server"):
-        return None
-    session = Session()
-    session.admit(endpoint)
-    slots = (session.look(endpoint, "../props") or {}).get("total_slots")
-    return slots if isinstance(slots, int) and slots > 0 else None
-
-
-def _dialect_of(endpoint: Endpoint, session: Session) -> Dialect | None:
+def _dialect_of(endpoint: Endpoint, connection: Connection) -> Dialect | None:
     """Return the dialect whose page the server has, of all or of the one that is named."""
     for one in DIALECTS.values():
         if one.page is not None and endpoint.dialect in ("auto", one.name):
             page, mark = one.page
-            if mark in (session.look(endpoint, page) or {}):
+            if mark in (connection.look(endpoint, page) or {}):
                 return one
     return None
 
 
-def _opens_thought(dialect: Dialect, endpoint: Endpoint, session: Session) -> bool:
+def _opens_thought(dialect: Dialect, endpoint: Endpoint, connection: Connection) -> bool:
     """Return whether the model's chat template ends a prompt in `<think>`."""
     body = {"messages": [{"role": "user", "content": "Say yes."}], **dialect.thinking(True)}
-    answer = session.ask("planner", endpoint, "../apply-template", body).reply.answer or {}
+    answer = connection.ask("planner", endpoint, "../apply-template", body).reply.answer or {}
     return str(answer.get("prompt", "")).rstrip().endswith("<think>")
 
 
-def _check_listed(endpoint: Endpoint, session: Session) -> None:
+def _check_listed(endpoint: Endpoint, connection: Connection) -> None:
     """Compare model and address with what the server lists, if it lists anything.
 
     A list is no law: where a model is not in it, the server is asked as it would be.
     """
-    names = _listed(session.look(endpoint, "/models"))
+    names = _listed(connection.look(endpoint, "/models"))
     if names is None:
         at_root = endpoint.base_url.rstrip("/") == endpoint.root
-        if _listed(session.look(endpoint, "../v1/models" if at_root else "../models")) is None:
+        if _listed(connection.look(endpoint, "../v1/models" if at_root else "../models")) is None:
             return
         right = f"{endpoint.root}/v1" if at_root else endpoint.root
         raise ModelError(
             f"{endpoint.model} at {endpoint.host}: nothing answers at {endpoint.base_url}, but"
             f" models are listed at {right}\n  To fix: base_url = {right!r}"
         )
-    if not names or _fits(endpoint.model, names) or _answers(endpoint, session):
+    if not names or _fits(endpoint.model, names) or _answers(endpoint, connection):
         return
     shown = ", ".join(names[:_SHOWN]) + (" ..." if len(names) > _SHOWN else "")
     near = get_close_matches(endpoint.model, names, n=1, cutoff=0.0)
@@ -303,14 +290,14 @@ def _fits(model: str, names: Sequence[str]) -> bool:
     return any(fnmatchcase(one, name) for name in names for one in wanted)
 
 
-def _answers(endpoint: Endpoint, session: Session) -> bool:
-    """Return whether a server answers as a model that it does not list; errors as `Session.ask`."""
+def _answers(endpoint: Endpoint, connection: Connection) -> bool:
+    """Return whether a server answers as an unlisted model; errors as `Connection.ask`."""
     chat = endpoint.api == "chat"
     said: Any = {"messages": [{"role": "user", "content": "Yes"}]} if chat else {"prompt": "Yes"}
     body = {**said, "model": endpoint.model, endpoint.tokens_field: 1, **endpoint.extra}
     path = "/chat/completions" if chat else "/completions"
     try:
-        session.ask("planner", endpoint, path, body, billed=False)
+        connection.ask("planner", endpoint, path, body, billed=False)
     except ServerLost:
         raise
     except ModelError:

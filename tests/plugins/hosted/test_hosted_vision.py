@@ -19,9 +19,9 @@ from support.sights import seen as seen_object
 from karma import registry
 from karma.bench.engine.run import Run
 from karma.errors import ModelError
-from karma.models.hosted.cassette import Cassette, CassetteError
-from karma.models.hosted.model import HostedVision
-from karma.models.hosted.session import Session
+from karma.models.session import Session
+from karma.plugins.hosted.cassette import Cassette, CassetteError
+from karma.plugins.hosted.model import HostedVision
 
 MUG = seen_object("Mug|1")
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"

@@ -27,10 +27,10 @@ from karma.contracts import ProgramSpec
 from karma.errors import ModelError
 from karma.household.types import object_types
 from karma.models.automaton import ProgramAutomaton
-from karma.models.hosted.cassette import Cassette
-from karma.models.hosted.planner import open_planner
-from karma.models.hosted.session import Session
 from karma.models.llama.model import LlamaModel
+from karma.models.session import Session
+from karma.plugins.hosted.cassette import Cassette
+from karma.plugins.hosted.planner import open_planner
 from karma.testing import make_planner
 
 SPEC = ProgramSpec(
