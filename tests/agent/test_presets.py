@@ -21,7 +21,7 @@ from karma.errors import FileError
 from karma.models.scripted import MetadataVision, ScriptedModel
 
 SETTING = ("recall", "recall_text", "recall_k", "query")
-PAPERS = ("cosine", "listing", 10, "instruction")
+PAPERS = ("cosine:listing", 10, "instruction")
 FILES = [*sorted((ROOT / "eval").glob("*.toml")), *(ROOT / "eval/paper").glob("table*.toml")]
 EXPERIMENTS = [path for path in FILES if kind_of(path) != "benchmark"]
 
@@ -31,11 +31,11 @@ def setting(row, models=None):
     models = models or Models()
     chosen = PRESETS[row.preset] if row.preset else models
     settings = settings_of(KarmaSettings, row.all_options)
-    return chosen.recall, chosen.recall_text, settings.recall_k, settings.query
+    return chosen.recall, settings.recall_k, settings.query
 
 
 def test_default_agent_is_that_of_settings_presets_and_the_command():
-    assert setting(Row(name="x")) == ("stateful", "sentence", 3, "subtask")
+    assert setting(Row(name="x")) == ("stateful", 3, "subtask")
     assert settings_of(KarmaSettings, Row(name="x").all_options) == KarmaSettings()
     given = {one.name: one.default.default for one in fields(RequestOptions)}
     assert (given["preset"], given["recall"], given["recall_k"]) == ("", "", None)
@@ -57,7 +57,7 @@ def test_experiments_measure_the_default_agent_unless_they_say_paper(path):
         if row.method != "karma":
             continue
         expected = (*PAPERS[:2], row.options.get("recall_k", 10), PAPERS[3])
-        default = ("stateful", "sentence", 3, "subtask")
+        default = ("stateful", 3, "subtask")
         assert setting(row, experiment.models) == (expected if row.preset else default)
         assert row.preset or not {"recall_k", "query"} & row.options.keys()
 
