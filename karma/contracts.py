@@ -564,7 +564,7 @@ class Engine:
 
 Thinking = Literal["off", "on"]  # of a model that can think before it answers
 
-KvState = Literal["kept", "loaded", "evaluated"]  # of a prompt's stable part: memory, disk, neither
+KvState = Literal["kept", "evaluated"]  # of a prompt's stable part
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -40,6 +40,7 @@ _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
         },
         "assistants": {"rules": ("rules",)},
         "cassettes": {"hosted": ("file",)},
+        "homes": {"homes": ("kept", "seconds-away")},
         "embedders": {"hosted": ("openai",)},
         "language_models": {"hosted": ("openai",)},
         "parsers": {"rules": ("spacy",)},

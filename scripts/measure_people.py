@@ -19,13 +19,13 @@ from measuring import table
 from support.errand_sequences import SCENES, Room, place_of
 
 from karma import Agent
+from karma.assistant.replies import AgentReply
 from karma.assistant.session_log import PastRequest
 from karma.files import read_bytes, to_json, write_atomic
 from karma.household.ids import type_of
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types
 from karma.offline.guard import go_offline
-from karma.plugins.rules.talk.replies import AgentReply
 from karma.seeds import stream
 
 THINGS = 3

@@ -261,13 +261,12 @@ class Computed:
 
 @dataclass(frozen=True, kw_only=True)
 class Kept:
-    """Where what models said and computed is kept."""
+    """Where the exchanges with hosted models are kept."""
 
     cassette: Path | None = option(None, "Folder that hosted models are recorded in.")
     cassette_mode: str = option(
         "", '"record", "replay" (asks nobody) or "off"; default: replay a cassette.'
     )
-    states: Path | None = option(None, "Folder to keep what a local planner computed of rooms.")
     base_url: str = option("", "Of hosted models, e.g. http://127.0.0.1:8000/v1.")
 
     @property

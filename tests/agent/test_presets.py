@@ -20,7 +20,7 @@ from karma.contracts import Resources
 from karma.errors import FileError
 from karma.models.scripted import MetadataVision, ScriptedModel
 
-SETTING = ("recall", "recall_text", "recall_k", "query")
+SETTING = ("recall", "recall_k", "query")
 PAPERS = ("cosine:listing", 10, "instruction")
 FILES = [*sorted((ROOT / "eval").glob("*.toml")), *(ROOT / "eval/paper").glob("table*.toml")]
 EXPERIMENTS = [path for path in FILES if kind_of(path) != "benchmark"]

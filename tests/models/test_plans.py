@@ -148,20 +148,17 @@ def test_constrained_answer_is_the_same_twice_and_a_short_one_is_cut(models):
         assert one.text.startswith(cut.text)
 
 
-def test_beyond_training_lets_a_context_be_longer_and_needs_its_length(tmp_path):
+def test_context_may_be_longer_than_it_was_trained_for_if_it_is_named(tmp_path):
     path = export_tiny(tmp_path / "tiny.gguf")
-    said = {"threads": 1, "n_ctx": 6000}
-    held = LlamaModel(path, options=LlamaOptions(**said))
-    longer = LlamaModel(path, options=LlamaOptions(**said, beyond_training=True))
-    assert (held.gguf.limit, longer.gguf.limit) == (4096, 6000)
+    trained = LlamaModel(path, options=LlamaOptions())
+    longer = LlamaModel(path, options=LlamaOptions(n_ctx=6000))
+    assert (trained.gguf.limit, longer.gguf.limit) == (4096, 6000)
     prompt = Prompt(stable="", changing="put the apple in the fridge\n" * 600)
     answer = longer.complete(prompt, spec=SPEC, max_tokens=100)
     assert answer.prompt_tokens > 4096
     assert admits(answer.text)
-    for model in (held, longer):
+    for model in (trained, longer):
         model.close()
-    with pytest.raises(Exception, match="beyond_training = true needs n_ctx"):
-        LlamaOptions(beyond_training=True)
 
 
 # ----------------------------------------------------------------- hosted

@@ -35,7 +35,6 @@ from karma.contracts import (
 from karma.errors import KarmaError, ModelError, RequestRefused, did_you_mean
 from karma.models.endpoint import Endpoint, Hosted
 from karma.models.llama.opening import LlamaOptions
-from karma.models.llama.room_states import StateOptions
 from karma.models.manifest import default_planner, resolve_planner
 from karma.models.session import Session
 from karma.models.torch_load import TorchOptions
@@ -152,12 +151,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     @property
     def llama(self) -> LlamaOptions:
         """How a GGUF is opened."""
-        return LlamaOptions(
-            gpu_layers=self.gpu_layers,
-            n_ctx=self.n_ctx,
-            beyond_training=self.n_ctx is not None,
-            threads=self.threads,
-        )
+        return LlamaOptions(gpu_layers=self.gpu_layers, n_ctx=self.n_ctx, threads=self.threads)
 
     @property
     def torch(self) -> TorchOptions:
@@ -172,9 +166,8 @@ def load_resources(
     seed: int,
     learn: bool = False,
     session: Session | None = None,
-    states: StateOptions | None = None,
 ) -> Resources:
-    """Load the models of a run, each once; `states`: where a local planner keeps those of rooms.
+    """Load the models of a run, each once.
 
     Raises:
         ModelError: a model is missing, damaged or of the wrong kind, or a hosted one out of reach.
@@ -182,7 +175,7 @@ def load_resources(
     """
     check_models({key: getattr(models, key) for key in MODELS})
     session = session or Session()
-    model, profile = language_model(models, session, states, seed)
+    model, profile = language_model(models, session, seed)
     check_asked(model, profile)
     is_hosted = models.hosted.planner is not None
     asked = models.refusing
@@ -285,9 +278,7 @@ def check_asked(model: LanguageModel, profile: str) -> None:
         ) from error
 
 
-def language_model(
-    models: Models, session: Session, states: StateOptions | None, seed: int
-) -> tuple[LanguageModel, str]:
+def language_model(models: Models, session: Session, seed: int) -> tuple[LanguageModel, str]:
     """Return the planner's model and its prompt profile.
 
     Raises:
@@ -310,7 +301,6 @@ def language_model(
         sha256=file.sha256,
         restore=file.fix,
         chat=file.chat if models.chat is None else models.chat,
-        states=states,
         thinking=models.thinking,
     )
     return local, models.profile or file.prompt_profile

@@ -21,7 +21,6 @@ from karma.bench.figures.precision import MAX_SEEDS, Precision
 from karma.contracts import SceneRef, Task
 from karma.errors import FileError, KarmaError
 from karma.files import below, read_bytes
-from karma.models.llama.room_states import StateOptions
 
 MOST_SEEDS = 10_000
 
@@ -30,23 +29,6 @@ class RunOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """How a run is kept; its records do not depend on it."""
 
     steps: bool = True  # a step log per episode
-    states: str = ""  # folder that KV states of rooms are kept in for later runs; "" = none
-    states_mb: int = StateOptions().folder_mb  # at most in it
-    states_memory_mb: int = StateOptions().memory_mb  # at most in each process
-
-    def __post_init__(self) -> None:
-        """Refuse a size below nothing."""
-        if min(self.states_mb, self.states_memory_mb) < 0:
-            raise ValueError("states_mb and states_memory_mb are 0 or more")
-
-    @property
-    def room_states(self) -> StateOptions:
-        """Where states of rooms are kept."""
-        return StateOptions(
-            folder=Path(self.states) if self.states else None,
-            folder_mb=self.states_mb,
-            memory_mb=self.states_memory_mb,
-        )
 
 
 def check_listed(

@@ -34,7 +34,6 @@ from karma.bench.engine.workers import NodeFolder, loaded
 from karma.bench.figures.columns import added_up
 from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
 from karma.errors import FileError, KarmaError
-from karma.models.llama.room_states import StateOptions
 from karma.models.manifest import resolve_planner
 from karma.models.session import Session
 from karma.offline.guard import settle
@@ -53,7 +52,6 @@ class OurTasks:
     scenes: Mapping[str, bytes]  # that the tasks bring along, by name
     folder: Path  # of the run, on the machine that does the episodes, for maps and pictures
     steps: bool
-    states: StateOptions
 
     @property
     def rows(self) -> tuple[Row, ...]:
@@ -132,7 +130,6 @@ def our_tasks(
     *,
     folder: Path,
     steps: bool | None,
-    states: Path | None,
     half_width: float | None,
     max_seeds: int | None,
 ) -> OurTasks:
@@ -152,7 +149,6 @@ def our_tasks(
             f"task {alike[0]} is a sequence, which has one seed: no half-width is reached by more\n"
             "  To fix: leave out the half-width, or put more sequences into the task file"
         )
-    kept = experiment.run.room_states
     return OurTasks(
         experiment=experiment,
         models=models,
@@ -160,7 +156,6 @@ def our_tasks(
         scenes=found.scenes,
         folder=folder,
         steps=experiment.run.steps if steps is None else steps,
-        states=replace(kept, folder=states or kept.folder),
     )
 
 
@@ -198,7 +193,6 @@ class Performer:
             maps=self._maps,
             seed=suite.experiment.seeds[0],  # of the planner's decoding
             session=session,
-            states=suite.states,
         )
         world = suite.experiment.world
         self._make = world_maker(world, [row.all_options for row in suite.rows])
