@@ -47,7 +47,7 @@ def test_default_agent_is_that_of_settings_presets_and_the_command():
 
 def test_paper_s_setting_is_one_word_and_options_go_before_it():
     assert setting(Row(name="x", preset="paper")) == PAPERS
-    assert setting(Row(name="x", preset="paper", options={"recall_k": 3}))[2] == 3
+    assert setting(Row(name="x", preset="paper", options={"recall_k": 3}))[1] == 3
 
 
 @pytest.mark.parametrize("path", EXPERIMENTS, ids=lambda path: path.stem)
@@ -56,7 +56,7 @@ def test_experiments_measure_the_default_agent_unless_they_say_paper(path):
     for row in experiment.rows:
         if row.method != "karma":
             continue
-        expected = (*PAPERS[:2], row.options.get("recall_k", 10), PAPERS[3])
+        expected = (PAPERS[0], row.options.get("recall_k", 10), PAPERS[2])
         default = ("stateful", 3, "subtask")
         assert setting(row, experiment.models) == (expected if row.preset else default)
         assert row.preset or not {"recall_k", "query"} & row.options.keys()

@@ -64,7 +64,7 @@ def test_refused_answers_are_kept_whole_with_their_prompts_and_quoted(tmp_path, 
     assert {one["reasoning"] for one in line["answers"]} == {"The fridge."}
     assert {one["constrained"] for one in line["answers"]} == {False}
     assert "cut off" in seen[2][1]["messages"][-1]["content"]
-    assert {body["max_tokens"] for _, body, _ in seen} == {99}
+    assert {body["max_tokens"] for _, body, _ in seen} == {512}
 
 
 def test_run_that_relies_on_a_grammar_does_not_begin_where_none_holds(tmp_path):
