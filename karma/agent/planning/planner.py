@@ -4,13 +4,13 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, Self
 
-from karma.agent.planning.effects import trimmed, with_turns
 from karma.agent.planning.first_program import astray
 from karma.agent.planning.goal_lines import program_for
 from karma.agent.planning.inspector import mend, narrowed, objection
 from karma.agent.planning.program import SKILLS
 from karma.agent.planning.prompt import GOALS, render, skills_of
 from karma.agent.planning.recovery import Recovered, program_of
+from karma.agent.planning.turns import with_turns
 from karma.contracts import (
     REFUSAL_KINDS,
     Completion,
@@ -38,6 +38,7 @@ from karma.household.types import object_types
 from karma.plugins.rules.request_checker import Guard
 from karma.plugins.rules.request_goals import asked_lines
 from karma.plugins.rules.request_refusals import KNOWN, cannot_be, doubted, with_words
+from karma.plugins.rules.trimming import trimmed
 
 _LOOSE_AFTER = 2  # answers after which a mug will do for a cup
 

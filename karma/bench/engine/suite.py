@@ -15,6 +15,7 @@ from karma.agent.journal.records import Key, NotRun
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.loading.models import Models, Row, check_asked, language_model
 from karma.bench.engine.experiment_file import DataFolders
+from karma.bench.figures.drawing import Picture
 from karma.bench.figures.tables import Sheet
 from karma.contracts import LanguageModel
 from karma.models.session import Session
@@ -141,6 +142,9 @@ class Benchmark(Protocol):
     def results(self, records: Sequence[Any]) -> BenchmarkResults:
         """Return what records come to, finished or not; FileError for damaged published scores."""
 
+    def pictures(self, records: Sequence[Any]) -> Sequence[Picture]:
+        """Return the pictures of the report page; () for none."""
+
 
 def planner_of(models: Models, session: Session, seed: int) -> LanguageModel:
     """Return the model that plans; it is not held to programs, which no benchmark asks for.
@@ -148,8 +152,6 @@ def planner_of(models: Models, session: Session, seed: int) -> LanguageModel:
     Raises:
         ModelError: see `language_model`.
     """
-    model, _ = language_model(
-        msgspec.structs.replace(models, constraint="free"), session, None, seed
-    )
+    model, _ = language_model(msgspec.structs.replace(models, constraint="free"), session, seed)
     check_asked(model, "compact")  # benchmarks' prompts are longer
     return model

@@ -6,11 +6,11 @@ import pytest
 from support.talking import STORE, TAKE, agent_saying
 
 from karma import registry
-from karma.contracts import REFUSAL_KINDS, Certainty, RefusedRequest, SkillResult
+from karma.contracts import REFUSAL_KINDS, Certainty, Plan, RefusedRequest, SkillResult
 from karma.models.scripted import ScriptedModel
 from karma.plugins.rules.language.lexicon import Lexicon
 from karma.plugins.rules.request_refusals import LogisticDoubt
-from karma.plugins.rules.understanding import Understanding, question
+from karma.plugins.rules.understanding import Understanding, question, understood
 
 HERE = ("Bottle", "Bowl", "CounterTop", "Fridge", "Mug", "Plate", "Toaster")
 
@@ -53,22 +53,23 @@ def test_place_of_a_thing_is_where_it_is_remembered(tmp_path):
     assert str(told.meant[0]) == "apple → Apple in the fridge"
 
 
-def test_words_that_the_program_leaves_alone_and_things_that_nobody_named_are_told(tmp_path):
-    toast = "ToggleOn(robot, 'Toaster')\n"
-    told = next(iter(moments(agent_saying(tmp_path, [toast], guard=False), "any beer?")))
-    assert [str(one) for one in told.meant] == ["beer → nothing that I would use"]
-    assert told.unnamed == ("toaster",)
-
-
-def test_pronoun_stands_for_the_thing_that_is_carried(tmp_path):
-    told = next(iter(moments(agent_saying(tmp_path, [STORE], guard=False), "put it in the fridge")))
-    assert "it → Apple, to be looked for" in map(str, told.meant)
-
-
-def test_deeds_that_a_request_forbids_are_told(tmp_path):
-    agent = agent_saying(tmp_path, [STORE], guard=False)
-    told = next(iter(moments(agent, "don't put the apple in the fridge")))
-    assert told.forbidden == ("put",)
+@pytest.mark.parametrize(
+    ("text", "program", "meant", "unnamed", "forbidden"),
+    [
+        ("any beer?", "ToggleOn(robot, 'Toaster')\n", "beer → nothing that I would use",
+         ("toaster",), ()),
+        ("put it in the fridge", STORE, "it → Apple, to be looked for", (), ()),
+        ("don't put the apple in the fridge", STORE, "fridge → Fridge", (), ("put",)),
+    ],
+)  # fmt: skip
+def test_phrases_of_a_text_are_matched_to_the_objects_of_its_program(
+    text, program, meant, unnamed, forbidden, tmp_path, lexicon
+):
+    agent = agent_saying(tmp_path, [program], assistant="direct")
+    plan = next(one for one in agent.doing(text) if isinstance(one, Plan))
+    told = understood(text, plan, lambda name: None, lexicon, HERE)
+    assert meant in map(str, told.meant)
+    assert (told.unnamed, told.forbidden) == (unnamed, forbidden)
 
 
 def test_several_things_stand_for_one_phrase(lexicon):

@@ -1,0 +1,402 @@
+"""`from karma import Agent`: an agent in a room, in five lines of Python.
+
+    from karma import Agent
+    agent = Agent("kitchen_1")
+    agent.do("wash the mug")
+    agent.memory
+    agent.map
+
+It is the agent of the tables and of `karma run`: the same method, models, world and records. What
+it learns of a room lasts in `maps`; what it has handled is remembered as long as the agent lives,
+and in a `home` for good.
+"""
+
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import ExitStack, closing
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from karma import registry
+from karma.agent.goals.goals import GoalTracker, WatchedWorld
+from karma.agent.journal.part import EpisodePart, TimeLog
+from karma.agent.journal.records import SubTaskRecord
+from karma.agent.journal.steps import StepLog
+from karma.agent.karma import KarmaMethod, Remembered
+from karma.agent.loading.models import Models, Row, load_resources, world_maker
+from karma.agent.loading.models import preset as preset_of
+from karma.agent.loading.names import check_options
+from karma.agent.planning.prompt import GOALS
+from karma.assistant.protocol import Assistant, Moment, wanted_assistant
+from karma.assistant.replies import AgentReply, RequestReply, Understanding, as_it_ends, turns_of
+from karma.assistant.session_log import PastAction, SessionLog
+from karma.assistant.talk_folder import Keeper, TalkFolder
+from karma.assistant.views import Memory, RoomMap
+from karma.contracts import (
+    Listener,
+    MemoryChange,
+    Outcome,
+    Plan,
+    Resources,
+    SceneRef,
+    SkillResult,
+    SubTask,
+    Tour,
+)
+from karma.errors import KarmaError
+from karma.files import read_bytes
+from karma.models.llama.model import LlamaModel
+from karma.models.manifest import default_planner, resolve_planner
+from karma.models.session import Session, Spent
+
+if TYPE_CHECKING:
+    from karma.world.event import WorldEvent
+    from karma.world.sim import EmbeddedWorld
+
+MAPS = Path("runs/maps")
+ANSWER_SECONDS = 120.0  # limit of an answer unless the caller sets another
+
+
+@dataclass(frozen=True, slots=True)
+class _Before:
+    """All that an instruction may change, as it was before it."""
+
+    event: "WorldEvent"
+    remembered: Remembered
+    steps: StepLog
+    times: TimeLog
+    tours: dict[str, Tour]
+    done: int
+    logged: int  # requests
+
+
+class Agent:
+    """An agent in a room.
+
+    Args:
+        scene: a scene's name or file; "": the home's, or kitchen_1.
+        planner: a name of the manifest or a GGUF's path; "": karma-mini where set-up could make it,
+            else karma-nano. For more, `models`.
+        models: which models fill the roles, in place of `planner`.
+        options: of the agent, as in a row of an experiment, e.g. `{"policy": "fifo-merge[10]"}`.
+        preset: "paper": recall, K and query as in the paper.
+        folder: takes the run: records, step log, pictures; a new or empty one, which nobody else
+            has as long as the agent lives. None: the next in `runs/talks`.
+        maps: folder of long-term memories.
+        seed: of the planner's sampling.
+        session: of hosted models.
+        resources: models that are loaded already, in place of all by name.
+        answer_seconds: an answer of the planner takes at most; one that is cut is asked for again,
+            never carried out. None: no bound.
+        listen: hears the planner's answers as they come.
+        home: a name or folder: it is the same home tomorrow. None: nothing lasts.
+        later_s: so much time has passed there since it was left.
+        people: who live there meanwhile, and move things; None: as many as always, at first nobody.
+        assistant: a name of `karma.assistants`; "": the one that the planner wants.
+
+    Raises:
+        KarmaError: a model, scene or option is not there or not as it should be; or the folder
+            holds something.
+    """
+
+    def __init__(
+        self,
+        scene: str = "",
+        *,
+        planner: str = "",
+        models: Models | None = None,
+        options: Mapping[str, Any] | None = None,
+        preset: str = "",
+        folder: str | Path | None = None,
+        maps: str | Path = MAPS,
+        seed: int = 0,
+        session: Session | None = None,
+        resources: Resources | None = None,
+        answer_seconds: float | None = ANSWER_SECONDS,
+        listen: Listener | None = None,
+        home: str | Path | None = None,
+        later_s: float = 0.0,
+        people: int | None = None,
+        assistant: str = "",
+    ) -> None:
+        if home is not None:
+            kept = registry.load("homes", "kept")
+            self.home: SessionLog = kept(home, scene, people=people, seed=seed, later_s=later_s)
+        elif people or later_s:
+            raise KarmaError("people and later_s need a home that lasts\n  To fix: name a home")
+        else:
+            self.home = SessionLog(scene)
+        with ExitStack() as failed:
+            failed.callback(self.home.leave)  # who could not begin is in nobody's way
+            self.scene = SceneRef.of(self.home.scene)
+            maps = Path(maps) if self.home.folder is None else self.home.folder / "maps"
+            self.session = session or Session()
+            named = None if resources else asking(models or _models(planner, preset))
+            planner = resources.model.name if resources else (named or Models()).planner
+            kind = registry.load("assistants", assistant or wanted_assistant(planner))
+            row = _row(preset, {**kind.options, **(options or {})}, answer_seconds)
+            self._world: EmbeddedWorld = world_maker("embedded", [row.all_options])()  # type: ignore[assignment]
+            self._world.reset(self.scene.source)  # wrong names are told before models are loaded
+            check_options(row.method, row.all_options)
+            check_options("karma", row.all_options)
+            place = TalkFolder(None if folder is None else Path(folder), self.scene.name)
+            loaded = resources or load_resources(
+                named or Models(), maps=maps, seed=seed, learn=True, session=self.session
+            )
+            self.session.ledger.take()  # what loading asked, as the canary, is no part of the bill
+            decoding = replace(loaded.decoding, answer_seconds=answer_seconds)
+            loaded = replace(loaded, decoding=decoding, listen=listen)
+            self.method = KarmaMethod.build(loaded, row.all_options)
+            self.embedder = loaded.embedder
+            self._keeper = Keeper(place, self.scene, row, named, loaded)
+            self._maps = maps
+            self._begin(seed)
+            self.assistant: Assistant[Any] = kind(self)
+            failed.pop_all()
+
+    def _begin(self, seed: int) -> None:
+        """Get to know the room, and be at its start."""
+        steps = StepLog()
+        world = WatchedWorld(self._world, steps)
+        world.reset(self.scene.source)
+        self.episode = self.method.begin(world, self.scene, seed=seed, folder=self.folder)
+        self._part = EpisodePart(
+            method=self.method.name,
+            episode=self.episode,
+            world=world,
+            tracker=GoalTracker(),  # nothing that is said has goals
+            ledger=self.session.ledger,
+            cassette=self.session.cassette,
+            steps=steps,
+            times=TimeLog(),
+            tours={},
+        )
+        steps.start(self.scene.name, seed)
+        self.home.restore(world, self._world)
+        for errand in self.home.past:
+            for change in errand.changes:
+                self.episode.learn(change)
+        self._done: list[SubTaskRecord] = []
+        self._before: list[_Before] = []
+        self.replies: list[AgentReply] = []
+
+    # ------------------------------------------------------------- what it does
+
+    def do(self, instruction: str) -> AgentReply:
+        """Carry out what is said; of several requests one by one.
+
+        Returns what was understood, done, and seen afterwards; it is true where all was done.
+
+        Raises:
+            KarmaError: nothing was said, or a model failed.
+        """
+        with closing(self.doing(instruction)) as moments:
+            for _ in moments:
+                pass
+        return self.replies[-1]
+
+    def doing(self, instruction: str) -> Generator[Moment]:
+        """Do the same, and yield what happens as it happens: of each request its reply last.
+
+        What was understood comes before the first action. When the last is done, the run is
+        written to `folder`. Where one is stopped or fails, all is as it was before that one; those
+        before it stay, and are written.
+        """
+        if not instruction.strip():
+            raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
+        before = self._now()
+        parts: list[RequestReply] = []
+        for number, request in enumerate(self.assistant.requests(instruction)):
+            now = self._now()
+            try:
+                for moment in self.assistant.handle(request, instruction):
+                    if isinstance(moment, RequestReply):
+                        parts.append(moment)
+                    yield moment
+            except BaseException:
+                if len(parts) == number:
+                    self._return(now)
+                if parts:
+                    stopped = request.text if len(parts) == number else ""
+                    self._reply(before, instruction, parts, stopped=stopped)
+                raise
+        self._reply(before, instruction, parts)
+
+    def _reply(
+        self, before: _Before, said: str, parts: Sequence[RequestReply], *, stopped: str = ""
+    ) -> None:
+        self._before.append(before)
+        self.replies.append(AgentReply(said=said, parts=as_it_ends(parts), stopped=stopped))
+        if self._done:
+            self.save()
+
+    def clauses(self, instruction: str) -> list[str]:
+        """Return the requests of an instruction, in the words in which they are carried out."""
+        return [request.text for request in self.assistant.requests(instruction)]
+
+    def carry_out(
+        self, subtask: SubTask, describe: Callable[[Plan], Understanding]
+    ) -> Generator[Moment, None, RequestReply]:
+        """Carry out one request; yields what happens and returns the reply.
+
+        `describe` puts a plan in words that are shown before it runs.
+        """
+        self.episode.clock_s = self.home.clock_s
+        described: list[Understanding] = []
+        plans: list[Plan] = []
+        results: list[SkillResult] = []
+        outcome = None
+        going = self._part.carry_out(len(self._done), subtask, self.scene.name)
+        while True:
+            try:
+                moment = next(going)
+            except StopIteration as end:
+                record: SubTaskRecord = end.value
+                break
+            if isinstance(moment, Outcome):
+                outcome = moment
+                continue
+            if isinstance(moment, SkillResult):
+                results.append(moment)
+            else:
+                plans.append(moment)
+                if moment.refused is not None or (moment.calls and not moment.error):
+                    described.append(describe(moment))
+                    yield described[-1]
+            yield moment
+        self._done.append(record)
+        return RequestReply(
+            instruction=subtask.instruction,
+            understood=tuple(described),
+            plans=tuple(plans),
+            results=tuple(results),
+            checks=outcome.checks if outcome else (),
+            finished=record.finished,
+            record=record,
+        )
+
+    def log(
+        self, reply: RequestReply, *, plain: str = "", deeds: Sequence[PastAction] = ()
+    ) -> bool:
+        """Log a request that was carried out; return False if it did nothing."""
+        changes, self.episode.changes = self.episode.changes, []
+        actions = self._part.steps.actions
+        if actions:
+            event = self._world.last_event
+            self.home.add(
+                reply.instruction, reply.status, actions, changes, event, plain=plain, deeds=deeds
+            )
+        return bool(actions)
+
+    def learn(self, said: str, status: str, change: MemoryChange) -> None:
+        """Put into memory, and log, what a person stated."""
+        self.episode.learn(change)
+        self.home.add(said, status, (), [change], self._world.last_event)
+
+    def undo(self) -> str | None:
+        """Go back to before the last thing that was said: room, memory and records.
+
+        A question changes nothing, and is passed over. Returns what was undone, None for nothing.
+        """
+        deeds = (n for n, reply in enumerate(self.replies) if reply.status != "answered")
+        last = max(deeds, default=None)
+        if last is None:
+            return None
+        self._return(self._before[last])
+        undone = self.replies[last].said
+        del self._before[last], self.replies[last]
+        self.save()
+        return undone
+
+    def _now(self) -> _Before:
+        return _Before(
+            self._world.last_event,
+            self.episode.remembered(),
+            *deepcopy((self._part.steps, self._part.times, self._part.tours)),
+            len(self._done),
+            len(self.home.past),
+        )
+
+    def _return(self, before: _Before) -> None:
+        self._world.back_to(before.event)
+        self.episode.go_back(before.remembered)
+        self._part.steps.go_back(before.steps)
+        self._part = replace(self._part, times=before.times, tours=before.tours)
+        del self._done[before.done :]
+        self.home.go_back(before.logged)
+
+    # ------------------------------------------------------------- what it knows
+
+    @property
+    def memory(self) -> Memory:
+        """Short-term memory: what was handled or seen last, and its states."""
+        short = self.episode.short_term
+        return Memory(short.units(), short.capacity)
+
+    @property
+    def map(self) -> RoomMap:
+        """Long-term memory of the room: places to stand, and the furniture near them."""
+        return RoomMap.of(self.scene.name, self.episode.graph)
+
+    @property
+    def manner(self) -> str:
+        """How prompts go into the planner's GGUF where it has a chat template; else ""."""
+        model = self.method.planner.model
+        return model.manner if isinstance(model, LlamaModel) else ""
+
+    @property
+    def folder(self) -> Path:
+        """Where the run is kept; `karma report FOLDER` makes a page of it."""
+        return self._keeper.place.folder
+
+    @property
+    def has_run(self) -> bool:
+        """Whether anything was done that the folder holds; a question leaves nothing there."""
+        return bool(self._done)
+
+    @property
+    def spent(self) -> tuple[Spent, ...]:
+        """What hosted models have cost, with the seconds they took."""
+        spent = (one for record in self._done for one in record.hosted)
+        seconds = (s for timing in self._part.times.subtasks for s in timing.hosted_s)
+        return tuple(replace(one, seconds=s) for one, s in zip(spent, seconds, strict=True))
+
+    def save(self) -> Path:
+        """Write the run as it stands; returns its folder.
+
+        Raises:
+            FileError: the folder cannot be written.
+        """
+        path = self._maps / f"{self.scene.name}.json"
+        maps = {f"maps/{path.name}": read_bytes(path)} if path.exists() else {}
+        self._keeper.write(self._done, turns_of(self.replies), self._part, maps)
+        return self.folder
+
+    def __repr__(self) -> str:
+        remembered = f"{len(self.replies)} said, {len(self.memory)} things remembered"
+        return f"Agent({self.scene.source!r}): {self.method.name}, {remembered}"
+
+
+def _row(preset: str, options: dict[str, Any], answer_seconds: float | None) -> Row:
+    try:
+        return Row(name="KARMA", preset=preset, options=options, answer_seconds=answer_seconds)
+    except ValueError as error:
+        raise KarmaError(str(error)) from error
+
+
+def _models(planner: str, preset: str) -> Models:
+    chosen = preset_of(preset)
+    planner = planner or default_planner()
+    return Models(planner=planner, recall=chosen.recall)
+
+
+def asking(models: Models) -> Models:
+    """Return models of which a big planner is told how to refuse; others do if they learnt to."""
+    if models.refusing is not None:
+        return models
+    hosted = models.hosted.planner is not None
+    profile = models.profile or (
+        "full" if hosted else resolve_planner(models.planner).prompt_profile
+    )
+    return models.computed_by({"refusing": True}) if profile in ("full", GOALS) else models

@@ -1,0 +1,327 @@
+"""What an agent says to a request: before it acts, while it acts, and afterwards.
+
+A reply is told in lines, each with a mark that says what kind of line it is. The terminal colours
+them, Python prints them, notebooks make a list of them; the words are the same.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from html import escape
+from itertools import count
+from textwrap import wrap
+from typing import Literal
+
+from karma.agent.body.afterwards import taken_back
+from karma.agent.journal.records import SubTaskRecord, Turn
+from karma.contracts import Check, Found, Plan, SkillResult
+from karma.models.session import Spent
+
+Status = Literal["done", "answered", "partly", "unfinished", "refused", "asked"]
+Mark = Literal["said", "meant", "sure", "asked", "did", "failed", "seen", "not seen"]
+_MARKS: Mapping[Found, Mark] = {
+    "seen": "seen", "done": "seen", "otherwise": "not seen", "unseen": "not seen",
+}  # fmt: skip
+ROWS = 22  # that an answer has on a screen of 24, with the line that is typed
+_WIDTH = 76  # of deeds, which may take several rows
+_WHOLE = 10_000  # rows, where no screen ends
+_LEAST = 2  # rows of one request among several
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One line of an answer."""
+
+    mark: Mark
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Meant:
+    """A phrase of a request, and the objects it stands for in the room."""
+
+    phrase: str
+    things: tuple[str, ...] = ()  # "Apple on the counter top"; () where nothing is done with it
+
+    def __str__(self) -> str:
+        """Return it as people are told."""
+        return f"{self.phrase} → {', '.join(self.things) or 'nothing that I would use'}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Understanding:
+    """A request as the agent took it, printed before anything is done."""
+
+    instruction: str
+    meant: tuple[Meant, ...] = ()
+    unnamed: tuple[str, ...] = ()  # what the program uses besides
+    deeds: tuple[str, ...] = ()  # in their order
+    forbidden: tuple[str, ...] = ()  # deeds that the request says not to do
+    sure: str = ""
+    refused: str = ""  # why it is not carried out
+    question: str = ""  # that may help then
+    offer: str = ""  # what "yes" asks for, where that answers the question
+    candidates: tuple[str, ...] = ()  # types or things that the question offers
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MemoryAnswer:
+    """What is said without doing anything."""
+
+    lines: tuple[str, ...]
+    known: bool = True
+    look: str = ""  # the instruction that "yes" asks for: it would find it out, or repair it
+    refuses: bool = False  # it was an instruction, and is not carried out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class RequestReply:
+    """What became of one request."""
+
+    instruction: str
+    understood: tuple[Understanding, ...] = ()  # one for each answer of the planner that stood
+    plans: tuple[Plan, ...] = ()
+    results: tuple[SkillResult, ...] = ()  # of all programs
+    checks: tuple[Check, ...] = ()
+    finished: bool = False
+    record: SubTaskRecord | None = None
+    answer: MemoryAnswer | None = None  # to a question; nothing was done for it
+    requested: frozenset[tuple[str, str]] = frozenset()  # deeds and object types, if parsed
+    about: str = ""  # the words of the first object, if parsed
+    elsewhere: tuple[str, ...] = ()  # what was not where it was remembered
+
+    @property
+    def refused(self) -> str:
+        """Why it was not carried out; "" where it was tried."""
+        return self.understood[-1].refused if self.understood else ""
+
+    @property
+    def status(self) -> Status:
+        """Whether it was done, done in part, tried in vain, refused, or asked back about."""
+        if self.answer is not None:
+            return "refused" if self.answer.refuses else "answered"
+        if self.refused:
+            return "asked" if self.asks else "refused"
+        said_no = any(check.found == "otherwise" for check in self.checks)
+        if self.finished and not said_no:
+            return "done"
+        done = any(check.found in ("seen", "done") for check in self.checks)
+        return "partly" if self.finished or (said_no and done) else "unfinished"
+
+    @property
+    def asks(self) -> bool:
+        """Whether an answer is waited for, in place of doing it."""
+        refused = next((plan.refused for plan in reversed(self.plans) if plan.refused), None)
+        return refused is not None and refused.kind in ("incomplete", "unclear", "which", "alike")
+
+    def __repr__(self) -> str:
+        return "\n".join(line.text for line in lines_of(self))
+
+
+def as_it_ends(parts: Sequence[RequestReply]) -> tuple[RequestReply, ...]:
+    """Return replies whose checks take into account what a later request undid."""
+    found = []
+    for number, part in enumerate(parts):
+        later = parts[number + 1 :]
+        results = [result for one in later for result in one.results]
+        requested = frozenset[tuple[str, str]]().union(*(one.requested for one in later))
+        undone = taken_back(part.results, results, part.requested, requested)
+        texts = {check.text for check in undone}
+        kept = [check for check in part.checks if check.text not in texts]
+        found.append(replace(part, checks=(*kept, *undone)) if undone else part)
+    return tuple(found)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unclear:
+    """A request that is not carried out before a question is answered."""
+
+    text: str
+    question: str
+    candidates: tuple[str, ...] = ()  # object types or things that may be meant
+    about: str = ""  # the words that may mean several things: "the apple"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class AgentReply:
+    """What became of all that was said at once."""
+
+    said: str
+    parts: tuple[RequestReply, ...]
+    stopped: str = ""  # the request that was, with all after it; no part
+
+    @property
+    def spent(self) -> tuple[Spent, ...]:
+        """What hosted models cost, without the seconds."""
+        return tuple(one for part in self.parts if part.record for one in part.record.hosted)
+
+    @property
+    def status(self) -> Status:
+        """The worst of the parts: unfinished, done in part, asked back about, refused, done.
+
+        "answered" where nothing but questions was asked.
+        """
+        every = {part.status for part in self.parts} | ({"unfinished"} if self.stopped else set())
+        order: tuple[Status, ...] = ("unfinished", "partly", "asked", "refused", "done")
+        return next((s for s in order if s in every), "answered")
+
+    @property
+    def unclear(self) -> Unclear | None:
+        """What is asked back about; None where nothing is."""
+        part = next((one for one in self.parts if one.status == "asked"), None)
+        if part is None:
+            return None
+        return Unclear(
+            text=part.instruction,
+            question=part.understood[-1].question,
+            candidates=part.understood[-1].candidates,
+            about=part.about,
+        )
+
+    @property
+    def offer(self) -> str:
+        """What "yes" asks for; "" where no question was asked that it answers."""
+        planned = (one.offer for part in self.parts for one in part.understood[-1:])
+        answered = (part.answer.look for part in self.parts if part.answer is not None)
+        return next(filter(None, (*planned, *answered)), "")
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """What is so afterwards, of all parts."""
+        return tuple(check for part in self.parts for check in part.checks)
+
+    def __bool__(self) -> bool:
+        """Return whether all was done, or answered."""
+        return self.status in ("done", "answered")
+
+    def __repr__(self) -> str:
+        most = rows_for(len(self.parts))
+        return "\n".join(line.text for part in self.parts for line in lines_of(part, most))
+
+    def _repr_html_(self) -> str:
+        """Return the lines as a list for notebooks; all text is escaped."""
+        lines = (line for part in self.parts for line in lines_of(part))
+        items = "".join(f"<li>{escape(line.text.strip())}</li>" for line in lines)
+        return f'<ul class="karma-reply">{items}</ul>'
+
+
+def turns_of(replies: Iterable[AgentReply]) -> list[Turn]:
+    """Return a conversation as it is kept; what was done has the number of its instruction."""
+    numbers = count()
+    return [
+        Turn(
+            said=part.instruction,
+            status=part.status,
+            lines=tuple((line.mark, line.text.strip()) for line in lines_of(part, _WHOLE)[1:]),
+            instruction=None if part.record is None else next(numbers),
+        )
+        for reply in replies
+        for part in reply.parts
+    ]
+
+
+def rows_for(parts: int) -> int:
+    """Return how many rows each of so many requests may take.
+
+    >>> rows_for(1), rows_for(2), rows_for(9)
+    (22, 11, 2)
+    """
+    return max(ROWS // max(parts, 1), _LEAST)
+
+
+def lines_of(part: RequestReply, most: int = ROWS) -> list[Line]:
+    """Return what is said of one request, in at most so many rows."""
+    before = [line for one in part.understood[:1] for line in lines_before(one, max(most // 2, 1))]
+    again = [line for one in part.understood[1:] for line in lines_again(one)][: most // 3]
+    after = lines_after(part, max(most - 1 - len(before) - len(again), 1))
+    return [Line("said", part.instruction), *before, *again, *after][:most]
+
+
+def lines_before(one: Understanding, most: int = ROWS) -> list[Line]:
+    """Return what is said before anything is done, in at most so many rows."""
+    sure = [Line("sure", f"  sure: {one.sure}")] if one.sure else []
+    if one.refused:
+        why = [Line("failed", f"  not done: {one.refused}"), Line("asked", f"  {one.question}")]
+        return [*sure, *why] if most > len(why) else why[:most]
+    meant = [Line("meant" if said.things else "asked", f"  {said}") for said in one.meant]
+    if one.unnamed:
+        meant.append(Line("meant", f"  not named, but used: {', '.join(one.unnamed)}"))
+    if one.forbidden:
+        meant.append(Line("failed", f"  it says not to: {', '.join(one.forbidden)}"))
+    rows = wrap(f"I will {_few(one.deeds, 8)}", _WIDTH, max_lines=max(most // 3, 1))
+    doing = [Line("meant", f"  {row}") for row in rows]
+    room = most - len(doing) - 1
+    return [*_cut(meant, room), *doing, *sure] if room > 0 else doing
+
+
+def lines_again(one: Understanding) -> list[Line]:
+    """Return what is said when a program has failed and another answer stands in its place."""
+    if one.refused:
+        return [Line("failed", f"  not done: {one.refused}"), Line("asked", f"  {one.question}")]
+    return [Line("meant", f"  again: I will {_few(one.deeds, 6)}")]
+
+
+def lines_after(part: RequestReply, most: int = ROWS) -> list[Line]:
+    """Return what came of a request, and what is so by the agent's own eyes."""
+    if part.answer is not None:
+        mark: Mark = "seen" if part.answer.known else "not seen"
+        return _cut([Line(mark, f"  {text}") for text in part.answer.lines], most)
+    if part.refused and not part.results:
+        return []
+    steps = sum(result.actions for result in part.results)
+    places = sum(result.explorations for result in part.results)
+    cost = f"{steps} step{'s' * (steps != 1)}" + (
+        f", {places} place{'s' if places > 1 else ''} searched" if places else ""
+    )
+    if part.status == "done":
+        told = [Line("did", f"  done: {cost}")]
+    elif part.status == "partly":
+        so = sum(check.found in ("seen", "done") for check in part.checks)
+        told = [Line("failed", f"  partly: {so} of {len(part.checks)} hold ({cost})")]
+    else:
+        told = [Line("failed", f"  not finished: {reason_of(part)} ({cost})")]
+    eyes = [
+        Line("seen" if c.found in ("seen", "done") else "not seen", f"  {c}") for c in part.checks
+    ]
+    told += [Line("meant", f"  {text}") for text in part.elsewhere]
+    return [*told, *_cut(eyes, max(most - len(told), 1))]
+
+
+def reason_of(part: RequestReply) -> str:
+    """Return why a request came to nothing."""
+    failed = next((result for result in reversed(part.results) if not result.ok), None)
+    if failed is not None:
+        return f"{failed.call}: {failed.reason}"
+    error = next((plan.error for plan in reversed(part.plans) if plan.error), "")
+    if not part.plans:
+        return "I found nothing that it could be done to"
+    return error or "the planner gave no program"
+
+
+def lines_why(part: RequestReply, most: int = ROWS) -> list[Line]:
+    """Return what a request went by: memory that was told, the program, and what came of it."""
+    found = [Line("said", part.instruction)]
+    if part.plans:
+        told = [f"{unit.object_type}" for unit in part.plans[0].units]
+        found.append(Line("meant", f"  remembered for it: {', '.join(told) or 'nothing'}"))
+    found += [line for one in part.understood[-1:] for line in lines_before(one, most // 3)]
+    found += [Line("failed", f"  answer refused: {p.error}") for p in part.plans if p.error][:2]
+    results = [
+        Line(
+            "did" if one.ok else "failed", f"  {one.call}" + (f": {one.reason}" * bool(one.reason))
+        )
+        for one in part.results
+    ]
+    return [*found, *_cut(results, max(most - len(found), 1))][:most]
+
+
+def _cut(lines: Sequence[Line], most: int) -> list[Line]:
+    """Return at most so many lines; the last one says how many are left out."""
+    if len(lines) <= most:
+        return list(lines)
+    kept = list(lines[: max(most - 1, 0)])
+    return [*kept, Line("meant", f"  and {len(lines) - len(kept)} more")]
+
+
+def _few(words: Sequence[str], most: int) -> str:
+    shown = [*words[:most], *([f"{len(words) - most} more deeds"] if len(words) > most else [])]
+    return ", ".join(shown) or "do nothing"
