@@ -44,6 +44,7 @@ _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
         "embedders": {"hosted": ("openai",)},
         "language_models": {"hosted": ("openai",)},
         "parsers": {"rules": ("spacy",)},
+        "task_sources": {"alfred": ("alfred", "authors")},
         "planners": {"hosted": ("openai",)},
         "vision_models": {"hosted": ("openai",)},
     }

@@ -388,7 +388,7 @@ def _row(preset: str, options: dict[str, Any], answer_seconds: float | None) -> 
 def _models(planner: str, preset: str) -> Models:
     chosen = preset_of(preset)
     planner = planner or default_planner()
-    return Models(planner=planner, recall=chosen.recall, recall_text=chosen.recall_text)
+    return Models(planner=planner, recall=chosen.recall)
 
 
 def asking(models: Models) -> Models:

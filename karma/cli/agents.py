@@ -189,7 +189,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
                 raise
             not_run = "".join(f"\n  {one}" for one in in_words(run.not_run).splitlines())
             raise KarmaError(f"{error}{not_run}\n  Kept: {_kept(run)}") from error
-        if self.tasks or run.experiment.authors:
+        if self.tasks:
             console.print(show.task_table(run.records))
         lines = figures(run.records, run.timings)
         console.print(show.summary_table(lines, run.experiment.name))

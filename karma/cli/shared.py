@@ -244,11 +244,10 @@ class Computed:
     """How models are computed: keys of [models] in an experiment; None where nothing is said."""
 
     gpu_layers: str | None = _computed(
-        'On a GPU: "auto", all that fit, or a number; 0: on the CPU.'
+        'On a GPU: "auto", all that fit, or a number; 0: all models on the CPU.'
     )
     n_ctx: int | None = _computed("Context of a GGUF in tokens; else as its prompts need.")
     threads: int | None = _computed("Of a GGUF on the CPU; results do not depend on it.")
-    device: str | None = _computed('Of torch models: "auto", "cpu", "cuda", "cuda:1", "mps".')
 
     @property
     def computed(self) -> dict[str, Any]:

@@ -79,7 +79,6 @@ class RequestOptions:
         "by the full prompt.",
         "--refusing/--no-refusing",
     )
-    max_tokens: int = option(512, "Of an answer.", min=1)
     answer_seconds: float | None = option(
         None, "Of an answer, by the clock; default 120; 0: no bound.", min=0
     )
@@ -142,13 +141,12 @@ class ChatCommand(Computed, Kept, RequestOptions):
             options |= {"recall_k": self.recall_k, "whole_memory": False}
         session = Session(self.tape)
         session.cassette.begin("run")
-        same = ("profile", "chat", "vision", "detector", "refusing", "max_tokens", "thinking")
+        same = ("profile", "chat", "vision", "detector", "refusing", "thinking")
         models = Models().computed_by(
             {
                 **{key: getattr(self, key) for key in same},
                 "planner": planner,
                 "recall": self.recall or chosen.recall,
-                "recall_text": chosen.recall_text,
                 "constraint": self.constraint if self.constrained else "free",
                 "hosted": self.hosted(planner, self.model, api=self.api, dialect=self.dialect),
                 **self.computed,

@@ -10,8 +10,7 @@ from support.sights import seen
 from support.tiny_vision import save_family
 
 from karma import registry
-from karma.agent.loading.models import Models, load_resources
-from karma.errors import KarmaError, ModelError
+from karma.errors import ModelError
 from karma.models.torch_load import TorchOptions, device_of
 from karma.models.transformers_vision import TransformersVision, VisionOptions
 
@@ -29,22 +28,9 @@ def test_auto_is_the_cpu_where_there_is_no_card():
     assert device_of(TorchOptions()) == ("cuda" if torch.cuda.is_available() else "cpu")
 
 
-@pytest.mark.parametrize("device", ["cuda:7", "mps", "xpu"])
-@pytest.mark.parametrize("role", ["vision", "embedder"])
-def test_device_that_is_not_there_is_refused_with_the_way_out(device, role):
-    filled = {"vision": {"vision": "nano-vlm"}, "embedder": {"embedder": "sentence:minilm"}}[role]
-    models = Models(device=device, **filled)
-    with pytest.raises(
-        ModelError, match=rf"device = '{device}': torch .* finds no such .*\n.*auto"
-    ):
-        load_resources(models, maps=None, seed=0)
-
-
 def test_value_that_cannot_be_is_refused_by_name():
     with pytest.raises(ModelError, match="device = 'gpu'"):
         TorchOptions(device="gpu")
-    with pytest.raises(KarmaError, match="device"):
-        Models().computed_by({"device": "gpu"})
 
 
 def test_pictures_together_are_answered_as_one_by_one():

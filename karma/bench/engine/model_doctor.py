@@ -218,7 +218,7 @@ def _torch(
     speeds = ask(model)
     device, _, numbers = model.computed_on.partition(", ")
     advice = []
-    if device == "cpu" and models.device == "auto" and Path("/dev/nvidia0").exists():
+    if device == "cpu" and models.gpu_layers != 0 and Path("/dev/nvidia0").exists():
         advice.append("an NVIDIA card is here, but torch was built without CUDA: install one with")
     return ModelSeen(
         role=role, name=model.name, device=device, how=numbers, speeds=speeds,

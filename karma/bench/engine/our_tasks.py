@@ -17,7 +17,6 @@ from karma.agent.journal.records import EpisodeRecord
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.journal.steps import StepLog
 from karma.agent.loading.models import (
-    PRESETS,
     Models,
     Row,
     for_row,
@@ -25,7 +24,7 @@ from karma.agent.loading.models import (
     preset,
     world_maker,
 )
-from karma.agent.loading.planner_files import NO_WORDS, chosen_words, may_refuse
+from karma.agent.loading.planner_files import may_refuse
 from karma.agent.tour import explore_room
 from karma.bench.engine.episode import Days, run_episode
 from karma.bench.engine.experiment import Experiment, RunOptions, load, scene_path
@@ -290,33 +289,22 @@ def configuration(experiment: Experiment) -> Config:
 def _settled(models: Models) -> dict[str, Any]:
     """Return what is left to the planner's own entry."""
     if models.hosted.planner is not None:
-        words = models.words or NO_WORDS
-        return {
-            "profile": models.profile or "full",
-            "refusing": bool(models.refusing),
-            "words": words,
-        }
+        return {"profile": models.profile or "full", "refusing": bool(models.refusing)}
     file = resolve_planner(models.planner)
     return {
         "profile": models.profile or file.prompt_profile,
         "chat": file.chat if models.chat is None else models.chat,
         "refusing": may_refuse(models.planner, models.refusing),
-        "words": str(chosen_words(models.planner, models.words) or NO_WORDS),
     }
 
 
 def _row(row: Row, models: Models) -> dict[str, Any]:
     """Return what a row leaves to its preset, its method and [models]."""
-    chosen, recall, text = preset(row.preset), models.recall, models.recall_text
-    if row.preset:
-        recall, text = chosen.recall, chosen.recall_text
-    if row.recall:
-        recall, text = row.recall, PRESETS[""].recall_text
+    own = preset(row.preset).recall if row.preset else models.recall
     kind = getattr(registry.load("methods", row.method), "settings_kind", None)
     defaults = {} if kind is None else msgspec.to_builtins(kind())
     return {
-        "recall": recall,
-        "recall_text": text,
+        "recall": row.recall or own,
         "vision": row.vision or models.vision,
         "options": {**defaults, **row.all_options},
     }

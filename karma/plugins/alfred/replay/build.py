@@ -9,11 +9,11 @@ import msgspec
 from karma.contracts import Vec3
 from karma.household.ids import type_of
 from karma.household.places import FLOOR
-from karma.household.types import object_types
+from karma.household.types import object_types, type_now
 from karma.plugins.alfred.replay.facts import LabelledSpot, RoomFacts, middling
 from karma.plugins.alfred.replay.furniture import furnished
 from karma.plugins.alfred.replay.steps import STEP_M
-from karma.plugins.alfred.replay.trial import SpawnPose, Trial, type_now
+from karma.plugins.alfred.replay.trial import SpawnPose, Trial
 from karma.plugins.thor_tools.importing.scenes import (
     ORIGIN_M,
     room_box,
