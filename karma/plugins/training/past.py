@@ -298,7 +298,7 @@ def _mistaken(
         return DrawnFailure(error=f"Explore(robot, '{other}'): {words}", calls=calls)
     if call.skill == "PutObject":
         words = f"{told.objects[0]} cannot be placed in {told.objects[1]}"
-    elif (skill := SKILL_OF[call.skill]).cannot and not skill.hand:
+    elif (skill := SKILL_OF[call.skill]).cannot and call.skill != "PickupObject":
         words = f"{other} {skill.cannot}"
     else:
         words = f"no {other} is known; Explore(robot, '{other}') first"
