@@ -27,7 +27,6 @@ from karma.cli.shared import (
 )
 from karma.cli.worlds import warn_of_tasks
 from karma.errors import KarmaError
-from karma.files import write_atomic
 
 if TYPE_CHECKING:
     from karma.agent.journal.owned_folder import Kind
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
     from karma.bench.engine.sweep import SweepRun
     from karma.bench.engine.sweep_folder import SweepData
     from karma.bench.figures.columns import Figures
-    from karma.bench.figures.precision import SuccessFloor
+    from karma.bench.figures.floors import SuccessFloor
 
 MARKS = {True: "[green]✓[/]", False: "[red]✗[/]"}  # of success
 
@@ -57,10 +56,6 @@ class EvalOptions:
     workers: int = option(0, "Processes to use; 0: as many as cores and memory allow.", min=0)
     ray: str = option("", "Address of a Ray cluster, HOST:PORT, to do the episodes on.")
     steps: bool | None = option(None, "Keep a step log per episode.", "--steps/--no-steps")
-    half_width: float | None = option(
-        None, "Add seeds until success rates are as sure as that, e.g. 0.05."
-    )
-    max_seeds: int | None = option(None, "With a half-width: seeds at most; default 20.", min=1)
     sets: list[str] | None = option(
         None,
         'A key of the file said otherwise, "models.planner=x.gguf" or '
@@ -84,7 +79,6 @@ class EvalOptions:
         metavar="RATE",
         panel=PASSED,
     )
-    junit: Path | None = option(None, "Also write JUnit's XML here.", panel=PASSED)
 
     @property
     def changes(self) -> "Changes":
@@ -103,7 +97,7 @@ class EvalOptions:
     @property
     def floors(self) -> "list[SuccessFloor]":
         """The rates of success that it ends with code 4 below."""
-        from karma.bench.figures.precision import SuccessFloor
+        from karma.bench.figures.floors import SuccessFloor
 
         return [SuccessFloor.of(text) for text in self.fail_under or ()]
 
@@ -112,7 +106,7 @@ _FIGURE = frozenset({"out", "fresh", "workers", "ray"})
 _RUN = frozenset(one.name for kind in (EvalOptions, Kept, Computed) for one in fields(kind))
 _SWEEP = _RUN - {"tasks"}
 _NO_BENCHMARK = {
-    "steps", "half_width", "max_seeds", "planner_dir", "fail_under", "junit",
+    "steps", "planner_dir", "fail_under",
 }  # fmt: skip
 USED_BY: Mapping["Kind", frozenset[str]] = {  # kind of run -> options that it can use
     "figure": _FIGURE, "benchmark": _SWEEP - _NO_BENCHMARK, "sweep": _SWEEP, "run": _RUN,
@@ -132,7 +126,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
         from karma.bench.engine.experiment_file import kind_of
         from karma.bench.engine.run import Run
         from karma.bench.engine.sweep import SweepRun
-        from karma.bench.figures.precision import check_floors
+        from karma.bench.figures.floors import check_floors
         from karma.files import find_experiment
 
         file = find_experiment(self.file)
@@ -146,8 +140,6 @@ class EvalCommand(Computed, Kept, EvalOptions):
             "base_url": self.base_url,
             "computed": self.computed,
             "steps": self.steps,
-            "half_width": self.half_width,
-            "max_seeds": self.max_seeds,
         }
         if kind == "figure":
             self._do_figure(file, folder)
@@ -175,7 +167,6 @@ class EvalCommand(Computed, Kept, EvalOptions):
         from karma.agent.journal.formats import spent_text
         from karma.agent.journal.records import in_words, spent_by
         from karma.bench.figures.columns import figures, plain
-        from karma.bench.figures.precision import reached
         from karma.cli import show
 
         warn_of_tasks(run)
@@ -193,8 +184,6 @@ class EvalCommand(Computed, Kept, EvalOptions):
             console.print(show.task_table(run.records))
         lines = figures(run.records, run.timings)
         console.print(show.summary_table(lines, run.experiment.name))
-        if run.precision is not None:
-            console.print(show.precision_table(reached(run.records, run.precision), run.precision))
         spent = [one for record in run.records for one in spent_by(record, run.timings[record.key])]
         if spent:
             tell(spent_text(spent))
@@ -202,7 +191,6 @@ class EvalCommand(Computed, Kept, EvalOptions):
         if words := show.conclusion(lines):
             console.print(escape(words))
         write_json(self.json, plain(lines))
-        self._write_junit(run.folder)
         if run.not_run:
             raise KarmaError(in_words(run.not_run))
         return lines
@@ -279,22 +267,13 @@ class EvalCommand(Computed, Kept, EvalOptions):
             console.print("stopped; the same command (without --fresh) goes on")
             raise typer.Exit(STOPPED) from None
         print_sweep(sweep.data, self.json)
-        self._write_junit(sweep.folder)
         if sweep.failed:
             raise typer.Exit(FAILED)
         return [(cell.name, lines) for cell, lines in figures_by_cell(sweep.data)]
 
-    def _write_junit(self, folder: Path) -> None:
-        """Write a run's test cases where that is wanted."""
-        if self.junit is not None:
-            from karma.bench.engine.export import to_junit
-
-            write_atomic(self.junit, to_junit(folder))
-            console.print(escape(f"test cases: {self.junit}"))
-
     def _end_below(self, figures: "Sequence[tuple[str, Sequence[Figures]]]") -> None:
         """End with code 4 where a run, or a cell of a sweep by its name, is below a floor."""
-        from karma.bench.figures.precision import below
+        from karma.bench.figures.floors import below
 
         said = [
             f"{cell}: {words}" if cell else words
@@ -338,11 +317,9 @@ def print_sweep(data: "SweepData", json: Path | None) -> None:
 
 def export(
     run: Path = argument(..., "Folder of a run or a sweep."),
-    to: str = option("csv", '"csv", "parquet" or "junit".'),
     out: Path | None = option(None, "File to write; default in the run's folder."),
 ) -> None:
-    """Write a run's episodes for other programs: one line each, with every metric."""
-    from karma.bench.engine.export import exported
+    """Write a run's episodes as CSV: one line each, with every metric."""
+    from karma.bench.engine.export import to_csv
 
-    name = {"junit": "junit.xml"}.get(to, f"episodes.{to}")
-    console.print(escape(f"written: {write_for(run, out, name, exported(run, to))}"))
+    console.print(escape(f"written: {write_for(run, out, 'episodes.csv', to_csv(run))}"))

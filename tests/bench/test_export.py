@@ -2,16 +2,15 @@
 
 import csv
 import io
-from xml.etree import ElementTree as ET
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.made_records import episode, plain, runs, sub, write_run
 
-from karma.bench.engine.export import to_csv, to_junit
+from karma.bench.engine.export import to_csv
 from karma.bench.figures.columns import figures
-from karma.bench.figures.precision import SuccessFloor, below, check_floors
+from karma.bench.figures.floors import SuccessFloor, below, check_floors
 from karma.errors import KarmaError
 
 HOSTILE = st.text(max_size=30) | st.sampled_from(
@@ -21,8 +20,8 @@ HOSTILE = st.text(max_size=30) | st.sampled_from(
 
 @settings(deadline=None, max_examples=40, suppress_health_check=list(HealthCheck))
 @given(row=HOSTILE, task=HOSTILE, error=HOSTILE, instruction=HOSTILE)
-def test_any_text_stays_text_in_csv_and_xml(tmp_path_factory, row, task, error, instruction):
-    """Nothing that a planner, a task or a row says opens a tag, a cell or a line."""
+def test_any_text_stays_text_in_csv(tmp_path_factory, row, task, error, instruction):
+    """Nothing that a planner, a task or a row says opens a cell or a line."""
     records = [
         episode(sub("A: 1", unmet=True, instruction=instruction), row=row, task=task),
         episode(sub("A: 1"), row=row, task=task, seed=1, error=error),
@@ -33,22 +32,15 @@ def test_any_text_stays_text_in_csv_and_xml(tmp_path_factory, row, task, error, 
         (row, task, ""),
         (row, task, error),
     ]
-    (suite,) = ET.fromstring(to_junit(folder))
-    assert [case.tag for case in suite] == ["testcase"] * 2
-    assert len(list(suite.iter())) == 1 + 2 + 1 + bool(error)
 
 
 @settings(deadline=None, max_examples=30, suppress_health_check=list(HealthCheck))
 @given(records=runs())
-def test_counts_of_all_forms_are_those_of_the_figures(tmp_path_factory, records):
+def test_counts_of_the_csv_are_those_of_the_figures(tmp_path_factory, records):
     folder = write_run(tmp_path_factory.mktemp("counted") / "run", records)
-    suites = {suite.get("name"): suite for suite in ET.fromstring(to_junit(folder))}
     lines = list(csv.DictReader(io.StringIO(to_csv(folder).decode(), newline="")))
     for line in figures(records):
         if line.kind == "all":
-            suite = suites[line.row]
-            bad = int(suite.get("failures")) + int(suite.get("errors"))
-            assert int(suite.get("tests")) - bad == line.successes
             mine = [one for one in lines if one["row"] == line.row]
             assert sum(one["succeeded"] == "True" for one in mine) == line.successes
             assert sum(float(one["success"]) for one in mine) == line.successes
