@@ -1,30 +1,24 @@
-"""A run or a sweep for other programs: one line per episode as CSV.
+"""Write a run or a sweep for other programs: one line per episode as CSV.
 
-The bytes are the same however often the run was stopped, but for the columns of seconds.
+The bytes do not depend on how often the run was stopped, but for the columns of seconds.
 """
 
 import csv
 import io
-import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from karma.agent.journal.owned_folder import kind_in
 from karma.agent.journal.run_folder import RunData, read_run
 from karma.bench.engine.sweep_folder import SweptCell, read_sweep
 from karma.bench.figures.metrics import METRICS, episodes_of
 
-if TYPE_CHECKING:
-    pass
-
-_NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _TEXTS = ("run", "cell", "row", "method", "task", "kind", "scene", "error", "unjudged")
 _NUMBERS = ("seed", "instructions")
 
 
 _Part = tuple[RunData | None, SweptCell | None]  # of a sweep a cell; None: it has not begun
-_Case = tuple[str, str, str, str]  # name, kind of its end ("" succeeded), message, text
 
 
 def to_csv(folder: Path) -> bytes:
