@@ -296,7 +296,8 @@ def _recording_on_full_disk(place: Path, rng: random.Random) -> None:
 
 
 OUTPUTS: tuple[tuple[str, ...], ...] = (
-    ("table", "RUN"), ("export", "RUN"), ("report", "RUN"),
+    ("table", "RUN"), ("export", "RUN"),
+    ("report", "RUN"),
 )  # fmt: skip
 
 
