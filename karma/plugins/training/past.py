@@ -17,7 +17,7 @@ from karma.household.ids import part_id, short_type
 from karma.household.pieces import base_type, is_piece
 from karma.household.places import HAND, SEVERAL, landmark_types, surface_for
 from karma.household.types import ObjectType, object_types, types_with
-from karma.language.lexemes import lexicon
+from karma.plugins.rules.language.lexemes import lexicon
 from karma.plugins.training.drawing.memories import (
     CAPACITY,
     KnownRoom,

@@ -13,7 +13,7 @@ from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import LIKELY, landmark_types
 from karma.household.saying import plural_of
 from karma.household.types import object_types, types_with
-from karma.language.lexemes import every_word, lexicon, pick_common, types_called
+from karma.plugins.rules.language.lexemes import every_word, lexicon, pick_common, types_called
 from karma.plugins.training.drawing.memories import Rng, pick
 from karma.plugins.training.drawing.phrases import Book
 from karma.plugins.training.drawing.referring_expressions import (
