@@ -28,9 +28,8 @@ from karma.agent.loading.planner_files import may_refuse
 from karma.agent.tour import explore_room
 from karma.bench.engine.episode import Days, run_episode
 from karma.bench.engine.experiment import Experiment, RunOptions, load, scene_path
-from karma.bench.engine.experiment_file import Changes, DataFolders, read_experiment
-from karma.bench.engine.suite import Chain, Do, Done
-from karma.bench.engine.workers import NodeFolder, loaded
+from karma.bench.engine.experiment_file import Changes, read_experiment
+from karma.bench.engine.suite import Chain, Done
 from karma.bench.figures.columns import added_up
 from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
 from karma.errors import FileError, KarmaError
@@ -110,16 +109,6 @@ class OurTasks:
                 know.
         """
         return Performer(self, session).play
-
-    def begin_on_node(self, header: Header, there: DataFolders) -> Do:
-        """Have tasks and rooms in a folder of this machine, and load what episodes need."""
-        node = NodeFolder(self.folder, self.scenes)
-        here = replace(
-            self,
-            folder=node.path,
-            models=node.models(header, self.models, self.rows),
-        )
-        return node.bringing(loaded(here, Session()))
 
 
 def our_tasks(

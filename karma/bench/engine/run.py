@@ -23,13 +23,14 @@ class Run:
     The folder takes records, header and whatever else episodes leave; `fresh` throws away what
     an earlier run left there. `changes`, `computed` (keys of its [models] that say how they are
     computed), `base_url` (of all hosted models) and `steps` (whether to keep step logs) stand
-    in place of what the experiment says; a benchmark has no `steps`. The cassette records
-    hosted models or stands for them, and is the run's clock. A `suite` is what is done where it
-    is of neither form; then `path` is only named in messages.
+    in place of what the experiment says; the last is of no use to a benchmark. The cassette records
+    hosted models or stands for them, and is the run's clock. A `suite` is what is done where it is
+    of neither form; then `path` is only named in messages.
 
     Raises:
         FileError: the experiment is damaged, or the folder holds a run of something else.
-        KarmaError: another run is at work in the folder, or an argument is of no use to it.
+        KarmaError: another run is at work in the folder, its tasks have one seed only, or an
+            argument is of no use to it.
     """
 
     def __init__(
@@ -48,16 +49,15 @@ class Run:
         self.path, self.folder = path, folder
         self._session = Session(cassette)
         said = (path, changes, computed or {}, base_url)
-        own: dict[str, Any] = {"steps": steps}
         self.suite: Suite
         if suite is not None:
             self.suite = suite
         elif kind_of(path, changes) == "benchmark":
-            if wrong := [name for name, value in own.items() if value is not None]:
-                raise KarmaError(f"{path}: a benchmark has no {wrong[0]}")
+            if steps is not None:
+                raise KarmaError(f"{path}: a benchmark has no steps")
             self.suite = benchmark_suite(*said)
         else:
-            self.suite = our_tasks(*said, folder=folder, **own)
+            self.suite = our_tasks(*said, folder=folder, steps=steps)
         self.experiment: Any = self.suite.experiment  # an `Experiment`, or a benchmark's own
         ours = self.suite if isinstance(self.suite, OurTasks) else None
         self.tasks: tuple[Task, ...] = ours.placed() if ours else ()  # of our own
@@ -68,8 +68,7 @@ class Run:
         self.records: list[Any] = []
         self.not_run: list[NotRun] = []  # of those that were tried last
         self.timings: dict[Key, Any] = {}
-        self.seeds: tuple[int, ...] = self.experiment.seeds
-        self.chains = tuple(self.suite.chains(self.seeds))
+        self.chains = tuple(self.suite.chains(self.experiment.seeds))
         with locked(folder):
             if fresh:
                 self._files.clear()
@@ -83,7 +82,7 @@ class Run:
 
     @property
     def total(self) -> int:
-        """How many episodes the seeds come to that have been begun."""
+        """How many episodes there are."""
         return sum(len(chain.tasks) for chain in self.chains)
 
     @property
@@ -120,19 +119,20 @@ class Run:
             if self.left:
                 self._files.reopen()
             self.not_run, in_a_row = [], 0
-            if todo := self._todo():
-                for one in perform(
-                    self.suite, todo, self._session, workers=workers, ray=ray, header=self.header
-                ):
-                    if isinstance(one, NotRun):
-                        in_a_row += not one.alone
-                        self._put_aside(one, ends=in_a_row == IN_A_ROW)
-                        continue
-                    in_a_row = 0
-                    self._files.commit(one)
-                    self.records.append(one.record)
-                    self.timings[one.timing.key] = one.timing
-                    yield one.record
+            todo = self._todo()
+            work = perform(
+                self.suite, todo, self._session, workers=workers, ray=ray, header=self.header
+            )
+            for one in work if todo else ():
+                if isinstance(one, NotRun):
+                    in_a_row += not one.alone
+                    self._put_aside(one, ends=in_a_row == IN_A_ROW)
+                    continue
+                in_a_row = 0
+                self._files.commit(one)
+                self.records.append(one.record)
+                self.timings[one.timing.key] = one.timing
+                yield one.record
             if not self.not_run:
                 order = [key for chain in self.chains for key in chain.keys]
                 self._files.finish(order, self.suite.added_up)
@@ -157,7 +157,7 @@ class Run:
         self._files.claim(self.header, self._config, fix=fix, scenes=self._scenes)
 
     def _go_on(self) -> None:
-        """Read what is done; of chains that were broken off nothing counts."""
+        """Read what is done."""
         together = [chain.keys for chain in self.chains if len(chain.tasks) > 1]
         self.records, self.timings = self._files.done(together)
 

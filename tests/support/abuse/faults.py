@@ -375,7 +375,8 @@ def _map_on_full_disk(place: Path, rng: random.Random) -> None:
 
 
 OUTPUTS: tuple[tuple[str, ...], ...] = (
-    ("table", "RUN"), ("export", "RUN"), ("report", "RUN"),
+    ("table", "RUN"), ("export", "RUN"),
+    ("report", "RUN"),
 )  # fmt: skip
 
 
