@@ -14,7 +14,6 @@ import msgspec
 from karma.agent.journal.records import Key, NotRun
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.loading.models import Models, Row, check_asked, language_model
-from karma.bench.engine.experiment_file import DataFolders
 from karma.bench.figures.drawing import Picture
 from karma.bench.figures.tables import Sheet
 from karma.contracts import LanguageModel
@@ -110,15 +109,6 @@ class Suite(Protocol):
 
     def begin(self, session: Session) -> Callable[[Chain], Iterator[Done]]:
         """Load what episodes need, in the process that does them; KarmaError if that fails."""
-
-    def begin_on_node(self, header: Any, there: DataFolders) -> Do:
-        """Find this machine's files and models, and load them.
-
-        The run's header is held against what is here; `there` are folders on the run's machine.
-
-        Raises:
-            KarmaError: something here is not what the run depends on.
-        """
 
 
 class Benchmark(Protocol):

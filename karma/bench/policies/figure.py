@@ -23,8 +23,7 @@ from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.loading.models import Models, Row
 from karma.bench.engine.experiment_file import beside
 from karma.bench.engine.run import Run
-from karma.bench.engine.suite import NO_MODELS, Chain, Do, Done
-from karma.bench.engine.workers import loaded, refuse_node
+from karma.bench.engine.suite import NO_MODELS, Chain, Done
 from karma.bench.figures.drawing import png_of, svg_of
 from karma.bench.policies.paper_claims import FigureCell, PaperClaim, claims_of, claims_text
 from karma.bench.policies.simulate import BELADY
@@ -195,11 +194,6 @@ class FigureSuite:
     def begin(self, session: Session) -> Callable[[Chain], Iterator[Done]]:
         """Return what plays a cell, policy by policy."""
         return self._play
-
-    def begin_on_node(self, header: FigureHeader, there: object) -> Do:
-        """Return the same where this machine has the version of the run; tasks travel."""
-        refuse_node(changed("versions", {"karma": header.version}, {"karma": __version__}))
-        return loaded(self, Session())
 
     def _play(self, chain: Chain) -> Iterator[Done]:
         one, (workload, units) = self.experiment, self.cells()[chain.row]

@@ -150,7 +150,7 @@ def test_a_stubborn_planner_is_not_followed(tmp_path):
 
 
 def test_the_guard_can_be_left_out(tmp_path):
-    assert agent_saying(tmp_path, [STORE], guard=False).do("put the bowl in the fridge")
+    assert agent_saying(tmp_path, [STORE], assistant="direct").do("put the bowl in the fridge")
 
 
 def test_what_was_done_already_is_not_done_again(tmp_path):
