@@ -20,8 +20,6 @@ from karma.contracts import (
     MemoryUnit,
     Plan,
     PlanRequest,
-    Request,
-    SaidDeed,
     SkillCall,
     SkillResult,
 )
@@ -31,6 +29,7 @@ from karma.household.places import HAND
 from karma.household.uses import LAMPS, kind_of, switch_of
 from karma.memory.short_term import merged_states
 from karma.plugins.rules.reading import left_undone, put_right
+from karma.plugins.rules.types import Request, SaidDeed
 
 
 @dataclass(slots=True)

@@ -24,15 +24,12 @@ from karma.contracts import (
     Known,
     MemoryChange,
     MemoryUnit,
-    Mention,
     Outcome,
     Plan,
     PlanRequest,
     Recall,
     Recalled,
-    Request,
     Resources,
-    SaidDeed,
     SceneRef,
     SeenObject,
     SkillResult,
@@ -51,6 +48,7 @@ from karma.plugins.rules.language.clauses import plainly
 from karma.plugins.rules.language.request import RequestReader, asked_last
 from karma.plugins.rules.object_finder import Came
 from karma.plugins.rules.request_executor import GuardedErrand, joined, reader_of
+from karma.plugins.rules.types import Mention, Request, SaidDeed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -25,8 +25,8 @@ from karma.cli.shared import (
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
-    from karma.contracts import Mention, Request, SaidDeed
     from karma.plugins.rules.talk.agent import Agent
+    from karma.plugins.rules.types import Mention, Request, SaidDeed
 
 
 _UNITS_S = {"m": 60.0, "h": 3600.0, "d": 86_400.0}

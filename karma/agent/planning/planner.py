@@ -25,7 +25,6 @@ from karma.contracts import (
     ProgramSpec,
     RefusalKind,
     RefusedRequest,
-    Request,
     Resources,
     Skill,
     SkillCall,
@@ -37,6 +36,7 @@ from karma.household.types import object_types
 from karma.plugins.rules.reading import astray
 from karma.plugins.rules.request_checker import Guard
 from karma.plugins.rules.request_refusals import KNOWN, cannot_be, doubted, with_words
+from karma.plugins.rules.types import Request
 
 _LOOSE_AFTER = 2  # answers after which a mug will do for a cup
 

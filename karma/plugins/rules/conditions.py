@@ -4,11 +4,12 @@ from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from karma.contracts import Condition, Mention, RefusedRequest, SeenObject, SkillCall
+from karma.contracts import RefusedRequest, SeenObject, SkillCall
 from karma.household.types import object_types
 from karma.household.uses import kind_of
 from karma.plugins.rules.object_finder import PLACES, Doing, ThingFinder, is_several, is_so, refusal
 from karma.plugins.rules.request_checker import here_of
+from karma.plugins.rules.types import Condition, Mention
 
 
 @dataclass(slots=True)

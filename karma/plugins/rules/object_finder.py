@@ -15,12 +15,9 @@ from karma.contracts import (
     Check,
     Experience,
     Found,
-    Mention,
     Plan,
     Prompt,
     RefusedRequest,
-    Request,
-    SaidDeed,
     SeenObject,
     SkillCall,
     SkillResult,
@@ -36,6 +33,7 @@ from karma.household.types import object_types
 from karma.household.uses import BASINS, BURNER, KNOB, LAMPS, PARTS_OF_FURNITURE, kind_of
 from karma.plugins.rules.language.request_words import request_words
 from karma.plugins.rules.request_checker import meant_by, stated
+from karma.plugins.rules.types import Mention, Request, SaidDeed
 
 T = TypeVar("T")
 Doing = Generator[Plan | SkillResult, None, T]  # what happens on the way to an answer

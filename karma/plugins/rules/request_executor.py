@@ -11,16 +11,7 @@ from karma import registry
 from karma.agent.attempts import put_back
 from karma.agent.planning.inspector import put_down
 from karma.agent.seeing.perceive import place_of
-from karma.contracts import (
-    Embedder,
-    Mention,
-    Parser,
-    RefusedRequest,
-    Request,
-    SaidDeed,
-    SkillCall,
-    SubTask,
-)
+from karma.contracts import Embedder, RefusedRequest, SkillCall, SubTask
 from karma.household.containment import has_door
 from karma.household.deeds import FOR_GOOD, able_to, deed_kind
 from karma.household.ids import root_id, type_of
@@ -46,6 +37,7 @@ from karma.plugins.rules.object_finder import (
     states_told,
 )
 from karma.plugins.rules.request_checker import Guard, cannot_serve, here_of, meant_by
+from karma.plugins.rules.types import Mention, Parser, Request, SaidDeed
 
 _HEATED: tuple[Capability, ...] = ("cookable", "sliceable", "canFillWithLiquid")
 _IN_VAIN = 2  # things of a plural that may fail before the rest is left

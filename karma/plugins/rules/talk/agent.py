@@ -28,19 +28,7 @@ from karma.agent.loading.models import Models, Row, load_resources, world_maker
 from karma.agent.loading.models import preset as preset_of
 from karma.agent.loading.names import check_options
 from karma.agent.planning.prompt import GOALS
-from karma.contracts import (
-    Listener,
-    Mention,
-    Outcome,
-    Plan,
-    Request,
-    Resources,
-    SaidDeed,
-    SceneRef,
-    SkillResult,
-    SubTask,
-    Tour,
-)
+from karma.contracts import Listener, Outcome, Plan, Resources, SceneRef, SkillResult, SubTask, Tour
 from karma.errors import KarmaError
 from karma.files import read_bytes
 from karma.models.hosted.endpoint import Spent
@@ -62,6 +50,7 @@ from karma.plugins.rules.talk.remembering import MemoryAnswer, Remembering, answ
 from karma.plugins.rules.talk.replies import AgentReply, RequestReply, as_it_ends, turns_of
 from karma.plugins.rules.talk.telling import told_of
 from karma.plugins.rules.talk.views import Memory, RoomMap
+from karma.plugins.rules.types import Mention, Request, SaidDeed
 from karma.plugins.rules.understanding import Understanding, misspelt, understood
 
 if TYPE_CHECKING:

@@ -3,9 +3,10 @@
 import re
 from dataclasses import replace
 
-from karma.contracts import RefusedRequest, Request
+from karma.contracts import RefusedRequest
 from karma.plugins.rules.language.request import RequestReader
 from karma.plugins.rules.language.request_words import request_words
+from karma.plugins.rules.types import Request
 from karma.plugins.rules.understanding import Understanding
 
 _YES = re.compile(

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
-from karma.contracts import MemoryUnit, Request, SceneRef, SeenObject
+from karma.contracts import MemoryUnit, SceneRef, SeenObject
 from karma.household.places import ROOMS
 from karma.household.types import object_types
 from karma.memory.scene_graph import SceneGraph
@@ -20,6 +20,7 @@ from karma.plugins.rules.language.request_words import request_words
 from karma.plugins.rules.talk.questions import answered
 from karma.plugins.rules.talk.remembering import MemoryAnswer, Remembering, age, answer
 from karma.plugins.rules.talk.views import RoomMap
+from karma.plugins.rules.types import Request
 
 _IN_WORDS = {"living": "living room"}
 _PARTS = re.compile(r"[,;:.]|\b(?:so|because|as|and)\b", re.IGNORECASE)  # of a sentence

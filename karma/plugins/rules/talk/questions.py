@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from karma.agent.journal.formats import plural
 from karma.agent.seeing.perceive import place_of
-from karma.contracts import Mention, Request, SeenObject
+from karma.contracts import SeenObject
 from karma.household.containment import has_door
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import base_type
@@ -38,6 +38,7 @@ from karma.plugins.rules.talk.remembering import (
     last_first,
     unknown,
 )
+from karma.plugins.rules.types import Mention, Request
 
 _POURED = ("water", "coffee", "wine", "liquid")
 _OFFER = 'Say "go and see", or /look, and I look for it.'

@@ -13,10 +13,11 @@ from typing import Literal
 
 from karma.agent.body.afterwards import taken_back
 from karma.agent.journal.records import SubTaskRecord, Turn
-from karma.contracts import Check, Found, Plan, Request, SkillResult
+from karma.contracts import Check, Found, Plan, SkillResult
 from karma.household.pieces import base_type
 from karma.models.hosted.endpoint import Spent
 from karma.plugins.rules.talk.remembering import MemoryAnswer
+from karma.plugins.rules.types import Request
 from karma.plugins.rules.understanding import Understanding
 
 Status = Literal["done", "answered", "partly", "unfinished", "refused", "asked"]

@@ -4,12 +4,12 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from karma.contracts import Mention, Request, SaidDeed
 from karma.household.containment import has_door
 from karma.household.saying import name_of
 from karma.plugins.homes.home import RULE, RULE_ENDED, PastErrand
 from karma.plugins.rules.language.request import RequestReader
 from karma.plugins.rules.talk.remembering import MemoryAnswer, answer
+from karma.plugins.rules.types import Mention, Request, SaidDeed
 
 _FOR_GOOD = re.compile(
     r"\b(?:never(?! (?:mind|have|had)\b)|ever|any ?more|from now on|in (?:the )?future"
