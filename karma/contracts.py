@@ -381,14 +381,6 @@ class RefusedRequest:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HandSpec:
-    """How hand and doors are before a program, which follows them line by line."""
-
-    held: str | None = None  # the name of what is in the hand
-    shut: tuple[str, ...] = ()  # names that nothing is put into before they are opened
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ProgramSpec:
     """What a program may say: the language that constrained decoding admits."""
 
@@ -398,7 +390,6 @@ class ProgramSpec:
     max_calls: int = 40
     refusals: tuple[RefusalKind, ...] = ()  # for which one line may stand, in place of any call
     narrowed: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...] = ()  # skill, names by argument
-    hand: HandSpec | None = None  # what is held decides what may come next
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -442,8 +433,8 @@ class SkillCall:
         return f"{self.skill}({', '.join(parts)})"
 
 
-Constraint = Literal["free", "syntax", "types", "hand"]
-"""Any text; programs; of names that a skill can be done with; as hand and doors allow by then."""
+Constraint = Literal["free", "syntax", "types"]
+"""Any text; programs; programs with names that fit the skill by their types."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,6 +10,7 @@ from karma.agent.body.afterwards import checked
 from karma.agent.body.refusals import NOT_FOUND
 from karma.agent.body.sightings import offset, shifted
 from karma.agent.body.skills import Skills
+from karma.agent.planning.first_program import left_undone, put_right
 from karma.agent.planning.planner import grounded
 from karma.agent.planning.program import PUTS
 from karma.agent.seeing.perceive import place_of
@@ -28,7 +29,6 @@ from karma.household.ids import type_of
 from karma.household.places import HAND
 from karma.household.uses import LAMPS, kind_of, switch_of
 from karma.memory.short_term import merged_states
-from karma.plugins.rules.reading import left_undone, put_right
 from karma.plugins.rules.types import Request, SaidDeed
 
 

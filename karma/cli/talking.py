@@ -70,7 +70,7 @@ class RequestOptions:
     api: str = option("chat", '"chat" or "completions" of it.')
     dialect: str = option("auto", 'Of its server, e.g. "vllm".')
     thinking: str = option("off", '"off" or "on", for thinking models.')
-    constraint: str = option("types", 'What answers may say: "free", "syntax", "types" or "hand".')
+    constraint: str = option("types", 'What answers may say: "free", "syntax" or "types".')
     constrained: bool = option(True, "--no-: --constraint free.", "--constrained/--no-constrained")
     refusing: bool | None = option(
         None,

@@ -15,14 +15,14 @@ its name.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from itertools import takewhile
 from typing import Any, NamedTuple
 
 import msgspec
 
-from karma.contracts import AnswerSpec, HandSpec, PlanSpec, ProgramSpec, RefusedRequest, Skill
+from karma.contracts import AnswerSpec, PlanSpec, ProgramSpec, RefusedRequest
 
 CLOSINGS = ("\n", "```", "#")  # on the line below a call: the program has ended above it
 _FAR = 64  # bytes that are looked ahead
@@ -88,13 +88,10 @@ class LineForm:
     skills: tuple[str, ...]
     arguments: tuple[Argument, ...]
     needed: int  # how many arguments no line leaves out
-    does: str = ""  # to hand or doors: "fills", "empties", "opened", "closed"
 
 
 def forms(spec: ProgramSpec) -> tuple[LineForm, ...]:
-    """Return the kinds of lines that a spec admits at first, those of equal arguments together.
-
-    A grammar of these for all lines admits more, where the spec follows the hand.
+    """Return the kinds of lines that a spec admits, those of equal arguments together.
 
     Raises:
         ValueError: a name cannot be quoted, a skill is named twice, or no line is possible.
@@ -109,60 +106,22 @@ def forms(spec: ProgramSpec) -> tuple[LineForm, ...]:
         "object": Argument(names=tuple(dict.fromkeys(spec.objects))),
         "positions": Argument(names=positions, most=min(len(positions), _MAX_POSITIONS)),
     }
-    found: dict[tuple[tuple[Argument, ...], int, str], list[str]] = {}
+    found: dict[tuple[tuple[Argument, ...], int], list[str]] = {}
     narrowed = dict(spec.narrowed)
     for skill in spec.skills:
-        allowed = _by_hand(skill, narrowed.get(skill.name, ()), spec)
-        if allowed is None:
-            continue
-        lists = [Argument(names=tuple(dict.fromkeys(one))) for one in allowed]
+        allowed = narrowed.get(skill.name, ())
+        lists = [Argument(names=tuple(dict.fromkeys(names))) for names in allowed]
         arguments = [*lists, *(kinds[kind] for kind in skill.arguments[len(lists) :])]
         needed = len(arguments) - (0 if lists else skill.optional)
         possible = next((n for n, one in enumerate(arguments) if not one.names), len(arguments))
         if possible >= needed:
-            does = "" if spec.hand is None else skill.hand or _door(skill)
-            found.setdefault((tuple(arguments[:possible]), needed, does), []).append(skill.name)
+            found.setdefault((tuple(arguments[:possible]), needed), []).append(skill.name)
     if not found or spec.max_calls < 1:
         raise ValueError("this spec admits no program: no skill, no object or no call")
     return tuple(
-        LineForm(skills=tuple(skills), arguments=arguments, needed=needed, does=does)
-        for (arguments, needed, does), skills in found.items()
+        LineForm(skills=tuple(skills), arguments=arguments, needed=needed)
+        for (arguments, needed), skills in found.items()
     )
-
-
-def _by_hand(
-    skill: Skill, lists: tuple[tuple[str, ...], ...], spec: ProgramSpec
-) -> tuple[tuple[str, ...], ...] | None:
-    """Return the names that a skill may have as hand and doors are now, None where it cannot be.
-
-    A put names what is held and its place.
-    """
-    now = spec.hand
-    if now is None or not skill.hand:
-        return lists
-    if (now.held is None) == (skill.hand == "empties"):
-        return None
-    if now.held is None:
-        return lists
-    places = [
-        tuple(one for one in (lists[1] if lists[1:] else spec.objects) if one not in now.shut)
-        for _ in skill.arguments[1:]
-    ]
-    return ((now.held,), *places)
-
-
-def _door(skill: Skill) -> str:
-    return skill.does if skill.does in ("opened", "closed") else ""
-
-
-def _after_deed(now: HandSpec, does: str, name: str) -> HandSpec:
-    """Return hand and doors after a deed on a name."""
-    if does == "fills":
-        return replace(now, held=name)
-    if does == "empties":
-        return replace(now, held=None)
-    others = tuple(one for one in now.shut if one != name)
-    return replace(now, shut=others if does == "opened" else (*others, name))
 
 
 def refusal_lines(spec: ProgramSpec) -> tuple[str, ...]:
@@ -200,36 +159,20 @@ class ProgramAutomaton:
 
     def __init__(self, spec: AnswerSpec) -> None:
         self._max_lines, self._calls = 0, frozenset[int]()
-        self._begun: dict[HandSpec | None, dict[str, Callable[[], Frame]]] = {}
-        self._lines: dict[HandSpec | None, Frame] = {}
         if isinstance(spec, PlanSpec):
             self._start = self._line = plan_frame(spec)
             return
-        self._max_lines, self._spec = spec.max_calls, spec
+        self._max_lines = spec.max_calls
         self._calls = frozenset(skill.name.encode()[0] for skill in spec.skills)
-        begins = self._begins(spec.hand)
+        begins = {
+            f"{name}(robot": self._after(form) for form in forms(spec) for name in form.skills
+        }
+        order = [f"{skill.name}(robot" for skill in spec.skills]
+        begins = {word: begins[word] for word in order if word in begins}
         refusals = {line: lambda: _REFUSED for line in refusal_lines(spec)}
         self._start = choice({**begins, **refusals})
-        self._line = self._line_of(spec.hand)
-
-    def _begins(self, now: HandSpec | None) -> dict[str, Callable[[], Frame]]:
-        """Return how calls begin as hand and doors are, and what follows."""
-        if now not in self._begun:
-            kinds = [
-                (form, self._after(form, now)) for form in forms(replace(self._spec, hand=now))
-            ]
-            after = {name: then for form, then in kinds for name in form.skills}
-            names = (skill.name for skill in self._spec.skills)
-            self._begun[now] = {f"{name}(robot": after[name] for name in names if name in after}
-        return self._begun[now]
-
-    def _line_of(self, now: HandSpec | None) -> Frame:
-        """Return the frame of a line's beginning, but the first line's."""
-        if now not in self._lines:
-            closings = {one: lambda: _CLOSED for one in CLOSINGS}
-            frame = choice({**self._begins(now), **closings})
-            self._lines[now] = frame._replace(line_start=True)
-        return self._lines[now]
+        closings = {closing: lambda: _CLOSED for closing in CLOSINGS}
+        self._line = choice({**begins, **closings})._replace(line_start=True)
 
     def start(self) -> State:
         """Return the state before the first character."""
@@ -279,27 +222,20 @@ class ProgramAutomaton:
             state = after
         return bytes(found)
 
-    def _after(self, form: LineForm, now: HandSpec | None, done: int = 0) -> Callable[[], Frame]:
-        """Return the frame after `done` arguments: end of line, or one argument more.
-
-        `now`: hand and doors when the line is done.
-        """
+    def _after(self, form: LineForm, done: int = 0) -> Callable[[], Frame]:
+        """Return the frame after `done` arguments: end of line, or one argument more."""
 
         @cache
         def build() -> Frame:
             words: dict[str, Callable[[], Frame]] = {}
             if done >= form.needed:
-                end = trie(["\n"])._replace(follow=(lambda: self._line_of(now),), line_end=True)
+                end = trie(["\n"])._replace(follow=(lambda: self._line,), line_end=True)
                 words[")"] = lambda: end
             if done < len(form.arguments):
-                argument, then = form.arguments[done], self._after(form, now, done + 1)
+                argument, then = form.arguments[done], self._after(form, done + 1)
                 names = trie([f"{name}'" for name in argument.names])._replace(names=True)
                 if argument.most:
                     words[", ['"] = self._list(names, argument.most, then)
-                elif now is not None and form.does and not done:
-                    hands = (_after_deed(now, form.does, name) for name in argument.names)
-                    follow = tuple(self._after(form, hand, 1) for hand in hands)
-                    words[", '"] = lambda: names._replace(follow=follow)
                 else:
                     words[", '"] = followed(names, then)
             return choice(words)

@@ -7,13 +7,13 @@ done. It knows types and the agent's own memory, not the world, which may still 
 Source: ours; the idea of repairing preconditions is HELPER's (Sarch et al. 2023).
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
 from karma.agent.planning.program import DOOR_AFTER, PUTS, SKILL_OF, SWITCH_AFTER, WAYS
-from karma.contracts import Area, HandSpec, MemoryUnit, PlanRequest, SeenObject, Skill, SkillCall
-from karma.household.containment import fits_whole_or_cut, goes_in, has_door, vessels
+from karma.contracts import Area, Skill, SkillCall
+from karma.household.containment import fits_whole_or_cut, goes_in, vessels
 from karma.household.ids import short_type, type_of
 from karma.household.places import FLOOR, LIKELY, SURFACES
 from karma.household.types import WIDEST, object_types
@@ -235,21 +235,6 @@ def narrowed(
         elif skill.takes:
             found.append((skill.name, (tuple(one for one in names if _may_take(skill, one)),)))
     return tuple(found)
-
-
-def hand_of(request: PlanRequest, names: Mapping[str, str], admitted: Sequence[str]) -> HandSpec:
-    """Return how hand and doors are before a program.
-
-    `admitted` are the names that a program may say.
-    """
-    known: tuple[MemoryUnit | SeenObject, ...] = (*request.units, *request.seen)
-    stands_open = {one.object_id for one in known if "opened" in one.states}
-    held = (name for name, object_id in names.items() if object_id == request.held_id)
-    shut = (name for name in admitted if has_door(short_type(name)))
-    return HandSpec(
-        held=next(held, None),
-        shut=tuple(name for name in shut if names.get(name) not in stands_open),
-    )
 
 
 def _misplaced(call: SkillCall) -> str:

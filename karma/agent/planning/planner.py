@@ -5,8 +5,9 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, Self
 
 from karma.agent.planning.effects import trimmed, with_turns
-from karma.agent.planning.goal_lines import asked_lines, program_for
-from karma.agent.planning.inspector import hand_of, mend, narrowed, objection
+from karma.agent.planning.first_program import astray
+from karma.agent.planning.goal_lines import program_for
+from karma.agent.planning.inspector import mend, narrowed, objection
 from karma.agent.planning.program import SKILLS
 from karma.agent.planning.prompt import GOALS, render, skills_of
 from karma.agent.planning.recovery import Recovered, program_of
@@ -33,8 +34,8 @@ from karma.errors import ProgramError
 from karma.household.ids import short_type, type_of
 from karma.household.places import OVERLOOKED, STAND_CLOSED, landmark_types
 from karma.household.types import object_types
-from karma.plugins.rules.reading import astray
 from karma.plugins.rules.request_checker import Guard
+from karma.plugins.rules.request_goals import asked_lines
 from karma.plugins.rules.request_refusals import KNOWN, cannot_be, doubted, with_words
 from karma.plugins.rules.types import Request
 
@@ -161,8 +162,6 @@ class _Asking:
         constraint = decoding.constraint
         if constraint not in ("free", "syntax"):
             spec = replace(spec, narrowed=narrowed(skills, spec.objects))
-        if constraint not in ("free", "syntax", "types"):
-            spec = replace(spec, hand=hand_of(request, rendered.names, spec.objects))
         hotter = decoding.retry_temperature if request.error else 0.0
         completion = planner.model.complete(
             rendered.prompt,

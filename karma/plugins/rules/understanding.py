@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from karma.agent.planning.first_program import noun_phrases
 from karma.agent.planning.planner import grounded
 from karma.agent.planning.program import DEEDS, WAYS
 from karma.contracts import Known, Plan, RefusalKind, RefusedRequest, SkillCall
@@ -21,7 +22,6 @@ from karma.household.uses import KNOB, TAPS, without_basin
 from karma.language.hints import singular
 from karma.language.phrases import phrases_of
 from karma.plugins.rules.language.lexicon import ALIKE, Lexicon
-from karma.plugins.rules.reading import noun_phrases
 from karma.plugins.rules.request_refusals import sentence
 
 Where = Callable[[str], Known | None]  # of a type or id: where the agent believes it to be

@@ -2,11 +2,11 @@
 
 import pytest
 
+from karma.agent.planning.first_program import astray, left_undone, put_right, reading_of
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import OUR_SKILLS, SKILLS, parse_program
 from karma.contracts import Area, Decoding, PlanRequest
 from karma.models.scripted import ScriptedModel
-from karma.plugins.rules.reading import astray, left_undone, put_right, reading_of
 
 
 def program(*lines):

@@ -13,14 +13,14 @@ from functools import cache
 
 from karma.agent.planning.program import CHANGES, DEEDS, DOOR_AFTER, PUTS, SWITCH_AFTER, WAYS
 from karma.contracts import SkillCall
+from karma.files import read_json
 from karma.household.containment import fits_whole_or_cut
 from karma.household.places import HAND
 from karma.household.saying import spoken
 from karma.household.types import WIDEST, object_types, types_with
 from karma.household.uses import BIN, KNIVES, TAP_OF, TAPS, kind_of
-from karma.language.hints import bare_words
+from karma.language.hints import TYPE_WORDS, WordFile, bare_words, singular
 from karma.language.phrases import phrases_of
-from karma.plugins.rules.language.lexicon import Lexicon
 
 _DEEDS = {name: DEEDS[name] for name in (*CHANGES, *SWITCH_AFTER)}
 _FIND = "find"
@@ -132,8 +132,7 @@ def put_right(first: Sequence[SkillCall], later: Sequence[SkillCall], instructio
 def _may_be_meant(thing: str, left: Collection[str], instruction: str) -> bool:
     """Return whether a phrase of the instruction is what people call a thing and one left out."""
     for phrase in noun_phrases(instruction) if left else ():
-        likeness = _lexicon().likeness(phrase, [thing, *left])
-        if likeness[thing] == 1.0 and max(likeness[one] for one in left) == 1.0:
+        if _is_called(thing, phrase) and any(_is_called(kind, phrase) for kind in left):
             return True
     return False
 
@@ -143,10 +142,15 @@ def noun_phrases(text: str) -> list[str]:
     return [" ".join(bare_words(noun.text.split())) for noun in phrases_of(text).nouns]
 
 
+def _is_called(object_type: str, phrase: str) -> bool:
+    """Return whether people call objects of a type by a phrase."""
+    said = {phrase.lower(), singular(phrase.lower())}
+    return not said.isdisjoint((*_type_words().get(object_type, ()), object_type.lower()))
+
+
 @cache
-def _lexicon() -> Lexicon:
-    """Return what things are called, by the texts alone."""
-    return Lexicon(None)
+def _type_words() -> Mapping[str, tuple[str, ...]]:
+    return read_json(TYPE_WORDS, WordFile).types
 
 
 def astray(
