@@ -303,6 +303,16 @@ class Hint:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Advice:
+    """What an assistant knows of an instruction besides its words."""
+
+    plain: str = ""  # the instruction in plain words, for a planner that did not understand
+    actions: Sequence[str] = ()  # what a parser found in it, line by line, for the full prompt
+    checker: "AnswerChecker | None" = None  # of the planner's answers
+    only: Mapping[str, str] = field(default_factory=dict)  # type -> id of the only object meant
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PlanRequest:
     """All that a prompt may say, and what the program may not search for."""
 
@@ -318,8 +328,7 @@ class PlanRequest:
     failures: Sequence[FailedProgram] = ()  # of this instruction so far, the last one last
     examples: Sequence[WorkedExample] = ()  # for the instruction; the compact profile has no room
     missing: Sequence[str] = ()  # what was searched for in vain: ids or types
-    plain: str = ""  # the instruction in plain words, for a planner that did not understand
-    parsed: Sequence[str] = ()  # actions that a parser found in it, in the words of the full prompt
+    advice: Advice = field(default_factory=Advice)
     first: Sequence["SkillCall"] = ()  # the program that was carried out first: how it was read
     done: Sequence["SkillCall"] = ()  # what went well of the programs so far
     seen: Sequence[SeenObject] = ()  # in this room by now, as last seen, the first seen first
@@ -372,7 +381,7 @@ class RefusedRequest:
     """A request that is not carried out, and why; it stands in place of a program."""
 
     kind: RefusalKind
-    by: Literal["planner", "doubt", "inspector", "guard"] = "planner"
+    by: Literal["planner", "inspector", "guard"] = "planner"
     words: tuple[str, ...] = ()  # of the request, that nothing here is meant by
 
     def __str__(self) -> str:
@@ -611,6 +620,11 @@ class Outcome:
     kept: tuple[MemoryUnit, ...] = ()  # short-term memory after it
     tour: Tour | None = None  # that made the map in use, now or earlier; no part of the episode
     checks: tuple[Check, ...] = ()  # of its programs, where the method looks back
+    change: MemoryChange | None = None  # what memory has learnt, where anything was done
+
+
+AgentEvent = Plan | SkillResult | Outcome
+"""What happens while an instruction is carried out: an answer, a call's result, the report."""
 
 
 # ----------------------------------------------------------------- what it is asked
@@ -967,6 +981,21 @@ class HomeMemory(Protocol):
 
     def close(self) -> None:
         """Keep what is to survive a restart, and let go of files."""
+
+
+class AnswerChecker(Protocol):
+    """Checks a planner's answers before they are carried out, by what a plug-in knows."""
+
+    def contradicts(self, refused: RefusedRequest) -> bool:
+        """Return whether a refusal's reason is wrong, so that the planner is asked again."""
+
+    def check(
+        self, calls: Sequence[SkillCall], request: PlanRequest, names: Mapping[str, str]
+    ) -> tuple[tuple[SkillCall, ...], str]:
+        """Return a program as it may be carried out, and why it may not be, or ""."""
+
+    def program(self, request: PlanRequest, names: Mapping[str, str]) -> tuple[SkillCall, ...]:
+        """Return a program of the checker's own, where no answer will do; () for none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -242,7 +242,7 @@ def read(
     json: Json = None,
 ) -> None:
     """Say what a request asks for: form, deeds, things, what it rules out, times, conditions."""
-    from karma.plugins.rules.request_executor import reader_of
+    from karma.plugins.rules.method import reader_of
 
     found = reader_of(None).read(readable(text))
     for request in found:

@@ -7,11 +7,11 @@ import pytest
 
 from karma import registry
 from karma.agent.loading.planner_files import chosen_words, doubt_of, hints_for, may_refuse
+from karma.agent.planning.refused import LogisticDoubt
 from karma.errors import FileError, ModelError
 from karma.files import to_json
 from karma.language.hints import WordFile, write_words
 from karma.models.manifest import ModelEntry, ModelFile
-from karma.plugins.rules.request_refusals import LogisticDoubt
 
 FITTED = LogisticDoubt(
     coefficients={"refusing": 1.0}, intercept=0.0, threshold=0.5, fitted_on="nothing"

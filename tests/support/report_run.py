@@ -8,9 +8,9 @@ import numpy as np
 
 from karma.agent.goals.goals import parse_goal
 from karma.agent.journal.header import FORMAT, RESULTS, Header, Machine
-from karma.agent.journal.part import TimeLog
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.journal.steps import StepLog
+from karma.agent.journal.writer import TimeLog
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.bench.engine.episode import run_episode

@@ -1,4 +1,4 @@
-"""What belongs to a planner: its words file, for hints; its doubt, to refuse by; its examples."""
+"""What belongs to a planner: its words file, for hints, and its examples."""
 
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
@@ -6,7 +6,6 @@ from contextlib import suppress
 from copy import copy
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -27,31 +26,15 @@ from karma.models.manifest import (
     resolve_planner,
 )
 from karma.plugins.alfred.sentences import Sentence, names_its_place, read_sentences
-from karma.plugins.rules.request_refusals import LogisticDoubt, read_doubt
 
-WORDS, DOUBT = "words.json", "doubt.json"  # beside a GGUF that has no entry, if it has them
+WORDS = "words.json"  # beside a GGUF that has no entry, if it has one
 NO_WORDS = "none"  # as a words file: no hints
 _EMBEDDER = "minilm"  # whatever recall uses: planners have learnt its similarities
 
 
 def may_refuse(planner: str, said: bool | None = None) -> bool:
     """Return whether a local planner may refuse: as said, else where it has learnt to."""
-    if said is not None:
-        return said
-    return resolve_planner(planner).refuses or (
-        is_gguf_path(planner) and doubt_path(planner) is not None
-    )
-
-
-def doubt_of(planner: str) -> LogisticDoubt | None:
-    """Return what was fitted for a planner, by its name in the manifest or its path, if any."""
-    path = doubt_path(planner)
-    return read_doubt(path) if path is not None else None
-
-
-def doubt_path(planner: str) -> Path | None:
-    """Return where a planner's doubt lies, checked where the manifest vouches for it."""
-    return _own(planner, "doubt", DOUBT)
+    return resolve_planner(planner).refuses if said is None else said
 
 
 def hints_for(planner: str, words: str = "", embedder: Embedder | None = None) -> Hints | None:
@@ -78,16 +61,11 @@ def chosen_words(planner: str, words: str = "") -> Path | None:
     """Return the words file that is used: the one that is named, else the planner's own."""
     if words:
         return None if words == NO_WORDS else Path(words)
-    return _own(planner, "words", WORDS)
-
-
-def _own(planner: str, key: Literal["words", "doubt"], beside: str) -> Path | None:
-    """Return a planner's own file of a kind, checked with what belongs to it, such as vectors."""
     if is_gguf_path(planner):
-        path = Path(planner).with_name(beside)
+        path = Path(planner).with_name(WORDS)
         return path if path.exists() else None
-    entry = find_model(planner)
-    named: str = getattr(entry, key)
+    entry = find_model(planner)  # its files are checked, with the vectors
+    named = entry.words
     if not named:
         return None
     places = dict(zip([file.path for file in entry.files], file_paths(entry), strict=True))

@@ -11,8 +11,8 @@ from typing import Literal, get_args
 
 from karma.agent.journal.records import Call, SubTaskRecord
 from karma.agent.journal.steps import Ended, Enter, Instruction, Start, Step
+from karma.agent.planning.refused import sentence
 from karma.bench.figures.metrics import Need, TimedEpisode, needs, related_needs, types_of
-from karma.plugins.rules.request_refusals import sentence
 
 Cause = Literal["planner", "refused", "recall", "evicted", "not stored", "skill", "world", "error"]
 CAUSES: tuple[Cause, ...] = get_args(Cause)

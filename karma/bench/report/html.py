@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from karma import __version__
+from karma.agent.planning.refused import sentence
 from karma.contracts import Frame
 from karma.household.ids import type_of
-from karma.plugins.rules.request_refusals import sentence
 
 if TYPE_CHECKING:
     import jinja2

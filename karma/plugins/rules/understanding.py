@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from karma.agent.planning.first_program import noun_phrases
 from karma.agent.planning.planner import grounded
 from karma.agent.planning.program import DEEDS, WAYS
+from karma.agent.planning.refused import sentence
 from karma.contracts import Known, Plan, RefusalKind, RefusedRequest, SkillCall
 from karma.household.ids import is_id, type_of
 from karma.household.pieces import base_type
@@ -22,7 +23,6 @@ from karma.household.uses import KNOB, TAPS, without_basin
 from karma.language.hints import singular
 from karma.language.phrases import phrases_of
 from karma.plugins.rules.language.lexicon import ALIKE, Lexicon
-from karma.plugins.rules.request_refusals import sentence
 
 Where = Callable[[str], Known | None]  # of a type or id: where the agent believes it to be
 _QUESTIONS: Mapping[RefusalKind, str] = {
@@ -112,10 +112,6 @@ def sureness(plan: Plan) -> str:
     >>> sureness(plan)
     '0.91 is the chance of the whole answer by the planner (not calibrated)'
     """
-    if plan.doubt is not None:
-        chance = plan.doubt if plan.refused else 1 - plan.doubt
-        what = "refused" if plan.refused else "done"
-        return f"{chance:.2f} that this should be {what} (calibrated)"
     certainty, tokens = plan.completion.certainty, plan.completion.completion_tokens
     if certainty is None:
         return ""

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from karma.agent.experience import png
+from karma.agent.seeing.picture_states import png
 from karma.contracts import Frame, SeenObject, VisionModel
 from karma.household.states import OPPOSITES
 from karma.models.picture_questions import STATES, cut, names_of

@@ -24,8 +24,8 @@ from karma.contracts import Completion, SkillCall
 from karma.household.containment import goes_in
 from karma.household.types import object_types
 from karma.plugins.alfred.sentences import names_its_place, program_of, read_sentences
+from karma.plugins.rules.method import joined, reader_of
 from karma.plugins.rules.request_checker import Guard, cannot_serve
-from karma.plugins.rules.request_executor import joined, reader_of
 from karma.plugins.rules.talk.replies import AgentReply
 from karma.plugins.training.sources import Sources
 from karma.seeds import stream

@@ -8,8 +8,8 @@ from support.talking import AWAY, STORE, TAKE, WASH, agent_saying
 from karma.agent.planning.effects import effects_of
 from karma.agent.planning.program import parse_program
 from karma.cli.conversation import CODES
+from karma.plugins.rules.method import reader_of
 from karma.plugins.rules.request_checker import Guard, cannot_serve, here_of
-from karma.plugins.rules.request_executor import reader_of
 
 HERE = ("Apple", "Bowl", "CounterTop", "Fridge", "Mug", "Sink", "Faucet", "Microwave", "Toaster")
 CUT = "PickupObject(robot, 'Knife')\nSliceObject(robot, 'Apple')\n"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from karma.plugins.rules.request_executor import reader_of
+from karma.plugins.rules.method import reader_of
 
 
 @pytest.fixture(scope="module")

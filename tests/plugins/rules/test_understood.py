@@ -6,10 +6,10 @@ import pytest
 from support.talking import STORE, TAKE, agent_saying
 
 from karma import registry
+from karma.agent.planning.refused import LogisticDoubt
 from karma.contracts import REFUSAL_KINDS, Certainty, RefusedRequest, SkillResult
 from karma.models.scripted import ScriptedModel
 from karma.plugins.rules.language.lexicon import Lexicon
-from karma.plugins.rules.request_refusals import LogisticDoubt
 from karma.plugins.rules.understanding import Understanding, question
 
 HERE = ("Bottle", "Bowl", "CounterTop", "Fridge", "Mug", "Plate", "Toaster")

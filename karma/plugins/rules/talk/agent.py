@@ -20,15 +20,25 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from karma.agent.goals.goals import GoalTracker, WatchedWorld
-from karma.agent.journal.part import EpisodePart, TimeLog
 from karma.agent.journal.records import SubTaskRecord
 from karma.agent.journal.steps import StepLog
-from karma.agent.karma import KarmaMethod, Remembered
+from karma.agent.journal.writer import EpisodeWriter, TimeLog
 from karma.agent.loading.models import Models, Row, load_resources, world_maker
 from karma.agent.loading.models import preset as preset_of
 from karma.agent.loading.names import check_options
+from karma.agent.memory import Snapshot
 from karma.agent.planning.prompt import GOALS
-from karma.contracts import Listener, Outcome, Plan, Resources, SceneRef, SkillResult, SubTask, Tour
+from karma.contracts import (
+    Known,
+    Listener,
+    Outcome,
+    Plan,
+    Resources,
+    SceneRef,
+    SkillResult,
+    SubTask,
+    Tour,
+)
 from karma.errors import KarmaError
 from karma.files import read_bytes
 from karma.models.hosted.endpoint import Spent
@@ -40,7 +50,7 @@ from karma.plugins.homes.home import RULE, RULE_ENDED, KeptHome, home_folder
 from karma.plugins.rules.language.clauses import clauses_of, context_left_out
 from karma.plugins.rules.language.lexicon import Lexicon
 from karma.plugins.rules.language.request import RequestReader, asked_last, check_length
-from karma.plugins.rules.request_executor import reader_of
+from karma.plugins.rules.method import RulesMethod
 from karma.plugins.rules.talk import history, rules
 from karma.plugins.rules.talk.keeping import Keeper, TalkFolder
 from karma.plugins.rules.talk.offers import corrected, with_offer
@@ -77,7 +87,7 @@ class _Before:
     """All that an instruction may change, as it was before it."""
 
     event: "WorldEvent"
-    remembered: Remembered
+    remembered: Snapshot
     steps: StepLog
     times: TimeLog
     tours: dict[str, Tour]
@@ -146,11 +156,10 @@ class Agent:
             maps = Path(maps) if self.home.folder is None else self.home.folder / "maps"
             self.session = session or Session()
             named = None if resources else asking(models or _models(planner, preset))
-            row = _row(preset, {"guard": True, **(options or {})}, answer_seconds)
+            row = _row(preset, dict(options or {}), answer_seconds)
             self._world: EmbeddedWorld = world_maker("embedded", [row.all_options])()  # type: ignore[assignment]
             self._world.reset(self.scene.source)  # wrong names are told before models are loaded
             check_options(row.method, row.all_options)
-            check_options("karma", row.all_options)
             place = TalkFolder(None if folder is None else Path(folder), self.scene.name)
             loaded = resources or load_resources(
                 named or Models(), maps=maps, seed=seed, learn=True, session=self.session,
@@ -159,7 +168,7 @@ class Agent:
             self.session.ledger.take()  # what loading asked, as the canary, is no part of the bill
             decoding = replace(loaded.decoding, answer_seconds=answer_seconds)
             loaded = replace(loaded, decoding=decoding, listen=listen)
-            self._method = KarmaMethod.build(loaded, row.all_options)
+            self._method = RulesMethod.build(loaded, row.all_options)
             self._lexicon = Lexicon(loaded.embedder)
             self._keeper = Keeper(place, self.scene, row, named, loaded)
             self._maps = maps
@@ -173,9 +182,9 @@ class Agent:
         world = WatchedWorld(self._world, steps)
         world.reset(self.scene.source)
         self._episode = self._method.begin(world, self.scene, seed=seed, folder=self.folder)
-        self._part = EpisodePart(
+        self._memory = self._episode.agent.memory
+        self._part = EpisodeWriter(
             method=self._method.name,
-            episode=self._episode,
             world=world,
             tracker=GoalTracker(),  # nothing that is said has goals
             ledger=self.session.ledger,
@@ -188,7 +197,7 @@ class Agent:
         self.home.restore(world)
         for errand in self.home.past:
             for change in errand.changes:
-                self._episode.learn(change)
+                self._memory.learn(change)
         self._earlier = tuple(one.said for one in self.home.past[-_EARLIER:])
         self._done: list[SubTaskRecord] = []
         self._before: list[_Before] = []
@@ -234,7 +243,7 @@ class Agent:
             raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
         check_length(instruction)
         before = self._now()
-        self._episode.decided.clear()
+        self._episode.begin_text()
         parts: list[RequestReply] = []
         number, clause = 0, _Clause("")
         for number, clause in enumerate(self._in_turn(instruction)):
@@ -267,17 +276,11 @@ class Agent:
 
     def is_errand(self, text: str) -> bool:
         """Return whether a text asks for something by itself."""
-        reader = self._method.reader
-        return reader is None or any(one.form == "errand" for one in reader.read(text))
+        return any(one.form == "errand" for one in self._method.reader.read(text))
 
     def _in_turn(self, instruction: str) -> Iterator[_Clause]:
         """Yield what is said errand by errand, what speaks of the log when that holds the rest."""
         reader = self._method.reader
-        if reader is None:  # without a guard what is said is only cut
-            cut = context_left_out(reader_of(None).read(instruction))
-            found = [_Clause(text) for one in cut for text, _ in clauses_of(one)]
-            yield from found or [_Clause(instruction)]
-            return
         *first, last = history.in_turn(instruction)
         for number, piece in enumerate(first):
             if not history.only_needs(piece, reader):  # "I still need it, put it back"
@@ -290,7 +293,7 @@ class Agent:
         """Return what is said errand by errand, each with what it asks."""
         instruction = of_another(instruction, self._question, reader)
         instruction = corrected(instruction, self._asked, reader)
-        seen = {name: sight for name, (sight, _) in self._episode.last_seen().items()}
+        seen = {name: sight for name, (sight, _) in self._memory.last_seen().items()}
         plain = history.in_plain_words(instruction, self.home.past, reader, seen)
         read = reader.read(plain.text, *self._spoken_of(reader, ahead))
         kept = [one for one in read if rules.is_rule(one)]
@@ -330,18 +333,25 @@ class Agent:
         if asked and reader and (answer := self._answer(clause, asked, reader, known)) is not None:
             yield RequestReply(instruction=clause, answer=answer)
             return
-        self._episode.clock_s = self.home.clock_s
-        self._episode.mine = {**history.owned(self.home.past), **said.means}
-        self._episode.told = self._remembering().told()
         self._asked = clause if asked is not None and asked.form == "errand" else ""
         if asked is not None:
             asked = rules.with_rules(asked, known)
-        subtask = SubTask(instruction=clause, whole=clause if asked else whole, asked=asked)
+        subtask = SubTask(instruction=clause, whole=clause if asked else whole)
+        if asked is None:
+            events = self._episode.do(subtask)
+        else:
+            events = self._episode.do_clause(
+                subtask,
+                asked,
+                owned={**history.owned(self.home.past), **said.means},
+                reported=self._remembering().told(),
+                clock_s=self.home.clock_s,
+            )
         taken: list[Understanding] = []
         plans: list[Plan] = []
         results: list[SkillResult] = []
         outcome = None
-        going = self._part.carry_out(len(self._done), subtask, self.scene.name)
+        going = self._part.write(len(self._done), subtask, self.scene.name, events)
         while True:
             try:
                 moment = next(going)
@@ -370,7 +380,7 @@ class Agent:
             record=record,
             asked=asked,
         )
-        changes, self._episode.changes = self._episode.changes, []
+        changes = [outcome.change] if outcome and outcome.change else []
         if self._part.steps.actions:
             self.home.add(
                 clause,
@@ -412,14 +422,14 @@ class Agent:
         if told is None:
             return None
         if told.change is not None:
-            self._episode.learn(told.change)
+            self._memory.learn(told.change)
             self.home.add(clause, told.about, (), [told.change], self._world.last_event)
         return told.answer
 
     def _remembering(self) -> Remembering:
         """Return what questions are answered from."""
         return Remembering(
-            sights=self._episode.last_seen(),
+            sights=self._memory.last_seen(),
             units={unit.object_id: unit for unit in self.memory},
             furniture=self.map.types(),
             past=self.home.past,
@@ -427,9 +437,13 @@ class Agent:
             people=self.home.card.people,
         )
 
+    def _where(self, name: str) -> Known | None:
+        """Return where the agent believes an object to be, by its type or id."""
+        return self._memory.beliefs(self._part.world).where(name)
+
     def _understood(self, clause: str, plan: Plan, asked: Request | None) -> Understanding:
         here = {*self.map.types(), *(unit.object_type for unit in self.memory)}
-        taken = understood(clause, plan, self._episode.where, self._lexicon, sorted(here))
+        taken = understood(clause, plan, self._where, self._lexicon, sorted(here))
         if asked is None:
             return taken
         if plan.refused is not None:
@@ -458,7 +472,7 @@ class Agent:
     def _now(self) -> _Before:
         return _Before(
             self._world.last_event,
-            self._episode.remembered(),
+            self._memory.snapshot(),
             *deepcopy((self._part.steps, self._part.times, self._part.tours)),
             len(self._done),
             len(self.home.past),
@@ -466,7 +480,7 @@ class Agent:
 
     def _return(self, before: _Before) -> None:
         self._world.back_to(before.event)
-        self._episode.go_back(before.remembered)
+        self._memory.go_back(before.remembered)
         self._part.steps.go_back(before.steps)
         self._part = replace(self._part, times=before.times, tours=before.tours)
         del self._done[before.done :]
@@ -477,18 +491,18 @@ class Agent:
     @property
     def memory(self) -> Memory:
         """Short-term memory: what was handled or seen last, and its states."""
-        short = self._episode.short_term
+        short = self._memory.short_term
         return Memory(short.units(), short.capacity)
 
     @property
     def map(self) -> RoomMap:
         """Long-term memory of the room: places to stand, and the furniture near them."""
-        return RoomMap.of(self.scene.name, self._episode.graph)
+        return RoomMap.of(self.scene.name, self._memory.graph)
 
     @property
     def manner(self) -> str:
         """How prompts go into the planner's GGUF where it has a chat template; else ""."""
-        model = self._method.planner.model
+        model = self._method.karma.planner.model
         return model.manner if isinstance(model, LlamaModel) else ""
 
     @property
@@ -526,7 +540,13 @@ class Agent:
 
 def _row(preset: str, options: dict[str, Any], answer_seconds: float | None) -> Row:
     try:
-        return Row(name="KARMA", preset=preset, options=options, answer_seconds=answer_seconds)
+        return Row(
+            name="KARMA",
+            method="rules",
+            preset=preset,
+            options=options,
+            answer_seconds=answer_seconds,
+        )
     except ValueError as error:
         raise KarmaError(str(error)) from error
 
