@@ -26,6 +26,28 @@ _CALLED: Mapping[str, Mapping[str, int]] = MappingProxyType(
     }
 )
 
+# the names that our own plug-ins register, by role: without its plug-in a name is still explained
+_PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
+    {
+        "benchmarks": {"alfred": ("eb_alfred", "lota_alfred"), "homes": ("lived",)},
+        "commands": {
+            "airgap": ("bundle",),
+            "alfred": ("world replay", "world import-trials"),
+            "homes": ("home",),
+            "rules": ("read",),
+            "thor_tools": ("world import", "world floors", "world replay-events"),
+            "training": ("models tune", "vlm"),
+        },
+        "assistants": {"rules": ("rules",)},
+        "cassettes": {"hosted": ("file",)},
+        "embedders": {"hosted": ("openai",)},
+        "language_models": {"hosted": ("openai",)},
+        "parsers": {"rules": ("spacy",)},
+        "planners": {"hosted": ("openai",)},
+        "vision_models": {"hosted": ("openai",)},
+    }
+)
+
 
 def names(role: str) -> list[str]:
     """Return the registered names of a role ("policies", "worlds", ...), sorted."""
@@ -41,6 +63,8 @@ def load(role: str, name: str) -> Any:
     """
     found = {ep.name: ep for ep in _installed().select(group=f"karma.{role}")}
     if name not in found:
+        if extra := extra_of(role, name):
+            raise UnknownNameError(f"{name!r} needs a plug-in. {fix_of(extra)}")
         hint = did_you_mean(name, found)
         raise UnknownNameError(f"no {role} named {name!r}.{hint} Installed: {sorted(found)}")
     try:
@@ -54,9 +78,20 @@ def load(role: str, name: str) -> Any:
     if missing := _missing(role, made):
         raise UnknownNameError(
             f"{_where(role, found[name])}: {missing}\n"
-            "  To fix: docs/plugins.md has one of each kind that works"
+            "  To fix: docs/plugins/README.md has one of each kind that works"
         )
     return made
+
+
+def extra_of(role: str, name: str) -> str:
+    """Return which of our plug-ins registers a name, "" if none does."""
+    plugins = _PLUGIN_NAMES.get(role, {})
+    return next((one for one, registered in plugins.items() if name in registered), "")
+
+
+def fix_of(extra: str) -> str:
+    """Return the sentence that says how to install a plug-in of ours."""
+    return f"To fix: pip install 'karma-offline[{extra}]'"
 
 
 def plug_in_of(error: BaseException) -> str:
@@ -98,7 +133,7 @@ def _where(role: str, entry: EntryPoint) -> str:
 
 def _missing(role: str, made: Any) -> str:
     """Return what an implementation lacks of its role's Protocol, "" where nothing is seen."""
-    if not callable(made):
+    if not callable(made) and role != "commands":
         return f"it is no class or function but {type(made).__name__}"
     if role in _MADE:
         number, words = _MADE[role]

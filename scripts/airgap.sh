@@ -16,7 +16,7 @@ export OMP_NUM_THREADS=1 KARMA_NETWORK_LOG=$folder/log
 case "${1:-demo}" in
     demo) command=(.venv/bin/karma eval eval/demo.toml --fresh --out "$folder/run") ;;
     tests) # but for the test that gives leave, to an address of its own that plays another machine
-        leave=tests/models/test_hosted.py::test_other_machine_is_reached_with_leave_only_and_the_header_says_so
+        leave=tests/plugins/hosted/test_hosted.py::test_other_machine_is_reached_with_leave_only_and_the_header_says_so
         command=(.venv/bin/python -m pytest -q -n "${WORKERS:-2}" --deselect "$leave")
         ;;
     *) command=("$@") ;;

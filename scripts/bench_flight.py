@@ -36,7 +36,7 @@ from support.hosted_server import NANO, free_port, real_server, wire_server
 
 from karma.bench.engine.run import Run
 from karma.files import to_json
-from karma.models.hosted.cassette import FILE, Cassette, canonical, key_of
+from karma.plugins.hosted.cassette import FILE, Cassette, canonical, key_of
 
 TASKS = Path("eval/alfred_l/tasks.jsonl")
 SLOTS = 8

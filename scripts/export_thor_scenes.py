@@ -10,7 +10,7 @@ tells. In the folder come to lie
   scenes.jsonl         one line a scene: scene, objects (metadata at reset), agent, bounds,
                        reachable; `karma world import runs/thor/scenes.jsonl` reads it
   layouts.json         {scene: {"reachable": [[x, z], ...]}}; its option --layouts reads it
-  events/NAME.jsonl    one line an action: action, metadata; `karma world replay --events` reads it
+  events/NAME.jsonl    one line an action: action, metadata; `karma world replay-events` reads it
 
 An action script is JSON: {"scene": "FloorPlan1", "initialize": {"gridSize": 0.25}, "actions":
 [{"action": "PickupObject", "objectId": "Apple|..."}, ...]}; several can be given. A run that was

@@ -1,4 +1,4 @@
-"""Write docs/transcript.md: what `karma chat` makes of requests as people say them.
+"""Write docs/plugins/transcript.md: what `karma chat` makes of requests as people say them.
 
     python scripts/make_transcript.py [--planner NAME] [--said FILE] [--out FILE]
 
@@ -135,7 +135,7 @@ def main(
     planner: str = "karma-nano",
     profile: str = "",
     said: Path = ROOT / "eval" / "talk" / "said.txt",
-    out: Path = ROOT / "docs" / "transcript.md",
+    out: Path = ROOT / "docs" / "plugins" / "transcript.md",
 ) -> None:
     """Write the page."""
     options = ["--planner", planner, *(["--profile", profile] if profile else [])]

@@ -19,12 +19,12 @@ from measuring import table
 from support.errand_sequences import SCENES, Room, place_of
 
 from karma import Agent
+from karma.assistant.session_log import PastRequest
 from karma.files import read_bytes, to_json, write_atomic
 from karma.household.ids import type_of
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types
 from karma.offline.guard import go_offline
-from karma.plugins.homes.home import PastErrand
 from karma.plugins.rules.talk.replies import AgentReply
 from karma.seeds import stream
 
@@ -89,7 +89,7 @@ def errands(scene: str, seed: int) -> Iterator[list[tuple[str, str, str]]]:
 
 def forget(log: Path) -> None:
     """Take what was learnt out of a home's log; what was done in it stays."""
-    lines = [msgspec.json.decode(one, type=PastErrand) for one in read_bytes(log).splitlines()]
+    lines = [msgspec.json.decode(one, type=PastRequest) for one in read_bytes(log).splitlines()]
     write_atomic(log, b"".join(to_json(msgspec.structs.replace(one, changes=())) for one in lines))
 
 

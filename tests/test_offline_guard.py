@@ -232,7 +232,7 @@ def test_header_of_a_run_says_that_it_had_no_leave(tmp_path):
     (tmp_path / "x.toml").write_text(EXPERT)
     _, _, err = python("from karma.cli import app; app(['eval', 'x.toml'])", tmp_path)
     header = json.loads((tmp_path / "runs/x/header.json").read_text())
-    assert header["network"] is False, err  # with leave: tests/models/test_hosted.py
+    assert header["network"] is False, err  # with leave: tests/plugins/hosted/test_hosted.py
 
 
 # ----------------------------------------------------------------- planted calls

@@ -173,7 +173,7 @@ def test_locks_cover_every_dependency_within_its_range():
 def test_each_lock_holds_what_its_part_needs_and_nothing_else():
     """What only extras need is no part of a bundle, what only `dev` needs of neither."""
     extras = PROJECT["optional-dependencies"]
-    server = "llama-cpp-python[server]"  # docs/hosted.md tries hosted models with it
+    server = "llama-cpp-python[server]"  # docs/plugins/hosted.md tries hosted models with it
     base = needed(PROJECT["dependencies"])
     more = needed([*extras["thor"], *extras["hosted"], server])
     runs, added = (

@@ -10,7 +10,7 @@ import pytest
 from support.needs import need_models
 from support.paths import ROOT
 
-PAGE = ROOT / "docs" / "plugins.md"
+PAGE = ROOT / "docs" / "plugins" / "README.md"
 RUN = "import sys; from karma.cli import app; app(sys.argv[1:])"
 
 

@@ -116,7 +116,7 @@ def test_list_of_the_transcript_has_thirty_requests_of_both_kinds():
 
 
 def test_transcript_in_the_documents_is_of_that_list():
-    page = (ROOT / "docs" / "transcript.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "plugins" / "transcript.md").read_text(encoding="utf-8")
     lines = (ROOT / "eval" / "talk" / "said.txt").read_text(encoding="utf-8").splitlines()
     said = [line[2:] for line in lines if line[:1] in ("+", "-", "?")]
     assert re.findall(r"^> (.*)$", page, re.MULTILINE) == said
@@ -133,13 +133,13 @@ def test_days_in_homes_are_as_the_page_has_them(transcript):
         lines = (line for talk in talks for line in talk.splitlines())
         return [line for line in lines if line and not line.startswith("  sure:")]
 
-    page = (ROOT / "docs" / "transcript.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "plugins" / "transcript.md").read_text(encoding="utf-8")
     assert told(transcript("".join(f"@ {talk}" for talk in homes))) == told(page)
 
 
 def test_conversation_on_the_front_page_stands_in_the_transcript():
     front = (ROOT / "README.md").read_text(encoding="utf-8")
-    page = (ROOT / "docs" / "transcript.md").read_text(encoding="utf-8").splitlines()
+    page = (ROOT / "docs" / "plugins" / "transcript.md").read_text(encoding="utf-8").splitlines()
     shown = front.partition("shortened (")[2].split("```")[1].strip("\n").splitlines()
     lines = [line.partition("   ")[0] if line.startswith(">") else line for line in shown]
     assert len(lines) >= 8
@@ -150,6 +150,6 @@ def test_reference_is_written_from_the_docstrings(tmp_path):
     pdoc = pytest.importorskip("pdoc")
     pdoc.render.configure(docformat="google", search=False, show_source=False)
     pdoc.pdoc("karma.plugins.rules.talk.agent", output_directory=tmp_path)
-    page = (tmp_path / "karma" / "talk" / "agent.html").read_text(encoding="utf-8")
+    page = (tmp_path / "karma/plugins/rules/talk/agent.html").read_text(encoding="utf-8")
     assert "Go back to before the last thing that was said" in page
     assert not re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=[\"']https?://", page)

@@ -142,32 +142,13 @@ def show_folder(agent: "Agent") -> None:
 # ----------------------------------------------------------------- the conversation
 
 
-def home_lines(agent: "Agent") -> list[str]:
-    """Return what is said of a home that lasts; nothing of another."""
-    from karma.agent.journal.formats import plural
-    from karma.plugins.homes.home import BEGINS_S
-    from karma.plugins.rules.language.clock import time_of_day
-    from karma.plugins.rules.talk.remembering import age
-
-    home = agent.home
-    if home.folder is None:
-        return []
-    people = home.card.people
-    live = f", where {people} {'person lives' if people == 1 else 'people live'}" if people else ""
-    if not home.past:
-        return [f"a new home, kept in {home.folder}{live}"]
-    last, now = home.past[-1], time_of_day(home.clock_s + BEGINS_S)
-    some, when = plural(len(home.past), "request"), age(home.clock_s - last.at_s)
-    return [f"home: {home.folder}{live}, {now}; {some} so far; the last, {when}: {last.said}"]
-
-
 def converse(agent: "Agent", view: AnswerView | None = None) -> int:
     """Take what is typed, or piped in, until it ends; `view` as in `say`.
 
     Returns the exit code: of what was piped in the worst that came of a request.
     """
     codes: list[int] = []
-    for line in (*home_lines(agent), f"{agent.map.lines()[0]}. Say what to do, or /help."):
+    for line in (*agent.home.greeting(), f"{agent.map.lines()[0]}. Say what to do, or /help."):
         tell(line)
     try:
         for typed in _typed(agent.home.folder):

@@ -1,9 +1,11 @@
 """What says who is at work, how far a command is, and what a planner is about to answer."""
 
+from collections.abc import Iterable, Iterator
 from math import inf
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from karma.bench.engine.run import Run
     from karma.contracts import Heard, Plan
 
+T = TypeVar("T")
 _LINE_S = 10.0  # between lines of a log
 _ROWS = 8  # of an answer under way that stay on a terminal
 
@@ -163,3 +166,9 @@ class AnswerView:
 
     def _say(self, line: str) -> None:
         self._errors.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def track(items: Iterable[T], text: str, total: int | None = None) -> Iterator[T]:
+    """Yield the items, with a bar on a terminal while they are taken."""
+    with bar(passing=True) as progress:
+        yield from progress.track(items, total=total, description=escape(text))

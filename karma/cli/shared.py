@@ -24,14 +24,16 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from karma import registry
+from karma.cli.commands import argument as argument
+from karma.cli.commands import option as option
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
 from karma.offline.guard import settle
 
 if TYPE_CHECKING:
     from karma.bench.figures.tables import Sheet
-    from karma.models.hosted.cassette import Cassette
-    from karma.models.hosted.endpoint import Hosted
+    from karma.models.endpoint import Hosted
+    from karma.models.session import Cassette
 
 _HARMLESS = frozenset("\n\t\u200d")  # the last joins the parts of one sign
 _PLAIN = str.maketrans("→–—…✓·×", ">--.*.x")  # where the terminal has ASCII only
@@ -225,19 +227,6 @@ class Command(Protocol):
         """Carry the command out."""
 
 
-def option(usual: Any, text: str, *names: str, panel: str | None = None, **how: Any) -> Any:
-    """Return the default of a field that is an option; `usual` ...: it must be given.
-
-    `names` stand in place of the field's own, `how` is more of `typer.Option`.
-    """
-    return typer.Option(usual, *names, help=text, rich_help_panel=panel, **how)
-
-
-def argument(usual: Any, text: str, **how: Any) -> Any:
-    """Return the default of what stands without a name; as in `option`."""
-    return typer.Argument(usual, help=text, **how)
-
-
 def as_function(kind: type[Command]) -> Callable[..., None]:
     """Return a command as Typer takes it: a function with the parameters of the dataclass."""
 
@@ -288,18 +277,14 @@ class Kept:
     @property
     def tape(self) -> "Cassette":
         """The cassette that is asked for; a folder alone is replayed."""
-        from karma.models.hosted.cassette import MODES, Cassette
+        from karma.models.session import cassette_of
 
-        wanted = self.cassette_mode or ("replay" if self.cassette is not None else "off")
-        for known in MODES:
-            if known == wanted:
-                return Cassette(self.cassette, known)
-        raise KarmaError(f"no cassette mode {self.cassette_mode!r}; there are {', '.join(MODES)}")
+        return cassette_of(self.cassette, self.cassette_mode)
 
     def hosted(self, planner: str, model: str, **settings: str) -> "Hosted":
         """Return where the planner is, if it is a hosted one."""
         from karma.agent.loading.models import OPENAI
-        from karma.models.hosted.endpoint import Hosted
+        from karma.models.endpoint import Hosted
 
         if planner != OPENAI and not (self.base_url or model):
             return Hosted()

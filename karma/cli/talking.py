@@ -105,20 +105,20 @@ class ChatCommand(Computed, Kept, RequestOptions):
 
     def do(self) -> None:
         """Converse in a home that lasts, unless it is to be a fresh one."""
+        from karma.assistant.session_log import DEFAULT_SCENE
         from karma.contracts import SceneRef
-        from karma.plugins.homes.home import SCENE
 
-        view, lasts = AnswerView(), SceneRef.of(self.scene or SCENE).name
+        view, lasts = AnswerView(), SceneRef.of(self.scene or DEFAULT_SCENE).name
         agent = self.agent(view, self.home if self.fresh else self.home or lasts)
         raise typer.Exit(converse(agent, view))
 
     def agent(self, view: AnswerView, home: str) -> "Agent":
         """Return the agent of these options; `view` hears its answers."""
         from karma.agent.loading.models import Models, preset
-        from karma.models.hosted.session import Session
+        from karma.assistant.session_log import DEFAULT_SCENE
         from karma.models.llama.room_states import StateOptions
         from karma.models.manifest import default_planner
-        from karma.plugins.homes.home import SCENE
+        from karma.models.session import Session
         from karma.plugins.rules.talk.agent import ANSWER_SECONDS, Agent
 
         if self.fresh and self.home:
@@ -152,7 +152,7 @@ class ChatCommand(Computed, Kept, RequestOptions):
                 **self.computed,
             }
         )
-        seconds, place = self.answer_seconds, home or self.scene or SCENE
+        seconds, place = self.answer_seconds, home or self.scene or DEFAULT_SCENE
         with console.status(escape(f"loading models, getting to know {place} ...")):
             agent = Agent(
                 self.scene,
@@ -299,10 +299,8 @@ def home_new(
 ) -> None:
     """Begin a home, which nobody has been in yet."""
     from karma.plugins.homes.home import home_folder, new_home
-    from karma.plugins.homes.people import check_people
     from karma.world.sim import EmbeddedWorld
 
-    check_people(people)
     home = new_home(home_folder(name), scene, EmbeddedWorld(), people=people)
     tell(f"{home.folder}: {home.scene}; karma chat --home {name}")
 

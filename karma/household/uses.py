@@ -96,11 +96,11 @@ COFFEE_CUP = "Mug"
 MOMENTARY = frozenset((*TAPS, MICROWAVE, TOASTER, COFFEE_MACHINE, BURNER, KNOB))
 
 
-# ----------------------------------------------------------------- names
+# ----------------------------------------------------------------- whole object types
 
 
 def kind_of(name: str) -> str:
-    """Return the type that a name or id is about: of wholes, sinks and burners.
+    """Return the type that a name or id stands for: of wholes, sinks and burners.
 
     >>> kind_of("Apple_2"), kind_of("Sink|1|2|3|SinkBasin"), kind_of("StoveKnob")
     ('Apple', 'Sink', 'StoveBurner')
@@ -110,9 +110,5 @@ def kind_of(name: str) -> str:
 
 
 def switch_of(kind: str) -> str:
-    """Return the type that is switched for another: the tap of a sink.
-
-    >>> switch_of("Sink"), switch_of("Microwave")
-    ('Faucet', 'Microwave')
-    """
-    return FAUCET if kind in (SINK, "Bathtub", *TAPS) else kind
+    """Return the type that is switched for a type: the tap of a sink."""
+    return TAPS[0] if kind in (SINK, "Bathtub", *TAPS) else kind

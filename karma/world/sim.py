@@ -2,7 +2,7 @@
 
 Covered: the actions in `ACTIONS`, all event and object fields, containment, visibility, heat,
 cold, water, coffee, slicing, breaking, pictures. Not covered: mesh physics;
-docs/simplifications.md lists every simplification.
+docs/world/simplifications.md lists every simplification.
 """
 
 from collections.abc import Mapping

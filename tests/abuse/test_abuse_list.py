@@ -88,9 +88,7 @@ def test_trial_whose_id_is_a_path_is_written_nowhere(tmp_path):
     trial = {**alfred_kitchen.trial(), "id": "../../x"}
     alfred_kitchen.write(tmp_path / "in" / "trials.jsonl", trial)
     out = tmp_path / "a" / "b" / "out"
-    code, said = karma(
-        "world", "import", tmp_path / "in" / "trials.jsonl", "--alfred", "--out", out
-    )
+    code, said = karma("world", "import-trials", tmp_path / "in" / "trials.jsonl", "--out", out)
     assert code == 1
     assert "cannot be the name of a file" in " ".join(said.split())
     assert [path for path in tmp_path.rglob("*.json") if path.name != "trials.jsonl"] == []

@@ -13,9 +13,9 @@ from support.needs import need_models
 from karma.agent.planning.planner import Planner
 from karma.contracts import Area, Decoding, MemoryUnit, PlanRequest
 from karma.errors import ServerLost
-from karma.models.hosted.model import HostedLanguageModel
 from karma.models.llama.model import LlamaModel
 from karma.models.manifest import resolve_planner
+from karma.plugins.hosted.model import HostedLanguageModel
 
 PROGRAMS = (
     "OpenObject(robot, 'Fridge')\nPickupObject(robot, 'Apple')\nCloseObject(robot, 'Fridge')\n",

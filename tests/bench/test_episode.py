@@ -27,9 +27,9 @@ from karma.errors import (
     WorldLost,
 )
 from karma.memory.recall import CosineRecall
-from karma.models.hosted.cassette import CassetteError
 from karma.models.scripted import MetadataVision, ScriptedModel
 from karma.offline.guard import NetworkRefused
+from karma.plugins.hosted.cassette import CassetteError
 from karma.world.sim import EmbeddedWorld
 
 AWAY = (

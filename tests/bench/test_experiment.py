@@ -28,7 +28,7 @@ from karma.bench.figures.columns import figures
 from karma.cli import show
 from karma.errors import FileError, KarmaError
 from karma.files import append_line, decode_json, to_json
-from karma.models.hosted.endpoint import Spent
+from karma.models.session import Spent
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 

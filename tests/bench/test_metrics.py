@@ -34,7 +34,7 @@ from karma.bench.figures.metrics import (
 )
 from karma.bench.figures.results import result_of
 from karma.contracts import MemoryUnit, RefusedRequest, Tour
-from karma.models.hosted.endpoint import Spent
+from karma.models.session import Spent
 
 CUT, KEEP = "STATE(Apple, sliced): 1", "INSIDE(Apple, Fridge): 1"
 HOLD = "HOLDON(robot, Mug): 1"

@@ -22,7 +22,7 @@ from support.run_files import karma
 from karma.agent.journal.records import read_records
 from karma.bench.engine.run import Run
 from karma.errors import KarmaError
-from karma.models.hosted.cassette import FILE, Cassette
+from karma.plugins.hosted.cassette import FILE, Cassette
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 ONLY = [
@@ -102,14 +102,6 @@ def test_episodes_recorded_by_several_workers_replay_byte_for_byte_by_any_number
         list(run.episodes(number))
         assert whole(again) == recorded
     assert (tape / FILE).read_bytes() == before
-
-
-def test_workers_are_as_many_as_the_server_has_slots_where_it_says_so(experiment, tmp_path):
-    for name, pages, number in (("told", {"/props": {"total_slots": 3}}, 3), ("untold", {}, 4)):
-        with wire_server(household, pages=pages) as (url, _):
-            assert Run(experiment(url), tmp_path / name).suggest().number == number
-    with pytest.raises(KarmaError, match=r"m at 127\.0\.0\.1: Connection error"):
-        Run(experiment(url, retries=0), tmp_path / "gone").suggest()
 
 
 def test_refused_requests_are_asked_again_and_the_records_are_those_of_a_calm_server(
@@ -234,7 +226,7 @@ def test_replay_by_several_workers_of_what_was_not_recorded_ends_the_run(experim
     assert len(read_records(tmp_path / "again" / "episodes.jsonl")) <= 1
 
 
-FAULTS = (  # one of each kind; tests/models/test_hosted.py has all dresses
+FAULTS = (  # one of each kind; tests/plugins/hosted/test_hosted.py has all dresses
     (200, b'{"error": {"message": "engine is dead", "type": "server_error"}}', "engine is dead"),
     (425, b'{"detail": "too early in the day"}', "too early in the day"),
     (522, b"<html><title>Connection timed out</title></html>", "522"),

@@ -9,8 +9,8 @@ from karma.agent.loading.models import Models
 from karma.bench.engine.run import Run
 from karma.bench.engine.workers import suggest_workers
 from karma.errors import KarmaError, WorkerLost
-from karma.models.hosted.cassette import Cassette
-from karma.models.hosted.endpoint import Endpoint, Hosted
+from karma.models.endpoint import Endpoint, Hosted
+from karma.plugins.hosted.cassette import Cassette
 
 DEADLY = """
 import os, signal

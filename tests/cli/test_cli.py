@@ -3,16 +3,19 @@
 import json
 import re
 import struct
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
-import typer
 from support.needs import need_models
 from support.paths import ROOT
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
+from karma import registry
 from karma.cli import app
+from karma.cli.commands import all_commands, imported
 from karma.world.core import scene as scenes
 from karma.world.sim import EmbeddedWorld
 
@@ -220,35 +223,52 @@ def test_run_of_no_words_is_refused_with_an_example():
 # ----------------------------------------------------------------- help
 
 
-def commands(group, above="karma"):
-    """Every command, with its whole name."""
-    for name, one in group.commands.items():
-        yield f"{above} {name}", one
-        if hasattr(one, "commands"):
-            yield from commands(one, f"{above} {name}")
+SPECS = {one.path: one for one in all_commands()}
 
 
-COMMANDS = dict(commands(typer.main.get_command(app)))
-
-
-@pytest.mark.parametrize("name", sorted(COMMANDS))
+@pytest.mark.parametrize("name", sorted(SPECS))
 def test_command_says_in_one_line_what_it_does_and_what_each_option_is(name):
-    command = COMMANDS[name]
-    line = command.get_short_help_str(limit=200)
-    assert re.fullmatch(r"[A-Z].*\.", line), line
-    assert len(line) <= 92  # what fits beside the names in 110 columns
+    command = imported(SPECS[name])
+    for line in (SPECS[name].summary, command.get_short_help_str(limit=200)):
+        assert re.fullmatch(r"[A-Z].*\.", line), line
+        assert len(line) <= 92  # what fits beside the names in 110 columns
     unsaid = [one.name for one in command.params if one.name != "help" and not one.help]
     assert unsaid == []
 
 
 def test_help_leads_with_the_agent_and_groups_the_rest():
     text = karma("--help")
-    heads = ["The agent at work", "What runs show", "What runs are made of", "Parts by themselves",
-             "This machine"]  # fmt: skip
+    heads = ["The agent at work", "What runs show", "What runs are made of", "This machine"]
     places = [text.index(head) for head in heads]
     assert places == sorted(places)
     assert text.index(" run ") < text.index(" eval ") < places[1]
     assert "Begin with: karma run" in text
+
+
+def test_help_imports_no_module_of_a_command():
+    program = """
+import sys
+from karma import registry
+from karma.cli import app
+try:
+    app(["--help"])
+finally:
+    print(*(name for name in sys.modules if name.startswith("karma.")), file=sys.stderr)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], check=False, capture_output=True, text=True
+    )
+    assert "The agent at work" in done.stdout
+    loaded = done.stderr.split()
+    assert "karma.plugins.airgap.commands" in loaded
+    assert {"karma.bench", "karma.agent", "karma.world", "karma.models"}.isdisjoint(loaded)
+
+
+def test_command_of_a_missing_plug_in_names_the_extra(monkeypatch):
+    monkeypatch.setattr(registry, "names", lambda role: [])
+    assert "pip install 'karma-offline[airgap]'" in karma("bundle", "build", code=2)
+    assert "pip install 'karma-offline[thor_tools]'" in karma("world", "import", "x", code=2)
+    assert "bundle" not in karma("--help")
 
 
 def test_misspelt_command_is_answered_with_the_one_that_was_meant():

@@ -117,7 +117,7 @@ SECONDS_TO_IMPORT = "torch transformers sentence_transformers sklearn"
             "import karma.models.embed.sentence, karma.models.embed.clip\n"
             "import karma.models.llama.model\n"
             "import karma.models.llama.gguf_files, karma.models.added\n"
-            "import karma.models.transformers_vision, karma.models.hosted.model\n",
+            "import karma.models.transformers_vision, karma.plugins.hosted.model\n",
             f"{SECONDS_TO_IMPORT} llama_cpp gguf openai PIL safetensors",
         ),
         (

@@ -418,7 +418,7 @@ def made(tmp_path_factory):
 
     def make(role, name):
         if name == "openai":
-            pytest.skip("needs a server: tests/models/test_hosted.py")
+            pytest.skip("needs a server: tests/plugins/hosted/test_hosted.py")
         arguments = {
             "minilm": (), "sentence": (save_sentence,), "clip": (save_clip,),
         }[name]  # to register is to be tested  # fmt: skip

@@ -14,12 +14,12 @@ from support.tiny import export_tiny
 
 from karma.contracts import PlanSpec, Prompt
 from karma.models.automaton import ProgramAutomaton
+from karma.models.endpoint import Endpoint
 from karma.models.grammars import plan_gbnf, plan_regex, plan_schema
-from karma.models.hosted.endpoint import Endpoint
-from karma.models.hosted.planner import open_planner
-from karma.models.hosted.session import Session
 from karma.models.llama.model import LlamaModel
 from karma.models.llama.opening import LlamaOptions
+from karma.models.session import Session
+from karma.plugins.hosted.planner import open_planner
 
 ACTIONS = ("find a Apple", "find a Fridge", *(f"open the Drawer_{n}" for n in range(2, 14)))
 SPEC = PlanSpec(

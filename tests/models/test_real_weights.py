@@ -17,9 +17,9 @@ from karma.bench.engine.model_doctor import tried
 from karma.contracts import Prompt
 from karma.errors import ModelError
 from karma.models.added import AddOptions, add_model
-from karma.models.hosted.session import Session
 from karma.models.llama.model import LlamaModel
 from karma.models.manifest import find_model, resolve_planner
+from karma.models.session import Session
 from karma.testing import make_planner
 
 NAME = "smollm2-135m"

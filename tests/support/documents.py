@@ -10,7 +10,7 @@ from support.paths import ROOT
 PAGES = tuple(
     sorted(
         page
-        for pattern in ("*.md", "docs/*.md", "eval/**/*.md", "models/**/*.md")
+        for pattern in ("*.md", "docs/**/*.md", "eval/**/*.md", "models/**/*.md")
         for page in ROOT.glob(pattern)
     )
 )

@@ -340,6 +340,6 @@ def policies() -> Iterator[Claim]:
 SAID: dict[str, tuple[Callable[[], Iterator[Claim]], ...]] = {
     "README.md": (front_page,),
     "docs/results.md": (papers_tables, agent, policies, lived_table),
-    "docs/alfred-benchmarks.md": (benchmarks_page,),
+    "docs/plugins/alfred.md": (benchmarks_page,),
     "models/cards/karma-nano.md": (card,),
 }

@@ -29,7 +29,7 @@ from gguf.scripts.gguf_new_metadata import MetadataDetails, copy_with_new_metada
 
 from karma.contracts import Prompt
 from karma.errors import ModelError
-from karma.models.hosted.endpoint import Endpoint
+from karma.models.endpoint import Endpoint
 from support.paths import ROOT
 
 KEY = "sk-planted-4f1c9be2d7"

@@ -5,7 +5,7 @@ import tomllib
 
 from support.paths import ROOT
 
-DOC = (ROOT / "docs/simplifications.md").read_text(encoding="utf-8")
+DOC = (ROOT / "docs/world/simplifications.md").read_text(encoding="utf-8")
 RULES = tomllib.loads((ROOT / "karma/world/core/rules.toml").read_text(encoding="utf-8"))
 TYPES = tomllib.loads((ROOT / "karma/household/types.toml").read_text(encoding="utf-8"))["types"]
 SAID = re.findall(r"`([\w.]+) = ([\d.]+)`", DOC)

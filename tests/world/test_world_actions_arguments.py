@@ -21,7 +21,7 @@ from karma.world.actions.table import ACTIONS, LEFT_OUT
 from karma.world.core import scene
 from karma.world.sim import MISUSE, EmbeddedWorld
 
-PAGE = ROOT / "docs" / "actions.md"
+PAGE = ROOT / "docs" / "world" / "actions.md"
 ROOM = kitchen()
 IDS = [thing.id for thing in ROOM.objects]
 NAMES = [thing.name for thing in ROOM.objects]

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from karma.models.hosted.endpoint import Ledger, Spent
+from karma.models.session import Ledger, Spent
 
 COST_DIGITS = 6
 UNKNOWN = "–"

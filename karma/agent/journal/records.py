@@ -19,7 +19,7 @@ from karma.agent.journal.owned_folder import read_lines
 from karma.contracts import Engine, Kind, KvState, Plan, RefusedRequest, SkillResult, Tour
 from karma.errors import FileError
 from karma.files import read_bytes, to_json
-from karma.models.hosted.endpoint import Spent
+from karma.models.session import Spent
 
 KINDS: tuple[str, ...] = get_args(Kind)
 ALL, TRAINED, NOT_TRAINED = "all", "in training", "not in training"  # beside kinds

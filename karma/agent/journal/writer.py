@@ -20,8 +20,7 @@ from karma.agent.journal.steps import StepLog
 from karma.contracts import AgentEvent, Outcome, Plan, SkillResult, SubTask, Tour, World
 from karma.errors import KarmaError
 from karma.household.pieces import base_type
-from karma.models.hosted.cassette import Cassette
-from karma.models.hosted.endpoint import Ledger
+from karma.models.session import Cassette, Ledger
 
 
 class TimeLog:

@@ -33,12 +33,11 @@ from karma.contracts import (
     World,
 )
 from karma.errors import KarmaError, ModelError, RequestRefused, did_you_mean
-from karma.models.hosted.endpoint import Endpoint, Hosted
-from karma.models.hosted.planner import open_planner
-from karma.models.hosted.session import Session
+from karma.models.endpoint import Endpoint, Hosted
 from karma.models.llama.opening import KvType, LlamaOptions, Switch
 from karma.models.llama.room_states import StateOptions
 from karma.models.manifest import default_planner, resolve_planner
+from karma.models.session import Session
 from karma.models.torch_load import DType, TorchOptions
 
 
@@ -305,7 +304,7 @@ def language_model(
         ModelError: it is missing, damaged or of the wrong kind, or a hosted one out of reach.
     """
     if models.hosted.planner is not None:
-        hosted = open_planner(
+        hosted = registry.load("planners", OPENAI)(
             models.hosted.planner,
             session=session,
             constrained=models.constraint != "free",

@@ -1,12 +1,12 @@
-"""Requests that are not carried out: what was not understood, and what people are told of it.
+"""A planner's refusals of a request: what in it was not understood, and which cannot be.
 
-Not what the world refuses of a skill: that is in `karma.agent.body.refusals`.
+The words for people are in `refusal_text`; refusals of a skill by the world in
+`karma.agent.body.refusals`.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 
-from karma.contracts import Hint, PlanRequest, RefusalKind, RefusedRequest
+from karma.contracts import Hint, PlanRequest, RefusedRequest
 from karma.household.places import OVERLOOKED, landmark_types
 from karma.household.saying import spoken
 from karma.household.types import object_types
@@ -15,52 +15,6 @@ from karma.language.phrases import phrases_of
 
 NEAR = 0.6  # cosine from which on a phrase has a meaning here
 KNOWN = "known, so the request is not refused for that"  # ends why a refusal cannot be
-_WITH_WORDS: Mapping[RefusalKind, str] = {
-    "deed": "I have no skill for {words}.",
-    "thing": "I know of no {words} in a home.",
-    "place": "I know of no {words} in this home.",
-    "impossible": "That cannot be done: {words}.",
-    "unclear": "I am not sure what is meant by {words}.",
-    "time": "I cannot wait: {words}. I do things at once or not at all.",
-    "condition": "I cannot tell whether that is so: {words}.",
-    "alike": "I know of more than one, and cannot tell which is meant by {words}.",
-}
-_ALONE: Mapping[RefusalKind, str] = {
-    "deed": "I have no skill for that.",
-    "thing": "I know of no such thing in a home.",
-    "place": "I know of no such place in this home.",
-    "language": "I understand English only, and could not read this.",
-    "negated": "That says only what not to do, so I do nothing.",
-    "impossible": "That cannot be done with these things, or would do harm.",
-    "unclear": "I am not sure what is meant.",
-    "time": "I cannot wait; I do things at once or not at all.",
-    "condition": "I cannot tell whether that is so.",
-    "question": "That is a question; I do nothing for one, and cannot answer it yet.",
-    "statement": "That asks for nothing, and I have kept nothing of it.",
-    "incomplete": "Something is missing.",
-    "astray": "I would not have done what was said.",
-    "which": "That cannot be taken back, and I know of more than one.",
-    "alike": "I know of more than one, and cannot tell which is meant.",
-}
-
-
-def sentence(refused: RefusedRequest) -> str:
-    """Return what people are told of a request that is not carried out.
-
-    >>> sentence(RefusedRequest(kind="thing", words=("hammer",)))
-    "I know of no 'hammer' in a home."
-    """
-    if refused.kind == "astray":
-        return f"I would not have done what was said: {', '.join(refused.words)}."
-    if refused.kind == "which":
-        return f"That cannot be taken back, and I know of {' and '.join(refused.words)}."
-    if refused.kind == "place" and refused.by == "guard":
-        return f"There is no {refused.words[0]!r} here that I know of."
-    form = _WITH_WORDS.get(refused.kind) if refused.words else None
-    if form is None:
-        return _ALONE[refused.kind]
-    quoted = refused.words if refused.by == "inspector" else map(repr, refused.words)
-    return form.format(words=" or ".join(quoted))
 
 
 def with_words(refused: RefusedRequest, request: PlanRequest) -> RefusedRequest:

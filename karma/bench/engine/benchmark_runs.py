@@ -31,7 +31,7 @@ from karma.bench.engine.workers import hashes_here, loaded, models_here, refuse_
 from karma.bench.figures.tables import to_markdown
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json
-from karma.models.hosted.session import Session
+from karma.models.session import Session
 from karma.offline.guard import network_allowed
 
 

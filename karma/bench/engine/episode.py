@@ -31,8 +31,7 @@ from karma.contracts import (
 )
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.household.uses import BIN
-from karma.models.hosted.cassette import Cassette, CassetteError
-from karma.models.hosted.endpoint import Ledger
+from karma.models.session import Cassette, CassetteError, Ledger, NoCassette
 from karma.seeds import stream
 from karma.world.home import Home
 
@@ -219,7 +218,7 @@ def run_episode(
     home = world if isinstance(world, Home) else None
     if len(task.scenes) > 1 and home is None:
         raise TypeError(f"{task.id}: {len(task.scenes)} rooms take a Home, not one world")
-    ledger, cassette = ledger or Ledger(), cassette or Cassette()
+    ledger, cassette = ledger or Ledger(), cassette or NoCassette()
     steps, times = steps or StepLog(), times or TimeLog()
     cassette.begin(f"{row}/{task.id}/{seed}")
     first = task.scenes[0].name

@@ -24,10 +24,10 @@ from karma.errors import KarmaError, ModelError
 from karma.files import rebuild_llama
 from karma.models.checks.gguf import check_gguf
 from karma.models.checks.memory import gguf_parts_mb
-from karma.models.hosted.session import Session
 from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.opening import KV_BYTES, devices, free_mb
 from karma.models.manifest import ModelEntry, resolve_planner
+from karma.models.session import Session
 from karma.models.torch_load import import_transformers
 
 CARDS = {  # what a driver puts on this machine -> (whose, what llama.cpp is built with for it)

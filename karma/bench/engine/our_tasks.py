@@ -35,9 +35,9 @@ from karma.bench.engine.workers import NodeFolder, loaded
 from karma.bench.figures.columns import added_up
 from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
 from karma.errors import FileError, KarmaError
-from karma.models.hosted.session import Session
 from karma.models.llama.room_states import StateOptions
 from karma.models.manifest import resolve_planner
+from karma.models.session import Session
 from karma.offline.guard import settle
 from karma.world.home import Home
 

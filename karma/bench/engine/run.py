@@ -15,9 +15,7 @@ from karma.bench.engine.workers import IN_FLIGHT, Suggestion, check_far, perform
 from karma.bench.figures.precision import takes_another
 from karma.contracts import Task
 from karma.errors import KarmaError
-from karma.models.hosted.cassette import Cassette
-from karma.models.hosted.dialects import slots_of
-from karma.models.hosted.session import Session
+from karma.models.session import Cassette, Session
 
 
 class Run:
@@ -103,14 +101,10 @@ class Run:
         return self.total - len(self.records)
 
     def suggest(self) -> Suggestion:
-        """Return how many workers to use unless a number is given.
-
-        Raises:
-            KarmaError: a hosted planner may not or cannot be reached.
-        """
+        """Return how many workers to use unless a number is given."""
         models, in_flight = self.suite.models, None
         if models.hosted.planner is not None and self._session.cassette.mode != "replay":
-            in_flight = slots_of(models.hosted.planner) or IN_FLIGHT
+            in_flight = IN_FLIGHT
         return suggest_workers(models, self.left, self.suite.rows, in_flight=in_flight)
 
     def episodes(self, workers: int = 1, *, ray: str = "") -> Iterator[Any]:

@@ -17,7 +17,7 @@ from karma.agent.loading.models import Models, Row, check_asked, language_model
 from karma.bench.engine.experiment_file import DataFolders
 from karma.bench.figures.tables import Sheet
 from karma.contracts import LanguageModel
-from karma.models.hosted.session import Session
+from karma.models.session import Session
 
 
 class ExperimentFile(Protocol):

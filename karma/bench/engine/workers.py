@@ -33,17 +33,16 @@ from karma.contracts import SceneRef
 from karma.errors import FileError, KarmaError, ModelError, UnknownNameError, UnwritableError
 from karma.files import write_atomic
 from karma.models.checks.memory import available_mb
-from karma.models.hosted.cassette import Cassette, CassetteError, Tape
-from karma.models.hosted.endpoint import Hosted
-from karma.models.hosted.session import Session
+from karma.models.endpoint import Hosted
 from karma.models.llama.opening import devices
 from karma.models.manifest import find_model, read_manifest, resolve_planner
+from karma.models.session import Cassette, CassetteError, Session, Tape, open_cassette
 from karma.offline.guard import NetworkRefused, go_offline, network_allowed
 
 _BASE_MB = 350  # Python with torch, faiss and a world, beside the models; measured
 _SHARE = 0.8  # of the free memory, for all workers together
 _WORTH = 6  # episodes that make up for starting one worker more
-IN_FLIGHT = 8  # requests that a server is asked at once where it does not say how many it takes
+IN_FLIGHT = 8  # requests that a server is asked at once
 _WORTH_WAITING = 2  # episodes, likewise, where each waits for a server
 
 
@@ -91,7 +90,7 @@ def _here(suite: Suite, chains: Sequence[Chain], session: Session) -> Iterator[I
 def _begun(suite: Suite, tape: Tape, network: bool) -> Do:
     """Load what a worker process needs."""
     go_offline(allow_network=network)
-    return loaded(suite, Session(Cassette.of(tape)))
+    return loaded(suite, Session(open_cassette(tape)))
 
 
 def loaded(suite: Suite, session: Session) -> Do:

@@ -48,7 +48,7 @@ from karma.bench.policies.tasks import (
 )
 from karma.errors import FileError, KarmaError
 from karma.files import read_bytes, read_json, read_toml, to_json
-from karma.models.hosted.session import Session
+from karma.models.session import Session
 
 CLAIMS_FILE = "claims.md"
 AtLeastOne = Annotated[int, Meta(ge=1)]

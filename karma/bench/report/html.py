@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from karma import __version__
-from karma.agent.planning.refused import sentence
+from karma.agent.planning.refusal_text import sentence
 from karma.contracts import Frame
 from karma.household.ids import type_of
 

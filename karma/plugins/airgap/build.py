@@ -97,7 +97,7 @@ def build(out: Path, spec: BundleSpec, *, say: Say = lambda _: None) -> BuiltBun
             "karma": karma.__version__, "python": python, "platform": machine, "models": models
         }  # fmt: skip
         papers = {
-            "LICENSE": PROJECT / "LICENSE", "AIRGAP.md": PROJECT / "docs/airgap.md"
+            "LICENSE": PROJECT / "LICENSE", "AIRGAP.md": PROJECT / "docs/plugins/airgap.md"
         }  # fmt: skip
         sources: dict[str, Path | bytes] = {  # models may share a file
             install.ABOUT: json.dumps(about, indent=1).encode(),

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from karma.errors import FileError
+from karma.errors import FileError, KarmaError
 from karma.files import read_toml
 from karma.household.types import object_types
 
@@ -109,3 +109,10 @@ def _scale(rates: np.ndarray, disturbance: float) -> float:
         else:
             high = middle
     return high
+
+
+def check_people(count: int) -> None:
+    """Raise KarmaError if there are not so many people with names."""
+    most = len(habits().people.names)
+    if not 0 <= count <= most:
+        raise KarmaError(f"{count} people in a home: 0 to {most}\n  To fix: --people 2")

@@ -6,7 +6,7 @@ the world, which ends as it was left, and memory learns again what each line lef
 
 import os
 import shutil
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from time import time
@@ -15,21 +15,19 @@ from weakref import finalize
 
 import msgspec
 
+from karma.agent.journal.formats import plural
 from karma.agent.journal.owned_folder import locked, read_lines
-from karma.agent.journal.steps import Action
-from karma.agent.seeing.perceive import digest_of
-from karma.contracts import Event, MemoryChange, World
+from karma.assistant.session_log import CLOCK_START_S, DEFAULT_SCENE, PastRequest, SessionLog
+from karma.contracts import SeenObject, World
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.files import LARGEST_LOG, append_line, read_bytes, read_json, to_json, write_atomic
-from karma.plugins.rules.language.clock import HOUR_S
+from karma.plugins.homes.habits import check_people
+from karma.plugins.homes.memory.sighting_age import chance_in_place
+from karma.plugins.rules.language.clock import time_of_day
+from karma.plugins.rules.talk.remembering import age
+from karma.world.sim import EmbeddedWorld
 
 HOMES = Path("runs/homes")
-SCENE = "kitchen_1"  # where none is said
-BEGINS_S = 8 * HOUR_S  # on the first day, a Monday: when a home's clock is at 0
-PLACE_TOLD, STATE_TOLD = "told", "told how it is"  # how what a person only tells is kept
-RULE, RULE_ENDED = "told never to", "told that it may"
-TOLD = (PLACE_TOLD, STATE_TOLD, RULE, RULE_ENDED)
-ACTION_S = 1.0  # that an action takes by the home's clock
 _CARD, _LOG = "home.json", "log.jsonl"
 
 
@@ -39,30 +37,6 @@ class HomeCard(msgspec.Struct, frozen=True, kw_only=True):
     scene: str  # what the world is reset to: a name, or a file wherever one stands
     people: int = 0  # who live there while the agent is away
     seed: int = 0  # of their days
-
-
-class PastDeed(msgspec.Struct, frozen=True, kw_only=True):
-    """Something that was asked for or done, by the types that it was about."""
-
-    deed: str  # of `karma/plugins/rules/language/request_words.toml`, or a verb
-    things: tuple[str, ...] = ()
-    places: tuple[str, ...] = ()
-    done: bool = False  # by a skill, or with all that was asked
-
-
-class PastErrand(msgspec.Struct, frozen=True, kw_only=True):
-    """One request that was carried out or tried, and all that it changed."""
-
-    said: str
-    status: str
-    at_s: float  # when it ended, by the home's clock
-    room: str  # SHA-256 of how the world was then
-    actions: tuple[tuple[str, dict[str, Any]], ...] = ()
-    changes: tuple[MemoryChange, ...] = ()
-    plain: str = ""  # the same where "it" and "them" were said, with what they stood for
-    deeds: tuple[PastDeed, ...] = ()
-    undone: int = 0  # so many errands before it never happened; it is none itself
-    waited_s: float = 0.0  # it is none itself: so much time has passed, and people did the actions
 
 
 def home_folder(name: str | Path) -> Path:
@@ -82,24 +56,6 @@ def left_s(folder: Path) -> float:
 def homes() -> list[Path]:
     """Return all homes that go by a name, in the order of their names."""
     return sorted(one.parent for one in HOMES.glob(f"*/{_CARD}"))
-
-
-class HomeStory:
-    """All that happened in a home, errands and the times between them."""
-
-    def __init__(self, card: HomeCard, story: list[PastErrand]) -> None:
-        self.card, self._story = card, story
-        self.past = [one for one in story if not one.waited_s]
-        self.clock_s = sum(one.waited_s or len(one.actions) * ACTION_S for one in story)
-
-
-def read_home(folder: Path) -> HomeStory:
-    """Return what a home's log says; nothing there is changed, and it may be in use.
-
-    Raises:
-        FileError: it is damaged.
-    """
-    return HomeStory(_read_card(folder), _read(folder / _LOG))
 
 
 def forget_home(folder: Path) -> None:
@@ -124,7 +80,7 @@ def opened(name: str | Path) -> "KeptHome":
     return KeptHome(folder)
 
 
-def new_home(folder: Path, scene: str, world: World, *, people: int = 0) -> "KeptHome":
+def new_home(folder: Path, scene: str, world: EmbeddedWorld, *, people: int = 0) -> "KeptHome":
     """Begin a home where there is none; the world is to see that the scene is one.
 
     Raises:
@@ -132,132 +88,127 @@ def new_home(folder: Path, scene: str, world: World, *, people: int = 0) -> "Kep
     """
     if (folder / _CARD).exists():
         raise KarmaError(f"{folder}: there is a home already\n  To fix: karma home show {folder}")
+    check_people(people)
     home = KeptHome(folder, scene, people=people)
     world.reset(home.scene)
-    home.restore(world)
+    home.restore(world, world)
     return home
 
 
-class KeptHome(HomeStory):
-    """A home that one agent has for itself, as long as it lives.
+class KeptHome(SessionLog):
+    """A home whose log lasts, which one agent has for itself until it leaves.
 
     Args:
-        folder: made where it is not there; None: nothing of it lasts.
-        scene: what the world is reset to; of a home that is there it must be the same, "" for its
-            own.
+        folder: made if it does not exist.
+        scene: what the world is reset to; of an existing home it must be the same, "" for its own.
         people: who live there; None: as many as always, in a new home nobody.
-        seed: of their days, where the home is new.
+        seed: of their days, if the home is new.
+        later_s: seconds that have passed there since it was left.
 
     Raises:
         FileError: it cannot be made, or a file in it is damaged: names the line.
         KarmaError: somebody is in it, or it is of another scene or of other people.
     """
 
+    folder: Path
+
     def __init__(
-        self, folder: Path | None, scene: str = "", *, people: int | None = None, seed: int = 0
+        self,
+        folder: Path,
+        scene: str = "",
+        *,
+        people: int | None = None,
+        seed: int = 0,
+        later_s: float = 0.0,
     ) -> None:
         self.folder, held = folder, ExitStack()
-        self.leave = finalize(self, held.close)
-        card, story = HomeCard(scene=scene or SCENE, people=people or 0, seed=seed), []
-        if folder is not None:
-            fix = "end what is at work there, or name another --home; karma chat --fresh needs none"
-            held.enter_context(locked(folder, fix=fix))
-            try:
-                card = _card_of(folder, scene, people, card)
-                _drop_torn(folder / _LOG)
-                story = _read(folder / _LOG)
-            except BaseException:
-                self.leave()
-                raise
-        super().__init__(card, story)
+        self._leave = finalize(self, held.close)
+        new = HomeCard(scene=scene or DEFAULT_SCENE, people=people or 0, seed=seed)
+        fix = "end what is at work there, or name another --home; karma chat --fresh needs none"
+        held.enter_context(locked(folder, fix=fix))
+        try:
+            self.card = _card_of(folder, scene, people, new)
+            _drop_torn(folder / _LOG)
+            story = _read(folder / _LOG)
+        except BaseException:
+            self.leave()
+            raise
+        self._later_s = later_s
+        super().__init__(self.card.scene, story)
 
-    @property
-    def scene(self) -> str:
-        """What the world is reset to."""
-        return self.card.scene
+    def greeting(self) -> list[str]:
+        """Return where the home is, who lives there, the time, and the last request."""
+        people = self.card.people
+        who = f"{people} {'person lives' if people == 1 else 'people live'}"
+        live = f", where {who}" if people else ""
+        if not self.past:
+            return [f"a new home, kept in {self.folder}{live}"]
+        last, now = self.past[-1], time_of_day(self.clock_s + CLOCK_START_S)
+        some, when = plural(len(self.past), "request"), age(self.clock_s - last.at_s)
+        return [f"home: {self.folder}{live}, {now}; {some} so far; the last, {when}: {last.said}"]
 
-    def wait(self, seconds: float, done: Iterable[tuple[str, dict[str, Any]]] = ()) -> None:
-        """Let time pass; what people did meanwhile is kept."""
-        if seconds > 0:
-            line = PastErrand(
-                said="", status="", at_s=0.0, room="", waited_s=seconds, actions=tuple(done)
-            )
-            self._write(line)
-            self._story.append(line)
-            self.clock_s += seconds
+    def restore(self, world: World, simulator: EmbeddedWorld) -> None:
+        """Repeat what was done in a world that was just reset, then let the time pass.
 
-    def restore(self, world: World) -> None:
-        """Do again what was done, in a world that was just reset to the scene.
-
-        It is a home from then on: a scene that there is not makes none.
-
-        Raises:
-            KarmaError: it ends otherwise than it was left.
+        The home exists on disk from then on: an unknown scene makes none.
         """
-        if self.folder is not None and not (self.folder / _CARD).exists():
+        if not (self.folder / _CARD).exists():
             write_atomic(self.folder / _CARD, to_json(self.card))
-        last, same = self.past[-1] if self.past else None, True
-        for errand in self._story:
-            for action, arguments in errand.actions:
-                world.step(action, **arguments)
-            if errand is last:
-                same = digest_of(world.last_event) == errand.room
-        if not same:
-            raise KarmaError(
-                f"{self.folder}: the home cannot be made again as it was left: its scene was "
-                f"edited, or other code kept it\n  To fix: karma home forget {self.folder}"
-            )
+        super().restore(world, simulator)
+        done: Sequence[tuple[str, dict[str, Any]]] = ()
+        if self.card.people and self._later_s > 0:
+            from karma.plugins.homes.people import live  # loads the residents, who are rarely used
 
-    def add(
-        self,
-        said: str,
-        status: str,
-        actions: Sequence[Action],
-        changes: Sequence[MemoryChange],
-        event: Event,
-        *,
-        plain: str = "",
-        deeds: Sequence[PastDeed] = (),
-    ) -> None:
-        """Keep an errand; it is on the disk when this returns."""
-        errand = PastErrand(
-            said=said,
-            status=status,
-            at_s=self.clock_s + len(actions) * ACTION_S,
-            room=digest_of(event),
-            actions=tuple((one.action, one.arguments) for one in actions),
-            changes=tuple(changes),
-            plain=plain,
-            deeds=tuple(deeds),
+            done = [
+                *live(world, simulator, self.card, (self.clock_s, self.clock_s + self._later_s))
+            ]
+        self.wait(self._later_s, done)
+
+    def _cannot_restore(self) -> str:
+        return (
+            f"{self.folder}: the home cannot be made again as it was left: its scene was "
+            f"edited, or other code kept it\n  To fix: karma home forget {self.folder}"
         )
-        self._write(errand)
-        self.clock_s = errand.at_s
-        self.past.append(errand)
-        self._story.append(errand)
 
-    def go_back(self, count: int) -> None:
-        """Keep only the first so many errands."""
-        if undone := len(self.past) - count:
-            self._write(PastErrand(said="", status="", at_s=0.0, room="", undone=undone))
-            self.clock_s -= sum(len(one.actions) for one in self.past[count:]) * ACTION_S
-            del self.past[count:], self._story[-undone:]
+    def chance_in_place(self, sight: SeenObject, seen_s: float) -> float | None:
+        """Return the chance that an object was not moved since; None if nobody lives here."""
+        return chance_in_place(self.past, sight, seen_s, self.clock_s) if self.card.people else None
 
-    def _write(self, errand: PastErrand) -> None:
+    def leave(self) -> None:
+        """Let another agent have the home."""
+        self._leave()
+
+    def _write(self, line: PastRequest) -> None:
         """Write a line whole, or leave the log as it was.
 
         Raises:
             UnwritableError: it cannot be written.
         """
-        if self.folder is None:
-            return
         path = self.folder / _LOG
         size = path.stat().st_size if path.exists() else 0
         try:
-            append_line(path, to_json(errand))
+            append_line(path, to_json(line))
         except UnwritableError:
             with suppress(OSError):
                 os.truncate(path, size)  # or the next line would go on from the torn one
             raise
+
+
+def open_home(
+    name: str | Path,
+    scene: str = "",
+    *,
+    people: int | None = None,
+    seed: int = 0,
+    later_s: float = 0.0,
+) -> KeptHome:
+    """Open a home by name or folder, or begin a new one.
+
+    Raises:
+        KarmaError: as `KeptHome`, or there are not so many people.
+    """
+    check_people(people or 0)
+    return KeptHome(home_folder(name), scene, people=people, seed=seed, later_s=later_s)
 
 
 def _read_card(folder: Path) -> HomeCard:
@@ -268,7 +219,7 @@ def _card_of(folder: Path, scene: str, people: int | None, new: HomeCard) -> Hom
     if Path(scene).is_file():
         scene = str(Path(scene).resolve())
     if not (folder / _CARD).exists():
-        return msgspec.structs.replace(new, scene=scene or SCENE)
+        return msgspec.structs.replace(new, scene=scene or DEFAULT_SCENE)
     found = _read_card(folder)
     if scene and scene != found.scene:
         raise KarmaError(
@@ -283,18 +234,18 @@ def _card_of(folder: Path, scene: str, people: int | None, new: HomeCard) -> Hom
     return found
 
 
-def _read(path: Path) -> list[PastErrand]:
+def _read(path: Path) -> list[PastRequest]:
     """Return what happened and was not undone; a torn last line is passed over: nobody heard of it.
 
     Raises:
         FileError: another line is damaged.
     """
     try:
-        lines = read_lines(path, PastErrand)
+        lines = read_lines(path, PastRequest)
     except FileError as error:
         fix = f"karma home forget {path.parent}"
         raise FileError(path, error.reason, fix=fix) from error
-    found: list[PastErrand] = []
+    found: list[PastRequest] = []
     for one in lines:
         if one.undone:
             errands = [at for at, past in enumerate(found) if not past.waited_s]

@@ -3,10 +3,9 @@
 from collections.abc import Iterator
 from typing import Any
 
+from karma.assistant.session_log import CLOCK_START_S
 from karma.contracts import World
-from karma.errors import KarmaError
-from karma.plugins.homes.habits import habits
-from karma.plugins.homes.home import BEGINS_S, HomeCard
+from karma.plugins.homes.home import HomeCard
 from karma.plugins.homes.residents import Household
 from karma.world.core.scene import load
 from karma.world.sim import EmbeddedWorld
@@ -14,14 +13,6 @@ from karma.world.sim import EmbeddedWorld
 DISTURBANCE = 0.25  # share of the movable things that are moved at least once a day
 
 Deed = tuple[str, dict[str, Any]]  # an action of AI2-THOR and its arguments
-
-
-def check_people(count: int) -> None:
-    """Raise KarmaError where nobody knows so many people."""
-    if not 0 <= count <= len(habits().people.names):
-        raise KarmaError(
-            f"{count} people in a home: 0 to {len(habits().people.names)}\n  To fix: --people 2"
-        )
 
 
 def live(
@@ -35,7 +26,7 @@ def live(
     """
     if truth.state.held is not None:
         return
-    begin_s, end_s = (BEGINS_S + time_s for time_s in span_s)
+    begin_s, end_s = (CLOCK_START_S + time_s for time_s in span_s)
     household = Household(
         load(home.scene), seed=home.seed, people=home.people, disturbance=DISTURBANCE
     )

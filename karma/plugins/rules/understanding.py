@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from karma.agent.planning.first_program import noun_phrases
 from karma.agent.planning.planner import grounded
 from karma.agent.planning.program import DEEDS, WAYS
-from karma.agent.planning.refused import sentence
+from karma.agent.planning.refusal_text import sentence
 from karma.contracts import Known, Plan, RefusalKind, RefusedRequest, SkillCall
 from karma.household.ids import is_id, type_of
 from karma.household.pieces import base_type

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from karma.world.core.state import Camera
 from karma.world.core.thing import heading
 from karma.world.core.view import camera_axes
+from karma.world.render.device import device
 from karma.world.render.mesh import Floats, Mesh, joined
 
 LIGHT = np.array([0.38, 0.80, 0.46], dtype=np.float32)  # towards the lamp; length 1
@@ -54,7 +55,7 @@ class Layer:
         )
 
     def _built(self) -> EmbreeScene:
-        scene = EmbreeScene()
+        scene = EmbreeScene(device())
         if len(self._faces):
             TriangleMesh(
                 scene,

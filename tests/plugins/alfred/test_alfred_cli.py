@@ -1,11 +1,10 @@
-"""`karma world import --alfred` and `karma world replay`: lines, files, refusals."""
+"""`karma world import-trials` and `karma world replay`: lines, files, refusals."""
 
 import gzip
 import json
 
 import pytest
 from support import alfred_kitchen as ours
-from support.household import kitchen
 from typer.testing import CliRunner
 
 from karma.cli import app
@@ -96,7 +95,6 @@ def test_replay_of_side_files_that_lie_in_the_usual_place(trials, tmp_path, monk
         (["missing.jsonl"], "missing.jsonl: No such file"),
         (["TRIALS", "--layouts", "missing.json"], "missing.json: No such file"),
         (["TRIALS", "--only", "ours_9"], "no trial 'ours_9'"),
-        (["TRIALS", "--events"], "trials.jsonl.gz"),
     ],
 )
 def test_replay_of_what_is_not_there_is_refused(trials, arguments, said):
@@ -109,37 +107,10 @@ def test_replay_of_what_is_not_there_is_refused(trials, arguments, said):
 def test_import_alfred_writes_scenes_that_load_and_replay(trials, tmp_path):
     out, report = tmp_path / "scenes", tmp_path / "out.json"
     text = karma(
-        "world", "import", "--alfred", trials, "--only", "ours_0", "--out", out, "--json", report
+        "world", "import-trials", trials, "--only", "ours_0", "--out", out, "--json", report
     )
     assert "1 scenes in" in text
     (row,) = json.loads(report.read_text())
     assert (row["trial"], row["scene"]) == ("ours_0", ours.PLAN)
     world = EmbeddedWorld(scenes.load(row["path"]))
     assert world.last_event.get_object(ours.APPLE)["parentReceptacles"][0] == ours.TABLE
-
-
-def recording(tmp_path):
-    world = EmbeddedWorld(kitchen())
-    rows = [{"action": {"action": "Initialize"}, "metadata": world.last_event.metadata}]
-    for action in ({"action": "RotateRight"}, {"action": "LookDown"}):
-        rows.append({"action": action, "metadata": world.step(action).metadata})
-    return ours.write(tmp_path / "session.jsonl", *rows)
-
-
-def test_replay_events_compares_flags_and_counts_in_the_last_line(tmp_path):
-    path = recording(tmp_path)
-    text = karma("world", "replay", "--events", path, "--json", tmp_path / "out.json").splitlines()
-    (report,) = json.loads((tmp_path / "out.json").read_text())
-    assert text[-1] == f"events 1, flags {report['compared']}, equal 100.00 %"
-    assert report["differences"] == []
-
-
-def test_replay_events_lists_what_differs(tmp_path):
-    path = recording(tmp_path)
-    rows = [json.loads(line) for line in path.read_text().splitlines()]
-    apple = next(o for o in rows[2]["metadata"]["objects"] if o["objectType"] == "Apple")
-    apple["isDirty"] = not apple["isDirty"]
-    path = ours.write(path, *rows)
-    text = karma("world", "replay", "--events", path)
-    assert f"step 2 LookDown: {apple['objectId']} isDirty is False, AI2-THOR True" in text
-    assert "100.00 %" not in text.splitlines()[-1]

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from karma.agent.journal.header import TABLE
 from karma.cli import app
-from karma.models.hosted.cassette import Cassette
 from karma.plugins.alfred.eb_world.actions import PUT
+from karma.plugins.hosted.cassette import Cassette
 
 ROW = 'name = "hosted"'
 

@@ -15,8 +15,8 @@ from karma.agent.journal.header import TABLE
 from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import FileError, ModelError
-from karma.models.hosted.cassette import Cassette
 from karma.plugins.alfred.suites.table import LOTA_TABLES, figures_of
+from karma.plugins.hosted.cassette import Cassette
 
 ROWS = """
 [[rows]]

@@ -183,7 +183,7 @@ def test_scene_file_is_found_again_from_another_folder(tmp_path, monkeypatch):
     (tmp_path / "there" / "room.json").write_bytes(to_json(kitchen()))
     monkeypatch.chdir(tmp_path)
     first = KeptHome(tmp_path / "home", "there/room.json")
-    first.restore(None)  # nothing was done there yet
+    first.restore(None, None)  # nothing was done there yet
     first.leave()
     monkeypatch.chdir(tmp_path / "there")
     home = KeptHome(tmp_path / "home", "room.json")

@@ -11,14 +11,16 @@ from support.talking import AWAY, TAKE, agent_saying
 from test_kept_home import gone, left
 
 from karma.agent.seeing.perceive import digest_of
+from karma.assistant.session_log import PastRequest
 from karma.contracts import MemoryChange, SeenObject
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.household.ids import type_of
-from karma.plugins.homes.home import HomeCard, PastErrand
+from karma.plugins.homes.home import HomeCard
+from karma.plugins.homes.memory.sighting_age import chance_in_place
 from karma.plugins.homes.people import live
 from karma.plugins.rules.language.clock import DAY_S, HOUR_S
-from karma.plugins.rules.talk.history import how_sure, moves
+from karma.plugins.rules.talk.history import moves
 from karma.world.sim import EmbeddedWorld
 
 SCENES = ("kitchen_1", "living_2", "bedroom_1", "bathroom_1")
@@ -128,7 +130,7 @@ def moved_home(tmp_path, answers):
         ("CloseObject", things["Fridge"]), ("PutObject", things["DiningTable"]),
     ]  # fmt: skip
     actions = tuple((name, {"objectId": at, "forceAction": True}) for name, at in done)
-    line = PastErrand(said="", status="", at_s=0.0, room="", waited_s=30 * HOUR_S, actions=actions)
+    line = PastRequest(said="", status="", at_s=0.0, room="", waited_s=30 * HOUR_S, actions=actions)
     with (home / "log.jsonl").open("ab") as log:
         log.write(to_json(line))
     return agent_saying(tmp_path, answers, home=home)
@@ -159,13 +161,13 @@ def apple_in(place):
 
 def seen_at(place, at_s):
     change = MemoryChange(scene="kitchen", at_s=at_s, seen=(apple_in(place),))
-    return PastErrand(said="look", status="done", at_s=at_s, room="", changes=(change,))
+    return PastRequest(said="look", status="done", at_s=at_s, room="", changes=(change,))
 
 
 @given(st.lists(st.floats(1.0, 400.0), min_size=2, max_size=6))
 def test_belief_only_gets_less_sure_with_time(hours):
     apple = apple_in("Fridge")
-    sure = [how_sure([], apple, 0.0, one * HOUR_S) for one in sorted(hours)]
+    sure = [chance_in_place([], apple, 0.0, one * HOUR_S) for one in sorted(hours)]
     assert sure == sorted(sure, reverse=True)
     assert all(0.0 < one <= 1.0 for one in sure)
 
@@ -177,8 +179,12 @@ def test_home_that_is_busier_than_others_is_trusted_less():
         seen_at(("Fridge", "DiningTable")[number % 2], at_s) for number, at_s in enumerate(days)
     ]
     apple, now_s = apple_in("Fridge"), days[-1] + DAY_S
-    assert how_sure(busy, apple, days[-1], now_s) < how_sure([], apple, days[-1], now_s)
-    assert how_sure(still, apple, days[-1], now_s) > how_sure([], apple, days[-1], now_s)
+    assert chance_in_place(busy, apple, days[-1], now_s) < chance_in_place(
+        [], apple, days[-1], now_s
+    )
+    assert chance_in_place(still, apple, days[-1], now_s) > chance_in_place(
+        [], apple, days[-1], now_s
+    )
 
 
 def test_chance_that_is_told_is_near_how_often_things_stay():
@@ -193,7 +199,7 @@ def test_chance_that_is_told_is_near_how_often_things_stay():
             for name in before.keys() & after.keys():
                 thing = replace(apple_in("x"), object_id=name, object_type=type_of(name))
                 stays = before[name][:1] == after[name][:1]
-                told.append((how_sure([], thing, 0.0, 26 * HOUR_S), stays))
+                told.append((chance_in_place([], thing, 0.0, 26 * HOUR_S), stays))
     assert fmean(chance for chance, _ in told) == pytest.approx(fmean(s for _, s in told), abs=0.12)
     low, high = ([s for chance, s in told if (chance > 0.7) is above] for above in (False, True))
     assert min(len(low), len(high)) > 20

@@ -3,7 +3,8 @@
 import pytest
 
 from karma.agent.planning.planner import Planner
-from karma.agent.planning.refused import nearness, sentence, with_words
+from karma.agent.planning.refusal_text import sentence
+from karma.agent.planning.refused import nearness, with_words
 from karma.contracts import REFUSAL_KINDS, Decoding, Hint, Meaning, PlanRequest, RefusedRequest
 from karma.models.scripted import ScriptedModel
 

@@ -263,7 +263,7 @@ def _read_while_it_runs(place: Path, rng: random.Random) -> None:
 
 def record(folder: Path, acknowledged: Path, episodes: int) -> None:
     """Record some episodes; a byte goes behind `acknowledged` for each answer that is used."""
-    from karma.models.hosted.cassette import Cassette, Reply
+    from karma.plugins.hosted.cassette import Cassette, Reply
 
     cassette = Cassette(folder, "record")
     sink = os.open(acknowledged, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
@@ -276,7 +276,7 @@ def record(folder: Path, acknowledged: Path, episodes: int) -> None:
 
 
 def _replayed(folder: Path, episodes: int) -> None:
-    from karma.models.hosted.cassette import Cassette
+    from karma.plugins.hosted.cassette import Cassette
 
     cassette = Cassette(folder, "replay")
     for episode in range(episodes):

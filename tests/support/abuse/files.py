@@ -89,7 +89,7 @@ def _steps(path: Path) -> object:
 
 
 def _cassette(path: Path) -> object:
-    from karma.models.hosted.cassette import Cassette
+    from karma.plugins.hosted.cassette import Cassette
 
     return Cassette(path.parent, "replay")
 

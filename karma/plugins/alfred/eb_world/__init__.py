@@ -1,5 +1,5 @@
 """ALFRED's trials with the actions, limits and score of EB-ALFRED, and of LoTa-Bench, its ancestor.
 
 Source: EmbodiedBench (arXiv 2502.09560), LoTa-Bench (2402.08178);
-docs/alfred-benchmarks.md says what equals them.
+docs/plugins/alfred.md says what equals them.
 """

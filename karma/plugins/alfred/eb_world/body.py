@@ -1,6 +1,6 @@
 """Carry out the benchmark's actions in our world; each ends in "" or in what went wrong.
 
-What differs with `strict` is listed in docs/alfred-benchmarks.md.
+What differs with `strict` is listed in docs/plugins/alfred.md.
 """
 
 import math

@@ -172,7 +172,7 @@ def contained(
 ) -> dict[str, str]:
     """Return the receptacle of each movable object that has one, id -> id; ALFRED does not say.
 
-    Of the rules below the first that applies decides; the figures are in docs/replays.md.
+    Of the rules below the first that applies decides; the figures are in docs/plugins/alfred-replays.md.
     1. The planner names the receptacle at the object's first pickup.
     2. The object reaches, whichever way it is turned, into the box of a larger vessel (plate, mug,
        box ...) at its height. AI2-THOR's volumes of vessels are generous: demonstrators move a cup

@@ -93,7 +93,7 @@ TYPES_OF_TASK = (
 )
 _ROUNDED_M = 0.0052  # half a hundredth, which ids round away, and a little
 _LOCATION = re.compile(r"loc\|(-?\d+)\|(-?\d+)\|([0-3])\|(-?\d+)")
-_FORM = "this takes ALFRED's files; recordings of AI2-THOR: karma world replay --events"
+_FORM = "this takes ALFRED's files; recordings of AI2-THOR: karma world replay-events"
 
 
 class SpawnPose(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):

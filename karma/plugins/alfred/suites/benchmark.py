@@ -10,7 +10,7 @@ from karma.bench.engine.suite import BenchmarkResults, Chain, Play, planner_of
 from karma.bench.methods.lota import chooser_of
 from karma.contracts import LanguageModel
 from karma.errors import FileError, KarmaError
-from karma.models.hosted.session import Session
+from karma.models.session import Session
 from karma.plugins.alfred.eb_world.actions import EB_ALFRED, LOTA_ALFRED, ActionTypes, read_types
 from karma.plugins.alfred.eb_world.environment import UNKNOWN, Environment, Step
 from karma.plugins.alfred.published_tasks import ListedTask

@@ -116,7 +116,7 @@ LOTA_TABLES = AlfredTables(
     title="LoTa-Bench's ALFRED",
     caption="Success at the end, %. Crashed episodes count as failed; the source leaves them out. "
     "No scores of ALFRED stand in LoTa-Bench's repository. Rooms, prompt words and examples are "
-    "ours: see docs/alfred-benchmarks.md.",
+    "ours: see docs/plugins/alfred.md.",
     group="kind",
     whole="all",
     order=TYPES_OF_TASK,

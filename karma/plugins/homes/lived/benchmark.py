@@ -9,7 +9,7 @@ from karma.agent.loading.models import filled
 from karma.bench.engine.suite import BenchmarkResults, Chain, Play
 from karma.contracts import Embedder
 from karma.errors import KarmaError
-from karma.models.hosted.session import Session
+from karma.models.session import Session
 from karma.plugins.homes.habits import TABLE
 from karma.plugins.homes.lived.experiment import LivedExperiment
 from karma.plugins.homes.lived.play import HomeLife

@@ -1,7 +1,7 @@
 """The memory designs of others and the controls, as rows of one table.
 
 What each keeps, and how it finds it again, is written anew from its paper; where it deviates is in
-docs/methods-lived.md. None knows how likely a fact still holds, or where to look.
+docs/plugins/homes-methods.md. None knows how likely a fact still holds, or where to look.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence

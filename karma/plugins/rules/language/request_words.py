@@ -68,7 +68,6 @@ class RequestWords(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     seen: Mapping[str, str]
     deeds: Mapping[str, tuple[str, ...]]
     states: Mapping[str, tuple[str, ...]]
-    room_names: Mapping[str, tuple[str, ...]]
 
     @property
     def links(self) -> frozenset[str]:

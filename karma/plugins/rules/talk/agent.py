@@ -11,7 +11,7 @@ it learns of a room lasts in `maps`; what it has handled is remembered as long a
 and in a `home` for good.
 """
 
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -19,6 +19,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from karma import registry
 from karma.agent.goals.goals import GoalTracker, WatchedWorld
 from karma.agent.journal.records import SubTaskRecord
 from karma.agent.journal.steps import StepLog
@@ -28,6 +29,7 @@ from karma.agent.loading.models import preset as preset_of
 from karma.agent.loading.names import check_options
 from karma.agent.memory import Snapshot
 from karma.agent.planning.prompt import GOALS
+from karma.assistant.session_log import SessionLog
 from karma.contracts import (
     Known,
     Listener,
@@ -41,22 +43,19 @@ from karma.contracts import (
 )
 from karma.errors import KarmaError
 from karma.files import read_bytes
-from karma.models.hosted.endpoint import Spent
-from karma.models.hosted.session import Session
 from karma.models.llama.model import LlamaModel
 from karma.models.llama.room_states import StateOptions
 from karma.models.manifest import default_planner, resolve_planner
-from karma.plugins.homes.home import RULE, RULE_ENDED, KeptHome, home_folder
+from karma.models.session import Session, Spent
 from karma.plugins.rules.language.clauses import clauses_of, context_left_out
 from karma.plugins.rules.language.lexicon import Lexicon
 from karma.plugins.rules.language.request import RequestReader, asked_last, check_length
 from karma.plugins.rules.method import RulesMethod
-from karma.plugins.rules.talk import history, rules
+from karma.plugins.rules.talk import history
 from karma.plugins.rules.talk.keeping import Keeper, TalkFolder
 from karma.plugins.rules.talk.offers import corrected, with_offer
-from karma.plugins.rules.talk.other_rooms import of_room, room_said
 from karma.plugins.rules.talk.questions import answered, of_another
-from karma.plugins.rules.talk.remembering import MemoryAnswer, Remembering, answer
+from karma.plugins.rules.talk.remembering import MemoryAnswer, Remembering
 from karma.plugins.rules.talk.replies import AgentReply, RequestReply, as_it_ends, turns_of
 from karma.plugins.rules.talk.telling import told_of
 from karma.plugins.rules.talk.views import Memory, RoomMap
@@ -144,12 +143,13 @@ class Agent:
         later_s: float = 0.0,
         people: int | None = None,
     ) -> None:
-        if people:
-            from karma.plugins.homes.people import check_people
-
-            check_people(people)
-        at = None if home is None else home_folder(home)
-        self.home = KeptHome(at, scene, people=people, seed=seed)
+        if home is not None:
+            kept = registry.load("homes", "kept")
+            self.home: SessionLog = kept(home, scene, people=people, seed=seed, later_s=later_s)
+        elif people or later_s:
+            raise KarmaError("people and later_s need a home that lasts\n  To fix: name a home")
+        else:
+            self.home = SessionLog(scene)
         with ExitStack() as failed:
             failed.callback(self.home.leave)  # who could not begin is in nobody's way
             self.scene = SceneRef.of(self.home.scene)
@@ -173,7 +173,6 @@ class Agent:
             self._keeper = Keeper(place, self.scene, row, named, loaded)
             self._maps = maps
             self._begin(seed)
-            self._wait(later_s)
             failed.pop_all()
 
     def _begin(self, seed: int) -> None:
@@ -194,7 +193,7 @@ class Agent:
             tours={},
         )
         steps.start(self.scene.name, seed)
-        self.home.restore(world)
+        self.home.restore(world, self._world)
         for errand in self.home.past:
             for change in errand.changes:
                 self._memory.learn(change)
@@ -204,18 +203,6 @@ class Agent:
         self._question = ""  # what was asked last; "" after anything else
         self._asked = ""  # the request that was made last
         self.replies: list[AgentReply] = []
-
-    def _wait(self, seconds: float) -> None:
-        """Let time pass, in which people live; none of it is seen."""
-        done: Iterable[tuple[str, dict[str, Any]]] = ()
-        if self.home.card.people and seconds > 0:
-            from karma.plugins.homes.people import (
-                live,  # with it the residents, whom few homes have
-            )
-
-            now_s = self.home.clock_s
-            done = live(self._part.world, self._world, self.home.card, (now_s, now_s + seconds))
-        self.home.wait(seconds, done)
 
     # ------------------------------------------------------------- what it does
 
@@ -296,14 +283,13 @@ class Agent:
         seen = {name: sight for name, (sight, _) in self._memory.last_seen().items()}
         plain = history.in_plain_words(instruction, self.home.past, reader, seen)
         read = reader.read(plain.text, *self._spoken_of(reader, ahead))
-        kept = [one for one in read if rules.is_rule(one)]
-        requests = context_left_out([one for one in read if one not in kept])
+        requests = context_left_out(read)
         usual = history.habits(self.home.past, reader)
         unread = [
             replace(one, unread=(*one.unread, *(w for w in plain.unknown if w in one.text)))
             for one in requests
         ]
-        found = [_Clause(one.text, one) for one in kept]
+        found: list[_Clause] = []
         for text, asked in (clause for one in unread for clause in clauses_of(one)):
             put = history.with_habits(asked, usual)
             found.append(_Clause(text if put is asked else put.errand, put, plain.means))
@@ -329,13 +315,10 @@ class Agent:
     def _carry_out_or_answer(self, said: _Clause, whole: str) -> Iterator[Moment]:
         """Carry out one request, or answer it."""
         clause, asked, reader = said.text, said.asked, self._method.reader
-        known = rules.rules(self.home.past, reader) if reader else []
-        if asked and reader and (answer := self._answer(clause, asked, reader, known)) is not None:
+        if asked and reader and (answer := self._answer(clause, asked, reader)) is not None:
             yield RequestReply(instruction=clause, answer=answer)
             return
         self._asked = clause if asked is not None and asked.form == "errand" else ""
-        if asked is not None:
-            asked = rules.with_rules(asked, known)
         subtask = SubTask(instruction=clause, whole=clause if asked else whole)
         if asked is None:
             events = self._episode.do(subtask)
@@ -343,7 +326,7 @@ class Agent:
             events = self._episode.do_clause(
                 subtask,
                 asked,
-                owned={**history.owned(self.home.past), **said.means},
+                owned=said.means,
                 reported=self._remembering().told(),
                 clock_s=self.home.clock_s,
             )
@@ -394,27 +377,10 @@ class Agent:
             reply = replace(reply, elsewhere=history.found_elsewhere(self.home.past))
         yield reply
 
-    def _answer(
-        self, clause: str, asked: Request, reader: RequestReader, known: Sequence[Request]
-    ) -> MemoryAnswer | None:
-        """Answer a question, or learn what is told; None where it is neither.
-
-        Of another room nothing is looked for, done or learnt here. `known` are the rules by now.
-        """
+    def _answer(self, clause: str, asked: Request, reader: RequestReader) -> MemoryAnswer | None:
+        """Answer a question, or learn what is told; None where it is neither."""
         self._question = clause if asked.form == "question" else ""
-        if rules.is_rule(asked):
-            self.home.add(clause, RULE, (), (), self._world.last_event)
-            return rules.kept_to(asked)
-        if rules.is_taken_back(asked.text, known, reader):
-            self.home.add(clause, RULE_ENDED, (), (), self._world.last_event)
-            return answer("I will keep to it no longer.")
-        if against := rules.against(asked, known):
-            return against
-        room = room_said(asked, self.scene.name)
-        if room is not None and not room.is_here:
-            return of_room(room, asked, self.scene.name, self.home.folder, reader)
         if asked.form == "question":
-            asked = asked if room is None else replace(asked, text=room.text)
             return answered(asked, self._remembering(), reader)
         if asked.form not in ("statement", "teaching") and not history.is_taught(clause):
             return None
@@ -434,7 +400,7 @@ class Agent:
             furniture=self.map.types(),
             past=self.home.past,
             now_s=self.home.clock_s,
-            people=self.home.card.people,
+            chance_in_place=self.home.chance_in_place,
         )
 
     def _where(self, name: str) -> Known | None:

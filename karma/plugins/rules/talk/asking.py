@@ -4,8 +4,8 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 
+from karma.assistant.session_log import CLOCK_START_S
 from karma.household.types import object_types
-from karma.plugins.homes.home import BEGINS_S
 from karma.plugins.rules.language.clock import read_span, unread_times
 from karma.plugins.rules.language.request import RequestReader
 from karma.plugins.rules.language.request_words import request_words
@@ -40,7 +40,7 @@ class AskedQuestion:
         self.raw = request.text.lower().replace("’", "'")
         text = _LEADS.sub("", self.raw)
         self.words = re.findall(r"[a-z]+|'[a-z]+", text)
-        self._span, self._rest = read_span(text, knows.now_s + BEGINS_S)
+        self._span, self._rest = read_span(text, knows.now_s + CLOCK_START_S)
         self.asks = next((word for word in self.words[:4] if word in ASKING), "")
         self.first = self.words[0] if self.words else ""
         self.open = bool(_OPEN.search(self.raw))
@@ -115,8 +115,8 @@ class AskedQuestion:
         """Return whether it asks about the time that something happened."""
         if self._span is None:
             return True
-        ends = self.knows.now_s if self.has("since") else self._span.before_s - BEGINS_S
-        return self._span.after_s - BEGINS_S <= when_s <= ends
+        ends = self.knows.now_s if self.has("since") else self._span.before_s - CLOCK_START_S
+        return self._span.after_s - CLOCK_START_S <= when_s <= ends
 
     @property
     def of_no_time(self) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from karma.agent.journal.formats import plural
 from karma.agent.planning.program import DEEDS, PUTS
 from karma.agent.seeing.perceive import place_of
+from karma.assistant.session_log import PLACE_TOLD, TOLD, PastAction, PastRequest
 from karma.contracts import SeenObject, SkillResult
 from karma.household.deeds import DEED_KINDS
 from karma.household.ids import type_of
@@ -19,10 +20,7 @@ from karma.household.places import FLOOR, HAND
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types
 from karma.household.uses import BURNER, KNOB
-from karma.plugins.homes.home import BEGINS_S, PLACE_TOLD, TOLD, PastDeed, PastErrand
-from karma.plugins.homes.memory.ageing import Ageing, home_prior
 from karma.plugins.rules.language.clauses import said
-from karma.plugins.rules.language.clock import HOUR_S
 from karma.plugins.rules.language.request import RequestReader
 from karma.plugins.rules.language.request_words import (
     base_of_deed,
@@ -95,7 +93,6 @@ _JOINING = frozenset(("and", "the", "all", "my", "our"))  # words between things
 _POINTING = frozenset(
     ("it", "them", "that", "this", "there", "one", "too", "both", "these", "those")
 )
-_MINE = re.compile(r"^\W*(?:my|mine)\b.*\bone\b", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,7 +107,7 @@ class Move:
     told: bool = False  # a person said so
 
 
-def moves(past: Sequence[PastErrand]) -> list[Move]:
+def moves(past: Sequence[PastRequest]) -> list[Move]:
     """Return what was moved, by whom it may be, in the order in which it was known."""
     found: list[Move] = []
     places: dict[str, str | None] = {}
@@ -122,7 +119,7 @@ def moves(past: Sequence[PastErrand]) -> list[Move]:
                 known, took = places.get(name), taken.get(name)
                 steps = [(known, took, ""), (took, after, errand.plain or errand.said)]
                 for before, then, own in steps if took else [(known, after, "")]:
-                    if _can_move(sight) and before and before != then:
+                    if can_move(sight) and before and before != then:
                         found.append(
                             Move(object_id=name, before=before, after=then, at_s=errand.at_s,
                                  said=own, told=errand.status == PLACE_TOLD)
@@ -133,21 +130,21 @@ def moves(past: Sequence[PastErrand]) -> list[Move]:
 
 def deeds_of(
     asked: Request | None, results: Sequence[SkillResult], *, done: bool
-) -> Iterator[PastDeed]:
+) -> Iterator[PastAction]:
     """Yield what an errand asked for and what its skills did, to be asked about later."""
     for deed in asked.deeds if asked is not None else ():
         things = tuple(kind for one in deed.things for kind in one.types)
         places = deed.place.types if deed.place is not None else ()
-        yield PastDeed(deed=deed.deed or deed.verb, things=things, places=places, done=done)
+        yield PastAction(deed=deed.deed or deed.verb, things=things, places=places, done=done)
     for result in (one for one in results if one.ok):
         kinds = tuple(base_type(type_of(one)) for one in result.object_ids)
         said = deed_verbs().get(DEEDS.get(result.call.skill, ""), "")
         places = kinds[-1:] if result.call.skill in PUTS else ()
         if said and kinds:
-            yield PastDeed(deed=said, things=kinds[:1], places=places, done=True)
+            yield PastAction(deed=said, things=kinds[:1], places=places, done=True)
 
 
-def deeds_in(errand: PastErrand, reader: RequestReader) -> tuple[PastDeed, ...]:
+def deeds_in(errand: PastRequest, reader: RequestReader) -> tuple[PastAction, ...]:
     """Return what an errand asked for and did; of a log that did not keep it, by its words."""
     if errand.deeds or errand.status in TOLD:
         return errand.deeds
@@ -164,7 +161,7 @@ def in_plain(asked: Request | None) -> str:
     return " and ".join(map(said, asked.deeds)) if bare or words & _POINTING else ""
 
 
-def found_elsewhere(past: Sequence[PastErrand]) -> tuple[str, ...]:
+def found_elsewhere(past: Sequence[PastRequest]) -> tuple[str, ...]:
     """Return what is said of things that the last errand took from elsewhere than was known."""
     taken = {name for change in past[-1].changes for name, _ in change.taken}
     return tuple(
@@ -176,34 +173,12 @@ def found_elsewhere(past: Sequence[PastErrand]) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def how_sure(past: Sequence[PastErrand], sight: SeenObject, when_s: float, now_s: float) -> float:
-    """Return the chance that a thing is still where it was seen, in a home with people.
-
-    What training homes showed of its type is made sharper by what this home showed: of each thing
-    that was seen twice, whether somebody else had moved it.
-    """
-    ageing = Ageing(home_prior().types)
-    last: dict[str, tuple[str | None, float]] = {}
-    for errand in past:
-        for change in errand.changes:
-            for one in filter(_can_move, change.seen):
-                place, kind, at_s = place_of(one), base_type(one.object_type), errand.at_s
-                before, before_s = last.get(one.object_id, (place, at_s))
-                if at_s - before_s > HOUR_S:
-                    found = dict(change.taken).get(one.object_id, place)
-                    hours = ageing.hours(kind, BEGINS_S + before_s, BEGINS_S + at_s)
-                    ageing.learn(one.object_id, kind, hours, moved=found != before)
-                last[one.object_id] = (place, at_s)
-    kind = base_type(sight.object_type)
-    hours = ageing.hours(kind, BEGINS_S + when_s, BEGINS_S + now_s)
-    return ageing.stays(sight.object_id, kind, hours)
-
-
-def _can_move(sight: SeenObject) -> bool:
+def can_move(sight: SeenObject) -> bool:
+    """Return whether an object can be carried."""
     return sight.pickupable or object_types()[base_type(sight.object_type)].can("pickupable")
 
 
-def habits(past: Sequence[PastErrand], reader: RequestReader) -> dict[str, str]:
+def habits(past: Sequence[PastRequest], reader: RequestReader) -> dict[str, str]:
     """Return where things of a type always go, as it was told last: type -> type of the place."""
     found: dict[str, str] = {}
     for errand in past:
@@ -259,25 +234,6 @@ def can_lie_in(thing: Mention, place: Mention) -> bool:
     )
 
 
-def owned(past: Sequence[PastErrand]) -> dict[str, str]:
-    """Return what is whose: type -> id of the thing that "my mug is the one ..." was said of."""
-    found: dict[str, str] = {}
-    for errand in past:
-        if errand.status == PLACE_TOLD and is_owning(errand.said):
-            for sight in (one for change in errand.changes for one in change.seen):
-                found[base_type(sight.object_type)] = sight.object_id
-    return found
-
-
-def is_owning(text: str) -> bool:
-    """Return whether a statement says which thing is the person's own.
-
-    >>> is_owning("my mug is the one in the cabinet"), is_owning("my mug is in the cabinet")
-    (True, False)
-    """
-    return bool(_MINE.match(text))
-
-
 # ----------------------------------------------------------------- a request that speaks of it
 
 
@@ -330,7 +286,7 @@ def _goes_back(found: re.Match[str]) -> bool:
 
 def in_plain_words(
     text: str,
-    past: Sequence[PastErrand],
+    past: Sequence[PastRequest],
     reader: RequestReader,
     seen: Mapping[str, SeenObject] | None = None,
 ) -> PlainRequest:
@@ -380,7 +336,7 @@ class _SpeakingOfThePast:
     """Says plainly what is said of the log, and keeps what that means."""
 
     def __init__(
-        self, past: Sequence[PastErrand], reader: RequestReader, seen: Mapping[str, SeenObject]
+        self, past: Sequence[PastRequest], reader: RequestReader, seen: Mapping[str, SeenObject]
     ) -> None:
         self._seen = seen
         self._moves = [one for one in moves(past) if one.said]
@@ -520,7 +476,7 @@ def _kinds_of(words: str, reader: RequestReader) -> tuple[str, ...]:
     return next((thing.types for one in found for thing in one.mentions if thing.types), ())
 
 
-def done_to(past: Sequence[PastErrand], deed: str, reader: RequestReader) -> dict[str, float]:
+def done_to(past: Sequence[PastRequest], deed: str, reader: RequestReader) -> dict[str, float]:
     """Return the things that a deed was done to and when it was last; a search opens things, too.
 
     What no action tells of was carried by an errand that asked for the deed.
@@ -543,7 +499,7 @@ def _kind_switched(name: str) -> str:
     return BURNER if kind == KNOB else kind
 
 
-def looked_into(past: Sequence[PastErrand]) -> set[str]:
+def looked_into(past: Sequence[PastRequest]) -> set[str]:
     """Return the ids of what was opened: it was looked into."""
     return {
         str(arguments["objectId"]) for errand in past for action, arguments in errand.actions

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from karma.agent.journal.formats import plural
 from karma.agent.seeing.perceive import place_of
+from karma.assistant.session_log import TOLD, PastAction, PastRequest
 from karma.household.containment import has_door
 from karma.household.deeds import DEED_KINDS
 from karma.household.ids import type_of
@@ -12,7 +13,6 @@ from karma.household.pieces import base_type
 from karma.household.places import HAND
 from karma.household.saying import name_of, told_place
 from karma.household.uses import without_basin
-from karma.plugins.homes.home import TOLD, PastDeed, PastErrand
 from karma.plugins.rules.language.request import RequestReader
 from karma.plugins.rules.language.request_words import base_of_deed, deed_verbs
 from karma.plugins.rules.talk.asking import AskedQuestion
@@ -26,8 +26,6 @@ from karma.plugins.rules.talk.history import (
     moves,
 )
 from karma.plugins.rules.talk.remembering import MOST, MemoryAnswer, answer, unknown
-
-_MOVING = ("moved", "took", "put", "placed", "brought", "left", "carried")
 
 
 def what_it_can(q: AskedQuestion) -> MemoryAnswer | None:
@@ -131,7 +129,7 @@ def _words_of_the_deed(q: AskedQuestion) -> list[str]:
 
 def _that_was_done(
     q: AskedQuestion, rest: Sequence[str]
-) -> list[tuple[PastErrand, list[PastDeed]]] | None:
+) -> list[tuple[PastRequest, list[PastAction]]] | None:
     """Return past errands, the last first, with the deeds that some words ask for.
 
     None where the words ask for nothing.
@@ -160,35 +158,9 @@ def _whether_i_did(q: AskedQuestion, rest: Sequence[str]) -> MemoryAnswer | None
         if not any(one.done for one in found):
             return answer(f"I tried {when}, and it came out {past.status}: {said}.")
         why = f"You asked for it {when}"
-        how = {"when": when.capitalize(), "who": f"I did, {when}", "why": why}
+        how = {"when": when.capitalize(), "why": why}
         return answer(f"{how.get(q.asks, f'Yes, {when}')}: {said}.")
-    nobody = "Nobody that I know of." if q.asks == "who" else "No, not that I remember."
-    return answer(nobody, known=q.asks != "who")
-
-
-def who_did_it(q: AskedQuestion) -> MemoryAnswer | None:
-    """Answer "who moved the apple?": from the log, or that nobody was seen."""
-    anybody = q.asks == "" and q.has("anybody", "anyone", "somebody", "someone")
-    if not (q.asks == "who" or (anybody and q.has(*_MOVING))) or not q.things:
-        return None
-    if not q.has(*_MOVING):
-        if q.has("in", "on", "under"):  # "who is in the kitchen?"
-            return None
-        deed = next((word for word in q.words[1:3] if base_of_deed(word)), "")
-        return _whether_i_did(q, [deed, *q.words[q.words.index(deed) + 1 :]]) if deed else None
-    kinds = {*q.things[0].types}
-    moved = [one for one in moves(q.knows.past) if base_type(type_of(one.object_id)) in kinds]
-    if not moved:
-        name = name_of(q.things[0].types[0])
-        return unknown(f"Nobody that I know of: I saw no {name} moved.")
-    last = moved[-1]
-    name, when = name_of(last.object_id), q.knows.ago(last.at_s)
-    if last.told:
-        return answer(f"You told me {when} that the {name} was moved.")
-    if last.said:
-        return answer(f"I did, {when}: {last.said}.")
-    line = f"I do not know who. The {name} was {told_place(last.before)}; {when} I found it"
-    return answer(f"{line} {told_place(last.after)}.")
+    return answer("No, not that I remember.")
 
 
 def what_changed(q: AskedQuestion) -> MemoryAnswer | None:
@@ -308,7 +280,7 @@ def not_looked_into(q: AskedQuestion) -> MemoryAnswer | None:
     return answer(f"I have not looked into {len(shut)} places: {told}.")
 
 
-def _is_that(done: PastDeed, asked: PastDeed) -> bool:
+def _is_that(done: PastAction, asked: PastAction) -> bool:
     """Return whether a deed is one that is asked about: of its things, and at its place."""
     things = {*done.things} & {*asked.things}
     places = {*map(without_basin, done.places)} & {*map(without_basin, asked.places)}

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 from karma.agent.journal.formats import plural
 from karma.agent.seeing.perceive import place_of
+from karma.assistant.session_log import PLACE_TOLD, STATE_TOLD
 from karma.contracts import SeenObject
 from karma.household.containment import has_door
 from karma.household.ids import root_id, type_of
@@ -21,13 +22,12 @@ from karma.household.saying import name_of, told_place
 from karma.household.states import NEEDS
 from karma.household.types import object_types
 from karma.household.uses import BASIN_OF, BASINS, BELOW_SINKS, without_basin
-from karma.plugins.homes.home import PLACE_TOLD, STATE_TOLD
 from karma.plugins.rules.language.request import RequestReader
 from karma.plugins.rules.language.request_words import request_words
 from karma.plugins.rules.object_finder import is_so
 from karma.plugins.rules.talk import log_answers
 from karma.plugins.rules.talk.asking import ASKING, AskedQuestion, can_hold
-from karma.plugins.rules.talk.history import habits, looked_into, moves, owned
+from karma.plugins.rules.talk.history import habits, looked_into, moves
 from karma.plugins.rules.talk.remembering import (
     MOST,
     MemoryAnswer,
@@ -51,8 +51,6 @@ def answered(request: Request, knows: Remembering, reader: RequestReader) -> Mem
     """Return the answer to a question, None where it is not understood."""
     asked = AskedQuestion(request, knows, reader)
     found = next((found for kind in _KINDS if (found := kind(asked)) is not None), None)
-    if found is not None and not knows.is_here:
-        return replace(found, look="")
     if found is None or found.look or not asked.things:
         return found
     old = any(knows.is_old(when) for _, when in knows.of(asked.things[0])[:1])
@@ -174,7 +172,7 @@ def _nothing_there(
     if empty:
         return None if ids else _not_seen(q)
     shut = " I have not looked into it." if unopened else ""
-    if not q.knows.is_here or ids:
+    if ids:
         return unknown(f"I have seen nothing {where}.{shut}")
     return unknown(f"I have seen nothing {where}.{shut} {_OFFER}", look=_looking(place))
 
@@ -442,24 +440,19 @@ def _where(q: AskedQuestion) -> MemoryAnswer | None:
     ]
     for thing in carried if q.has("are", "were") and carried else q.things[:1]:
         found = q.knows.of(thing)
-        own = {owned(q.knows.past).get(kind) for kind in thing.types} if q.has("my") else set()
-        mine = [one for one in found if one[0].object_id in own]
-        found = mine or found
         several = thing.every or (thing.number or 0) > 1
         seen_s = max((when for _, when in found), default=0.0)
-        if not mine and (told := _told_last(q, thing, seen_s)):
+        if told := _told_last(q, thing, seen_s):
             lines.append(told)
             continue
         for sight, when in found[: MOST if several else 2]:
-            name = f"{'Your' if mine else 'The'} {name_of(sight.object_id)}"
-            lines.append(f"{name} is {_lies(q, sight, when)}.")
+            lines.append(f"The {name_of(sight.object_id)} is {_lies(q, sight, when)}.")
             moved = [m for m in moves(q.knows.past) if m.object_id == sight.object_id]
             if q.has("was", "were") and moved:
                 lines.append(f"Before that it was {told_place(moved[-1].before)}.")
         on_map = [kind for kind in thing.types if kind in q.knows.furniture]
         if not found and on_map:
-            where = "; /map shows where" if q.knows.is_here else ""
-            lines.append(f"The {name_of(on_map[0])} is in {q.knows.room}{where}.")
+            lines.append(f"The {name_of(on_map[0])} is in this room; /map shows where.")
     return answer(*lines) if lines else _not_seen(q)
 
 
@@ -480,11 +473,11 @@ def _not_seen(q: AskedQuestion) -> MemoryAnswer | None:
     if not thing.types:
         return unknown(f"I know nothing that is called {thing.text}.")
     on_map = any(kind in q.knows.furniture for kind in thing.types)
-    said = f"I have not seen any {thing.text} {'here' if q.knows.is_here else 'there'}."
+    said = f"I have not seen any {thing.text} here."
     if on_map:
         they = ("are", "they are") if thing.every or len(q.knows.of(thing)) > 1 else ("is", "it is")
-        said = f"The {thing.text} {they[0]} in {q.knows.room}; how {they[1]} I have not seen."
-    return unknown(f"{said} {_OFFER}" if q.knows.is_here else said, look=_looking(thing))
+        said = f"The {thing.text} {they[0]} in this room; how {they[1]} I have not seen."
+    return unknown(f"{said} {_OFFER}", look=_looking(thing))
 
 
 def _looking(thing: Mention) -> str:
@@ -506,7 +499,7 @@ def _place(q: AskedQuestion, sight: SeenObject) -> str:
         return f"at the {name_of(whole)}"
     kind = object_types().get(sight.object_type)
     fixed = not sight.pickupable and (kind is None or not kind.can("pickupable"))
-    return f"in {q.knows.room}" if place != HAND and (fixed or place is None) else told_place(place)
+    return "in this room" if place != HAND and (fixed or place is None) else told_place(place)
 
 
 _KINDS: tuple[Callable[[AskedQuestion], MemoryAnswer | None], ...] = (
@@ -515,7 +508,6 @@ _KINDS: tuple[Callable[[AskedQuestion], MemoryAnswer | None], ...] = (
     _what_is_beside,
     log_answers.what_was_done,
     log_answers.what_changed,
-    log_answers.who_did_it,
     log_answers.not_looked_into,
     _what_is_held,
     _which_it_was,

@@ -5,14 +5,13 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from karma.agent.seeing.perceive import place_of
+from karma.assistant.session_log import PLACE_TOLD, TOLD, PastRequest
 from karma.contracts import MemoryUnit, SeenObject
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import base_type, is_piece
 from karma.household.uses import HAVE_PARTS, PARTS_OF_FURNITURE, without_basin
-from karma.plugins.homes.home import PLACE_TOLD, TOLD, PastErrand
 from karma.plugins.rules.language.request_words import request_words
 from karma.plugins.rules.object_finder import is_below
-from karma.plugins.rules.talk.history import how_sure
 from karma.plugins.rules.types import Mention
 
 T = TypeVar("T")
@@ -52,6 +51,10 @@ def last_first(sights: Iterable[Sight]) -> list[Sight]:
     return sorted(sights, key=lambda one: (-one[1], one[0].object_id))
 
 
+def _unknown_chance(sight: SeenObject, seen_s: float) -> None:
+    """Return that nothing is known of how long objects stay where they are."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remembering:
     """What questions are answered from."""
@@ -59,15 +62,9 @@ class Remembering:
     sights: Mapping[str, Sight]  # id -> the latest
     units: Mapping[str, MemoryUnit]  # short-term memory
     furniture: Sequence[str]  # types on the map
-    past: Sequence[PastErrand]
+    past: Sequence[PastRequest]
     now_s: float
-    people: int = 0  # who live here too
-    is_here: bool = True  # the agent can go and see
-
-    @property
-    def room(self) -> str:
-        """What the room is called by who asks."""
-        return "this room" if self.is_here else "that room"
+    chance_in_place: Callable[[SeenObject, float], float | None] = _unknown_chance
 
     def of(self, thing: Mention) -> list[Sight]:
         """Return the sights of what a mention may mean, the last seen first."""
@@ -139,8 +136,8 @@ class Remembering:
         how = f"you told me {self.ago(told_s)}" if told_s >= when_s else f"seen {self.ago(when_s)}"
         if not self.is_old(max(told_s, when_s)):
             return how
-        if self.people and sight.pickupable:
-            sure = how_sure(self.past, sight, max(told_s, when_s), self.now_s)
+        sure = self.chance_in_place(sight, max(told_s, when_s)) if sight.pickupable else None
+        if sure is not None:
             return f"{how}; people live here: {sure:.1f} is the chance that it is still there"
         return f"{how}; that may have changed since"
 

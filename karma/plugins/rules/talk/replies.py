@@ -15,7 +15,7 @@ from karma.agent.body.afterwards import taken_back
 from karma.agent.journal.records import SubTaskRecord, Turn
 from karma.contracts import Check, Found, Plan, SkillResult
 from karma.household.pieces import base_type
-from karma.models.hosted.endpoint import Spent
+from karma.models.session import Spent
 from karma.plugins.rules.talk.remembering import MemoryAnswer
 from karma.plugins.rules.types import Request
 from karma.plugins.rules.understanding import Understanding

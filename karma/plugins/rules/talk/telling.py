@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 
 from karma.agent.experience import unit_of
 from karma.agent.seeing.perceive import place_of
+from karma.assistant.session_log import PLACE_TOLD, STATE_TOLD
 from karma.contracts import MemoryChange
 from karma.household.deeds import deed_kind
 from karma.household.places import HAND
 from karma.household.saying import name_of, told_place
 from karma.household.states import ENDS, SAID_AS
-from karma.plugins.homes.home import PLACE_TOLD, STATE_TOLD
 from karma.plugins.rules.language.request import RequestReader
 from karma.plugins.rules.language.request_words import base_of_deed, deed_verbs, request_words
-from karma.plugins.rules.talk.history import can_lie_in, habits_in, is_owning
+from karma.plugins.rules.talk.history import can_lie_in, habits_in
 from karma.plugins.rules.talk.offers import offer_against
 from karma.plugins.rules.talk.remembering import MemoryAnswer, Remembering, answer, unknown
 from karma.plugins.rules.types import Mention, Request
@@ -61,15 +61,6 @@ def told_of(
     name, where = name_of(thing.types[0]), told_place(place.types[0])
     if found and place_of(found[0][0]) == HAND:
         return ToldPlace(answer(f"I have the {name} in my hand."), None)
-    own = (
-        [one for one, _ in found if knows.lies_at(one, [place])] if is_owning(request.text) else []
-    )
-    if len(own) == 1:
-        mine = f"I will remember: the {name} {told_place(place_of(own[0]))} is yours."
-        return ToldPlace(answer(mine), replace(change, seen=(own[0],)))
-    if own:
-        which = f"I have seen {len(own)} {where}: which of them is yours?"
-        return ToldPlace(unknown(which), None)
     if found and len(places) == 1:
         there = places[0][0]
         moved = replace(

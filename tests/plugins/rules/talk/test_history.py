@@ -3,14 +3,12 @@
 from dataclasses import replace
 
 import pytest
-from support.household import kitchen, on
 from support.talking import STORE, TAKE, WASH, agent_saying
 
 from karma.contracts import MemoryChange
-from karma.files import to_json
 from karma.plugins.rules.language.clock import DAY_S, HOUR_S, read_span, time_of_day
 from karma.plugins.rules.method import reader_of
-from karma.plugins.rules.talk.history import habits_in, in_plain_words, in_turn, is_owning, moves
+from karma.plugins.rules.talk.history import habits_in, in_plain_words, in_turn, moves
 
 BACK = (
     "PickupObject(robot, 'Apple')\nGoToObject(robot, 'DiningTable')\n"
@@ -45,16 +43,6 @@ def place_of(agent, kind):
 # ----------------------------------------------------------------- questions
 
 
-def test_who_moved_a_thing_is_known_of_oneself(agent):
-    assert answer(agent, "who moved the apple?") == (
-        "I did, just now: put the apple in the fridge.",
-    )
-    (line,) = answer(agent, "who took the knife?")
-    assert line == "Nobody that I know of: I saw no knife moved."
-    assert answer(agent, "who washed the apple?") == ("I did, just now: wash the apple.",)
-    assert answer(agent, "who opened the microwave?") == ("Nobody that I know of.",)
-
-
 def test_how_often_a_thing_was_done_is_counted_from_the_log(agent):
     (line,) = answer(agent, "how often did you open the fridge?")
     assert line == "1 time that I remember, the last just now: put the apple in the fridge."
@@ -80,8 +68,6 @@ def test_what_somebody_else_moved_is_not_taken_for_an_own_deed(agent):
     change = MemoryChange(scene=agent.scene.name, at_s=agent.home.clock_s, seen=(table,))
     agent.home.add("find the apple", "done", (), [change], agent._world.last_event)
     assert moves(agent.home.past)[-1].said == ""
-    (line,) = answer(agent, "who moved the apple?")
-    assert line.startswith("I do not know who. The apple was in the fridge; just now I found it on")
     assert "somebody did, not I" in answer(agent, "what changed?")[0]
 
 
@@ -222,34 +208,6 @@ def test_where_something_else_lies_is_a_place(agent, reader):
         assert unknown == (text[text.index("where") :],)
     for text in ("where is the apple?", "do you know where the apple is?"):
         assert in_plain_words(text, agent.home.past, reader, seen).text == text
-
-
-def test_ones_own_is_meant_by_its_word(tmp_path):
-    table = next(one for one in kitchen().objects if one.type == "DiningTable")
-    more = (on(table, "Egg", 1.7, 0.1, size=(0.06, 0.06, 0.06)),)
-    (tmp_path / "handmade.json").write_bytes(to_json(kitchen(extra=more)))
-    put = "PickupObject(robot, 'Egg')\nGoToObject(robot, 'Sink')\nPutObject(robot, 'Egg', 'Sink')\n"
-    ways = ["OpenObject(robot, 'Fridge')\n"]
-    agent = agent_saying(tmp_path, [*ways, put, put, put])
-    for text in ("find the egg", "open the fridge"):  # it has seen both eggs now
-        assert agent.do(text).status == "done"
-    assert is_owning("my egg is the one on the dining table")
-    (line,) = answer(agent, "my egg is the one on the dining table")
-    assert line == "I will remember: the egg on the dining table is yours."
-    assert answer(agent, "where is my egg?")[0].startswith("Your egg is on the dining table")
-    assert agent.do("put my egg in the sink").status == "done"
-    eggs = [
-        one for one in agent._world.last_event.metadata["objects"] if one["objectType"] == "Egg"
-    ]
-    lying = {one["objectId"]: one["parentReceptacles"][0] for one in eggs}
-    assert sorted("Sink" in place for place in lying.values()) == [False, True]
-    (mine,) = (name for name, place in lying.items() if "Sink" in place)
-    assert mine.startswith("Egg|+01.7")
-    assert agent.do("put the other egg in the sink").status == "done"
-    eggs = [
-        one for one in agent._world.last_event.metadata["objects"] if one["objectType"] == "Egg"
-    ]
-    assert all("Sink" in one["parentReceptacles"][0] for one in eggs)
 
 
 def test_what_one_part_means_by_the_log_is_no_other_parts_place(tmp_path):

@@ -55,7 +55,6 @@ def agent(tmp_path_factory):
         ("what are you holding?", "Nothing."),
         ("what was the last thing you moved?", "The apple."),
         ("and is the fridge shut?", "Yes, the fridge is shut"),
-        ("who put the apple in the fridge?", "I did, 1 hour ago: put the apple in the fridge."),
         ("what did you do?", "1 hour ago: put the apple in the fridge (done)"),
         ("what have you done so far?", "1 hour ago: put the apple in the fridge (done)"),
         ("what state is the apple in?", "The apple: cleaned"),
@@ -87,7 +86,6 @@ def agent(tmp_path_factory):
         # of the agent
         ("what can you do?", "I look after this room. I can put things somewhere, pick up"),
         ("why did you wash the apple?", "You asked for it 1 hour ago: wash the apple."),
-        ("has anybody moved the apple?", "I did, 1 hour ago: put the apple in the fridge."),
         ("did I tell you about the apple?", "Nothing that I remember."),
         ("what have you seen so far?", "I have seen 10 things that can be carried: 1 apple"),
         ("and where is the apple now?", "The apple is in the fridge"),
@@ -113,7 +111,6 @@ def test_a_question_goes_on_from_the_one_before(agent):
         ("where is the apple?", "The apple is in the fridge"),
         ("where is it?", "The apple is in the fridge"),
         ("is it open?", "No, the fridge is not open"),
-        ("who put the apple there?", "I did, 1 hour ago: put the apple in the fridge."),
         ("is the apple clean?", "Yes, the apple is clean"),
         ("and the kettle?", "I have not seen any kettle here."),
         ("where is the vase?", "I have not seen any vase here."),

@@ -1,0 +1,313 @@
+"""Find out who answers at an endpoint, and say to each kind of server what it understands.
+
+Every server ignores some form of constraint without a word, so none is trusted: see `planner`.
+docs/plugins/hosted.md says which dialects were tried against the real server.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+from functools import lru_cache
+from types import MappingProxyType
+from typing import Any
+
+from karma.contracts import AnswerSpec, PlanSpec, Thinking
+from karma.errors import ModelError, ServerLost
+from karma.models.automaton import ProgramAutomaton
+from karma.models.endpoint import Constraint, DialectName, Endpoint
+from karma.models.grammars import (
+    admits_plan,
+    gbnf,
+    plan_gbnf,
+    plan_regex,
+    plan_schema,
+    program_text,
+    regex,
+    schema,
+)
+from karma.plugins.hosted.connection import Connection
+
+Fields = dict[str, Any]  # of a request
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Language:
+    """What an answer may say, in every form that a server may take."""
+
+    grammar: str  # GBNF
+    regex: str
+    schema: Mapping[str, Any]
+    read: Callable[[str], str | None] = field(compare=False)  # a JSON answer as the text it means
+    admits: Callable[[str], bool] = field(compare=False)
+    begins: Callable[[str], bool] = field(compare=False)  # something that is admitted
+    otherwise: Constraint | None = None  # the form for a dialect that is bound by none unless told
+
+
+@lru_cache(maxsize=8)
+def language_of(spec: AnswerSpec) -> Language:
+    """Return the answers of a spec; ValueError where it admits none."""
+    automaton = ProgramAutomaton(spec)
+
+    def begins(text: str) -> bool:
+        return automaton.advance(automaton.start(), text) is not None
+
+    def admits(text: str) -> bool:
+        state = automaton.advance(automaton.start(), text)
+        return state is not None and automaton.accepts(state)
+
+    if isinstance(spec, PlanSpec):
+        return Language(
+            grammar=plan_gbnf(spec), regex=plan_regex(spec), schema=plan_schema(spec),
+            read=lambda text: text, admits=lambda text: admits_plan(spec, text), begins=begins,
+            otherwise="schema",
+        )  # fmt: skip
+    return Language(
+        grammar=gbnf(spec), regex=regex(spec), schema=schema(spec),
+        read=program_text, admits=admits, begins=begins,
+    )  # fmt: skip
+
+
+Binding = Callable[[Language], Fields]
+
+
+def _response_format(language: Language) -> Fields:
+    named = {"name": "program", "strict": True, "schema": dict(language.schema)}
+    return {"response_format": {"type": "json_schema", "json_schema": named}}
+
+
+def _structured(name: str, of: Callable[[Language], Any]) -> Binding:
+    return lambda language: {"structured_outputs": {name: of(language)}}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dialect:
+    """How one kind of server is spoken to."""
+
+    name: DialectName
+    page: tuple[str, str] | None = None  # that only it has, and what stands on it
+    bindings: Mapping[Constraint, Binding] = field(default_factory=dict)
+    constraint: Constraint | None = None  # the one that is used unless told otherwise
+    thinking: Callable[[bool], Fields] = lambda on: {}  # fields of a chat that switch it
+    budget: str = ""  # the field that bounds a thought
+    thought_in_grammar: bool = False  # a grammar binds from the first token, the thought's too
+    refuses_bad_grammar: bool = False
+
+
+def _by_template(on: bool) -> Fields:
+    return {"chat_template_kwargs": {"enable_thinking": on}}
+
+
+_ALL = (
+    Dialect(
+        name="llama-server",
+        page=("../props", "default_generation_settings"),
+        bindings={
+            "grammar": lambda language: {"grammar": language.grammar},
+            "schema": lambda language: {"json_schema": dict(language.schema)},
+        },
+        constraint="grammar",
+        thinking=_by_template,
+        budget="reasoning_budget_tokens",
+        thought_in_grammar=True,
+        refuses_bad_grammar=True,
+    ),
+    Dialect(
+        name="vllm",
+        page=("../version", "version"),
+        bindings={
+            "grammar": _structured("grammar", lambda language: language.grammar),
+            "regex": _structured("regex", lambda language: language.regex),
+            "schema": _structured("json", lambda language: dict(language.schema)),
+        },
+        constraint="grammar",
+        thinking=_by_template,
+        budget="thinking_token_budget",
+        refuses_bad_grammar=True,
+    ),
+    Dialect(
+        name="sglang",
+        page=("../server_info", "model_path"),
+        bindings={
+            "grammar": lambda language: {"ebnf": language.grammar},
+            "regex": lambda language: {"regex": language.regex},
+            "schema": _response_format,
+        },
+        constraint="regex",
+        thinking=_by_template,
+    ),
+    Dialect(
+        name="ollama",
+        page=("../api/version", "version"),
+        bindings={"schema": _response_format},
+        constraint="schema",
+        thinking=lambda on: {} if on else {"reasoning_effort": "none"},
+    ),
+    Dialect(name="transformers"),
+    Dialect(name="plain", bindings={"schema": _response_format}),
+)
+DIALECTS: Mapping[str, Dialect] = MappingProxyType({one.name: one for one in _ALL})
+
+
+def gbnf_after_thought(grammar: str, opens_thought: bool) -> str:
+    r"""Return a grammar that admits a thought of any words before what the given one admits.
+
+    `opens_thought`: the prompt ends in `<think>`; else the model says that first.
+
+    >>> print(gbnf_after_thought('root ::= "yes"', opens_thought=True))
+    root ::= !</think>* </think> "\n\n" answer
+    answer ::= "yes"
+    """
+    opening = "" if opens_thought else "<think> "
+    answer = grammar.replace("root ::=", "answer ::=", 1)
+    return f'root ::= {opening}!</think>* </think> "\\n\\n" answer\n{answer}'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Manner:
+    """How one model at one server is asked: its dialect, and what was found out about it."""
+
+    dialect: Dialect
+    constraint: Constraint | None
+    thinks: bool
+    thinking_tokens: int
+    chat: bool
+    opens_thought: bool = False  # its template does, not the model
+    known: bool = True  # the server has said that it is of this dialect
+
+    def binding(self, language: Language | None) -> Constraint | None:
+        """Return the form in which a request says the language; None: in none."""
+        if language is None or self.constraint is not None:
+            return None if language is None else self.constraint
+        return language.otherwise if language.otherwise in self.dialect.bindings else None
+
+    def fields(self, language: Language | None, max_tokens: int) -> tuple[Fields, int]:
+        """Return what a request says beside its text, and the tokens that the answer may have."""
+        found: Fields = {}
+        bound = self.binding(language)
+        if language is not None and bound is not None:
+            if self.thinks and self.dialect.thought_in_grammar and bound == "grammar":
+                found |= {"grammar": gbnf_after_thought(language.grammar, self.opens_thought)}
+            else:
+                found |= self.dialect.bindings[bound](language)
+        if self.chat:
+            found |= self.dialect.thinking(self.thinks)
+        if not self.thinks:
+            return found, max_tokens
+        if self.dialect.budget:
+            found[self.dialect.budget] = self.thinking_tokens
+        return found, max_tokens + self.thinking_tokens
+
+
+_SHOWN = 8  # models in a message
+
+
+def manner_of(
+    endpoint: Endpoint,
+    connection: Connection | None = None,
+    *,
+    thinking: Thinking = "off",
+    thinking_tokens: int = 1024,
+) -> Manner:
+    """Return how an endpoint's model is asked; without a connection, by the endpoint alone.
+
+    A model whose `thinking` is on thinks before it answers, `thinking_tokens` at most.
+
+    Raises:
+        ModelError: there is no such model, the address is another one, the server cannot be
+            reached, or it takes no such constraint.
+    """
+    dialect, known = DIALECTS.get(endpoint.dialect, DIALECTS["plain"]), False
+    if connection is not None:
+        _check_listed(endpoint, connection)
+        found = _dialect_of(endpoint, connection)
+        dialect, known = found or dialect, found is not None
+    constraint = endpoint.constraint or dialect.constraint
+    if constraint is not None and constraint not in dialect.bindings:
+        raise ModelError(
+            f"{endpoint.model} at {endpoint.host}: a server of dialect {dialect.name!r} takes no"
+            f" {constraint}\n  To fix: constraint is one of {', '.join(dialect.bindings) or 'none'}"
+        )
+    thinks, chat = thinking == "on", endpoint.api == "chat"
+    opens = False
+    if connection is not None and thinks and chat and dialect.thought_in_grammar and known:
+        opens = _opens_thought(dialect, endpoint, connection)
+    return Manner(
+        dialect=dialect, constraint=constraint, thinks=thinks, thinking_tokens=thinking_tokens,
+        chat=chat, opens_thought=opens, known=known,
+    )  # fmt: skip
+
+
+def _dialect_of(endpoint: Endpoint, connection: Connection) -> Dialect | None:
+    """Return the dialect whose page the server has, of all or of the one that is named."""
+    for one in DIALECTS.values():
+        if one.page is not None and endpoint.dialect in ("auto", one.name):
+            page, mark = one.page
+            if mark in (connection.look(endpoint, page) or {}):
+                return one
+    return None
+
+
+def _opens_thought(dialect: Dialect, endpoint: Endpoint, connection: Connection) -> bool:
+    """Return whether the model's chat template ends a prompt in `<think>`."""
+    body = {"messages": [{"role": "user", "content": "Say yes."}], **dialect.thinking(True)}
+    answer = connection.ask("planner", endpoint, "../apply-template", body).reply.answer or {}
+    return str(answer.get("prompt", "")).rstrip().endswith("<think>")
+
+
+def _check_listed(endpoint: Endpoint, connection: Connection) -> None:
+    """Compare model and address with what the server lists, if it lists anything.
+
+    A list is no law: where a model is not in it, the server is asked as it would be.
+    """
+    names = _listed(connection.look(endpoint, "/models"))
+    if names is None:
+        at_root = endpoint.base_url.rstrip("/") == endpoint.root
+        if _listed(connection.look(endpoint, "../v1/models" if at_root else "../models")) is None:
+            return
+        right = f"{endpoint.root}/v1" if at_root else endpoint.root
+        raise ModelError(
+            f"{endpoint.model} at {endpoint.host}: nothing answers at {endpoint.base_url}, but"
+            f" models are listed at {right}\n  To fix: base_url = {right!r}"
+        )
+    if not names or _fits(endpoint.model, names) or _answers(endpoint, connection):
+        return
+    shown = ", ".join(names[:_SHOWN]) + (" ..." if len(names) > _SHOWN else "")
+    near = get_close_matches(endpoint.model, names, n=1, cutoff=0.0)
+    raise ModelError(
+        f"{endpoint.host} has no model {endpoint.model!r}; it lists {shown}"
+        f"\n  To fix: model = {near[0]!r}"
+    )
+
+
+def _fits(model: str, names: Sequence[str]) -> bool:
+    """Return whether a model is in a list, whose names may be patterns or lack a tag.
+
+    >>> _fits("openai/good", ["openai/*"]), _fits("org/good:novita", ["org/good"])
+    (True, True)
+    """
+    wanted = (model, f"{model}:latest", model.partition(":")[0])
+    return any(fnmatchcase(one, name) for name in names for one in wanted)
+
+
+def _answers(endpoint: Endpoint, connection: Connection) -> bool:
+    """Return whether a server answers as an unlisted model; errors as `Connection.ask`."""
+    chat = endpoint.api == "chat"
+    said: Any = {"messages": [{"role": "user", "content": "Yes"}]} if chat else {"prompt": "Yes"}
+    body = {**said, "model": endpoint.model, endpoint.tokens_field: 1, **endpoint.extra}
+    path = "/chat/completions" if chat else "/completions"
+    try:
+        connection.ask("planner", endpoint, path, body, billed=False)
+    except ServerLost:
+        raise
+    except ModelError:
+        return False
+    return True
+
+
+def _listed(answer: dict[str, Any] | None) -> list[str] | None:
+    """Return the names in a list of models; None where it is no such list."""
+    match answer:
+        case {"data": [*models]}:
+            return [str(one["id"]) for one in models if isinstance(one, dict) and "id" in one]
+    return None

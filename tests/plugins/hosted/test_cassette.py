@@ -1,0 +1,395 @@
+"""Cassettes: what is recorded is what is replayed, in order, and nothing else is."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from karma.errors import FileError
+from karma.plugins.hosted.cassette import (
+    FILE,
+    MAX_LINES,
+    MAX_WIDTH,
+    Cassette,
+    CassetteError,
+    Reply,
+    canonical,
+    key_of,
+)
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.text()
+    | st.floats(allow_nan=False, allow_infinity=False),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=8,
+)  # fmt: skip
+
+
+def request(prompt, **more):
+    return {"model": "m", "path": "/completions", "prompt": prompt, **more}
+
+
+def say(text):
+    return lambda: Reply(answer={"text": text})
+
+
+def nobody():
+    raise AssertionError("a replay asks nobody")
+
+
+def lines(folder):
+    return [json.loads(line) for line in (folder / FILE).read_text().splitlines()]
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    """A recording of two episodes: (folder, what the clock said)."""
+    cassette = Cassette(tmp_path, "record")
+    ticks = []
+    for scope, words in (("one", ["a", "b", "a"]), ("two", ["a"])):
+        cassette.begin(scope)
+        ticks.append(cassette.clock())
+        for number, word in enumerate(words):
+            cassette.exchange(request(word), say(f"{scope} {word} {number}"), url="http://x/v1")
+        ticks.append(cassette.clock())
+    return tmp_path, ticks
+
+
+def test_replay_answers_and_measures_as_recorded_asks_nobody_and_writes_nothing(recorded):
+    folder, ticks = recorded
+    before = (folder / FILE).read_bytes()
+    cassette = Cassette(folder, "replay")
+    found, looks = [], []
+    for scope, words in (("one", ["a", "b", "a"]), ("two", ["a"])):
+        cassette.begin(scope)
+        looks.append(cassette.clock())
+        found += [cassette.exchange(request(word), nobody) for word in words]
+        looks.append(cassette.clock())
+    said = [one.reply.answer["text"] for one in found]
+    assert said == ["one a 0", "one b 1", "one a 2", "two a 0"]
+    written = [line["seconds"] for line in lines(folder) if line["type"] == "Exchange"]
+    assert [one.seconds for one in found] == written and min(written) > 0
+    assert looks == ticks
+    assert (folder / FILE).read_bytes() == before
+
+
+def test_equal_requests_of_an_episode_are_replayed_in_their_order(tmp_path):
+    cassette = Cassette(tmp_path, "record")
+    for number in range(3):
+        cassette.exchange(request("same"), say(str(number)))
+    again = Cassette(tmp_path, "replay")
+    said = [again.exchange(request("same"), nobody).reply.answer["text"] for _ in range(3)]
+    assert said == ["0", "1", "2"]
+    with pytest.raises(CassetteError, match=r"recorded 3 times in episode '' and is asked once"):
+        again.exchange(request("same"), nobody)
+
+
+def test_exchange_is_on_the_disk_before_its_answer_is_used(tmp_path):
+    cassette = Cassette(tmp_path, "record")
+    cassette.exchange(request("a"), say("x"))
+    (line,) = lines(tmp_path)
+    assert line["request"] == request("a")
+    assert line["key"] == key_of(request("a"))
+    assert line["reply"] == {"answer": {"text": "x"}, "failure": ""}
+
+
+def test_failure_is_replayed_as_a_failure(tmp_path):
+    recording = Cassette(tmp_path, "record")
+    for shared in (False, True):
+        recording.exchange(request("a"), lambda: Reply(failure="HTTP 429"), shared=shared)
+    recording.exchange(request("a"), say("well"), shared=True)
+    cassette = Cassette(tmp_path, "replay")
+    replies = [cassette.exchange(request("a"), nobody, shared=True).reply for _ in range(3)]
+    assert [reply.failure for reply in replies] == ["HTTP 429", "HTTP 429", ""]
+    assert replies[2].answer == {"text": "well"}
+
+
+def test_shared_answer_is_asked_for_once_and_holds_in_every_episode(tmp_path):
+    cassette = Cassette(tmp_path, "record")
+    cassette.begin("one")
+    cassette.exchange(request("row"), say("1"), shared=True)
+    resumed = Cassette(tmp_path, "record")
+    resumed.begin("two")
+    assert resumed.exchange(request("row"), nobody, shared=True).reply.answer == {"text": "1"}
+    replayed = Cassette(tmp_path, "replay")
+    replayed.begin("three")
+    assert replayed.exchange(request("row"), nobody, shared=True).scope == "one"
+
+
+def test_off_keeps_nothing_and_asks_each_time(tmp_path):
+    cassette = Cassette(tmp_path / "none", "off")
+    cassette.begin("one")
+    said = [cassette.exchange(request("a"), say(word)).reply.answer["text"] for word in "xy"]
+    assert said == ["x", "y"]
+    assert cassette.clock() <= cassette.clock()
+    assert not (tmp_path / "none").exists()
+
+
+# ----------------------------------------------------------------- keys
+
+
+@given(body=st.dictionaries(st.text(), VALUES, max_size=4))
+def test_key_is_that_of_the_content_not_of_its_order(body):
+    backwards = dict(reversed(body.items()))
+    assert key_of(canonical(body)) == key_of(canonical(backwards))
+    noted = {"user": "somebody", "metadata": {"run": 3}}
+    assert key_of(canonical({**noted, **body})) == key_of(canonical({**body, **noted}))
+
+
+def test_volatile_fields_are_no_part_of_the_key_and_not_kept(tmp_path):
+    cassette = Cassette(tmp_path, "record")
+    cassette.exchange(request("a", user="u-1", metadata={"run": 1}, stop=None), say("x"))
+    again = Cassette(tmp_path, "replay")
+    assert again.exchange(request("a", user="u-2"), nobody).reply.answer == {"text": "x"}
+    assert lines(tmp_path)[0]["request"] == request("a")
+
+
+# ----------------------------------------------------------------- misses
+
+
+def test_miss_shows_the_nearest_request_and_the_difference(tmp_path):
+    cassette = Cassette(tmp_path, "record")
+    cassette.begin("one")
+    for fruit in ("apple", "tomato"):
+        cassette.exchange(request(f"#areas\nnode_1\n#task chill the {fruit}\n"), say("x"))
+    again = Cassette(tmp_path, "replay")
+    again.begin("one")
+    with pytest.raises(CassetteError) as caught:
+        again.exchange(request("#areas\nnode_1\n#task chill the potato\n", seed=1), nobody)
+    text = str(caught.value)
+    assert FILE in text
+    assert "of episode 'one' was not recorded; the nearest differs:" in text
+    assert "\n    -prompt: |#task chill the tomato\n" in text
+    assert "\n    +prompt: |#task chill the potato\n" in text
+    assert "\n    +seed: 1\n" in text
+    assert "To fix: " in text
+    assert "apple" not in text
+
+
+def test_miss_in_another_episode_says_in_which_it_was_recorded(recorded):
+    folder, _ = recorded
+    cassette = Cassette(folder, "replay")
+    cassette.begin("three")
+    with pytest.raises(CassetteError, match="the same was asked in episode 'one' only"):
+        cassette.exchange(request("a"), nobody)
+
+
+def test_miss_with_a_large_difference_is_cut(tmp_path):
+    Cassette(tmp_path, "record").exchange(request("\n".join("x" * 999 for _ in range(99))), say(""))
+    cassette = Cassette(tmp_path, "replay")
+    with pytest.raises(CassetteError, match=r"and \d+ lines more") as caught:
+        cassette.exchange(request("\n".join("y" * 999 for _ in range(99))), nobody)
+    shown = str(caught.value).splitlines()
+    assert len(shown) <= MAX_LINES + 5
+    assert max(map(len, shown[1:])) <= MAX_WIDTH + 10
+
+
+def test_miss_in_an_empty_cassette_says_so(tmp_path):
+    Cassette(tmp_path, "record").begin("one")
+    with pytest.raises(CassetteError, match="holds no exchange"):
+        Cassette(tmp_path, "replay").exchange(request("a"), nobody)
+
+
+def test_clock_looked_at_more_often_than_recorded_is_an_error(recorded):
+    folder, _ = recorded
+    cassette = Cassette(folder, "replay")
+    cassette.begin("two")
+    cassette.clock(), cassette.clock()
+    with pytest.raises(CassetteError, match="went another way than its recording"):
+        cassette.clock()
+
+
+# ----------------------------------------------------------------- the file
+
+
+def test_torn_last_line_is_dropped_recording_and_named_replaying(recorded):
+    folder, _ = recorded
+    path = folder / FILE
+    whole = path.read_bytes()
+    count = whole.count(b"\n")
+    for cut in (1, len(whole.splitlines()[-1]) - 1):
+        path.write_bytes(whole[:-1][: len(whole) - cut])
+        with pytest.raises(CassetteError, match=rf"line {count} is torn.*(\n.*)*To fix: "):
+            Cassette(folder, "replay")
+        Cassette(folder, "record")
+        assert path.read_bytes() == b"".join(whole.splitlines(keepends=True)[:-1])
+        Cassette(folder, "replay")
+        path.write_bytes(whole)
+
+
+def test_episode_begun_again_replaces_what_was_recorded_of_it(recorded):
+    folder, _ = recorded
+    resumed = Cassette(folder, "record")
+    resumed.begin("one")
+    resumed.exchange(request("a"), say("new"))
+    cassette = Cassette(folder, "replay")
+    cassette.begin("one")
+    assert cassette.exchange(request("a"), nobody).reply.answer == {"text": "new"}
+    with pytest.raises(CassetteError, match="was not recorded"):
+        cassette.exchange(request("b"), nobody)
+    with pytest.raises(CassetteError, match="another way"):
+        cassette.clock()
+    cassette.begin("two")
+    assert cassette.exchange(request("a"), nobody).reply.answer == {"text": "two a 0"}
+
+
+@pytest.mark.parametrize("mode", ["record", "replay"])
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        (b'"prompt":"b"', b'"prompt":"c"', "line 4: the request is not what its SHA-256 says"),
+        (b"one b 1", b"one b 2", "line 4: the reply is not what its SHA-256 says"),
+        (b'"type":"Begin"', b'"type":"Bogin"', "line 1: Invalid value 'Bogin'"),
+        (b'{"count":0,', b"{", "line 2: Object missing required field `count`"),
+    ],
+)
+def test_damaged_line_is_refused_by_number(recorded, mode, old, new, named):
+    folder, _ = recorded
+    path = folder / FILE
+    data = path.read_bytes()
+    assert old in data
+    path.write_bytes(data.replace(old, new, 1))
+    with pytest.raises(CassetteError) as caught:
+        Cassette(folder, mode)
+    assert named in str(caught.value)
+    assert FILE in str(caught.value)
+
+
+@pytest.mark.parametrize("field", ["scope", "seconds", "count", "url", "line_key"])
+def test_changed_or_missing_time_place_or_episode_is_refused(recorded, field):
+    folder, _ = recorded
+    for number, line in enumerate(whole := lines(folder)):
+        if field not in line:
+            continue
+        other = {"scope": "three", "url": "http://y/v1", "line_key": ""}.get(field, 7)
+        changed = [*whole[:number], {**line, field: other}, *whole[number + 1 :]]
+        (folder / FILE).write_text("".join(f"{json.dumps(one)}\n" for one in changed))
+        if number == 0 and field == "line_key":
+            continue  # an older recording that this version went on with begins so
+        with pytest.raises(CassetteError, match=f"line {number + 1}: .* SHA-256"):
+            Cassette(folder, "replay")
+
+
+def test_recording_of_before_lines_had_their_hash_is_read_and_gone_on_with(recorded):
+    folder, ticks = recorded
+    old = [{name: v for name, v in line.items() if name != "line_key"} for line in lines(folder)]
+    (folder / FILE).write_text("".join(f"{json.dumps(one)}\n" for one in old))
+    cassette = Cassette(folder, "replay")
+    cassette.begin("one")
+    assert cassette.clock() == ticks[0]
+    cassette = Cassette(folder, "record")
+    cassette.begin("three")
+    assert lines(folder)[-1]["line_key"]
+    Cassette(folder, "replay")
+
+
+def test_missing_cassette_says_how_to_record_one(tmp_path):
+    with pytest.raises(CassetteError, match=r"no such cassette\n  To fix: record one first"):
+        Cassette(tmp_path, "replay")
+    with pytest.raises(CassetteError, match="add --cassette DIR"):
+        Cassette(None, "record")
+
+
+def test_cassette_that_cannot_be_written_is_an_error_naming_it(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FileError, match="cannot write") as caught:
+        Cassette(tmp_path / "file", "record").exchange(request("a"), say("x"))
+    assert isinstance(caught.value, CassetteError)
+
+
+# ----------------------------------------------------------------- several processes
+
+
+def elsewhere(code, *arguments):
+    """Run code in another process, which has `Cassette`, `Tape`, `Reply` and `sys`."""
+    start = (
+        "import sys\nfrom pathlib import Path\n"
+        "from karma.plugins.hosted.cassette import Cassette, CassetteError, Reply, Tape\n"
+    )
+    return subprocess.Popen(
+        [sys.executable, "-c", start + code, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+TAKES_PART = """
+folder, token, name = sys.argv[1:]
+cassette = Cassette.of(Tape(folder=Path(folder), mode="record", token=token))
+for episode in range(5):
+    cassette.begin(f"{name}-{episode}")
+    cassette.clock()
+    for word in range(8):
+        row = lambda: Reply(answer={"row": f"of {name}"})
+        told = cassette.exchange({"input": word}, row, shared=True).reply.answer["row"]
+        said = Reply(answer={"text": f"{word} {told}"})
+        cassette.exchange({"prompt": "x" * 20_000}, lambda: said)
+"""
+
+
+def test_processes_that_record_at_once_keep_every_line_whole_and_each_its_answers(tmp_path):
+    recording = Cassette(tmp_path, "record")
+    names = ("ann", "bob", "cleo")
+    workers = [elsewhere(TAKES_PART, tmp_path, recording.tape.token, name) for name in names]
+    assert [worker.wait(120) for worker in workers] == [0, 0, 0]
+    written = lines(tmp_path)
+    shared = [line["key"] for line in written if line.get("shared")]
+    assert len(shared) == len(set(shared)) == 8
+    replayed = Cassette(tmp_path, "replay")
+    for name in names:
+        for episode in range(5):
+            replayed.begin(f"{name}-{episode}")
+            assert replayed.clock() > 0
+            for word in range(8):
+                row = replayed.exchange({"input": word}, nobody, shared=True).reply.answer["row"]
+                said = replayed.exchange({"prompt": "x" * 20_000}, nobody).reply.answer["text"]
+                assert said == f"{word} {row}"
+
+
+def test_second_of_two_who_ask_the_same_at_once_keeps_its_answer_for_its_own_place(tmp_path):
+    one = Cassette(tmp_path, "record")
+    other = Cassette.of(one.tape)
+    for cassette, scope in ((one, "one"), (other, "other")):
+        cassette.begin(scope)
+
+    def meanwhile():
+        other.exchange(request("row"), say("other's"), shared=True)
+        return Reply(answer={"text": "one's"})
+
+    def told(cassette):
+        return cassette.exchange(request("row"), nobody, shared=True).reply.answer["text"]
+
+    first = one.exchange(request("row"), meanwhile, shared=True)
+    assert first.reply.answer == {"text": "one's"}
+    one.begin("later")
+    assert told(one) == "other's"
+    replayed, said = Cassette(tmp_path, "replay"), {}
+    for scope in ("one", "other", "later"):
+        replayed.begin(scope)
+        said[scope] = told(replayed)
+    assert said == {"one": "one's", "other": "other's", "later": "other's"}
+
+
+def test_line_torn_by_another_process_is_dropped_before_the_next_is_written(tmp_path):
+    one, other = (Cassette(tmp_path, "record") for _ in range(2))
+    joined = Cassette.of(other.tape)
+    joined.begin("one")
+    whole = (tmp_path / FILE).read_bytes()
+    (tmp_path / FILE).write_bytes(whole + b'{"scope":"two","type":"Be')
+    joined.exchange(request("a"), say("x"))
+    assert (tmp_path / FILE).read_bytes().startswith(whole + b'{"count":0,')
+    with pytest.raises(CassetteError, match="another recording has begun here since"):
+        one.begin("three")
+    assert len(lines(tmp_path)) == 2
+
+
+def test_two_processes_cannot_record_into_one_folder(tmp_path):
+    recording = Cassette(tmp_path, "record")
+    recording.begin("one")
+    code = "try: Cassette(sys.argv[1], 'record')\nexcept CassetteError as error: print(error)"
+    said, _ = elsewhere(code, tmp_path).communicate(timeout=120)
+    assert "another process records here" in said
+    assert (tmp_path / "exchanges.jsonl").read_bytes().count(b"\n") == 1

@@ -1,0 +1,369 @@
+"""Dialects of servers that are not here, by their protocol: stand-ins on this machine.
+
+A stand-in takes the fields that its dialect has, holds its answers to them, and drops the others
+without a word, as the real servers do. The real llama-server has `test_real_server.py`.
+"""
+
+import json
+import re
+
+import msgspec
+import pytest
+from support.grammar_oracle import is_valid
+from support.hosted_server import PROMPT, chat, endpoint, plant_key, wire_server
+
+from karma.agent.planning.program import SKILLS
+from karma.bench.methods.lota import chooser_of
+from karma.contracts import ProgramSpec, ScoringModel
+from karma.errors import ModelError, RequestRefused, ServerLost
+from karma.models.endpoint import DialectName, Endpoint
+from karma.models.session import Session
+from karma.plugins.hosted.cassette import Cassette
+from karma.plugins.hosted.dialects import DIALECTS
+from karma.plugins.hosted.planner import open_planner
+
+SPEC = ProgramSpec(skills=SKILLS, objects=("Mug",), max_calls=2)
+PROGRAM = "GoToObject(robot, 'Mug')\n"
+AS_JSON = '{"program": [{"skill": "GoToObject", "object": "Mug"}]}'
+LISTED = {"/v1/models": {"object": "list", "data": [{"id": "m"}, {"id": "other:latest"}]}}
+PAGES = {
+    "vllm": {"/version": {"version": "0.33.0"}},
+    "sglang": {"/server_info": {"model_path": "m", "tokenizer_path": "m"}},
+    "ollama": {"/api/version": {"version": "0.13.0"}},
+    "plain": {},
+}
+FREE = "Sure! It is sunny."
+
+
+@pytest.fixture(autouse=True)
+def planted_key(monkeypatch):
+    plant_key(monkeypatch)
+
+
+def held_by_grammar(grammar):
+    """What a stand-in says under a grammar of ours; None where it cannot read one."""
+    words = re.findall(r"k-[0-9a-f]{8}", grammar)
+    if words:
+        return f"{words[0]}\n"
+    return PROGRAM if grammar.startswith('root ::= line ("\\n" line){0,1}') else None
+
+
+def held_by_regex(pattern):
+    for text in (*(f"{word}\n" for word in re.findall(r"k-[0-9a-f]{8}", pattern)), PROGRAM):
+        if re.fullmatch(pattern, text):
+            return text
+    return None
+
+
+def held_by_schema(schema):
+    words = [f'{{"k": "{word}"}}' for word in re.findall(r"k-[0-9a-f]{8}", json.dumps(schema))]
+    return next((text for text in (*words, AS_JSON) if is_valid(schema, text)), None)
+
+
+def held(name, body):
+    """What a server of that dialect says to a body; FREE where it sees no constraint."""
+    schema = body.get("response_format", {}).get("json_schema", {}).get("schema")
+    if name == "vllm":
+        inside = body.get("structured_outputs", {})
+        if len(inside) == 1:
+            ((kind, value),) = inside.items()
+            readers = {"grammar": held_by_grammar, "regex": held_by_regex, "json": held_by_schema}
+            return readers[kind](value)
+    if name == "sglang" and "ebnf" in body:
+        return held_by_grammar(body["ebnf"])
+    if name == "sglang" and "regex" in body:
+        return held_by_regex(body["regex"])
+    return held_by_schema(schema) if schema is not None else FREE
+
+
+def stand_in(name, *, holds=True):
+    def answer(path, body, headers):
+        text = held(name, body) if holds else FREE
+        return (400, {}, b'{"error": "no grammar"}') if text is None else chat(text)
+
+    return wire_server(answer, pages=LISTED | PAGES[name])
+
+
+def auto(url, **more):
+    return endpoint(url, "m", dialect="auto", **more)
+
+
+CHOICES = [
+    (name, constraint)
+    for name in PAGES
+    for constraint in sorted(DIALECTS[name].bindings)
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "constraint"), CHOICES)
+def test_stand_in_is_known_by_its_page_and_held_to_programs(name, constraint):
+    with stand_in(name) as (url, seen):
+        model = open_planner(auto(url, constraint=constraint), constrained=True)
+        said = model.complete(PROMPT, spec=SPEC)
+    assert model.manner.dialect.name == name
+    assert (said.text, said.constrained, said.fault) == (PROGRAM, True, "")
+    asked = 3 if constraint == "grammar" and name == "vllm" else 2  # a malformed one too
+    assert len(seen) == asked + 1
+
+
+@pytest.mark.parametrize(("name", "constraint"), CHOICES)
+def test_stand_in_that_holds_nothing_is_refused(name, constraint):
+    named = r"held to 'k-.*it said 'Sure! It is sunny\.'"
+    with stand_in(name, holds=False) as (url, _), pytest.raises(ModelError, match=named):
+        open_planner(auto(url, constraint=constraint), constrained=True)
+
+
+@pytest.mark.parametrize("name", ["plain", "transformers"])
+def test_server_without_a_grammar_is_refused_by_name_unless_told_otherwise(name):
+    with stand_in("plain") as (url, seen):
+        place = endpoint(url, "m", dialect=name)
+        with pytest.raises(ModelError, match=rf"dialect '{name}' takes no grammar\n  To fix: con"):
+            open_planner(place, constrained=True)
+        assert seen == []
+        said = open_planner(place).complete(PROMPT, spec=SPEC)
+    assert (said.text, said.constrained, said.fault) == (FREE, False, "")
+
+
+def test_constraint_that_a_dialect_has_not_is_refused_with_those_it_has():
+    with stand_in("ollama") as (url, _):
+        named = r"dialect 'ollama' takes no grammar\n  To fix: constraint is one of schema"
+        with pytest.raises(ModelError, match=named):
+            open_planner(auto(url, constraint="grammar"))
+
+
+def test_every_dialect_that_can_be_said_is_there():
+    said = msgspec.inspect.type_info(DialectName).values
+    assert set(said) == {"auto", *DIALECTS}
+
+
+# ----------------------------------------------------------------- thoughts
+
+
+@pytest.mark.parametrize(
+    ("name", "thinking", "fields"),
+    [
+        ("vllm", "off", {"chat_template_kwargs": {"enable_thinking": False}}),
+        ("vllm", "on", {"chat_template_kwargs": {"enable_thinking": True},
+                        "thinking_token_budget": 30, "max_tokens": 50}),
+        ("sglang", "off", {"chat_template_kwargs": {"enable_thinking": False}}),
+        ("ollama", "off", {"reasoning_effort": "none"}),
+        ("plain", "off", {"max_tokens": 20}),
+        ("plain", "on", {"max_tokens": 50}),
+    ],
+)  # fmt: skip
+def test_thinking_is_switched_as_the_dialect_wants(name, thinking, fields):
+    with stand_in(name) as (url, seen):
+        model = open_planner(auto(url), thinking=thinking, thinking_tokens=30)
+        model.complete(PROMPT, max_tokens=20)
+    ((_, body, _),) = seen
+    assert {name: body.get(name) for name in fields} == fields
+
+
+MESSAGES = [
+    ({"content": PROGRAM, "reasoning_content": "A mug."}, PROGRAM, "A mug."),
+    ({"content": f"\n\n{PROGRAM}", "reasoning": "A mug."}, PROGRAM, "A mug."),
+    ({"content": PROGRAM, "thinking": "A mug."}, PROGRAM, "A mug."),
+    ({"content": f"<think>\nA mug.\n</think>\n\n{PROGRAM}"}, PROGRAM, "A mug."),
+    ({"content": f"A mug.\n</think>\n\n{PROGRAM}"}, PROGRAM, "A mug."),
+    ({"content": f"[THINK]A mug.[/THINK]{PROGRAM}"}, PROGRAM, "A mug."),
+    ({"content": "<think>\nA mug"}, "", "A mug"),
+    ({"content": None, "reasoning_content": "A mug"}, "", "A mug"),
+    ({"content": PROGRAM}, PROGRAM, ""),
+]
+
+
+@pytest.mark.parametrize(("message", "text", "reasoning"), MESSAGES)
+def test_thought_is_kept_apart_wherever_it_comes_back(message, text, reasoning):
+    choice = {"message": message, "finish_reason": "stop"}
+    data = json.dumps({"choices": [choice]}).encode()
+    with wire_server(lambda *_: (200, {}, data)) as (url, _):
+        said = open_planner(endpoint(url, "m")).complete(PROMPT)
+    assert (said.text, said.reasoning) == (text, reasoning)
+
+
+# ----------------------------------------------------------------- answers are read all the same
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("GoToObject(robot, 'Cup')\n", "names what is not there"),
+        ("GoToObject(robot, 'Mug'", "the answer is not of the form"),
+        (PROGRAM * 3, "the answer is not of the form"),
+        ("", "the answer is not of the form"),
+    ],
+)
+def test_answer_outside_the_language_is_a_miss_with_a_fault(text, fault):
+    with wire_server(lambda *_: chat(text), pages=PAGES["vllm"]) as (url, _):
+        said = open_planner(auto(url)).complete(PROMPT, spec=SPEC)
+    assert (said.text, said.constrained) == (text, False)
+    assert fault in said.fault
+
+
+@pytest.mark.parametrize("text", ["Sure!", '{"program": 1}', '{"program": []}'])
+def test_json_that_is_no_program_is_a_miss_that_is_kept_as_it_came(text):
+    with wire_server(lambda *_: chat(text), pages=PAGES["ollama"]) as (url, _):
+        said = open_planner(auto(url)).complete(PROMPT, spec=SPEC)
+    assert (said.constrained, bool(said.fault)) == (False, True)
+    assert said.text in (text, "")
+
+
+def test_answer_cut_at_its_budget_has_a_fault_also_where_nothing_holds_it():
+    choice = {"message": {"content": PROGRAM}, "finish_reason": "length"}
+    data = json.dumps({"choices": [choice]}).encode()
+    with wire_server(lambda *_: (200, {}, data)) as (url, _):
+        said = open_planner(endpoint(url, "m")).complete(PROMPT)
+    assert (said.finish, said.constrained) == ("length", False)
+    assert said.fault == "the answer was cut off: it must be shorter"
+
+
+# ----------------------------------------------------------------- model and address
+
+
+def names_only(name):
+    """A server that knows one model, and answers 404 to what it does not know."""
+
+    def answer(path, body, headers):
+        if body["model"] == name:
+            return chat(PROGRAM)
+        return 404, {}, json.dumps({"error": {"message": f"no model {body['model']}"}}).encode()
+
+    return answer
+
+
+@pytest.mark.parametrize(
+    ("listed", "model"),
+    [
+        (["openai/*"], "openai/good"), (["org/good"], "org/good:novita"), (["*"], "any"),
+        (["a", "b"], "loaded-lazily"), (["good"], "good:latest"), ([], "any"),
+    ],
+)  # fmt: skip
+def test_list_of_models_is_no_law(listed, model):
+    pages = {"/v1/models": {"data": [{"id": one} for one in listed]}}
+    with wire_server(names_only(model), pages=pages) as (url, _):
+        assert open_planner(endpoint(url, model)).complete(PROMPT).text == PROGRAM
+
+
+def test_key_that_may_not_list_may_ask():
+    closed = {"/v1/models": 403, "/version": 401}
+    with wire_server(lambda *_: chat(PROGRAM), forbidden=closed) as (url, _):
+        assert open_planner(endpoint(url, "m")).complete(PROMPT).text == PROGRAM
+
+
+def test_server_whose_template_has_no_system_message_is_asked_without_from_then_on():
+    def answer(path, body, headers):
+        if body["messages"][0]["role"] == "system":
+            return 400, {}, b'{"error": {"message": "System role not supported"}}'
+        return chat(PROGRAM)
+
+    with wire_server(answer) as (url, seen):
+        model = open_planner(endpoint(url, "m"))
+        assert model.complete(PROMPT).text == model.complete(PROMPT).text == PROGRAM
+    roles = [[one["role"] for one in body["messages"]] for _, body, _ in seen]
+    assert roles == [["system", "user"], ["user"], ["user"]]
+    assert seen[1][1]["messages"][0]["content"] == PROMPT.stable + PROMPT.changing
+
+
+@pytest.mark.parametrize("words", ["no such field: seed", "the system prompt is too long", "busy"])
+def test_other_refusals_stay_refusals(words):
+    said = json.dumps({"error": {"message": words}}).encode()
+    refuses = pytest.raises(RequestRefused, match=words)
+    with wire_server(lambda *_: (400, {}, said)) as (url, _), refuses:
+        open_planner(endpoint(url, "m")).complete(PROMPT)
+
+
+@pytest.mark.parametrize(
+    ("content", "text", "thought"),
+    [
+        ([{"type": "text", "text": PROGRAM}], PROGRAM, ""),
+        ([{"type": "text", "text": one} for one in (PROGRAM[:9], PROGRAM[9:])], PROGRAM, ""),
+        ([{"text": PROGRAM}], PROGRAM, ""),
+        (
+            [{"type": "thinking", "thinking": [{"type": "text", "text": "An apple."}]},
+             {"type": "text", "text": PROGRAM}], PROGRAM, "An apple.",
+        ),
+        ([{"type": "image", "url": "x"}, {"type": "output_text", "text": PROGRAM}], PROGRAM, ""),
+    ],
+)  # fmt: skip
+def test_answer_in_parts_is_read_whole(content, text, thought):
+    choice = {"message": {"role": "assistant", "content": content}, "finish_reason": "stop"}
+    data = json.dumps({"choices": [choice]}).encode()
+    with wire_server(lambda *_: (200, {}, data)) as (url, _):
+        said = open_planner(endpoint(url, "m")).complete(PROMPT)
+    assert (said.text, said.reasoning) == (text, thought)
+
+
+@pytest.mark.parametrize("key", ["", "EMPTY", "ollama", "none", "x"])
+def test_lab_servers_without_keys_are_asked_and_say_themselves_what_they_want(monkeypatch, key):
+    monkeypatch.setenv("OPENAI_API_KEY", key)
+    with wire_server(lambda *_: chat(PROGRAM + f"# {key}")) as (url, seen):
+        model = open_planner(endpoint(f" {url}/chat/completions/ ", "m"))
+        assert model.complete(PROMPT).text == PROGRAM + f"# {key}"  # a word is masked nowhere
+    assert seen[0][2]["authorization"] == f"Bearer {key or 'none'}"
+    asks = pytest.raises(ServerLost, match=r"who are you\?.*\n  To fix: .*OPENAI_API_KEY")
+    said = b'{"error": {"message": "who are you?"}}'
+    with wire_server(lambda *_: (401, {}, said)) as (url, _), asks:
+        open_planner(endpoint(url.replace("127.0.0.1", "0.0.0.0"), "m")).complete(PROMPT)
+
+
+def test_model_that_is_not_listed_and_does_not_answer_is_refused_with_the_nearest():
+    with wire_server(names_only("other"), pages=LISTED) as (url, _):
+        named = r"no model 'mm'; it lists m, other:latest\n  To fix: model = 'm'"
+        with pytest.raises(ModelError, match=named):
+            open_planner(endpoint(url, "mm"))
+        open_planner(endpoint(url, "other"))
+
+
+@pytest.mark.parametrize(
+    ("said", "listed", "right"), [("", "/v1/models", "/v1"), ("/v1", "/models", "")]
+)
+def test_address_with_or_without_v1_is_refused_with_the_right_one(said, listed, right):
+    pages = {listed: LISTED["/v1/models"]}
+    with wire_server(lambda *_: chat("x"), pages=pages) as (url, _):
+        root = url.removesuffix("/v1")
+        with pytest.raises(ModelError, match=rf"To fix: base_url = '{root}{right}'"):
+            open_planner(endpoint(root + said, "m"))
+
+
+def test_server_that_lists_nothing_is_taken_as_it_is():
+    with wire_server(lambda *_: chat("x")) as (url, _):
+        assert open_planner(endpoint(url, "whatever")).complete(PROMPT).text == "x"
+
+
+def test_pages_that_say_yes_to_everything_are_no_dialect():
+    """As LM Studio's do: status 200, and an error inside."""
+    error = {"error": "Unexpected endpoint"}
+    pages = {page: error for page in ("/props", "/version", "/server_info", "/api/version")}
+    with wire_server(lambda *_: chat("x"), pages=pages) as (url, _):
+        assert open_planner(auto(url)).manner.dialect.name == "plain"
+
+
+def test_cassette_from_before_dialects_replays_as_plain(tmp_path):
+    session = Session(Cassette(tmp_path, "record"))
+    with wire_server(lambda *_: chat(PROGRAM)) as (url, _):
+        place = auto(url)
+        recorded = open_planner(place, session=session).complete(PROMPT)
+    path = tmp_path / "exchanges.jsonl"
+    lines = [line for line in path.read_text().splitlines(keepends=True) if '"GET"' not in line]
+    path.write_text("".join(lines))
+    assert len(lines) == 1
+    replayed = open_planner(place, session=Session(Cassette(tmp_path, "replay")))
+    assert replayed.complete(PROMPT) == recorded
+
+
+# ----------------------------------------------------------------- scoring
+
+
+@pytest.mark.parametrize("name", sorted(PAGES))
+def test_server_that_tells_no_chances_is_refused_by_name_for_scoring(name):
+    with stand_in(name) as (url, _):
+        model = open_planner(auto(url))
+    assert not isinstance(model, ScoringModel)
+    with pytest.raises(ModelError, match=r"m: lota\.score needs log-probabilities"):
+        chooser_of(model)
+
+
+@pytest.mark.parametrize("value", [{"constraint": "gbnf"}, {"dialect": "x"}])
+def test_settings_that_cannot_be_are_refused(value):
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert({"base_url": "http://127.0.0.1/v1", "model": "m", **value}, Endpoint)
