@@ -31,6 +31,7 @@ class KarmaMethod:
     maps: Path | None = None
     learn: bool = False
     detector: Detector | None = None
+    attempts: int = 3  # programs for one instruction; later ones quote the failures
 
     @property
     def name(self) -> str:
@@ -61,6 +62,6 @@ class KarmaMethod:
             self.settings, self.recall, self.vision,
             maps=maps, perception=perception, seed=seed, pictures=folder,
         )  # fmt: skip
-        agent = Agent(world, self.planner, memory, perception)
+        agent = Agent(world, self.planner, memory, perception, self.attempts)
         agent.enter(scene)
         return agent

@@ -28,16 +28,19 @@ from karma.contracts import (
     World,
 )
 
-MAX_PROGRAMS = 3  # carried out for one instruction; later ones quote the failures
-
 
 class Agent:
     """One agent in one home: a planner, skills in a world, and both memories."""
 
     def __init__(
-        self, world: World, planner: Planner, memory: AgentMemory, perception: Perception
+        self,
+        world: World,
+        planner: Planner,
+        memory: AgentMemory,
+        perception: Perception,
+        attempts: int,
     ) -> None:
-        self.world, self.planner = world, planner
+        self.world, self.planner, self.attempts = world, planner, attempts
         self.memory, self._perception = memory, perception
 
     def enter(self, scene: SceneRef) -> None:
@@ -114,7 +117,7 @@ class AgentSession:
         tells_all = planner.profile != "compact"
         request = self._memory.request(subtask, advice, tells_all=tells_all)
         self._beliefs.units = self._memory.beliefs(self._agent.world, request.units).units
-        for _ in range(MAX_PROGRAMS):
+        for _ in range(self._agent.attempts):
             answer = None
             for answer in planner.plan(self._updated(request, attempts)):
                 yield answer
@@ -148,6 +151,7 @@ class AgentSession:
         """Run one skill, `LOOK_OVER` or `SURVEY`; a search passes over the ids `aside`."""
         self.has_acted = True
         if call.skill == SURVEY:
+            call = SkillCall.of(SURVEY, self._memory.scene)
             looks = tuple(self.skills.look_everywhere())
             actions = sum(look.actions for look in looks)
             searched = sum(look.explorations for look in looks)

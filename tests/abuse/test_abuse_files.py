@@ -159,7 +159,7 @@ def test_scene_with_a_thousand_things_in_one_another_is_refused(tmp_path):
         scenes.load(path)
 
 
-@pytest.mark.parametrize("option", [{"recall_k": 0}, {"attempts": 0}, {"seen_kept": -1}])
+@pytest.mark.parametrize("option", [{"recall_k": 0}, {"seen_kept": -1}])
 def test_option_out_of_range_is_refused(option):
     refused(lambda: settings_of(KarmaSettings, option))
 

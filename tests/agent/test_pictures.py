@@ -45,7 +45,7 @@ def acted(tmp_path):
     def run(vision):
         episode, _ = begun(tmp_path, ScriptedModel([PROGRAM]), vision=vision, seen_kept=1)
         list(episode.do(SubTask(instruction="put the apple in the sink")))
-        return {unit.object_type: unit for unit in episode.short_term.units()}
+        return {unit.object_type: unit for unit in episode.memory.short_term.units()}
 
     return run
 

@@ -251,7 +251,7 @@ def given_planner(maps: Path) -> Resources:
     loaded = load_resources(Models(), maps=None, seed=0, learn=True)
     return replace(
         loaded, model=Given(), profile=GOALS, decoding=Decoding(),
-        hints=None, examples=None, doubt=None, maps=maps,
+        hints=None, examples=None, maps=maps,
     )  # fmt: skip
 
 
@@ -268,7 +268,7 @@ def done(sequence: Drawn, row: str, resources: Resources) -> list[Cost]:
                 agent = Agent(
                     "" if number else sequence.scene, resources=replace(resources, maps=maps),
                     folder=folder / str(number), maps=maps, home=home,
-                    options={"guard": False, **ROWS[row]},
+                    options=ROWS[row],
                 )  # fmt: skip
             resources.model.lines = errand.lines
             parts = agent.do(errand.text).parts

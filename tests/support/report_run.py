@@ -148,7 +148,7 @@ def _method(row, name, folder):
         return ExpertMethod()
     return KarmaMethod(
         Planner(ScriptedModel(ANSWERS[name]), "compact"), CosineRecall(Words()), MetadataVision(),
-        KarmaSettings(policy="fifo-merge[2]", attempts=1, seen_kept=2), maps=folder / "maps",
+        KarmaSettings(policy="fifo-merge[2]"), maps=folder / "maps", attempts=1,
     )  # fmt: skip
 
 

@@ -21,13 +21,12 @@ STORE = TAKE + AWAY
 WASH = "PutObject(robot, 'Apple', 'Sink')\nToggleOn(robot, 'Faucet')\nToggleOff(robot, 'Faucet')\n"
 
 
-def resources(answers, model=None, doubt=None, maps=None, embedder=None):
+def resources(answers, model=None, maps=None, embedder=None):
     """What an agent is built from that says those programs; it may refuse."""
     return Resources(
         model=model or ScriptedModel(answers),
         profile="compact",
         decoding=Decoding(attempts=1, refusing=True),
-        doubt=doubt,
         recall=CosineRecall(_Alike(), text="sentence"),
         vision=MetadataVision(),
         embedder=embedder,
@@ -36,9 +35,7 @@ def resources(answers, model=None, doubt=None, maps=None, embedder=None):
     )
 
 
-def agent_saying(
-    folder, answers, listen=None, guard=True, home=None, later_s=0.0, people=None, **given
-):
+def agent_saying(folder, answers, listen=None, home=None, later_s=0.0, people=None, **given):
     """An agent in the kitchen made by hand, with its run and its maps in a folder."""
     folder.mkdir(exist_ok=True)
     scene = folder / "handmade.json"
@@ -48,7 +45,7 @@ def agent_saying(
     loaded = resources(answers, maps=maps, **given)
     return Agent(
         str(scene), resources=loaded, folder=folder / ("run" if home is None else _run(folder)),
-        maps=maps, listen=listen, options={"guard": guard}, home=home, later_s=later_s,
+        maps=maps, listen=listen, home=home, later_s=later_s,
         people=people,
     )  # fmt: skip
 

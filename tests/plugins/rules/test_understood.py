@@ -6,7 +6,6 @@ import pytest
 from support.talking import STORE, TAKE, agent_saying
 
 from karma import registry
-from karma.agent.planning.refused import LogisticDoubt
 from karma.contracts import REFUSAL_KINDS, Certainty, RefusedRequest, SkillResult
 from karma.models.scripted import ScriptedModel
 from karma.plugins.rules.language.lexicon import Lexicon
@@ -53,36 +52,13 @@ def test_place_of_a_thing_is_where_it_is_remembered(tmp_path):
     assert str(told.meant[0]) == "apple → Apple in the fridge"
 
 
-def test_words_that_the_program_leaves_alone_and_things_that_nobody_named_are_told(tmp_path):
-    toast = "ToggleOn(robot, 'Toaster')\n"
-    told = next(iter(moments(agent_saying(tmp_path, [toast], guard=False), "any beer?")))
-    assert [str(one) for one in told.meant] == ["beer → nothing that I would use"]
-    assert told.unnamed == ("toaster",)
-
-
-def test_pronoun_stands_for_the_thing_that_is_carried(tmp_path):
-    told = next(iter(moments(agent_saying(tmp_path, [STORE], guard=False), "put it in the fridge")))
-    assert "it → Apple, to be looked for" in map(str, told.meant)
-
-
-def test_deeds_that_a_request_forbids_are_told(tmp_path):
-    agent = agent_saying(tmp_path, [STORE], guard=False)
-    told = next(iter(moments(agent, "don't put the apple in the fridge")))
-    assert told.forbidden == ("put",)
-
-
 def test_several_things_stand_for_one_phrase(lexicon):
     near = lexicon.likeness("dirty dishes", ["Plate", "Bowl", "Laptop"])
     assert min(near["Plate"], near["Bowl"]) > near["Laptop"]
 
 
-def test_sureness_is_calibrated_where_doubt_was_fitted_and_says_so_where_not(tmp_path):
-    fitted = LogisticDoubt(
-        coefficients={"refusing": 1.0}, intercept=0.0, threshold=0.5, fitted_on="nothing"
-    )
-    calibrated = agent_saying(tmp_path, [], model=Sure([TAKE]), doubt=fitted).do("take the apple")
-    assert calibrated.parts[0].understood[0].sure == "0.90 that this should be done (calibrated)"
-    own = agent_saying(tmp_path / "own", [], model=Sure([TAKE])).do("take the apple")
+def test_sureness_of_an_answer_says_that_it_is_not_calibrated(tmp_path):
+    own = agent_saying(tmp_path, [], model=Sure([TAKE])).do("take the apple")
     assert own.parts[0].understood[0].sure.endswith("(not calibrated)")
 
 

@@ -178,7 +178,7 @@ def test_same_talk_twice_leaves_the_same_bytes(tmp_path):
 
 
 def test_map_and_memory_and_reply_are_sound_html(tmp_path):
-    agent = agent_saying(tmp_path, [STORE], guard=False)
+    agent = agent_saying(tmp_path, [STORE])
     reply = agent.do("put the <b>apple</b> in the fridge &c")
     drawn = Balanced(agent.map._repr_html_())
     assert drawn.tags[0] == "svg" and "circle" in drawn.tags
