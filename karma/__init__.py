@@ -24,5 +24,5 @@ __version__ = "0.3.0"
 def __getattr__(name: str) -> object:
     """Return `Agent`, which is imported when it is asked for: the package itself stays light."""
     if name == "Agent":
-        return import_module("karma.plugins.rules.talk.agent").Agent
+        return import_module("karma.assistant.agent").Agent
     raise AttributeError(f"module 'karma' has no attribute {name!r}")

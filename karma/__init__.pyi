@@ -1,3 +1,3 @@
-from karma.plugins.rules.talk.agent import Agent as Agent
+from karma.assistant.agent import Agent as Agent
 
 __version__: str

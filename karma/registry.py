@@ -40,9 +40,11 @@ _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
         },
         "assistants": {"rules": ("rules",)},
         "cassettes": {"hosted": ("file",)},
+        "homes": {"homes": ("kept", "seconds-away")},
         "embedders": {"hosted": ("openai",)},
         "language_models": {"hosted": ("openai",)},
         "parsers": {"rules": ("spacy",)},
+        "task_sources": {"alfred": ("alfred", "authors")},
         "planners": {"hosted": ("openai",)},
         "vision_models": {"hosted": ("openai",)},
     }

@@ -15,12 +15,13 @@ from statistics import median
 import typer
 from measuring import table, taken
 
-from karma.contracts import Deed, HomeMoment, HomeQuestion, Meaning, SaidThing, Sighting
+from karma.contracts import Meaning
 from karma.household.types import object_types
 from karma.models.embed.minilm import MiniLm
 from karma.plugins.homes.memory.episodes import EpisodeLog, EpisodeQuery
 from karma.plugins.homes.memory.setting import KnownPlace, MemorySetting
 from karma.plugins.homes.memory.true_memory import LOG, TrueMemory
+from karma.plugins.homes.types import Deed, HomeMoment, HomeQuestion, SaidThing, Sighting
 from karma.seeds import stream
 
 DAY_S = 86_400.0

@@ -7,12 +7,10 @@ Weights are random, so speed and memory only; files are made once and stay in th
 is measured in a process of its own. "llama.cpp" is llama_decode over the same weights, options and
 numbers of tokens in the same process, interleaved with ours. On one thread speeds are by processor
 time, which on a free core is the time on the wall; first tokens are by the wall. All are the best
-of the repeats: others who use the machine only slow. A state is loaded after the system was told to
-drop the file from its cache. Memory is without the states that are kept of other rooms.
+of the repeats: others who use the machine only slow.
 """
 
 import json
-import os
 import subprocess
 import sys
 import time
@@ -34,7 +32,6 @@ from karma.models.checks.memory import gguf_parts_mb
 from karma.models.llama.answer import CertaintyLog, UnderWay
 from karma.models.llama.model import LlamaModel
 from karma.models.llama.opening import LlamaOptions
-from karma.models.llama.room_states import StateOptions
 from karma.models.manifest import resolve_planner
 from karma.offline.guard import go_offline
 from karma.testing import make_llama
@@ -90,7 +87,6 @@ class Found:
     token_s: defaultdict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
     first_s: defaultdict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
     same: bool = True  # all answers and logits to the same prompt, to the bit
-    state_mb: float = 0.0
 
     def row(self, wanted: Wanted, memory_mb: float, predicted_mb: float) -> list[object]:
         """Return a line of the table."""
@@ -104,8 +100,8 @@ class Found:
             wanted.name, Path(wanted.path).stat().st_size / 1e6, self.prompt,
             prefill["ours"], prefill["llama.cpp"], decode["constrained"],
             decode["unconstrained"], decode["llama.cpp"], f"x{slower:.2f}",
-            *(f"{min(self.first_s[what]):.3f}" for what in ("cold", "kept", "loaded")),
-            self.state_mb, memory_mb, predicted_mb,
+            *(f"{min(self.first_s[what]):.3f}" for what in ("cold", "kept")),
+            memory_mb, predicted_mb,
             f"{100 * (predicted_mb / memory_mb - 1):+.0f} %", "yes" if self.same else "NO",
         ]  # fmt: skip
 
@@ -113,13 +109,13 @@ class Found:
 # ------------------------------------------------------------------------------------- one file
 
 
-def measure(wanted: Wanted, folder: Path) -> list[object]:
+def measure(wanted: Wanted) -> list[object]:
     """Measure one file; the process should do nothing else."""
     import llama_cpp  # before memory is looked at
 
     llama_cpp.llama_backend_init()
     before, path = resident_mb(), Path(wanted.path)
-    model = opened(wanted, StateOptions(memory_mb=0))
+    model = opened(wanted)
     prompt, gguf = prompt_of(model, wanted), model.gguf
     tokens = [*gguf.tokens(prompt.stable, begins=True), *gguf.tokens(prompt.changing)]
     found = Found(len(tokens))
@@ -131,16 +127,16 @@ def measure(wanted: Wanted, folder: Path) -> list[object]:
     speeds(model, raw, prompt, wanted, found)
     raw.close()
     model.close()
-    first_tokens(prompt, wanted, folder, found)
+    first_tokens(prompt, wanted, found)
     return found.row(wanted, memory_mb, parts)
 
 
-def opened(wanted: Wanted, states: StateOptions) -> LlamaModel:
+def opened(wanted: Wanted) -> LlamaModel:
     """Open a file that needs no trial: it was made here."""
     needed = wanted.stable + wanted.changing + wanted.answer
     options = LlamaOptions(n_ctx=-(-needed // 256) * 256, threads=wanted.threads)
     path = Path(wanted.path)
-    return LlamaModel(path, options=options, sha256=sha256_beside(path), states=states)
+    return LlamaModel(path, options=options, sha256=sha256_beside(path))
 
 
 def prompt_of(model: LlamaModel, wanted: Wanted) -> Prompt:
@@ -184,27 +180,22 @@ def speeds(model: LlamaModel, raw: "Raw", prompt: Prompt, wanted: Wanted, found:
     found.same = len(texts) == 2
 
 
-def first_tokens(prompt: Prompt, wanted: Wanted, folder: Path, found: Found) -> None:
-    """Time the first token with the room's state evaluated, kept, and loaded."""
-    told = set()
-    for number in range(wanted.repeat + 1):
-        model = opened(wanted, StateOptions(folder=folder))
+def first_tokens(prompt: Prompt, wanted: Wanted, found: Found) -> None:
+    """Time the first token with the room's state evaluated, and kept."""
+    logits = set()
+    for _ in range(wanted.repeat):
+        model = opened(wanted)
         model.complete(OTHER, max_tokens=1)
-        for name in ("loaded" if number else "cold", "kept"):
+        for name in ("cold", "kept"):
             begun = wanted.clock()
             said = model.complete(prompt, spec=SPEC, max_tokens=1)
             if name == "cold":
                 found.prefill_s["ours"].append(wanted.clock() - begun)
-            told.add(model.gguf.logits().tobytes())
+            logits.add(model.gguf.logits().tobytes())
             found.first_s[name].append(said.first_token_s or 0.0)
             model.complete(OTHER, max_tokens=1)  # another room in between
         model.close()
-        for kept in folder.iterdir():
-            found.state_mb = max(found.state_mb, kept.stat().st_size / 1e6)
-            with kept.open("rb") as file:  # the system forgets what it holds of it
-                os.fsync(file.fileno())
-                os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
-    found.same = found.same and len(told) == 1
+    found.same = found.same and len(logits) == 1
 
 
 class Raw:
@@ -335,7 +326,7 @@ def main(
     table(
         "model | file, MB | prompt | prefill, tokens/s: ours | llama.cpp |"
         " decode, tokens/s: constrained | unconstrained | llama.cpp | slower by |"
-        " first token: cold, s | kept, s | loaded, s | state, MB | memory, MB | predicted | off |"
+        " first token: cold, s | kept, s | memory, MB | predicted | off |"
         " bits equal",
         rows(),
     )

@@ -33,9 +33,9 @@ from support.judging import MAPS, asking_resources
 from support.talk_judge import VERDICTS, Talk, TalkJudge, Turn, Verdict, read_talks
 
 from karma.agent.loading.models import Models
+from karma.assistant.agent import Agent
 from karma.contracts import Resources
 from karma.offline.guard import go_offline
-from karma.plugins.rules.talk.agent import Agent
 
 _LEANS = ("yes", "no", "says", "in")  # on what was done before
 

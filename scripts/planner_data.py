@@ -1,4 +1,4 @@
-"""What planners are tuned on and measured with: examples, tasks, ALFRED's sentences, hints.
+"""Sample training examples and task files; measure a planner on ALFRED's goal sentences.
 
     python scripts/planner_data.py examples      # then `karma models tune` with what it wrote
     python scripts/planner_data.py evaluate ../shared/data/alfred/valid_seen.jsonl.gz
@@ -19,24 +19,24 @@ from typing import Annotated
 import typer
 from measuring import ROOT
 from rich.progress import track
-from support.hint_figures import asked_words, figures
 
 from karma import registry
+from karma.agent.journal.formats import figure_text
 from karma.agent.loading.planner_files import hints_for
-from karma.files import read_json, to_json
-from karma.language.hints import WordFile
+from karma.agent.planning.program import parse_program
+from karma.agent.planning.prompt import compact
+from karma.contracts import PlanRequest
+from karma.errors import ProgramError
+from karma.files import to_json
 from karma.models.llama.opening import LlamaOptions
 from karma.models.manifest import resolve_planner
 from karma.offline.guard import go_offline
-from karma.plugins.alfred.sentences import read_sentences
+from karma.plugins.alfred.sentences import GoalFacts, facts_of, plain, read_sentences
 from karma.plugins.thor_tools.importing.dump import read_layouts
 from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.plugins.training.drawing.memories import is_authors_plan
 from karma.plugins.training.drawing.phrases import disjoint_book, our_book
 from karma.plugins.training.drawing.requests import KINDS, WITH_PAIRS
-from karma.plugins.training.drawing.several import SEVERAL
-from karma.plugins.training.figures import read_goals, tell
-from karma.plugins.training.hinted import KeptRows
 from karma.plugins.training.packs import Data, PlannerRecipe, draw_pack
 from karma.plugins.training.samples import TrainingExample, draw_alfred
 from karma.plugins.training.sources import DEVELOPMENT, Sources, held_out_packs
@@ -127,50 +127,43 @@ def _write(path: Path, lines: Iterable[bytes]) -> None:
 def evaluate(
     alfred: Annotated[Path, typer.Argument(help="Demonstrations whose goal sentences to read.")],
     planner: Annotated[str, typer.Option(help="A model or GGUF.")] = "karma-mini",
-    mapped: Annotated[
-        bool, typer.Option(help="The room's long-term memory is in the prompt.")
-    ] = False,
-    wrong: Annotated[int, typer.Option(help="Show so many misread ones.")] = 0,
+    mapped: Annotated[bool, typer.Option(help="With the room's long-term memory.")] = False,
     folder: Folder = FOLDER,
 ) -> None:
     """Print the share of human goal sentences whose five facts a GGUF's program has right.
 
-    Read alone, or with --mapped by an agent that knows the room from an earlier exploration; of
-    all of them, and (to go by) of those that do not stand word for word in the training split.
+    Sentences that stand word for word in the training split are counted apart; the figure to go by
+    is that of the others. With --mapped, sentences of rooms without a dump are left out.
     """
     read = sources(folder)
     file = resolve_planner(planner)
     model = registry.load("language_models", "llama")(
         file.path, options=LlamaOptions(threads=1), name=file.name
     )
-    plans = read.known_plans() if mapped else None
-    training = read_sentences(read.demonstrations)
-    sentences = list(read_sentences(alfred))
-    found = list(read_goals(model, sentences, training, plans, hints_for(planner)))
-    if left_out := len(sentences) - len(found):
-        say(f"{left_out} of {len(sentences)} left out, as nothing is known of their rooms")
-    for one in [one for one in found if not one.right][:wrong]:
-        say(f"{one.sentence.text!r}\n  is   {one.sentence.facts}\n  read {one.found}")
-    for line in tell(found):
-        say(line)
+    hints = hints_for(planner)
+    trained = {plain(sentence.text) for sentence in read_sentences(read.demonstrations)}
+    plans = read.known_plans() if mapped else {}
+    outcomes: dict[bool, list[bool]] = {True: [], False: []}
+    for sentence in track(read_sentences(alfred), "reading"):
+        if mapped and sentence.floor_plan not in plans:
+            continue
+        areas = plans[sentence.floor_plan].areas if mapped else ()
+        told = hints(sentence.text) if hints is not None else ()
+        prompt = compact(PlanRequest(instruction=sentence.text, areas=areas, hints=told)).prompt
+        answer = model.complete(prompt, spec=None, max_tokens=256, temperature=0.0, seed=0)
+        is_right = _facts_in(answer.text) == sentence.facts
+        outcomes[plain(sentence.text) in trained].append(is_right)
+    for name, is_trained in (("in the training split", True), ("not in it", False)):
+        right, count = sum(outcomes[is_trained]), len(outcomes[is_trained])
+        say(f"{name:22} {right} of {count} right, {figure_text(right / max(count, 1), 3)}")
 
 
-@app.command()
-def hints(
-    words: Annotated[Path, typer.Argument(help="A words file.")],
-    held_out: Annotated[bool, typer.Option(help="Ask for held-out words.")] = False,
-    rows: Annotated[Path, typer.Option(help="Keeps vectors.")] = ROOT / "runs/rows.safetensors",
-) -> None:
-    """Print how often hints name the right type or deed, by class of word and way of scoring.
-
-    Known words as if never seen; right meaning first, among the first three, 95 % intervals.
-    """
-    rows.parent.mkdir(parents=True, exist_ok=True)
-    kept = KeptRows(registry.load("embedders", "minilm")(), rows)
-    asked = list(asked_words(unseen=held_out))
-    for line in figures(read_json(words, WordFile), kept, asked):
-        print(line)
-    kept.save()
+def _facts_in(text: str) -> GoalFacts | None:
+    """Return the facts that a program asks for, or None if it is no program."""
+    try:
+        return facts_of(parse_program(text))
+    except ProgramError:
+        return None
 
 
 @app.command()
@@ -185,7 +178,6 @@ def tasks(
     unfiltered: Annotated[bool, typer.Option(help="Also what the expert does not do.")] = False,
     pairs: Annotated[bool, typer.Option(help="Ask for two of a kind, too.")] = False,
     lexemes: Annotated[bool, typer.Option(help="In words that training has not.")] = False,
-    several: Annotated[bool, typer.Option(help="First two or three things at once.")] = False,
 ) -> None:
     """Draw tasks of rooms and phrasings that training never sees, each done once by the expert.
 
@@ -195,7 +187,7 @@ def tasks(
     if disjoint:
         book = disjoint_book()
     plans = _floor_plans(unknown=unknown) if dumps or unknown else None
-    kinds = {SEVERAL: 1.0} if several else WITH_PAIRS if pairs else KINDS
+    kinds = WITH_PAIRS if pairs else KINDS
     drawn = draw_tasks(
         folder, book, scenes=plans or list(fresh_rooms(homes, seed)), each=each, seed=seed,
         filtered=not unfiltered, kinds=kinds, unseen=lexemes,

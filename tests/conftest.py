@@ -56,7 +56,7 @@ def nano(tmp_path_factory):
     from support.needs import need_models
 
     from karma.agent.loading.models import Models, load_resources
-    from karma.plugins.rules.talk.agent import asking
+    from karma.assistant.agent import asking
 
     need_models("karma-nano")
     maps = tmp_path_factory.mktemp("maps")
@@ -66,7 +66,7 @@ def nano(tmp_path_factory):
 @pytest.fixture
 def agent_in(nano, tmp_path):
     """A function that returns an agent with karma-nano in a room that it does not know."""
-    from karma.plugins.rules.talk.agent import Agent
+    from karma.assistant.agent import Agent
 
     def begin(scene, name="run"):
         maps = tmp_path / f"maps-{name}"

@@ -111,7 +111,7 @@ def test_workers_execute_nothing_of_the_folder(folder, words):
 
 
 def test_brought_gguf_and_its_template_are_tried_and_the_folder_is_not(folder, models):
-    planner = ("--planner", models / "any.gguf", "--max-tokens", "8")
+    planner = ("--planner", models / "any.gguf")
     done_in(folder, *KARMA, "run", "open the fridge", *planner, "--out", "out", code=4)
 
 

@@ -13,6 +13,7 @@ from support.abuse.faults import Child
 from support.needs import need_models
 from support.run_files import lines_in
 
+from karma.assistant.agent import Agent
 from karma.models.embed.minilm import MiniLm
 from karma.plugins.homes.houses import build_home
 from karma.plugins.homes.lived.body import HomeRobot
@@ -22,7 +23,6 @@ from karma.plugins.homes.memory.episodes import EpisodeLog
 from karma.plugins.homes.memory.setting import MemorySetting
 from karma.plugins.homes.memory.true_memory import LOG, TrueMemory
 from karma.plugins.homes.residents import Household
-from karma.plugins.rules.talk.agent import Agent
 
 KILLS = SAMPLE or 2
 ERRANDS = (

@@ -6,8 +6,8 @@ import pytest
 from typer.testing import CliRunner
 
 from karma.cli import app
+from karma.cli.conditions import examine
 from karma.offline import guard as offline
-from karma.plugins.airgap.conditions import examine
 
 SET = {**offline.SWITCHES, **offline.DEFAULTS, offline.OFFLINE: "1"}
 

@@ -112,7 +112,7 @@ _FIGURE = frozenset({"out", "fresh", "workers", "ray"})
 _RUN = frozenset(one.name for kind in (EvalOptions, Kept, Computed) for one in fields(kind))
 _SWEEP = _RUN - {"tasks"}
 _NO_BENCHMARK = {
-    "steps", "states", "half_width", "max_seeds", "planner_dir", "fail_under", "junit",
+    "steps", "half_width", "max_seeds", "planner_dir", "fail_under", "junit",
 }  # fmt: skip
 USED_BY: Mapping["Kind", frozenset[str]] = {  # kind of run -> options that it can use
     "figure": _FIGURE, "benchmark": _SWEEP - _NO_BENCHMARK, "sweep": _SWEEP, "run": _RUN,
@@ -146,7 +146,6 @@ class EvalCommand(Computed, Kept, EvalOptions):
             "base_url": self.base_url,
             "computed": self.computed,
             "steps": self.steps,
-            "states": self.states,
             "half_width": self.half_width,
             "max_seeds": self.max_seeds,
         }
@@ -190,7 +189,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
                 raise
             not_run = "".join(f"\n  {one}" for one in in_words(run.not_run).splitlines())
             raise KarmaError(f"{error}{not_run}\n  Kept: {_kept(run)}") from error
-        if self.tasks or run.experiment.authors:
+        if self.tasks:
             console.print(show.task_table(run.records))
         lines = figures(run.records, run.timings)
         console.print(show.summary_table(lines, run.experiment.name))

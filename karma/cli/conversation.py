@@ -23,8 +23,8 @@ from karma.cli.shared import (
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
-    from karma.plugins.rules.talk.agent import Agent
-    from karma.plugins.rules.talk.replies import AgentReply, Line
+    from karma.assistant.agent import Agent
+    from karma.assistant.replies import AgentReply, Line
 
 _ALL = 10_000  # rows of an answer where no screen ends
 CODES: Mapping[str, int] = {
@@ -34,9 +34,6 @@ CODES: Mapping[str, int] = {
 _WORST = (STOPPED, FAILED, UNFINISHED, ASKED, REFUSED)  # of several requests the first of these
 _MOST, _SHOWN = 10_000, 1_000  # characters of a line that are read; of it, that are shown
 TYPED, _KEPT = "typed.txt", 500  # what was typed in a home, and how many lines of it
-_WHY = ("why", "why not", "how come", "why did you do that")
-_UNDO = ("undo", "undo that", "undo it", "undo this", "take that back", "undo what you did")
-_LOOK = ("/look", "go and see", "go and look", "look for it", "yes, look")
 _STYLES = {
     "said": "bold", "meant": "cyan", "sure": "dim", "asked": "yellow", "did": "green",
     "failed": "red", "seen": "green", "not seen": "yellow",
@@ -60,10 +57,9 @@ def say(agent: "Agent", instruction: str, view: AnswerView | None = None) -> "Ag
 
     `view` hears the agent's answers, and shows them while they come.
     """
+    from karma.assistant import replies
+    from karma.assistant.replies import Line, RequestReply, Understanding
     from karma.contracts import Plan, SkillResult
-    from karma.plugins.rules.talk import replies
-    from karma.plugins.rules.talk.replies import Line, RequestReply
-    from karma.plugins.rules.understanding import Understanding
 
     most = replies.rows_for(len(agent.clauses(instruction))) if _watched() else _ALL
     number, printed = 0, 0
@@ -154,13 +150,11 @@ def converse(agent: "Agent", view: AnswerView | None = None) -> int:
         for typed in _typed(agent.home.folder):
             if typed.split()[0] == "/quit":
                 break
-            words = typed.lower().rstrip(".!? ")
-            typed = "/undo" if words in _UNDO else "/why" if words in _WHY else typed
-            typed = _looking(agent) if words in _LOOK else typed
-            if sys.stdin.isatty() and agent.replies:
-                typed = _whole(agent, typed, agent.replies[-1])
-            if typed:
-                codes.append(_answered(agent, typed, view))
+            resolved = agent.assistant.resolve(typed, at_terminal=sys.stdin.isatty())
+            if resolved.note:
+                tell(resolved.note, style="dim")
+            if resolved.text:
+                codes.append(_answered(agent, resolved.text, view))
             if codes[-1:] == [STOPPED] and not sys.stdin.isatty():
                 break
     except KeyboardInterrupt:
@@ -170,38 +164,6 @@ def converse(agent: "Agent", view: AnswerView | None = None) -> int:
     if sys.stdin.isatty():
         return DONE
     return next((one for one in _WORST if one in codes), DONE)
-
-
-def _looking(agent: "Agent") -> str:
-    """Return the errand that finds out what was asked last and not known; else "/look"."""
-    answers = (part.answer for reply in agent.replies[-1:] for part in reply.parts)
-    return next((one.look for one in answers if one is not None and one.look), "/look")
-
-
-def _whole(agent: "Agent", typed: str, last: "AgentReply") -> str:
-    """Return what was typed, put into the request that was asked back about if it answers that.
-
-    "" for a bare yes or no that asks for nothing; what is said to it is printed.
-    """
-    from karma.plugins.rules.language.clauses import completed
-    from karma.plugins.rules.talk.offers import is_no, is_yes
-
-    asked, offer = last.unclear, last.offer
-    if is_no(typed) and (offer or asked):
-        told, whole = "all right, I do nothing", ""
-    elif is_yes(typed) and offer:
-        told, whole = f"so: {offer}", offer
-    elif asked is None or typed.startswith("/"):
-        return typed
-    elif is_yes(typed):
-        told, whole = asked.question, ""
-    elif agent.is_errand(typed):
-        told, whole = f"that in place of: {asked.text}", typed
-    else:
-        whole = completed(asked.text, typed, asked.about)
-        told = f"so: {whole}"
-    tell(told, style="dim")
-    return whole
 
 
 def _answered(agent: "Agent", typed: str, view: AnswerView | None) -> int:
@@ -308,7 +270,7 @@ def _command(agent: "Agent", name: str) -> None:
 
 
 def _print_plainly(lines: Sequence[str]) -> None:
-    from karma.plugins.rules.talk.replies import ROWS
+    from karma.assistant.replies import ROWS
 
     most = ROWS if _watched() else _ALL
     shown = list(lines[:most])
@@ -319,7 +281,7 @@ def _print_plainly(lines: Sequence[str]) -> None:
 
 
 def _why(agent: "Agent") -> None:
-    from karma.plugins.rules.talk.replies import lines_why, rows_for
+    from karma.assistant.replies import lines_why, rows_for
 
     parts = agent.replies[-1].parts if agent.replies else ()
     if not parts:

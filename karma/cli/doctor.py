@@ -37,8 +37,8 @@ def doctor(
 
 def doctor_offline(json: Json = None) -> None:
     """List every condition of a run without a network; exit code 1 if one does not hold."""
+    from karma.cli import conditions
     from karma.offline.guard import DEFAULTS, SWITCHES
-    from karma.plugins.airgap import conditions
     from karma.world.thor.builds import CheckResult
 
     with console.status("looking; models are hashed ..."):

@@ -244,14 +244,10 @@ class Computed:
     """How models are computed: keys of [models] in an experiment; None where nothing is said."""
 
     gpu_layers: str | None = _computed(
-        'On a GPU: "auto", all that fit, or a number; 0: on the CPU.'
+        'On a GPU: "auto", all that fit, or a number; 0: all models on the CPU.'
     )
-    n_ctx: int | None = _computed("Context of a GGUF in tokens, at most; else as its prompts need.")
-    flash_attention: str | None = _computed('"on", "off" or "auto": on a GPU.')
-    kv: str | None = _computed('Kept keys and values: "f16", "f32" or "q8_0".')
+    n_ctx: int | None = _computed("Context of a GGUF in tokens; else as its prompts need.")
     threads: int | None = _computed("Of a GGUF on the CPU; results do not depend on it.")
-    device: str | None = _computed('Of torch models: "auto", "cpu", "cuda", "cuda:1", "mps".')
-    dtype: str | None = _computed('Of torch models: "auto", "float32", "bfloat16", "float16".')
 
     @property
     def computed(self) -> dict[str, Any]:
@@ -265,13 +261,12 @@ class Computed:
 
 @dataclass(frozen=True, kw_only=True)
 class Kept:
-    """Where what models said and computed is kept."""
+    """Where the exchanges with hosted models are kept."""
 
     cassette: Path | None = option(None, "Folder that hosted models are recorded in.")
     cassette_mode: str = option(
         "", '"record", "replay" (asks nobody) or "off"; default: replay a cassette.'
     )
-    states: Path | None = option(None, "Folder to keep what a local planner computed of rooms.")
     base_url: str = option("", "Of hosted models, e.g. http://127.0.0.1:8000/v1.")
 
     @property

@@ -1,13 +1,14 @@
-"""`karma run`, `chat`, `read` and `home`: what an agent is told, in view, and where it was."""
+"""`karma run` and `karma chat`: an agent carries out what a person types."""
 
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 from rich.markup import escape
 
+from karma import registry
 from karma.cli.conversation import CODES, converse, figures_of, say, show_folder, tell_stopped
 from karma.cli.progress import AnswerView
 from karma.cli.shared import (
@@ -25,8 +26,7 @@ from karma.cli.shared import (
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
-    from karma.plugins.rules.talk.agent import Agent
-    from karma.plugins.rules.types import Mention, Request, SaidDeed
+    from karma.assistant.agent import Agent
 
 
 _UNITS_S = {"m": 60.0, "h": 3600.0, "d": 86_400.0}
@@ -46,6 +46,7 @@ class RequestOptions:
     planner: str = option(
         "", "Name in the manifest, or a GGUF; default karma-mini, else karma-nano."
     )
+    assistant: str = option("", '"rules" or "direct"; default as the planner wants.')
     profile: str = option("", '"compact", "full", or "goals".')
     chat: bool | None = option(
         None, "Through the GGUF's chat template; default: if any.", "--chat/--no-chat"
@@ -78,7 +79,6 @@ class RequestOptions:
         "by the full prompt.",
         "--refusing/--no-refusing",
     )
-    max_tokens: int = option(512, "Of an answer.", min=1)
     answer_seconds: float | None = option(
         None, "Of an answer, by the clock; default 120; 0: no bound.", min=0
     )
@@ -104,22 +104,23 @@ class ChatCommand(Computed, Kept, RequestOptions):
     """Talk with an agent in a room: it remembers what was said and done before."""
 
     def do(self) -> None:
-        """Converse in a home that lasts, unless it is to be a fresh one."""
+        """Converse in a home that lasts, unless it is to be fresh, or no plug-in keeps homes."""
         from karma.assistant.session_log import DEFAULT_SCENE
         from karma.contracts import SceneRef
 
-        view, lasts = AnswerView(), SceneRef.of(self.scene or DEFAULT_SCENE).name
+        view, lasts = AnswerView(), ""
+        if "kept" in registry.names("homes"):
+            lasts = SceneRef.of(self.scene or DEFAULT_SCENE).name
         agent = self.agent(view, self.home if self.fresh else self.home or lasts)
         raise typer.Exit(converse(agent, view))
 
     def agent(self, view: AnswerView, home: str) -> "Agent":
         """Return the agent of these options; `view` hears its answers."""
         from karma.agent.loading.models import Models, preset
+        from karma.assistant.agent import ANSWER_SECONDS, Agent
         from karma.assistant.session_log import DEFAULT_SCENE
-        from karma.models.llama.room_states import StateOptions
         from karma.models.manifest import default_planner
         from karma.models.session import Session
-        from karma.plugins.rules.talk.agent import ANSWER_SECONDS, Agent
 
         if self.fresh and self.home:
             raise typer.BadParameter("--fresh keeps nothing, --home keeps a home: one of them")
@@ -139,13 +140,12 @@ class ChatCommand(Computed, Kept, RequestOptions):
             options["recall_k"] = self.recall_k
         session = Session(self.tape)
         session.cassette.begin("run")
-        same = ("profile", "chat", "vision", "detector", "refusing", "max_tokens", "thinking")
+        same = ("profile", "chat", "vision", "detector", "refusing", "thinking")
         models = Models().computed_by(
             {
                 **{key: getattr(self, key) for key in same},
                 "planner": planner,
                 "recall": self.recall or chosen.recall,
-                "recall_text": chosen.recall_text,
                 "constraint": self.constraint if self.constrained else "free",
                 "hosted": self.hosted(planner, self.model, api=self.api, dialect=self.dialect),
                 **self.computed,
@@ -161,12 +161,12 @@ class ChatCommand(Computed, Kept, RequestOptions):
                 maps=self.maps,
                 seed=self.seed,
                 session=session,
-                states=StateOptions(folder=self.states),
                 listen=view.hear,
                 answer_seconds=ANSWER_SECONDS if seconds is None else seconds or None,
                 home=home or None,
                 later_s=_later_s(self.later, home, self.people),
                 people=self.people,
+                assistant=self.assistant,
             )
         if agent.manner:
             tell(f"planner: {planner}, {agent.manner}", style="dim")
@@ -210,12 +210,10 @@ class RunCommand(ChatCommand, RunArguments):
 
 def _later_s(later: str, home: str, people: int | None) -> float:
     """Return how much time has passed in a home: as said, else by the clock at a terminal."""
-    from karma.plugins.homes.home import home_folder, left_s
-
     if people is not None and not home:
         raise typer.BadParameter("--people live in a home that lasts: --home NAME")
     if not later:
-        return left_s(home_folder(home)) if home and sys.stdin.isatty() else 0.0
+        return registry.load("homes", "seconds-away")(home) if home and sys.stdin.isatty() else 0.0
     number, unit = later[:-1], later[-1:]
     if not home or unit not in _UNITS_S or not number.replace(".", "", 1).isdecimal():
         raise typer.BadParameter('--later takes "30m", "8h" or "2d", of a --home')
@@ -231,95 +229,3 @@ def _close(agent: "Agent") -> None:
     if agent.spent:
         tell(spent_text(agent.spent))
     show_folder(agent)
-
-
-# ----------------------------------------------------------------- what a request asks for
-
-
-def read(
-    text: str = argument(..., "What somebody says, in quotes."),
-    json: Json = None,
-) -> None:
-    """Say what a request asks for: form, deeds, things, what it rules out, times, conditions."""
-    from karma.plugins.rules.method import reader_of
-
-    found = reader_of(None).read(readable(text))
-    for request in found:
-        for line in lines_of_request(request):
-            tell(line)
-    write_json(json, found)
-
-
-def lines_of_request(one: "Request") -> list[str]:
-    """Return what a sentence was read as, a line for each thing that it says."""
-    lines = [one.text, f"  form: {one.form}" + (f", lacks {one.lacking}" if one.lacking else "")]
-    lines += [f"  to do: {_deed(deed)}" for deed in one.deeds]
-    lines += [f"  not to do: {_deed(deed)}" for deed in one.forbidden]
-    lines += [f"  ruled out: {_thing(thing)}" for thing in one.exclusions]
-    lines += [f"  time: {time}" for time in one.times]
-    for held in one.conditions:
-        state = f"{_thing(held.thing)} is {held.state or '?'}" if held.thing else "not understood"
-        lines.append(f"  only {held.text}: {'' if held.holds else 'not '}{state}")
-    lines += [f"  not understood: {word}" for word in one.unread]
-    return lines
-
-
-def _deed(deed: "SaidDeed") -> str:
-    things = ", ".join(map(_thing, deed.things))
-    place = f" {'near' if deed.near else 'to'} {_thing(deed.place)}" if deed.place else ""
-    return f"{deed.deed or 'no skill for'} ({deed.verb}) {things}{place}".rstrip()
-
-
-def _thing(one: "Mention") -> str:
-    kinds = "/".join(one.types) or ("whatever is there" if one.anything else "?")
-    count = f" x {one.number}" if one.number else " all" if one.every else ""
-    at = f", told by {'/'.join(one.at)}" if one.at else ""
-    return f"{one.text!r} = {kinds}{count}{at}"
-
-
-# ----------------------------------------------------------------- homes that last
-
-
-Name = Annotated[str, typer.Argument(help="A home's name or folder.")]
-
-
-def home_list() -> None:
-    """List the homes that are kept here."""
-    from karma.plugins.homes.home import HOMES, homes
-
-    for name in [one.name for one in homes()] or [f"no home in {HOMES}; karma chat makes one"]:
-        tell(name)
-
-
-def home_new(
-    name: Name,
-    scene: str = option("", "A room's name, or a scene's file."),
-    people: int = option(0, "Who live there while the agent is away."),
-) -> None:
-    """Begin a home, which nobody has been in yet."""
-    from karma.plugins.homes.home import home_folder, new_home
-    from karma.world.sim import EmbeddedWorld
-
-    home = new_home(home_folder(name), scene, EmbeddedWorld(), people=people)
-    tell(f"{home.folder}: {home.scene}; karma chat --home {name}")
-
-
-def home_show(name: Name) -> None:
-    """Say what was done in a home, the last ten requests."""
-    from karma.agent.journal.formats import plural
-    from karma.plugins.homes.home import opened
-    from karma.plugins.rules.talk.remembering import age
-
-    home = opened(name)
-    people = f", {home.card.people} people" if home.card.people else ""
-    tell(f"{home.folder}: {home.scene}{people}, {plural(len(home.past), 'request')}")
-    for one in home.past[-10:]:
-        tell(f"  {age(home.clock_s - one.at_s)}: {one.said} ({one.status})")
-
-
-def home_forget(name: Name) -> None:
-    """Remove a home and all that was remembered there."""
-    from karma.plugins.homes.home import forget_home, home_folder
-
-    forget_home(home_folder(name))
-    tell(f"forgotten: {home_folder(name)}")

@@ -26,6 +26,10 @@ RULES: RuleSet = "thor-5.0.0"
 WIDEST: RuleSet = "thor-2.1.0"  # lets all that 5.0.0 does, and more
 
 TABLE = Path(__file__).parent / "types.toml"
+_RENAMED = {  # types that AI2-THOR renamed after 2.1.0, as ALFRED's records name them
+    "Cart": "ShelvingUnit", "Glassbottle": "Bottle", "PaperTowel": "PaperTowelRoll",
+    "ToiletPaperRoll": "ToiletPaper",
+}  # fmt: skip
 
 
 class _Facts(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -155,3 +159,18 @@ def in_words(object_type: str) -> str:
 def words_of(object_type: str) -> str:
     """Return a type with a space between its words: "Cell Phone", "TV Stand"."""
     return re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", object_type)
+
+
+def names_then() -> frozenset[str]:
+    """Return the types that ALFRED's ids may begin with: ours, and those renamed since."""
+    return frozenset((*object_types(), *_RENAMED))
+
+
+def type_now(kind: str) -> str | None:
+    """Return the name that AI2-THOR 5.0.0 has for a type of ALFRED; None if it has none.
+
+    >>> type_now("Glassbottle"), type_now("Apple"), type_now("LaundryHamperLid")
+    ('Bottle', 'Apple', None)
+    """
+    name = _RENAMED.get(kind, kind)
+    return name if name in object_types() else None

@@ -7,8 +7,8 @@ import msgspec
 
 from karma.errors import KarmaError
 
-DialectName = Literal["auto", "llama-server", "vllm", "sglang", "ollama", "transformers", "plain"]
-Constraint = Literal["grammar", "regex", "schema"]
+DialectName = Literal["auto", "llama-server", "vllm", "sglang", "ollama", "plain"]
+Constraint = Literal["grammar", "schema"]
 _ASKED_AT = ("/chat/completions", "/completions", "/embeddings", "/models")  # not the base
 _OURS = frozenset({"input", "messages", "model", "n", "prompt", "stream"})
 

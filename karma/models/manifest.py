@@ -51,6 +51,7 @@ class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     files: tuple[ModelFile, ...]
     licence: str
     source: str
+    assistant: str = ""  # planners only: the name in karma.assistants that suits it
     revision: str | None = None  # of the source, as its own version control names it
     restore: str | None = None  # the command that brings the files back
     package: str | None = None  # the files lie in this installed package, not beside the manifest

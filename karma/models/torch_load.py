@@ -6,14 +6,13 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 from karma.errors import KarmaError, ModelError
 from karma.models.checks.folder import CheckedFolder, check_folder, check_sizes, read_config
 from karma.models.checks.memory import check_memory, weights_mb
 from karma.models.manifest import Role, resolve_folder
 
-DType = Literal["auto", "float32", "bfloat16", "float16"]
 _DEVICES = re.compile(r"auto|cpu|mps|cuda(:\d+)?|xpu(:\d+)?")
 
 
@@ -22,14 +21,11 @@ class TorchOptions:
     """How a model of transformers or sentence-transformers is opened; ModelError: no such value."""
 
     device: str = "auto"  # "cuda" where there is one, else "cpu"
-    dtype: DType = "auto"  # float32; large models that are stored in 16 bits stay so
 
     def __post_init__(self) -> None:
         """Refuse what torch would speak of in its own words, after seconds."""
         if not _DEVICES.fullmatch(self.device):
             raise ModelError(f'device = {self.device!r}: "auto", "cpu", "cuda", "cuda:1" or "mps"')
-        if self.dtype not in get_args(DType):
-            raise ModelError(f"dtype = {self.dtype!r}: one of {', '.join(get_args(DType))}")
 
 
 def checked_folder(
@@ -70,16 +66,11 @@ def device_of(options: TorchOptions) -> str:
     return wanted
 
 
-def bytes_of(options: TorchOptions, *, half: bool = False) -> int:
-    """Return how many bytes a parameter takes once loaded; `half`: where auto means 16 bits."""
-    return 4 if options.dtype == "float32" or (options.dtype == "auto" and not half) else 2
-
-
 def check_room(folder: CheckedFolder, options: TorchOptions, *, half: bool = False) -> str:
     """Return the device of a model; ModelError, before weights are read, where it does not fit."""
     import torch
 
-    device, count, each = device_of(options), folder.parameters, bytes_of(options, half=half)
+    device, count, each = device_of(options), folder.parameters, 2 if half else 4
     free = float(torch.cuda.mem_get_info(device)[0]) / 1e6 if device[:4] == "cuda" else None
     check_memory(
         str(folder.path), weights_mb(count, bytes_each=each), free_mb=free,
@@ -94,7 +85,7 @@ def load_weights(
 ) -> Any:
     """Open a model of a class of transformers on its device, ready to be asked.
 
-    In bfloat16 if `half` and the options leave it open, else in float32.
+    In bfloat16 if `half`, else in float32.
 
     Raises:
         ModelError: no such device, too little memory, or weights that are not this
@@ -105,13 +96,11 @@ def load_weights(
     device = check_room(folder, options, half=half)
     import torch
 
-    auto = "bfloat16" if half else "float32"
-    dtype = getattr(torch, auto if options.dtype == "auto" else options.dtype)
     transformers = import_transformers()
     with quiet(), foreign(f"{folder.path}: not a {kind} that opens"):
         model, told = getattr(transformers, kind).from_pretrained(
             folder.path, local_files_only=True, use_safetensors=True,
-            dtype=dtype,
+            dtype=torch.bfloat16 if half else torch.float32,
             trust_remote_code=False, output_loading_info=True,
         )  # fmt: skip
     missing = sorted(map(str, told["missing_keys"]))

@@ -16,10 +16,10 @@ import pytest
 from support.abuse import Case, all_held, refused, stream
 from support.lived import PLACES, LetterEmbedder, seen
 
-from karma.contracts import Deed
 from karma.errors import FileError
 from karma.plugins.homes.memory.episodes import SEAL, Belief, EpisodeLog, EpisodeQuery
 from karma.plugins.homes.memory.true_memory import LOG
+from karma.plugins.homes.types import Deed
 
 _ASKED = (
     EpisodeQuery(),

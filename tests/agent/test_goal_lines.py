@@ -98,7 +98,7 @@ def test_answer_that_is_no_line_is_asked_again(answer):
 
 
 def test_examples_are_told_as_lines():
-    bank = list(read_bank(bank_file(), goals=True))
+    bank = read_bank(goals=True)
     names = {line.name for line in GOAL_LINES}
     assert {line.partition("(")[0] for one in bank for line in one.program.splitlines()} <= names
     one = WorkedExample(instruction="tidy up", program="Put(robot, 'Pen', 'Drawer')")

@@ -6,8 +6,8 @@ import shutil
 import pytest
 
 from karma import registry
-from karma.agent.loading.planner_files import chosen_words, hints_for, may_refuse
-from karma.errors import FileError, ModelError
+from karma.agent.loading.planner_files import hints_for, may_refuse, words_path
+from karma.errors import ModelError
 from karma.language.hints import WordFile, write_words
 from karma.models.manifest import ModelEntry, ModelFile
 
@@ -85,17 +85,6 @@ def test_words_file_that_is_none_of_its_model_is_refused():
         )  # fmt: skip
 
 
-def test_words_file_that_is_named_stands_for_the_planner_s_own(models, made):
-    assert chosen_words("learnt") == models / "words.json"
-    assert chosen_words("learnt", str(made / "words.json")) == made / "words.json"
-    assert chosen_words("learnt", "none") is None
-
-
 def test_gguf_without_an_entry_has_the_words_beside_it_or_none(made, tmp_path):
-    assert chosen_words(str(made / "planner.gguf")) == made / "words.json"
-    assert chosen_words(str(tmp_path / "reader.gguf")) is None
-
-
-def test_words_file_that_is_missing_is_named(tmp_path, minilm):
-    with pytest.raises(FileError, match=r"nowhere\.json"):
-        hints_for("learnt", str(tmp_path / "nowhere.json"), minilm)
+    assert words_path(str(made / "planner.gguf")) == made / "words.json"
+    assert words_path(str(tmp_path / "reader.gguf")) is None

@@ -20,8 +20,8 @@ from karma.contracts import Resources
 from karma.errors import FileError
 from karma.models.scripted import MetadataVision, ScriptedModel
 
-SETTING = ("recall", "recall_text", "recall_k", "paper_prompt")
-PAPERS = ("cosine", "listing", 10, True)
+SETTING = ("recall", "recall_k", "paper_prompt")
+PAPERS = ("cosine:listing", 10, True)
 FILES = [*sorted((ROOT / "eval").glob("*.toml")), *(ROOT / "eval/paper").glob("table*.toml")]
 EXPERIMENTS = [path for path in FILES if kind_of(path) != "benchmark"]
 
@@ -31,11 +31,11 @@ def setting(row, models=None):
     models = models or Models()
     chosen = PRESETS[row.preset] if row.preset else models
     settings = settings_of(KarmaSettings, row.all_options)
-    return chosen.recall, chosen.recall_text, settings.recall_k, settings.paper_prompt
+    return chosen.recall, settings.recall_k, settings.paper_prompt
 
 
 def test_default_agent_is_that_of_settings_presets_and_the_command():
-    assert setting(Row(name="x")) == ("stateful", "sentence", 3, False)
+    assert setting(Row(name="x")) == ("stateful", 3, False)
     assert settings_of(KarmaSettings, Row(name="x").all_options) == KarmaSettings()
     given = {one.name: one.default.default for one in fields(RequestOptions)}
     assert (given["preset"], given["recall"], given["recall_k"]) == ("", "", None)
@@ -47,7 +47,7 @@ def test_default_agent_is_that_of_settings_presets_and_the_command():
 
 def test_paper_s_setting_is_one_word_and_options_go_before_it():
     assert setting(Row(name="x", preset="paper")) == PAPERS
-    assert setting(Row(name="x", preset="paper", options={"recall_k": 3}))[2] == 3
+    assert setting(Row(name="x", preset="paper", options={"recall_k": 3}))[1] == 3
 
 
 @pytest.mark.parametrize("path", EXPERIMENTS, ids=lambda path: path.stem)
@@ -56,8 +56,8 @@ def test_experiments_measure_the_default_agent_unless_they_say_paper(path):
     for row in experiment.rows:
         if row.method != "karma" or "paper_prompt" in row.options:
             continue
-        expected = (*PAPERS[:2], row.options.get("recall_k", 10), PAPERS[3])
-        default = ("stateful", "sentence", 3, False)
+        expected = (PAPERS[0], row.options.get("recall_k", 10), PAPERS[2])
+        default = ("stateful", 3, False)
         assert setting(row, experiment.models) == (expected if row.preset else default)
         assert row.preset or "recall_k" not in row.options
 

@@ -5,9 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from karma.agent.body.skills import Skills
-from karma.agent.planning.effects import with_turns
 from karma.agent.planning.planner import grounded
 from karma.agent.planning.program import parse_program
+from karma.agent.planning.turns import with_turns
 from karma.agent.tour import KnownFloor
 from karma.household.pieces import base_type
 from karma.world.core import scene

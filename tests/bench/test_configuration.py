@@ -30,17 +30,13 @@ def test_configuration_has_every_key_of_the_experiment_with_its_default():
     for kind, there in ((Experiment, found), (Models, found["models"]), (Row, found["rows"][0])):
         assert {field.name for field in msgspec.structs.fields(kind)} <= there.keys()
     models = found["models"]
-    assert (models["profile"], models["constraint"], models["max_tokens"]) == (
-        "compact",
-        "types",
-        512,
-    )
+    assert (models["profile"], models["constraint"]) == ("compact", "types")
     assert models["refusing"] in (True, False)
 
 
 def test_configuration_of_a_row_has_what_its_method_and_preset_fill_in():
     plain, paper = told()["rows"]
-    assert (plain["recall"], paper["recall"]) == ("stateful", "cosine")
+    assert (plain["recall"], paper["recall"]) == ("stateful", "cosine:listing")
     assert (plain["options"]["recall_k"], paper["options"]["recall_k"]) == (3, 10)
     assert (plain["options"]["seen_kept"], paper["options"]["seen_kept"]) == (2, 1)
     assert plain["vision"] == "metadata"
@@ -57,9 +53,9 @@ def test_every_method_of_ours_tells_its_options_by_what_it_refuses_others(name):
 
 def test_differences_name_each_option_and_nothing_that_is_equal():
     assert all_apart(told(), told()) == []
-    assert all_apart(told(), told(constraint="free", temperature=0.5)) == [
+    assert all_apart(told(), told(constraint="free", examples=5)) == [
         'models.constraint: "types" became "free"',
-        "models.temperature: 0.0 became 0.5",
+        "models.examples: null became 5",
     ]
     words = rows_apart(told(), "a", told(), "b")
     assert 'row a -> b: preset: "" became "paper"' in words

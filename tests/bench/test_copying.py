@@ -6,7 +6,7 @@ import pytest
 from support.needs import need_models
 
 from karma import registry
-from karma.agent.loading.planner_files import bank_file, examples_for, read_bank
+from karma.agent.loading.planner_files import examples_for, read_bank
 from karma.bench.methods.expert import CopyingMethod
 from karma.contracts import Decoding, PlanRequest, Resources
 from karma.errors import KarmaError
@@ -30,7 +30,7 @@ def resources():
 
 def test_a_sentence_of_the_bank_gets_its_own_program_whatever_was_asked_before(resources):
     planner = CopyingMethod.build(resources, {}).planner
-    for one in list(read_bank(bank_file()))[:60:20]:
+    for one in read_bank()[:60:20]:
         (plan,) = planner.plan(PlanRequest(instruction=one.instruction))
         assert plan.completion.text == one.program
         assert plan.examples[-1] == one.instruction

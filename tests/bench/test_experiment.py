@@ -229,7 +229,7 @@ BABBLE = 'name = "babble"\noptions = { recall_k = 1 }'
         ("only", "seeds = [-1]\nonly", "each 0 or above"),
         ("only", 'world = "thorr"\nonly', "world: no worlds named 'thorr'. Did you mean 'thor'"),
         ("only", 'seeds = "many"\nonly', r"Expected `array`, got `str` - at `\$\.seeds`"),
-        ("only", 'authors = ["x.json"]\nonly', "give one of `tasks`, `authors` and `alfred`"),
+        ("only", 'source = {kind = "x"}\nonly', "give either `tasks` or "),
         ("only", "= 1\nonly", "Invalid"),
         ("recall_k", 'recall_k = 1 }\nmodel = "y"\n#',
          r"unknown field `model` - at `\$\.rows\[0\]`"),

@@ -55,7 +55,7 @@ def said(path, *texts, rows=()):
 def test_setting_of_every_depth_is_what_the_experiment_says_then(path):
     found = said(
         path,
-        "models.temperature=0.5",
+        "models.examples=5",
         "seeds=[3, 4]",
         "rows.KARMA (K = 1.5).options.recall_k=7",
         'rows."expert".method=idle',
@@ -64,7 +64,7 @@ def test_setting_of_every_depth_is_what_the_experiment_says_then(path):
         "models.constraint=free",
         "models.gpu_layers=4",
     )
-    assert (found.models.temperature, found.seeds, found.run.steps) == (0.5, (3, 4), False)
+    assert (found.models.examples, found.seeds, found.run.steps) == (5, (3, 4), False)
     assert (found.models.constraint, found.models.gpu_layers) == ("free", 4)
     assert [row.options for row in found.rows] == [{"recall_k": 7}, {}]
     assert [row.method for row in found.rows] == ["karma", "idle"]
@@ -79,7 +79,7 @@ def test_key_ends_where_a_name_does():
 
 
 def test_word_that_looks_like_a_number_stays_a_word_where_words_are_meant(path):
-    found = said(path, "name=5", "models.recall_text=sentence")
+    found = said(path, "name=5")
     assert found.name == "5"
 
 
@@ -90,11 +90,11 @@ def test_word_that_looks_like_a_number_stays_a_word_where_words_are_meant(path):
         ("modles.planner=x", "write 'models'"),
         ("rows.expret.method=idle", r"no such row\. Did you mean 'expert'"),
         ("rows.expert.methud=idle", "write 'method'"),
-        ("models.max_tokens=many", r"models\.max_tokens = 'many': Expected `int`, got `str`"),
+        ("models.threads=many", r"models\.threads = 'many': Expected `int`, got `str`"),
         ("models.constraint=1", r"models\.constraint = 1: Expected `str`"),
         ("models.planner", "it is KEY=VALUE"),
         ("=x", "it is KEY=VALUE"),
-        ("models.max_tokens=0", "max_tokens and thinking_tokens are 1 or more"),
+        ("models.examples=9", "examples = 9: 0 to 8"),
         ("limit=0", "limit = 0: 1 or more"),
         ("rows=[]", "rows: there is none"),
         ("rows.expert=1", "no such row"),
@@ -154,11 +154,11 @@ def test_command_that_sets_nothing_new_has_the_identity_of_the_file(path):
         return header_of(experiment, (), {}, steps=True).experiment
 
     plain = identity(read_experiment(path))
-    assert identity(said(path, "models.temperature=0")) == plain
-    assert identity(said(path, "models.temperature=1")) != plain
+    assert identity(said(path, "models.threads=1")) == plain
+    assert identity(said(path, "models.examples=1")) != plain
     written = path.with_name("y.toml")
-    written.write_text(TEXT + "[models]\ntemperature = 1.0\n")
-    assert identity(read_experiment(written)) == identity(said(path, "models.temperature=1"))
+    written.write_text(TEXT + "[models]\nexamples = 1\n")
+    assert identity(read_experiment(written)) == identity(said(path, "models.examples=1"))
 
 
 def test_run_folder_of_other_settings_is_refused_by_name(path, tmp_path):
@@ -192,18 +192,14 @@ def test_path_in_a_file_is_relative_to_that_file(tmp_path, monkeypatch):
 def test_path_that_a_command_gives_is_relative_to_where_it_is_given(path, tmp_path, monkeypatch):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
-    found = said(path, "models.planner=own.gguf", "models.embedder=sentence:./e", "models.words=w")
+    found = said(path, "models.planner=own.gguf", "models.embedder=sentence:./e")
     assert found.models.planner == str(tmp_path / "here" / "own.gguf")
     assert found.models.embedder == f"sentence:{tmp_path}/here/e"
-    assert found.models.words == str(tmp_path / "here" / "w")
 
 
 def test_names_stay_names(path):
-    models = said(
-        path, "models.planner=qwen2.5-7b", "models.words=none",
-        "models.vision=llama:qwen+b/c",
-    ).models  # fmt: skip
-    assert (models.planner, models.words, models.embedder) == ("qwen2.5-7b", "none", "minilm")
+    models = said(path, "models.planner=qwen2.5-7b", "models.vision=llama:qwen+b/c").models
+    assert (models.planner, models.embedder) == ("qwen2.5-7b", "minilm")
     assert models.vision == f"llama:qwen+{Path('b/c').absolute()}"
 
 
@@ -244,10 +240,10 @@ def test_shipped_experiments_name_files_that_are_there_or_made_or_lent(path):
 
 
 def test_where_files_lie_decides_nothing():
-    plain = {"tasks": "/a/t.jsonl", "models": {"planner": "/a/p.gguf", "words": "none"}}
+    plain = {"tasks": "/a/t.jsonl", "models": {"planner": "/a/p.gguf", "profile": "full"}}
     assert without_places(plain) == {
         "tasks": "t.jsonl",
-        "models": {"planner": "p.gguf", "words": "none"},
+        "models": {"planner": "p.gguf", "profile": "full"},
     }
 
 

@@ -35,7 +35,7 @@ options = {{ attempts = 1 }}
 name = "expert"
 method = "expert"
 [models]
-max_tokens = 24
+threads = 1
 [run]
 steps = false
 """
@@ -89,7 +89,7 @@ def test_cells_are_every_combination_and_several_grids_stand_side_by_side(tmp_pa
     found = cells(
         tmp_path,
         '[[grid]]\nmodels.recall = ["stateful", "cosine"]\nseeds = [[0], [1, 2]]\n'
-        '[[grid]]\nmodels.recall = "cosine"\nmodels.temperature = [0.5]\n'
+        '[[grid]]\nmodels.recall = "cosine"\nmodels.examples = [5]\n'
         '[[grid]]\nmodels.recall = ["cosine"]\nseeds = [[0]]\n',
     )
     assert [cell.kept.name for cell in found] == [
@@ -97,7 +97,7 @@ def test_cells_are_every_combination_and_several_grids_stand_side_by_side(tmp_pa
         "recall=stateful, seeds=[1,2]",
         "recall=cosine, seeds=[0]",
         "recall=cosine, seeds=[1,2]",
-        "recall=cosine, temperature=0.5",
+        "recall=cosine, examples=5",
     ]
     assert len({cell.kept.folder for cell in found}) == 5
 
@@ -319,7 +319,7 @@ def test_rate_below_the_floor_has_an_exit_code_of_its_own(tmp_path):
 
 def test_model_whose_context_holds_no_prompt_fails_its_cell(tmp_path):
     make_planner(tmp_path / "a.gguf", "llama3", seed=1)
-    text = TEXT.replace("max_tokens = 24", "max_tokens = 24\nn_ctx = 64")
+    text = TEXT.replace("threads = 1", "threads = 1\nn_ctx = 64")
     (tmp_path / "x.toml").write_text(text + '[[grid]]\nmodels.planner = ["a.gguf"]\n')
     sweep = SweepRun(tmp_path / "x.toml", tmp_path / "run")
     assert list(sweep.episodes(1)) == []
@@ -328,7 +328,7 @@ def test_model_whose_context_holds_no_prompt_fails_its_cell(tmp_path):
 
 def test_prompts_that_do_not_fit_are_named_under_the_table(tmp_path):
     make_planner(tmp_path / "a.gguf", "llama3", seed=1)
-    text = TEXT.replace("max_tokens = 24", "max_tokens = 24\nn_ctx = 800")
+    text = TEXT.replace("threads = 1", "threads = 1\nn_ctx = 800")
     text = text.replace(str(ONLY), '["simple-11", "simple-14"]')
     (tmp_path / "x.toml").write_text(text + '[[grid]]\nmodels.planner = ["a.gguf"]\n')
     sweep = SweepRun(tmp_path / "x.toml", tmp_path / "run")
@@ -345,7 +345,7 @@ def test_sweep_prints_the_warnings_of_its_tasks_once(tmp_path):
     (tmp_path / "t.jsonl").write_text(task + ', "goals": ["TOGGLEOFF(Microwave)"]}]}\n')
     (tmp_path / "x.toml").write_text(
         'name = "x"\ntasks = "t.jsonl"\n[[rows]]\nname = "e"\nmethod = "expert"\n'
-        '[[grid]]\nmodels.planner = "a.gguf"\nmodels.max_tokens = [8, 9]\n'
+        '[[grid]]\nmodels.planner = "a.gguf"\nmodels.examples = [0, 1]\n'
     )
     shown = karma_eval(tmp_path / "x.toml", "--out", tmp_path / "run", "--workers", "1")
     assert shown.exit_code == 0, shown.output

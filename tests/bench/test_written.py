@@ -8,11 +8,10 @@ import pytest
 from support.paths import ROOT
 
 from karma.agent.goals.files import load_said, load_tasks, load_texts
-from karma.agent.loading.planner_files import bank_file, examples_for, kept_vectors, read_bank
+from karma.agent.loading.planner_files import examples_for, kept_vectors
 from karma.bench.engine.episode import run_episode
 from karma.bench.methods.expert import ExpertMethod
 from karma.contracts import REFUSAL_KINDS
-from karma.errors import FileError
 from karma.files import to_json
 from karma.models.embed.minilm import MiniLm
 from karma.plugins.alfred.sentences import plain
@@ -63,24 +62,6 @@ def test_the_nearest_examples_come_last():
     assert len(found) == 3
     assert "Apple" in found[-1].program and "Fridge" in found[-1].program
     assert examples_for(0) is None
-
-
-def test_a_lab_may_give_its_own(tmp_path):
-    own = tmp_path / "own.jsonl"
-    line = WRITTEN.read_text().splitlines()[0]
-    own.write_text(line + "\n")
-    (only,) = examples_for(4, str(own))("anything")
-    assert only.instruction in line
-    own.write_text("")
-    with pytest.raises(FileError, match="no sentence with goals"):
-        examples_for(4, str(own))
-    assert bank_file() == WRITTEN
-
-
-def test_alfreds_sentences_may_be_the_bank(shared):
-    bank = list(read_bank(shared / "data" / "alfred" / "valid_seen.jsonl.gz"))
-    assert len(bank) > 500
-    assert all(one.program.startswith(("GoToObject", "Explore")) for one in bank)
 
 
 def test_vectors_of_a_bank_are_computed_once_and_damage_is_seen(monkeypatch, tmp_path):

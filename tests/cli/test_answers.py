@@ -153,6 +153,6 @@ def test_first_line_says_nothing_of_a_model_without_a_template(tiny):
 
 def test_agent_bounds_its_answers_unless_told_otherwise(tmp_path):
     agent = agent_saying(tmp_path, [])
-    assert agent._method.planner.decoding.answer_seconds == 120
+    assert agent.method.planner.decoding.answer_seconds == 120
     with pytest.raises(KarmaError, match="answer_seconds = -1"):
         Agent("kitchen_1", answer_seconds=-1)

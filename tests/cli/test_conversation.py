@@ -8,8 +8,9 @@ from support.talking import AWAY, STORE, TAKE, agent_saying
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
+from karma.assistant.protocol import Resolved
 from karma.cli import app, conversation
-from karma.cli.conversation import _whole, converse, say
+from karma.cli.conversation import converse, say
 from karma.cli.shared import console
 from karma.models.scripted import ScriptedModel
 
@@ -59,18 +60,23 @@ def test_refusal_is_told_with_a_question(talk):
     assert not any(row.startswith("  done") for row in rows)
 
 
-def test_an_answer_to_what_was_asked_back_goes_on_with_the_errand(tmp_path, capsys):
+def test_an_answer_to_what_was_asked_back_goes_on_with_the_errand(tmp_path):
     agent = agent_saying(tmp_path, [STORE, STORE])
     asked = agent.do("put the apple in")
     assert asked.unclear is not None
-    assert _whole(agent, "the fridge", asked) == "put the apple in the fridge"
-    assert "so: put the apple in the fridge" in capsys.readouterr().out
-    done = agent.do(_whole(agent, "the fridge", asked))
-    assert done
+
+    def resolved(typed, at_terminal=True):
+        return agent.assistant.resolve(typed, at_terminal=at_terminal)
+
+    whole = "put the apple in the fridge"
+    assert resolved("the fridge") == Resolved(whole, f"so: {whole}")
+    assert resolved("the fridge", at_terminal=False) == Resolved("the fridge")
     other = "take the apple"
-    assert _whole(agent, other, asked) == other
-    assert "in place of: put the apple in" in capsys.readouterr().out
-    assert _whole(agent, "/map", asked) == "/map" and _whole(agent, other, done) == other
+    assert resolved(other) == Resolved(other, "that in place of: put the apple in")
+    assert resolved("/map") == Resolved("/map")
+    assert resolved("take that back") == Resolved("/undo")
+    assert agent.do(whole)
+    assert resolved(other) == Resolved(other)
 
 
 def test_undo_and_why_and_map_and_help_answer(talk):

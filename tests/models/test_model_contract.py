@@ -113,10 +113,10 @@ def test_logits_equal_transformers_on_the_joined_prompt(tmp_path):
     tokens = tokenizer.encode(SCENE.stable).ids + tokenizer.encode(SCENE.changing).ids
     with torch.no_grad():
         expected = tiny_llama()(torch.tensor([tokens])).logits[0, -1].numpy()
-    model = opened(path, kv="f32")
+    model = opened(path)
     for _ in range(2):
         model.complete(SCENE, max_tokens=1)
-        assert np.abs(model.gguf.logits() - expected).max() < 1e-3
+        assert np.abs(model.gguf.logits() - expected).max() < 1e-2
 
 
 @pytest.mark.parametrize("temperature", [0.0, 1.5])
@@ -155,7 +155,7 @@ def test_prompt_longer_than_context_names_both_numbers(gguf):
 
 
 def test_answer_ends_where_the_context_does(gguf):
-    model = opened(gguf, n_ctx=4096)
+    model = opened(gguf)
     assert model.gguf.n_ctx == model.gguf.limit == 512  # what it was trained for
     found = model.complete(Prompt(stable="", changing="Go"), max_tokens=9999)
     assert found.prompt_tokens + found.completion_tokens <= 512
@@ -337,18 +337,6 @@ def test_second_cache_too_big_for_the_free_memory_is_refused(gguf, tmp_path, mon
     monkeypatch.setattr(memory, "MEMINFO", tmp_path / "meminfo")
     with pytest.raises(ModelError, match=r"tiny: needs about 1 MB .*a second cache, of 5000 tok"):
         model.gguf.sequences(2, cells=5000)
-
-
-def test_keys_and_values_of_32_bits_are_counted_as_such(gguf, tmp_path, monkeypatch):
-    parts = {"context": 512, "batch": 512}
-    half, whole = (
-        memory.gguf_parts_mb(gguf, check_gguf(gguf), **parts, bytes_each=size) for size in (2, 4)
-    )
-    assert whole - half == pytest.approx(2 * 512 * 2 * (2 * 2 * 16) / 1e6)
-    monkeypatch.setattr(memory, "available_mb", lambda: (half + whole) / 2)
-    assert opened(gguf, kv="f16").name == "tiny"
-    with pytest.raises(ModelError, match="needs about"):
-        opened(gguf, kv="f32")
 
 
 def test_model_that_was_closed_fails_in_python_and_closing_again_does_nothing(gguf):

@@ -16,13 +16,13 @@ from karma.agent.loading.models import Models, load_resources
 from karma.agent.planning.program import WAYS
 from karma.agent.planning.prompt import GOALS
 from karma.agent.tour import explore_room
+from karma.assistant.agent import Agent
 from karma.contracts import Completion, Decoding, Prompt, Resources, SceneRef, SkillResult
 from karma.household.containment import goes_in, has_door
 from karma.household.ids import short_type, type_of
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types, types_with
 from karma.household.uses import BASIN_OF
-from karma.plugins.rules.talk.agent import Agent
 from karma.seeds import stream
 from karma.world.sim import EmbeddedWorld
 

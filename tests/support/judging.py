@@ -9,10 +9,10 @@ from typing import Any
 
 from karma.agent.goals.goals import Goal, GoalTracker
 from karma.agent.loading.models import Models, load_resources
+from karma.assistant.agent import Agent, asking
+from karma.assistant.replies import AgentReply
 from karma.contracts import Resources, SubTask
 from karma.errors import KarmaError
-from karma.plugins.rules.talk.agent import Agent, asking
-from karma.plugins.rules.talk.replies import AgentReply
 from support.asked import AskedRequest, states_of
 
 MAPS = Path("runs/maps-asked")

@@ -16,10 +16,12 @@ import msgspec
 from karma.bench.figures.statistics import Estimate, mean
 from karma.contracts import MemoryUnit, Recall, Recalled
 from karma.files import decode_json, read_bytes
-from karma.household.pieces import base_type
-from karma.household.places import HAND, ROOMS
-from karma.household.states import deed_for
-from karma.plugins.training.drawing.memories import KnownRoom, draw_unit, room_of
+from karma.household.pieces import EGG, base_type
+from karma.household.places import HAND, ROOMS, SEVERAL
+from karma.household.states import OPPOSITES, deed_for
+from karma.household.types import object_types
+from karma.household.uses import COOKED, TOASTED
+from karma.plugins.training.drawing.memories import KnownRoom, Rng, pick, room_of, unit_of
 from karma.seeds import stream
 from karma.world.core.scene import load
 
@@ -27,6 +29,15 @@ Marks = Literal["lived", "none", "against"]  # see `marked`
 _PLANS = dict(zip((0, 2, 3, 4), ROOMS, strict=True))  # rooms by the hundreds of AI2-THOR's plans
 _ROOMS_EACH = 4  # shipped ones of a kind
 DRAWS = 3  # memories a question
+STATES_BY_CAPABILITY = {
+    "dirtyable": (("dirty", 0.15), ("cleaned", 0.3)),
+    "canFillWithLiquid": (("filled", 0.15),),
+    "openable": (("opened", 0.2), ("closed", 0.2)),
+    "toggleable": (("on", 0.15), ("off", 0.15)),
+    "canBeUsedUp": (("used up", 0.1),),
+}  # capability -> (state, chance) of an object that was handled
+FOOD_STATES = (("cleaned", 0.35), ("sliced", 0.35), ("heated", 0.08), ("cooked", 0.0))
+SEEN_ONLY = 0.4  # factor of these chances for an object that was only seen
 _SEEN_EACH = 5  # draws of the states and the place of each type of thing in a room
 
 
@@ -103,11 +114,35 @@ def _seen_things(room: str, seed: int) -> Sequence[MemoryUnit]:
     """Return things of rooms of a kind as they may lie there, to fill memories with."""
     rng = stream(seed, "recall", room)
     return [
-        draw_unit(rng, one, kind, 0, (), handled=False)
+        _seen(rng, one, kind)
         for one in rooms_of(room)
         for kind in one.movables
         for _ in range(_SEEN_EACH)
     ]
+
+
+def _seen(rng: Rng, room: KnownRoom, kind: str) -> MemoryUnit:
+    """Sample the states and the place of an object that was seen and not handled."""
+    info = object_types()[kind]
+    odds = FOOD_STATES if info.slices_into or kind == EGG else ()
+    for capability, more in STATES_BY_CAPABILITY.items():
+        if capability in info.capabilities:
+            odds = (*odds, *more)
+    states: list[str] = []
+    for state, chance in odds:
+        chance = 0.2 if state == "cooked" and kind in (*COOKED, TOASTED) else chance
+        if rng.random() < chance * SEEN_ONLY and OPPOSITES.get(state) not in states:
+            states.append(state)
+    if "sliced" in states and not info.slices_into:
+        states.remove("sliced")
+    rng.shuffle(states)
+    sliced = info.slices_into if "sliced" in states and info.slices_into else kind
+    fits = [name for name in room.landmarks if object_types()[sliced].fits(object_types()[name])]
+    place = None
+    if fits and rng.random() >= 0.04:
+        name = pick(rng, fits)
+        place = f"{name}|{int(rng.integers(1, 4)) if name in SEVERAL else 1}"
+    return unit_of(f"{kind}|0", sliced, states=tuple(states), place_id=place)
 
 
 @cache

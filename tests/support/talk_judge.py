@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from karma.agent.goals.goals import GoalTracker, parse_goal
+from karma.assistant.agent import Agent
+from karma.assistant.replies import AgentReply
 from karma.errors import KarmaError
 from karma.household.ids import type_of
 from karma.household.pieces import base_type
@@ -14,8 +16,6 @@ from karma.household.places import HAND
 from karma.household.saying import name_of
 from karma.household.types import object_types
 from karma.household.uses import without_basin
-from karma.plugins.rules.talk.agent import Agent
-from karma.plugins.rules.talk.replies import AgentReply
 from support.judging import tracking, watched
 
 Verdict = Literal[

@@ -4,11 +4,11 @@ from itertools import count
 
 import numpy as np
 
+from karma.assistant.agent import Agent
 from karma.contracts import Decoding, Resources
 from karma.files import to_json
 from karma.memory.recall import CosineRecall
 from karma.models.scripted import MetadataVision, ScriptedModel
-from karma.plugins.rules.talk.agent import Agent
 from support.household import kitchen
 
 _numbers = count()  # of runs in kept homes
@@ -35,7 +35,9 @@ def resources(answers, model=None, maps=None, embedder=None):
     )
 
 
-def agent_saying(folder, answers, listen=None, home=None, later_s=0.0, people=None, **given):
+def agent_saying(
+    folder, answers, listen=None, assistant="rules", home=None, later_s=0.0, people=None, **given
+):
     """An agent in the kitchen made by hand, with its run and its maps in a folder."""
     folder.mkdir(exist_ok=True)
     scene = folder / "handmade.json"
@@ -45,7 +47,7 @@ def agent_saying(folder, answers, listen=None, home=None, later_s=0.0, people=No
     loaded = resources(answers, maps=maps, **given)
     return Agent(
         str(scene), resources=loaded, folder=folder / ("run" if home is None else _run(folder)),
-        maps=maps, listen=listen, home=home, later_s=later_s,
+        maps=maps, listen=listen, assistant=assistant, home=home, later_s=later_s,
         people=people,
     )  # fmt: skip
 

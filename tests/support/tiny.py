@@ -33,10 +33,10 @@ def make_layers(folder):
     )  # fmt: skip
 
 
-def opened(path, *, states=None, chat=None, thinking="off", thinking_tokens=1024, **options):
+def opened(path, *, chat=None, thinking="off", thinking_tokens=1024, **options):
     """The model of a file that is vouched for, which saves the trial in another process."""
     return LlamaModel(
-        path, sha256=hashlib.sha256(path.read_bytes()).hexdigest(), states=states, chat=chat,
+        path, sha256=hashlib.sha256(path.read_bytes()).hexdigest(), chat=chat,
         thinking=thinking, thinking_tokens=thinking_tokens,
         options=LlamaOptions(**{"threads": 1, **options}),
     )  # fmt: skip
@@ -54,18 +54,16 @@ import json, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from karma.contracts import Prompt
-from karma.models.llama.room_states import StateOptions
 from support.tiny import answer, opened
-path, folder, stable, changing = sys.argv[2:]
-states = StateOptions(folder=Path(folder)) if folder else None
-model = opened(Path(path), chat=False, states=states)
+path, stable, changing = sys.argv[2:]
+model = opened(Path(path), chat=False)
 print(json.dumps(answer(model, Prompt(stable=stable, changing=changing))))
 """
 
 
-def answer_elsewhere(path, prompt, folder=""):
-    """The answer of a process of its own, which keeps states in a folder if there is one."""
-    words = (path, folder, prompt.stable, prompt.changing)
+def answer_elsewhere(path, prompt):
+    """The answer of a process of its own."""
+    words = (path, prompt.stable, prompt.changing)
     done = subprocess.run(
         [sys.executable, "-c", _ELSEWHERE, str(ROOT / "tests"), *map(str, words)],
         capture_output=True, text=True, check=True,

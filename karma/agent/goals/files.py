@@ -20,8 +20,7 @@ from karma.errors import FileError, KarmaError
 from karma.files import check_keys, lines_of, read_bytes
 from karma.household.containment import fits_whole_or_cut
 from karma.household.ids import is_position, root_type
-from karma.household.types import RULES, WIDEST, RuleSet, object_type, types_with
-from karma.plugins.alfred.replay.trial import type_now
+from karma.household.types import RULES, WIDEST, RuleSet, object_type, type_now, types_with
 from karma.world.core import scene
 
 

@@ -9,15 +9,13 @@ import msgspec
 
 from karma.agent.journal.owned_folder import HEADER, benchmark_in, brief, changed, kind_in
 from karma.agent.journal.records import NOT_RUN
-from karma.agent.loading.planner_files import NO_WORDS
 from karma.errors import FileError
 from karma.files import read_json, to_json
 
 CONFIG = "config.json"  # in the run folder
 Config = Mapping[str, Any]
 _PATHS = (  # keys whose values are paths
-    "tasks", "authors", "scenes", "layouts", "types", "trials", "published", "alfred.trials",
-    "alfred.lists", "alfred.training", "models.words", "run.states",
+    "tasks", "types", "trials", "published", "run.states",
 )  # fmt: skip
 _NAMES = (  # and names or paths, after "KIND:" if any, "+" between several
     "models.planner", "models.profile", "models.embedder", "models.vision", "models.detector",
@@ -110,7 +108,9 @@ def each_path(tree: Any, key: str, change: Callable[[str], str]) -> Any:
     if not isinstance(tree, str) or not tree:
         return tree
     if key in _PATHS:
-        return tree if key == "models.words" and tree == NO_WORDS else change(tree)
+        return change(tree)
+    if key.startswith("source."):
+        return change(tree) if "/" in tree or Path(tree).suffix else tree
     if key in _NAMES:
         kind, colon, name = tree.partition(":")
         if not colon:

@@ -15,7 +15,7 @@ import msgspec
 from karma import __version__
 from karma.agent.journal.header import FORMAT, Header, Machine, without_places
 from karma.agent.loading.models import OPENAI, Models, Row
-from karma.agent.loading.planner_files import chosen_words
+from karma.agent.loading.planner_files import words_path
 from karma.agent.planning.prompt import template_files
 from karma.contracts import SceneRef, Task
 from karma.errors import FileError, UnknownNameError
@@ -116,7 +116,7 @@ def _planner(models: Models) -> str:
     if models.hosted.planner is not None:
         return f"{OPENAI}: {models.hosted.planner.model}"
     file = resolve_planner(models.planner)
-    words = chosen_words(models.planner, models.words)
+    words = words_path(models.planner)
     told = f", words {_file_sha(words)}" if words is not None else ""
     return f"{file.name} {file.sha256 or _file_sha(file.path)}{told}"
 

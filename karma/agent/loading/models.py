@@ -1,7 +1,7 @@
 """The models of a run: what is said of them, and how each is opened, once."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from inspect import signature
 from pathlib import Path
@@ -14,7 +14,6 @@ from karma import registry
 from karma.agent.loading.names import MODELS, check_models, whole_name
 from karma.agent.loading.planner_files import (
     EXAMPLES,
-    NO_WORDS,
     examples_for,
     hints_for,
     may_refuse,
@@ -34,27 +33,24 @@ from karma.contracts import (
 )
 from karma.errors import KarmaError, ModelError, RequestRefused, did_you_mean
 from karma.models.endpoint import Endpoint, Hosted
-from karma.models.llama.opening import KvType, LlamaOptions, Switch
-from karma.models.llama.room_states import StateOptions
+from karma.models.llama.opening import LlamaOptions
 from karma.models.manifest import default_planner, resolve_planner
 from karma.models.session import Session
-from karma.models.torch_load import DType, TorchOptions
+from karma.models.torch_load import TorchOptions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preset:
     """One setting of the agent."""
 
-    recall: str  # which units come into the prompt
-    recall_text: str  # how a unit is put in words for recall
+    recall: str  # which units come into the prompt, and after ":" how they are put in words
     options: Mapping[str, Any] = field(default_factory=dict)  # of the row, where not the default
 
 
 PRESETS = {
-    "": Preset(recall="stateful", recall_text="sentence"),  # what the tables measure
+    "": Preset(recall="stateful"),  # what the tables measure
     "paper": Preset(  # §3.5; it gives no K, so all units
-        recall="cosine",
-        recall_text="listing",
+        recall="cosine:listing",
         options={"recall_k": 10, "paper_prompt": True},
     ),
 }
@@ -67,9 +63,6 @@ def preset(name: str) -> Preset:
         hint = did_you_mean(name, there)
         raise ValueError(f"preset = {name!r}; there is {', '.join(there)!r}.{hint}")
     return PRESETS[name]
-
-
-_HOTTEST = 100.0
 
 
 OPENAI = "openai"  # the name of the hosted implementation in every role
@@ -108,28 +101,17 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     planner: str = "karma-nano"  # of models/manifest.toml, a GGUF's path, "openai", "default"
     profile: str = ""  # "compact", "full", "goals", a folder of templates; "": as in the manifest
     chat: bool | None = None  # through the GGUF's own chat template; None: if it has one
-    words: str = ""  # a words file, for hints; "": as the manifest says, "none": no hints
     refusing: bool | None = None  # requests may be refused; None: by who has learnt it (manifest)
     thinking: Thinking = "off"  # whether a model that can think first may
-    thinking_tokens: int = 1024  # of a thought at most
     embedder: str = "minilm"  # or "sentence:MODEL", "clip:MODEL", of the manifest or a folder
     recall: str = PRESETS[""].recall
-    recall_text: str = PRESETS[""].recall_text  # how a unit is put in words for recall
     vision: str = "metadata"
     detector: str = ""  # a plug-in of karma.detectors, for rows with boxes = "detector"
     constraint: Constraint = "types"  # what answers may say; a server must prove that it holds them
     examples: int | None = None  # told, 0 to 8; None: 4 to a local planner with the full prompt
-    examples_from: str = ""  # a file of sentences; "": those that were written for it
-    max_tokens: int = 512  # of an answer, a thought not counted
-    temperature: float = 0.0
     threads: int = 1
-    gpu_layers: int | Literal["auto"] = "auto"  # this and the next: see `LlamaOptions`
-    n_ctx: int | None = None
-    beyond_training: bool = False
-    flash_attention: Switch = "auto"
-    kv: KvType = "f16"
-    device: str = "auto"  # of torch models, see `TorchOptions`
-    dtype: DType = "auto"
+    gpu_layers: int | Literal["auto"] = "auto"  # of a GGUF; 0: all models on the CPU
+    n_ctx: int | None = None  # context of a GGUF; None: as its prompts need, to what it learnt
     hosted: Hosted = Hosted()  # where the roles are that have "openai"
 
     def __post_init__(self) -> None:
@@ -145,12 +127,8 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             hosted = getattr(self, role).partition(":")[0] == OPENAI
             if hosted != (getattr(self.hosted, role) is not None):
                 raise ValueError(f"{role} = {OPENAI!r} and [models.hosted.{role}] go together")
-        if self.thinking_tokens < 1 or self.max_tokens < 1:
-            raise ValueError("max_tokens and thinking_tokens are 1 or more")
-        if not 0 <= self.temperature <= _HOTTEST:
-            raise ValueError(f"temperature = {self.temperature:g}: 0 to {_HOTTEST:g}")
         try:
-            _ = self.llama, self.torch
+            _ = self.llama
         except ModelError as error:
             raise ValueError(str(error)) from error
 
@@ -164,12 +142,12 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     @property
     def llama(self) -> LlamaOptions:
         """How a GGUF is opened."""
-        return LlamaOptions(**{one.name: getattr(self, one.name) for one in fields(LlamaOptions)})
+        return LlamaOptions(gpu_layers=self.gpu_layers, n_ctx=self.n_ctx, threads=self.threads)
 
     @property
     def torch(self) -> TorchOptions:
         """How a model of transformers or sentence-transformers is opened."""
-        return TorchOptions(device=self.device, dtype=self.dtype)
+        return TorchOptions(device="cpu" if self.gpu_layers == 0 else "auto")
 
 
 def load_resources(
@@ -179,9 +157,8 @@ def load_resources(
     seed: int,
     learn: bool = False,
     session: Session | None = None,
-    states: StateOptions | None = None,
 ) -> Resources:
-    """Load the models of a run, each once; `states`: where a local planner keeps those of rooms.
+    """Load the models of a run, each once.
 
     Raises:
         ModelError: a model is missing, damaged or of the wrong kind, or a hosted one out of reach.
@@ -189,7 +166,7 @@ def load_resources(
     """
     check_models({key: getattr(models, key) for key in MODELS})
     session = session or Session()
-    model, profile = language_model(models, session, states, seed)
+    model, profile = language_model(models, session, seed)
     check_asked(model, profile)
     is_hosted = models.hosted.planner is not None
     asked = models.refusing
@@ -197,21 +174,18 @@ def load_resources(
     decoding = Decoding(
         refusing=refusing,
         constraint=models.constraint,
-        temperature=models.temperature,
         seed=seed,
-        max_tokens=models.max_tokens,
     )
     embedder = filled("embedders", models.embedder, models.hosted.embedder, session, models)
-    words = models.words or (NO_WORDS if is_hosted else "")
-    count, named, goals = _count(models, profile), models.examples_from, profile == GOALS
+    count, goals = _count(models, profile), profile == GOALS
     detected = bool(models.detector)
     return Resources(
         model=model,
         profile=profile,
         decoding=decoding,
-        hints=hints_for(models.planner, words, embedder),
-        examples=examples_for(count, named, embedder, goals=goals),
-        recall=_recall(models.recall, models.recall_text, embedder, maps),
+        hints=None if is_hosted else hints_for(models.planner, embedder),
+        examples=examples_for(count, embedder, goals=goals),
+        recall=_recall(models.recall, embedder, maps),
         vision=filled("vision_models", models.vision, models.hosted.vision, session, models),
         maps=maps,
         learn=learn,
@@ -239,11 +213,9 @@ def for_row(
     `loaded` takes the vision models that rows add, so that each is loaded once.
     """
     recall, vision = resources.recall, resources.vision
-    if row.preset:
-        chosen = preset(row.preset)
-        recall = _recall(chosen.recall, chosen.recall_text, resources.embedder, resources.maps)
-    if row.recall:
-        recall = _recall(row.recall, PRESETS[""].recall_text, resources.embedder, resources.maps)
+    named = row.recall or (preset(row.preset).recall if row.preset else "")
+    if named:
+        recall = _recall(named, resources.embedder, resources.maps)
     if row.vision:
         if row.vision not in loaded:
             loaded[row.vision] = filled("vision_models", row.vision, None, Session(), models)
@@ -252,12 +224,13 @@ def for_row(
     return replace(resources, recall=recall, vision=vision, decoding=decoding)
 
 
-def _recall(name: str, text: str, embedder: Embedder | None, maps: Path | None) -> Recall:
+def _recall(name: str, embedder: Embedder | None, maps: Path | None) -> Recall:
     """Return a recall; one that looks at kept pictures is told the run folder, which has `maps`."""
+    name, _, text = name.partition(":")
     kind = registry.load("recalls", name)
     folder = {"folder": maps.parent if maps else None}
     looks = folder if "folder" in signature(kind).parameters else {}
-    made: Recall = kind(embedder, text=text, **looks)
+    made: Recall = kind(embedder, text=text or "sentence", **looks)
     return made
 
 
@@ -295,9 +268,7 @@ def check_asked(model: LanguageModel, profile: str) -> None:
         ) from error
 
 
-def language_model(
-    models: Models, session: Session, states: StateOptions | None, seed: int
-) -> tuple[LanguageModel, str]:
+def language_model(models: Models, session: Session, seed: int) -> tuple[LanguageModel, str]:
     """Return the planner's model and its prompt profile.
 
     Raises:
@@ -309,7 +280,6 @@ def language_model(
             session=session,
             constrained=models.constraint != "free",
             thinking=models.thinking,
-            thinking_tokens=models.thinking_tokens,
             seed=seed,
         )
         return hosted, models.profile or "full"
@@ -321,9 +291,7 @@ def language_model(
         sha256=file.sha256,
         restore=file.fix,
         chat=file.chat if models.chat is None else models.chat,
-        states=states,
         thinking=models.thinking,
-        thinking_tokens=models.thinking_tokens,
     )
     return local, models.profile or file.prompt_profile
 

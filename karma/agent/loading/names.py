@@ -63,6 +63,8 @@ def check_models(named: Mapping[str, str], prefix: str = "") -> None:
                     _check_role(name, ("planner",))
             elif key == "profile":
                 check_profile(name)
+            elif key == "recall":
+                _check_recall(name)
             else:
                 _check_filled(_PLURALS[key], name)
 
@@ -79,6 +81,15 @@ def check_options(method: str, options: Mapping[str, Any]) -> None:
     kind = getattr(registry.load("methods", method), "settings_kind", None)
     if kind is not None:
         settings_of(kind, options)
+
+
+def _check_recall(name: str) -> None:
+    from karma.memory.recall import VERBALISERS
+
+    kind, colon, text = name.partition(":")
+    _check_filled("recalls", kind)
+    if colon and text not in VERBALISERS:
+        raise UnknownNameError(f"{name!r}: units are put in words as {' or '.join(VERBALISERS)}")
 
 
 def _check_filled(role: str, name: str) -> None:

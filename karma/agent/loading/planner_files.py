@@ -1,7 +1,7 @@
 """What belongs to a planner: its words file, for hints, and its examples."""
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from copy import copy
 from functools import lru_cache, partial
@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from karma import registry
-from karma.agent.goals.files import SaidRequest, load_said
+from karma.agent.goals.files import load_said
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.goal_lines import as_lines, plain_program
 from karma.contracts import Embedder, Examples, Hints, Vectors, WorkedExample
-from karma.errors import FileError, KarmaError
+from karma.errors import KarmaError
 from karma.files import cache, read_bytes, shipped, write_atomic
 from karma.language.hints import Hinter, load_words
 from karma.models.embed.minilm import FILES
@@ -25,10 +25,8 @@ from karma.models.manifest import (
     is_gguf_path,
     resolve_planner,
 )
-from karma.plugins.alfred.sentences import Sentence, names_its_place, read_sentences
 
 WORDS = "words.json"  # beside a GGUF that has no entry, if it has one
-NO_WORDS = "none"  # as a words file: no hints
 _EMBEDDER = "minilm"  # whatever recall uses: planners have learnt its similarities
 
 
@@ -37,12 +35,9 @@ def may_refuse(planner: str, said: bool | None = None) -> bool:
     return resolve_planner(planner).refuses if said is None else said
 
 
-def hints_for(planner: str, words: str = "", embedder: Embedder | None = None) -> Hints | None:
-    """Return what gives a planner its hints; None where it has not learnt to read them.
-
-    `words` is a words file in place of the planner's own, "none" for no hints.
-    """
-    path = chosen_words(planner, words)
+def hints_for(planner: str, embedder: Embedder | None = None) -> Hints | None:
+    """Return what gives a planner its hints; None where it has not learnt to read them."""
+    path = words_path(planner)
     if path is None:
         return None
     embedder = learnt_embedder(embedder)
@@ -57,14 +52,12 @@ def learnt_embedder(loaded: Embedder | None) -> Embedder:
     return found
 
 
-def chosen_words(planner: str, words: str = "") -> Path | None:
-    """Return the words file that is used: the one that is named, else the planner's own."""
-    if words:
-        return None if words == NO_WORDS else Path(words)
+def words_path(planner: str) -> Path | None:
+    """Return where a planner's words file lies, checked with its vectors, if it has one."""
     if is_gguf_path(planner):
         path = Path(planner).with_name(WORDS)
         return path if path.exists() else None
-    entry = find_model(planner)  # its files are checked, with the vectors
+    entry = find_model(planner)
     named = entry.words
     if not named:
         return None
@@ -122,35 +115,21 @@ EXAMPLES = 4  # told to a planner with the full prompt, if nothing else is said
 _HASH = 32  # bytes of SHA-256 before what is kept
 
 
-def bank_file(named: str = "") -> Path:
-    """Return the file of sentences: the one that is named, else the one that ships."""
-    return Path(named) if named else shipped("eval") / "requests" / "written.jsonl"
+def bank_file() -> Path:
+    """Return the file of sentences that ships."""
+    return shipped("eval") / "requests" / "written.jsonl"
 
 
-def read_bank(path: Path, *, goals: bool = False) -> Iterator[WorkedExample]:
-    """Yield sentences with their programs, less those to be refused; FileError for none.
-
-    Of requests as `eval/requests/written.jsonl`, or of ALFRED's demonstrations, gzipped.
-    """
-    said: Iterable[Sentence | SaidRequest]
-    if path.suffix == ".gz":
-        said = (one for one in read_sentences(path) if names_its_place(one))
-    else:
-        said = (one for one in load_said(path) if one.goals)
+@lru_cache(maxsize=2)
+def read_bank(*, goals: bool = False) -> tuple[WorkedExample, ...]:
+    """Return the sentences that ship, with their programs, less those to be refused."""
     write = as_lines if goals else partial(plain_program, view=ExpertView())
-    count = 0
-    for one in said:
-        if calls := write(one.wanted):
-            count += 1
-            yield WorkedExample(instruction=one.text, program="\n".join(map(str, calls)))
-    if not count:
-        raise FileError(path, "holds no sentence with goals", fix="see eval/requests/README.md")
-
-
-@lru_cache(maxsize=4)
-def _bank(path: Path, changed: float, goals: bool) -> tuple[WorkedExample, ...]:
-    """Return a bank that was changed then, in seconds."""
-    return tuple(read_bank(path, goals=goals))
+    found = ((one.text, write(one.wanted)) for one in load_said(bank_file()) if one.goals)
+    return tuple(
+        WorkedExample(instruction=text, program="\n".join(map(str, calls)))
+        for text, calls in found
+        if calls
+    )
 
 
 def kept_vectors(embedder: Embedder, texts: Sequence[str]) -> Vectors:
@@ -174,16 +153,11 @@ def kept_vectors(embedder: Embedder, texts: Sequence[str]) -> Vectors:
 
 
 def examples_for(
-    count: int, named: str = "", embedder: Embedder | None = None, *, goals: bool = False
+    count: int, embedder: Embedder | None = None, *, goals: bool = False
 ) -> Examples | None:
-    """Return what finds a planner's examples, the nearest last; None for none.
-
-    `named` is a file of sentences in place of the one that ships.
-    """
+    """Return what finds a planner's examples, the nearest last; None for none."""
     if not count:
         return None
-    embedder = learnt_embedder(embedder)
-    path = bank_file(named)
-    bank = _bank(path, path.stat().st_mtime if path.is_file() else 0.0, goals)
+    embedder, bank = learnt_embedder(embedder), read_bank(goals=goals)
     memory = ExampleMemory(embedder, bank, kept_vectors(embedder, [e.instruction for e in bank]))
     return lambda instruction: memory.nearest(instruction, count)[::-1]

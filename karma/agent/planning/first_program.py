@@ -8,15 +8,16 @@ not ids: any mug will do for a mug.
 
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 from karma.agent.planning.program import CHANGES, DEEDS, DOOR_AFTER, PUTS, SWITCH_AFTER, WAYS
 from karma.contracts import SkillCall
 from karma.files import read_json
 from karma.household.containment import fits_whole_or_cut
-from karma.household.places import HAND
+from karma.household.places import FLOOR, HAND
 from karma.household.saying import spoken
+from karma.household.skill_effects import Beliefs, apply, changes
 from karma.household.types import WIDEST, object_types, types_with
 from karma.household.uses import BIN, KNIVES, TAP_OF, TAPS, kind_of
 from karma.language.hints import TYPE_WORDS, WordFile, bare_words, singular
@@ -77,20 +78,17 @@ def _sought(calls: Iterable[SkillCall]) -> set[tuple[str, str]]:
 
 
 def _moved(calls: Iterable[SkillCall], *, changed: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """Return where things are put; what is only taken to be changed has no place."""
+    """Return where objects are put; those only taken to be changed have no place."""
     moved: dict[str, tuple[str, ...]] = {}
-    held = ""
+    beliefs = Beliefs()
     for call in calls:
-        thing, place = kind_of(call.objects[0]), kind_of(call.objects[-1])
-        if call.skill == "PickupObject":
-            held = thing
-            moved.setdefault(held, ())
-        elif call.skill in PUTS or call.skill == "ThrowObject":
-            one = thing if call.skill == "ThrowObject" or call.objects[1:] else held
-            there = BIN if call.skill == "ThrowObject" else place
-            if one:
-                moved[one] = (*moved.get(one, ()), there)
-            held = ""
+        call = replace(call, objects=tuple(map(kind_of, call.objects)), turn=0)
+        for item, _, place, _ in changes(call, beliefs):
+            if place is not None:
+                there = {HAND: (), FLOOR: (BIN,)}.get(place.name, (place.name,))
+                moved[item.name] = (*moved.get(item.name, ()), *there)
+        beliefs = apply(call, beliefs)
+    held = beliefs.held.name if beliefs.held is not None else ""
     if held and held not in changed:
         moved[held] = (*moved[held], HAND)
     return moved

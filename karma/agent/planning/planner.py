@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, Self
 
-from karma.agent.planning.effects import with_turns
 from karma.agent.planning.first_program import astray
 from karma.agent.planning.goal_lines import program_for
 from karma.agent.planning.inspector import mend, narrowed, objection
@@ -12,6 +11,7 @@ from karma.agent.planning.program import SKILLS
 from karma.agent.planning.prompt import GOALS, render, skills_of
 from karma.agent.planning.recovery import Recovered, program_of
 from karma.agent.planning.refused import KNOWN, cannot_be, with_words
+from karma.agent.planning.turns import with_turns
 from karma.contracts import (
     REFUSAL_KINDS,
     Completion,

@@ -1,12 +1,11 @@
 """An experiment is a TOML file: tasks, models, and one row per method.
 
-Its tasks are ours, the authors' or ALFRED's, with the rooms that they bring.
+Its tasks are lines of a file, or those of a source that a plug-in brings, with their rooms.
 """
 
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -14,16 +13,14 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 
 import msgspec
 
+from karma import registry
 from karma.agent.goals.files import load_tasks
 from karma.agent.loading.models import Models, Row
 from karma.bench.engine.episode import check_seeds
 from karma.bench.figures.precision import MAX_SEEDS, Precision
 from karma.contracts import SceneRef, Task
 from karma.errors import FileError, KarmaError
-from karma.files import below, read_bytes, to_json
-from karma.models.llama.room_states import StateOptions
-from karma.plugins.alfred.published_tasks import AlfredTasks, alfred_tasks, load_authors_tasks
-from karma.plugins.thor_tools.importing.scenes import import_dump
+from karma.files import below, read_bytes
 
 MOST_SEEDS = 10_000
 
@@ -32,23 +29,6 @@ class RunOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """How a run is kept; its records do not depend on it."""
 
     steps: bool = True  # a step log per episode
-    states: str = ""  # folder that KV states of rooms are kept in for later runs; "" = none
-    states_mb: int = StateOptions().folder_mb  # at most in it
-    states_memory_mb: int = StateOptions().memory_mb  # at most in each process
-
-    def __post_init__(self) -> None:
-        """Refuse a size below nothing."""
-        if min(self.states_mb, self.states_memory_mb) < 0:
-            raise ValueError("states_mb and states_memory_mb are 0 or more")
-
-    @property
-    def room_states(self) -> StateOptions:
-        """Where states of rooms are kept."""
-        return StateOptions(
-            folder=Path(self.states) if self.states else None,
-            folder_mb=self.states_mb,
-            memory_mb=self.states_memory_mb,
-        )
 
 
 def check_listed(
@@ -73,10 +53,7 @@ class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     name: str
     rows: tuple[Row, ...]
     tasks: str = ""  # our JSONL
-    authors: tuple[str, ...] = ()  # or the authors' JSON files
-    alfred: AlfredTasks | None = None  # or ALFRED's trials
-    scenes: str = ""  # an AI2-THOR dump that the authors' floor plans come from
-    layouts: str = ""  # reachable cells for them
+    source: dict[str, Any] = {}  # or `kind`, a name of karma.task_sources, and its options
     only: tuple[str, ...] = ()  # task ids, "*" is any text; () = all
     limit: int | None = None  # the first so many of them; None: all
     world: str = "embedded"
@@ -130,13 +107,14 @@ def load(experiment: Experiment, path: Path) -> Loaded:
         FileError: the task file is damaged, or a task of `only` is not in it.
         KarmaError: a task has no start for one of the seeds.
     """
-    given = (experiment.tasks, experiment.authors, experiment.alfred)
-    if sum(map(bool, given)) != 1:
-        raise FileError(path, "give one of `tasks`, `authors` and `alfred`")
+    if bool(experiment.tasks) == bool(experiment.source):
+        raise FileError(path, "give either `tasks` or [source]")
     try:
         tasks, scenes = _loaded(experiment)
     except FileError as error:
         raise meant_path(path, error) from error
+    except ValueError as error:
+        raise FileError(path, f"source: {error}") from error
     chosen = select(tasks, experiment.only, path)[: experiment.limit]
     check_seeds(chosen, experiment.seeds)
     return Loaded(tasks=chosen, scenes=_brought(chosen, scenes))
@@ -145,9 +123,8 @@ def load(experiment: Experiment, path: Path) -> Loaded:
 def _loaded(experiment: Experiment) -> Loaded:
     if experiment.tasks:
         return Loaded(tasks=load_tasks(experiment.tasks), scenes={})
-    if experiment.alfred:
-        return Loaded(*alfred_tasks(experiment.alfred))
-    return _authors_tasks(experiment)
+    options = dict(experiment.source)
+    return Loaded(*registry.load("task_sources", options.pop("kind", ""))(options))
 
 
 def select(tasks: Sequence[T], only: Sequence[str], path: Path) -> tuple[T, ...]:
@@ -200,24 +177,6 @@ def _alike(one: SceneRef, other: SceneRef) -> bool:
 def scene_path(folder: Path, name: str) -> Path:
     """Return where an imported floor plan lies in a run folder; FileError if its name leaves it."""
     return below(folder / "scenes", f"{name}.json")
-
-
-def _authors_tasks(experiment: Experiment) -> Loaded:
-    """Load the authors' tasks and the floor plans they play in."""
-    raw = load_authors_tasks([Path(path) for path in experiment.authors])
-    plans = {task.scene.name for task in raw}
-    layouts = Path(experiment.layouts) if experiment.layouts else None
-    dump = import_dump(Path(experiment.scenes), layouts=layouts)
-    scenes = {scene.name: scene for scene in dump if scene.name in plans}
-    return Loaded(
-        tasks=tuple(
-            task
-            if (name := task.scene.name) in scenes
-            else replace(task, notes=(*task.notes, f"no dump of {name}"))
-            for task in raw
-        ),
-        scenes={name: to_json(scene) for name, scene in scenes.items()},
-    )
 
 
 def is_called(name: str, wanted: str) -> bool:

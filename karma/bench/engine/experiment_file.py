@@ -52,8 +52,8 @@ class Changes:
 def setting_of(text: str) -> Setting:
     """Return what `--set KEY=VALUE` says; a value that TOML cannot read is text.
 
-    >>> setting_of("models.temperature=0.5").value, setting_of("models.planner=nano").value
-    (0.5, 'nano')
+    >>> setting_of("models.examples=5").value, setting_of("models.planner=nano").value
+    (5, 'nano')
 
     Raises:
         KarmaError: there is no "=" in it.

@@ -25,7 +25,7 @@ from karma.files import rebuild_llama
 from karma.models.checks.gguf import check_gguf
 from karma.models.checks.memory import gguf_parts_mb
 from karma.models.llama.gguf_model import GgufModel
-from karma.models.llama.opening import KV_BYTES, devices, free_mb
+from karma.models.llama.opening import devices, free_mb
 from karma.models.manifest import ModelEntry, resolve_planner
 from karma.models.session import Session
 from karma.models.torch_load import import_transformers
@@ -116,9 +116,9 @@ def _safely(
 
 def _planner(models: Models) -> ModelSeen:
     file, before = resolve_planner(models.planner), resident_mb()
-    options, cards = models.llama, tuple(one.name for one in devices() if one.is_gpu)
+    cards = tuple(one.name for one in devices() if one.is_gpu)
     free_before = free_mb(cards)
-    model: Any = language_model(models, Session(), None, 0)[0]
+    model: Any = language_model(models, Session(), 0)[0]
     profile = models.profile or file.prompt_profile
     try:
         check_asked(model, profile)
@@ -127,7 +127,6 @@ def _planner(models: Models) -> ModelSeen:
         metadata = check_gguf(Path(file.path))
         predicted = gguf_parts_mb(
             Path(file.path), metadata, context=gguf.n_ctx, batch=gguf.n_batch,
-            bytes_each=KV_BYTES[options.kv],
         )  # fmt: skip
         on_gpu = engine.gpu_layers > 0
         measured = _fallen(free_before, free_mb(cards)) if on_gpu else resident_mb() - before
@@ -179,8 +178,8 @@ def _about_gpu(gguf: GgufModel) -> Iterator[str]:
     if any(one.is_gpu for one in devices()):
         if layers < whole:
             yield (
-                f"{layers} of {whole} layers fit the GPU: a smaller file, a smaller n_ctx or "
-                'kv = "q8_0" leaves room for more'
+                f"{layers} of {whole} layers fit the GPU: a smaller file or a smaller n_ctx leaves "
+                "room for more"
             )
         return
     for place, (whose, build) in CARDS.items():
@@ -219,7 +218,7 @@ def _torch(
     speeds = ask(model)
     device, _, numbers = model.computed_on.partition(", ")
     advice = []
-    if device == "cpu" and models.device == "auto" and Path("/dev/nvidia0").exists():
+    if device == "cpu" and models.gpu_layers != 0 and Path("/dev/nvidia0").exists():
         advice.append("an NVIDIA card is here, but torch was built without CUDA: install one with")
     return ModelSeen(
         role=role, name=model.name, device=device, how=numbers, speeds=speeds,

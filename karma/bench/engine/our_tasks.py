@@ -17,7 +17,6 @@ from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.journal.steps import StepLog
 from karma.agent.journal.writer import TimeLog
 from karma.agent.loading.models import (
-    PRESETS,
     Models,
     Row,
     for_row,
@@ -25,7 +24,7 @@ from karma.agent.loading.models import (
     preset,
     world_maker,
 )
-from karma.agent.loading.planner_files import NO_WORDS, chosen_words, may_refuse
+from karma.agent.loading.planner_files import may_refuse
 from karma.agent.tour import explore_room
 from karma.bench.engine.episode import Days, run_episode
 from karma.bench.engine.experiment import Experiment, RunOptions, load, scene_path
@@ -35,7 +34,6 @@ from karma.bench.engine.workers import NodeFolder, loaded
 from karma.bench.figures.columns import added_up
 from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
 from karma.errors import FileError, KarmaError
-from karma.models.llama.room_states import StateOptions
 from karma.models.manifest import resolve_planner
 from karma.models.session import Session
 from karma.offline.guard import settle
@@ -54,7 +52,6 @@ class OurTasks:
     scenes: Mapping[str, bytes]  # that the tasks bring along, by name
     folder: Path  # of the run, on the machine that does the episodes, for maps and pictures
     steps: bool
-    states: StateOptions
 
     @property
     def rows(self) -> tuple[Row, ...]:
@@ -133,7 +130,6 @@ def our_tasks(
     *,
     folder: Path,
     steps: bool | None,
-    states: Path | None,
     half_width: float | None,
     max_seeds: int | None,
 ) -> OurTasks:
@@ -153,7 +149,6 @@ def our_tasks(
             f"task {alike[0]} is a sequence, which has one seed: no half-width is reached by more\n"
             "  To fix: leave out the half-width, or put more sequences into the task file"
         )
-    kept = experiment.run.room_states
     return OurTasks(
         experiment=experiment,
         models=models,
@@ -161,7 +156,6 @@ def our_tasks(
         scenes=found.scenes,
         folder=folder,
         steps=experiment.run.steps if steps is None else steps,
-        states=replace(kept, folder=states or kept.folder),
     )
 
 
@@ -199,7 +193,6 @@ class Performer:
             maps=self._maps,
             seed=suite.experiment.seeds[0],  # of the planner's decoding
             session=session,
-            states=suite.states,
         )
         world = suite.experiment.world
         self._make = world_maker(world, [row.all_options for row in suite.rows])
@@ -296,33 +289,22 @@ def configuration(experiment: Experiment) -> Config:
 def _settled(models: Models) -> dict[str, Any]:
     """Return what is left to the planner's own entry."""
     if models.hosted.planner is not None:
-        words = models.words or NO_WORDS
-        return {
-            "profile": models.profile or "full",
-            "refusing": bool(models.refusing),
-            "words": words,
-        }
+        return {"profile": models.profile or "full", "refusing": bool(models.refusing)}
     file = resolve_planner(models.planner)
     return {
         "profile": models.profile or file.prompt_profile,
         "chat": file.chat if models.chat is None else models.chat,
         "refusing": may_refuse(models.planner, models.refusing),
-        "words": str(chosen_words(models.planner, models.words) or NO_WORDS),
     }
 
 
 def _row(row: Row, models: Models) -> dict[str, Any]:
     """Return what a row leaves to its preset, its method and [models]."""
-    chosen, recall, text = preset(row.preset), models.recall, models.recall_text
-    if row.preset:
-        recall, text = chosen.recall, chosen.recall_text
-    if row.recall:
-        recall, text = row.recall, PRESETS[""].recall_text
+    own = preset(row.preset).recall if row.preset else models.recall
     kind = getattr(registry.load("methods", row.method), "settings_kind", None)
     defaults = {} if kind is None else msgspec.to_builtins(kind())
     return {
-        "recall": recall,
-        "recall_text": text,
+        "recall": row.recall or own,
         "vision": row.vision or models.vision,
         "options": {**defaults, **row.all_options},
     }

@@ -21,14 +21,14 @@ from karma.models.session import Cassette, Session
 class Run:
     """An experiment in its folder: of our own tasks, or of a benchmark by its own protocol.
 
-    The folder takes records, header and whatever else episodes leave; `fresh` throws away what an
-    earlier run left there. `changes`, `computed` (keys of its [models] that say how they are
-    computed), `base_url` (of all hosted models), `states` (folder for KV states of rooms) and
-    `steps` (whether to keep step logs) stand in place of what the experiment says; the last two and
-    the following are of no use to a benchmark. `half_width` is wanted of every success rate's
-    interval, by more seeds than are listed, up to `max_seeds`. The cassette records hosted models
-    or stands for them, and is the run's clock. A `suite` is what is done where it is of neither
-    form; then `path` is only named in messages.
+    The folder takes records, header and whatever else episodes leave; `fresh` throws away what
+    an earlier run left there. `changes`, `computed` (keys of its [models] that say how they are
+    computed), `base_url` (of all hosted models) and `steps` (whether to keep step logs) stand
+    in place of what the experiment says; the last and the following are of no use to a
+    benchmark. `half_width` is wanted of every success rate's interval, by more seeds than are
+    listed, up to `max_seeds`. The cassette records hosted models or stands for them, and is the
+    run's clock. A `suite` is what is done where it is of neither form; then `path` is only
+    named in messages.
 
     Raises:
         FileError: the experiment is damaged, or the folder holds a run of something else.
@@ -47,7 +47,6 @@ class Run:
         base_url: str = "",
         computed: Mapping[str, Any] | None = None,
         steps: bool | None = None,
-        states: Path | None = None,
         half_width: float | None = None,
         max_seeds: int | None = None,
         suite: Suite | None = None,
@@ -56,7 +55,7 @@ class Run:
         self._session = Session(cassette)
         said = (path, changes, computed or {}, base_url)
         own: dict[str, Any] = {
-            "steps": steps, "states": states, "half_width": half_width, "max_seeds": max_seeds
+            "steps": steps, "half_width": half_width, "max_seeds": max_seeds
         }  # fmt: skip
         self.suite: Suite
         if suite is not None:

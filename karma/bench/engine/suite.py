@@ -148,8 +148,6 @@ def planner_of(models: Models, session: Session, seed: int) -> LanguageModel:
     Raises:
         ModelError: see `language_model`.
     """
-    model, _ = language_model(
-        msgspec.structs.replace(models, constraint="free"), session, None, seed
-    )
+    model, _ = language_model(msgspec.structs.replace(models, constraint="free"), session, seed)
     check_asked(model, "compact")  # benchmarks' prompts are longer
     return model

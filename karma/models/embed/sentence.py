@@ -52,7 +52,7 @@ class SentenceEmbedder:
         checked = check_folder(inner, FAMILIES, needs=NEEDS, fix=place.fix)
         device = check_room(checked, options)
         self.name = place.name
-        self._model = _load(place.path, device, options)
+        self._model = _load(place.path, device)
         self.computed_on = place_of(self._model)
         _refuse_missing(self._model, checked)
         self._row = lru_cache(maxsize=REMEMBERED)(self._computed)
@@ -113,14 +113,13 @@ def _refuse_missing(model: Any, folder: CheckedFolder) -> None:
         )
 
 
-def _load(folder: Path, device: str, options: TorchOptions) -> Any:
+def _load(folder: Path, device: str) -> Any:
     """Read the model from disk only; no progress bar, and no setting left changed."""
-    dtype = "float32" if options.dtype == "auto" else options.dtype
     import_transformers()
     from sentence_transformers import SentenceTransformer
 
     with quiet(), foreign(f"{folder}: sentence-transformers cannot open it"):
         return SentenceTransformer(
             str(folder), device=device, local_files_only=True, trust_remote_code=False,
-            model_kwargs={"use_safetensors": True, "dtype": dtype},
+            model_kwargs={"use_safetensors": True, "dtype": "float32"},
         ).eval()  # fmt: skip

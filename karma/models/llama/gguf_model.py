@@ -8,7 +8,6 @@ long the context is changes no bit, so it is as long as the longest prompt so fa
 
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,28 +15,19 @@ import numpy as np
 
 from karma.contracts import Engine, KvState
 from karma.errors import ModelError
-from karma.files import repair, sha256_of
+from karma.files import repair
 from karma.models.checks.gguf import check_gguf
 from karma.models.checks.memory import Footprint, check_memory
 from karma.models.llama.answer import Logits, TokenTable
 from karma.models.llama.opening import (
-    KV_BYTES,
     LlamaOptions,
-    check_width,
-    devices,
     free_mb,
     open_context,
     open_gguf,
     place,
     try_in_own_process,
 )
-from karma.models.llama.room_states import (
-    RoomStates,
-    StateOptions,
-    llama_build,
-    put_back,
-    taken_out,
-)
+from karma.models.llama.room_states import RoomStates, put_back, taken_out
 from karma.models.manifest import check_file
 
 _TRIAL = "karma.models.llama.chat_template:trial"
@@ -64,7 +54,7 @@ class GgufModel:
 
     A file is refused unless it has the SHA-256 that is given (`restore` is the step that brings it
     back); one without is first tried in a process of its own, which costs a second or two, unless
-    it was `tried`. `states` says where what was computed of stable parts is kept, `beside_mb` what
+    it was `tried`. `beside_mb` is what
     memory something else will take with it, on the same device.
 
     Attributes:
@@ -83,7 +73,6 @@ class GgufModel:
         name: str | None = None,
         sha256: str | None = None,
         restore: str = "",
-        states: StateOptions | None = None,
         beside_mb: float = 0.0,
         tried: bool = False,
     ) -> None:
@@ -92,15 +81,10 @@ class GgufModel:
         self.metadata = metadata = check_gguf(path)
         trained = int(metadata[f"{metadata['general.architecture']}.context_length"])
         self.name, self.options = name or path.stem, options
-        wanted = options.n_ctx or trained
-        self.limit = wanted if options.beyond_training else min(wanted, trained)
+        self.limit = options.n_ctx or trained
         self.n_batch = min(_N_BATCH, self.limit)
         self.n_ctx = self.limit if options.n_ctx else self.n_batch
-        check_width(self.name, metadata, options)
-        self.size = Footprint.of(
-            path, metadata, batch=self.n_batch, bytes_each=KV_BYTES[options.kv],
-            beside_mb=beside_mb,
-        )  # fmt: skip
+        self.size = Footprint.of(path, metadata, batch=self.n_batch, beside_mb=beside_mb)
         planned = self.limit if options.n_ctx else min(self.limit, _PLANNED)
         self.placement = place(self.name, self.size, options, context=planned)
         off = 1 - min(1.0, self.placement.layers / self.size.blocks)  # what is not on a GPU
@@ -117,7 +101,7 @@ class GgufModel:
             **self.placement.keywords,
         }  # fmt: skip
         self.llama: Any
-        self.llama, layers = open_gguf(path, keywords, kv=options.kv)
+        self.llama, layers = open_gguf(path, keywords)
         if layers != self.placement.layers:
             raise ModelError(
                 f"{self.name}: llama.cpp put {layers} layers on {self.placement.name}, not "
@@ -133,7 +117,7 @@ class GgufModel:
         self._row = -1  # of the last call's logits, those after the last token
         self._keeps = not (self.llama._is_recurrent or self.llama._is_hybrid)
         self._is_plain = metadata.get("general.file_type") in _PLAIN_TYPES
-        self._states = self._room_states(path, sha256, states or StateOptions())
+        self._states = RoomStates() if self._keeps else None
 
     def tokens(self, text: str, *, begins: bool = False, special: bool = False) -> list[int]:
         """Return the tokens of a text, or of a part of one; half characters are replaced.
@@ -166,7 +150,7 @@ class GgufModel:
         """What computes it."""
         return Engine(
             device=self.placement.name, gpu_layers=self.placement.layers, n_ctx=self.n_ctx,
-            threads=self.options.threads, batch=self.n_batch, kv=self.options.kv,
+            threads=self.options.threads, batch=self.n_batch, kv="f16",
             flash_attention=self._flash,
         )  # fmt: skip
 
@@ -237,11 +221,11 @@ class GgufModel:
         states = self._states if stable else None
         if not known:
             self.llama.reset()
-        if states is not None and not known and (found := states.find(stable)):
-            state, source = found
+        state = states.find(stable) if states is not None and not known else None
+        if states is not None and state is not None:
             if put_back(self.llama.ctx, state):
                 self.llama.n_tokens = len(stable)
-                return source
+                return "kept"
             states.forget(stable)
         if stable:
             self.extend(stable[known:], is_late=is_late)
@@ -304,20 +288,6 @@ class GgufModel:
         pointer = llama_cpp.llama_get_logits_ith(self.llama.ctx, self._row)
         return np.ctypeslib.as_array(pointer, shape=(self.vocabulary,))
 
-    def _room_states(
-        self, path: Path, sha256: str | None, options: StateOptions
-    ) -> RoomStates | None:
-        """Return where states are kept; None for a model that has none, or if none are wanted.
-
-        Threads and the size of the context change no bit (measured), all else may.
-        """
-        if not (self._keeps and options.any):
-            return None
-        weights = "" if options.folder is None else sha256 or sha256_of(path)
-        engine = replace(self.engine, n_ctx=0, threads=0)
-        chips = [one.description for one in devices() if one.name in self.placement.devices]
-        return RoomStates(f"{weights} {llama_build()} {engine} {chips}", options)
-
     def sequences(self, count: int, *, cells: int) -> Any:
         """Open a second context over the same weights: `cells` tokens of several sequences.
 
@@ -344,7 +314,7 @@ class GgufModel:
 
     @property
     def _flash(self) -> bool:
-        return self.options.flash(on_gpu=bool(self.placement.layers))
+        return bool(self.placement.layers)
 
     def _check_more(self, tokens: int, parts: str) -> None:
         """Refuse so many more tokens where their keys and values do not fit."""

@@ -49,7 +49,6 @@ from karma.models.llama.chat_template import (
 )
 from karma.models.llama.gguf_model import GgufModel, OutOfTime
 from karma.models.llama.opening import LlamaOptions
-from karma.models.llama.room_states import StateOptions
 from karma.models.llama.scoring import SkillScorer, path_to, trie_of
 from karma.seeds import stream
 
@@ -88,11 +87,8 @@ class LlamaModel:
         name: str | None = None,
         sha256: str | None = None,
         restore: str = "",
-        states: StateOptions | None = None,
     ) -> None:
-        self.gguf = GgufModel(
-            path, options, name=name, sha256=sha256, restore=restore, states=states
-        )
+        self.gguf = GgufModel(path, options, name=name, sha256=sha256, restore=restore)
         self.name = self.gguf.name
         there = TEMPLATE in self.gguf.metadata
         used = there if chat is None else chat
@@ -150,7 +146,7 @@ class LlamaModel:
             text=text,
             finish=found.finish,
             prompt_tokens=prompt_tokens,
-            reused_tokens=len(stable) if state in ("kept", "loaded") else 0,
+            reused_tokens=len(stable) if state == "kept" else 0,
             completion_tokens=thought.tokens + found.tokens,
             first_token_s=answer.first_token_s,
             total_s=answer.seconds,

@@ -29,7 +29,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
@@ -39,12 +39,13 @@ from karma.contracts import Goal, SceneRef, SubTask, Task
 from karma.errors import FileError, KarmaError
 from karma.files import read_json, read_toml, to_json
 from karma.household.pieces import piece_type
-from karma.household.types import Capability, object_types
+from karma.household.types import Capability, names_then, object_types, type_now
 from karma.household.uses import covers
 from karma.plugins.alfred.replay.facts import RoomFacts, gather, side_files
 from karma.plugins.alfred.replay.replay import fitted
-from karma.plugins.alfred.replay.trial import Trial, names_then, read_trials, type_now
+from karma.plugins.alfred.replay.trial import Trial, read_trials
 from karma.plugins.alfred.sentences import plain, sentences_in
+from karma.plugins.thor_tools.importing.scenes import import_dump
 
 
 class _ListedEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -178,6 +179,11 @@ class AlfredTasks(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
             raise ValueError("names and by = 'list' need `lists`")
 
 
+def read_alfred(options: Mapping[str, Any]) -> tuple[tuple[Task, ...], dict[str, bytes]]:
+    """Return the tasks and rooms of an experiment's [source] of kind "alfred"."""
+    return alfred_tasks(msgspec.convert(options, AlfredTasks))
+
+
 def alfred_tasks(source: AlfredTasks) -> tuple[tuple[Task, ...], dict[str, bytes]]:
     """Return the tasks, and the rooms that they play in by name.
 
@@ -307,6 +313,30 @@ class _ReadTasks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 @cache
 def _read() -> Mapping[str, _ReadTask]:
     return {one.id: one for one in read_toml(READ, _ReadTasks).tasks}
+
+
+class AuthorsTasks(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The authors' task files, and the rooms that they play in."""
+
+    files: tuple[str, ...]
+    scenes: str  # an AI2-THOR dump of the floor plans
+    layouts: str = ""  # reachable cells for them
+
+
+def read_authors(options: Mapping[str, Any]) -> tuple[tuple[Task, ...], dict[str, bytes]]:
+    """Return the tasks and rooms of an experiment's [source] of kind "authors"."""
+    source = msgspec.convert(options, AuthorsTasks)
+    raw = load_authors_tasks(source.files)
+    plans = {task.scene.name for task in raw}
+    dump = import_dump(source.scenes, layouts=source.layouts or None)
+    scenes = {scene.name: to_json(scene) for scene in dump if scene.name in plans}
+    tasks = (
+        task
+        if (name := task.scene.name) in scenes
+        else replace(task, notes=(*task.notes, f"no dump of {name}"))
+        for task in raw
+    )
+    return tuple(tasks), scenes
 
 
 def load_authors_tasks(paths: Iterable[str | Path]) -> tuple[Task, ...]:

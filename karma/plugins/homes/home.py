@@ -45,10 +45,10 @@ def home_folder(name: str | Path) -> Path:
     return path if path.is_absolute() or len(path.parts) > 1 else HOMES / path
 
 
-def left_s(folder: Path) -> float:
-    """Return the seconds by the clock since a home was left; 0 where there is none."""
+def seconds_away(name: str) -> float:
+    """Return the wall-clock seconds since a home was left; 0 if it does not exist."""
     try:
-        return max(time() - (folder / _LOG).stat().st_mtime, 0.0)
+        return max(time() - (home_folder(name) / _LOG).stat().st_mtime, 0.0)
     except OSError:
         return 0.0
 

@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from karma.contracts import Deed, Pose, Sighting
+from karma.contracts import Pose
 from karma.errors import KarmaError
 from karma.household.ids import type_of
 from karma.household.places import FLOOR, HAND
 from karma.household.types import object_types
 from karma.plugins.homes.habits import Span, habits, rates_drawn
 from karma.plugins.homes.houses import room_name
+from karma.plugins.homes.types import Deed, Sighting
 from karma.seeds import stream
 from karma.world.actions.table import ACTIONS
 from karma.world.core.effects import settle

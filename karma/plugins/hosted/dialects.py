@@ -16,17 +16,15 @@ from karma.contracts import AnswerSpec, PlanSpec, Thinking
 from karma.errors import ModelError, ServerLost
 from karma.models.automaton import ProgramAutomaton
 from karma.models.endpoint import Constraint, DialectName, Endpoint
-from karma.models.grammars import (
+from karma.plugins.hosted.connection import Connection
+from karma.plugins.hosted.grammars import (
     admits_plan,
     gbnf,
     plan_gbnf,
-    plan_regex,
     plan_schema,
     program_text,
-    regex,
     schema,
 )
-from karma.plugins.hosted.connection import Connection
 
 Fields = dict[str, Any]  # of a request
 
@@ -36,7 +34,6 @@ class Language:
     """What an answer may say, in every form that a server may take."""
 
     grammar: str  # GBNF
-    regex: str
     schema: Mapping[str, Any]
     read: Callable[[str], str | None] = field(compare=False)  # a JSON answer as the text it means
     admits: Callable[[str], bool] = field(compare=False)
@@ -58,12 +55,12 @@ def language_of(spec: AnswerSpec) -> Language:
 
     if isinstance(spec, PlanSpec):
         return Language(
-            grammar=plan_gbnf(spec), regex=plan_regex(spec), schema=plan_schema(spec),
+            grammar=plan_gbnf(spec), schema=plan_schema(spec),
             read=lambda text: text, admits=lambda text: admits_plan(spec, text), begins=begins,
             otherwise="schema",
         )  # fmt: skip
     return Language(
-        grammar=gbnf(spec), regex=regex(spec), schema=schema(spec),
+        grammar=gbnf(spec), schema=schema(spec),
         read=program_text, admits=admits, begins=begins,
     )  # fmt: skip
 
@@ -117,7 +114,6 @@ _ALL = (
         page=("../version", "version"),
         bindings={
             "grammar": _structured("grammar", lambda language: language.grammar),
-            "regex": _structured("regex", lambda language: language.regex),
             "schema": _structured("json", lambda language: dict(language.schema)),
         },
         constraint="grammar",
@@ -130,10 +126,9 @@ _ALL = (
         page=("../server_info", "model_path"),
         bindings={
             "grammar": lambda language: {"ebnf": language.grammar},
-            "regex": lambda language: {"regex": language.regex},
             "schema": _response_format,
         },
-        constraint="regex",
+        constraint="grammar",
         thinking=_by_template,
     ),
     Dialect(
@@ -143,7 +138,6 @@ _ALL = (
         constraint="schema",
         thinking=lambda on: {} if on else {"reasoning_effort": "none"},
     ),
-    Dialect(name="transformers"),
     Dialect(name="plain", bindings={"schema": _response_format}),
 )
 DIALECTS: Mapping[str, Dialect] = MappingProxyType({one.name: one for one in _ALL})

@@ -11,10 +11,10 @@ from dataclasses import replace
 from karma.contracts import LanguageModel, Prompt, Thinking
 from karma.errors import ModelError, ServerLost
 from karma.models.endpoint import Endpoint
-from karma.models.grammars import literal, object_schema
 from karma.models.session import Session
 from karma.plugins.hosted.connection import Connection
 from karma.plugins.hosted.dialects import Language, manner_of
+from karma.plugins.hosted.grammars import literal, object_schema
 from karma.plugins.hosted.model import HostedLanguageModel
 from karma.seeds import stream
 
@@ -86,7 +86,6 @@ def _language(words: tuple[str, ...]) -> Language:
 
     return Language(
         grammar=f"root ::= {' | '.join(map(literal, admitted))}",
-        regex=rf"({'|'.join(words)})\n",
         schema=object_schema({"k": {"type": "string", "enum": list(words)}}),
         read=read,
         admits=admitted.__contains__,

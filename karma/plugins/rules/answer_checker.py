@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from karma.agent.planning.effects import trimmed
 from karma.agent.planning.goal_lines import program_for
 from karma.agent.planning.inspector import objection
 from karma.agent.planning.planner import grounded, known_here
@@ -11,6 +10,7 @@ from karma.contracts import Advice, PlanRequest, RefusedRequest, SkillCall
 from karma.plugins.rules.language.clauses import plainly, said
 from karma.plugins.rules.request_checker import Guard
 from karma.plugins.rules.request_goals import asked_lines
+from karma.plugins.rules.trimming import trimmed
 from karma.plugins.rules.types import Request
 
 _LOOSE_AFTER = 2  # failed answers after which a mug will do for a cup

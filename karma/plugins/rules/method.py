@@ -1,6 +1,6 @@
 """The method `rules`: the core's agent behind a parser of English, for small models."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -90,48 +90,17 @@ class RulesEpisode:
 
     def do(self, subtask: SubTask) -> Iterator[AgentEvent]:
         """Parse an instruction and carry it out; yields what happens, the report last."""
-        self.begin_text()
+        self._earlier.decided.clear()
         asked = joined(self._reader.read(subtask.instruction, self._mentioned, self._deeds))
         if asked is None:
             yield from self.agent.do(subtask)
             return
         self._mentioned = tuple(one for one in asked.mentions if one.types) or self._mentioned
         self._deeds = asked_last(asked, self._deeds)
-        yield from self._carry_out(subtask, asked, self._earlier, is_clause=False, clock_s=0.0)
-
-    def begin_text(self) -> None:
-        """Look anew at all conditions: a new text has been said."""
-        self._earlier.decided.clear()
-
-    def do_clause(
-        self,
-        subtask: SubTask,
-        asked: Request,
-        *,
-        owned: Mapping[str, str],
-        reported: Collection[str],
-        clock_s: float,
-    ) -> Iterator[AgentEvent]:
-        """Carry out one clause of a text that an assistant has parsed and cut.
-
-        Args:
-            subtask: its instruction.
-            asked: the same, parsed.
-            owned: type -> id that its word means, by what was said before.
-            reported: ids of which somebody else said where or how they are.
-            clock_s: time of the home.
-        """
-        earlier = replace(self._earlier, owned=owned, reported=reported)
-        yield from self._carry_out(subtask, asked, earlier, is_clause=True, clock_s=clock_s)
-
-    def _carry_out(
-        self, subtask: SubTask, asked: Request, earlier: Earlier, *, is_clause: bool, clock_s: float
-    ) -> Iterator[AgentEvent]:
         yield from self.agent.do(
             subtask,
             lambda session: RequestExecutor(
-                session, asked, earlier, Progress(), subtask, is_clause
+                session, asked, self._earlier, Progress(), subtask
             ).carry_out(),
             keep_shut=not_to_open(asked),
-            clock_s=clock_s,
         )

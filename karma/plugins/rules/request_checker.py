@@ -8,12 +8,13 @@ word speaks of. What the words ask for is in a `Request`, what the program bring
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from karma.agent.planning.effects import ProgramEffects, Thing, effects_of, with_turns
+from karma.agent.planning.turns import with_turns
 from karma.contracts import RefusalKind, RefusedRequest, SkillCall
 from karma.household.deeds import FOR_GOOD, able_to, deed_kind
 from karma.household.pieces import EGG
 from karma.household.places import HAND, OVERLOOKED, SURFACES, landmark_types
 from karma.household.saying import preposition, spoken, told_place
+from karma.household.skill_effects import Item
 from karma.household.types import object_types
 from karma.household.uses import (
     BIN,
@@ -29,6 +30,7 @@ from karma.household.uses import (
 )
 from karma.language.hints import singular
 from karma.plugins.rules.language.request_words import deed_states, request_words
+from karma.plugins.rules.program_effects import ProgramEffects, effects_of
 from karma.plugins.rules.types import Mention, Request, SaidDeed
 
 # ----------------------------------------------------------------- before any planner
@@ -226,9 +228,8 @@ class Guard:
         asked = {kind for one in self.request.mentions for kind in self._kinds(one)}
         for one in self.request.exclusions:
             for kind in sorted(self._kinds(one) - asked):
-                touched = {
-                    kind_of(name) for name, _ in (*found.at, *(one for _, one in found.deeds))
-                }
+                touched = {kind_of(item.name) for item in found.beliefs.places}
+                touched |= {kind_of(item.name) for _, item in found.deeds}
                 passed = {place for thing, places in found.passed.items()
                           for place in (*places, found.at.get(thing))}  # fmt: skip
                 if kind in {*found.switched, *found.doors, *touched, *passed}:
@@ -244,7 +245,7 @@ class Guard:
             for one in deed.things:
                 kinds = self._kinds(one)
                 if one.told or one.anything or not kinds:
-                    moved = {kind_of(thing[0]) for thing in found.at}
+                    moved = {kind_of(thing.name) for thing in found.at}
                     kinds = frozenset((*moved, *found.doors, *found.switched))
                 if deed.deed == "coffee":
                     kinds = frozenset((COFFEE_CUP, "Cup"))
@@ -275,7 +276,7 @@ class Guard:
         }
         help_ |= {kind_of(kind) for one in request.mentions for kind in one.at}
         for thing, place in found.at.items():
-            kind = kind_of(thing[0])
+            kind = kind_of(thing.name)
             if kind in along or loose:
                 continue
             if kind in things:
@@ -288,7 +289,7 @@ class Guard:
             ):
                 yield f"nobody asked for the {spoken(kind)} to be moved"
         for deed, thing in sorted(found.deeds):
-            kind = kind_of(thing[0])
+            kind = kind_of(thing.name)
             own = {
                 one.deed for one in request.deeds
                 if loose or not one.things or kind in self._of_things(one)
@@ -316,7 +317,7 @@ class Guard:
         said = {(one.start, one) for deed in deeds for one in deed.things}
         if any(one.anything or one.told or one.every for _, one in said):
             return
-        for kind in sorted({kind_of(thing[0]) for thing in found.at}):
+        for kind in sorted({kind_of(thing.name) for thing in found.at}):
             named = [one.number or 1 for _, one in said if kind in self._kinds(one)]
             turns = {turn for name, turn in found.at if kind_of(name) == kind}
             if named and len(turns) > sum(named):
@@ -337,15 +338,15 @@ class Guard:
 
         return _with_mentions(self.request, only)
 
-    def _goes_along(self, found: ProgramEffects, thing: Thing) -> bool:
+    def _goes_along(self, found: ProgramEffects, thing: Item) -> bool:
         """Return whether a thing comes to lie where it was said to: "the plate with the potato"."""
         return any(
-            kind_of(thing[0]) in map(kind_of, one.holding)
+            kind_of(thing.name) in map(kind_of, one.holding)
             and not found.places(thing).isdisjoint(self._kinds(one))
             for one in self.request.mentions
         )
 
-    def _bears(self, found: ProgramEffects, thing: Thing) -> bool:
+    def _bears(self, found: ProgramEffects, thing: Item) -> bool:
         """Return whether a thing goes where what lies in it shall.
 
         The mug of "the pen in the mug on the desk" may be the one on the desk, or be brought there;
@@ -358,19 +359,19 @@ class Guard:
             for other in puts:
                 into |= self._kinds(other.place) if borne & self._of_things(other) else set()
             ends = found.places(thing) & self._kinds(deed.place)
-            if kind_of(thing[0]) in into and ends and not deed.near:
+            if kind_of(thing.name) in into and ends and not deed.near:
                 return True
         return False
 
     def _misplaced(
-        self, found: ProgramEffects, thing: Thing, whole: "Guard", help_: Collection[str]
+        self, found: ProgramEffects, thing: Item, whole: "Guard", help_: Collection[str]
     ) -> Iterator[str]:
         """Yield that a named thing comes to a place that nobody spoke of.
 
         `whole` has what the sentence asks besides, which may be done as well; `help_` are kinds of
         places where things may be put on the way.
         """
-        kind, place = kind_of(thing[0]), found.at[thing]
+        kind, place = kind_of(thing.name), found.at[thing]
         wanted, besides = self._goes_to(kind), whole._goes_to(kind)
         rests = (BURNER,) if kind in COOKWARE else ()  # where it may be put that was to go nowhere
         if found.places(thing) & (besides or set()):
@@ -401,12 +402,12 @@ def _does(found: ProgramEffects, deed: SaidDeed, kinds: Collection[str]) -> bool
             }[deed.deed]
             return any(every or kind in kinds for kind in done)
         case "put" | "take":
-            things = [thing for thing in found.at if every or kind_of(thing[0]) in kinds]
+            things = [thing for thing in found.at if every or kind_of(thing.name) in kinds]
             places = {*deed.place.types} if deed.place else None
             return any(places is None or found.places(thing) & places for thing in things)
         case _:
             return any(
-                one == deed.deed and (every or kind_of(thing[0]) in kinds)
+                one == deed.deed and (every or kind_of(thing.name) in kinds)
                 for one, thing in found.deeds
             )
 
@@ -427,7 +428,7 @@ def _not_done_at(
     things = found.of(kinds)
     passed = {place for thing in things for place in found.passed.get(thing, ())}
     passed |= {place for thing in things for place in found.places(thing)}
-    moved = {kind_of(thing[0]) for thing in found.at}  # it may lie in it already
+    moved = {kind_of(thing.name) for thing in found.at}  # it may lie in it already
     return min(at) if at and things and not at & (passed | moved) else ""
 
 
@@ -466,8 +467,10 @@ def _done(
             if later:
                 return bool(found.visited & set(kinds))
             return any(found.doors.get(kind) == deed.deed for kind in kinds)
-        case "heat" | "cool" if later:  # "heat it and put it in the fridge"
-            return any(one == deed.deed and kind_of(thing[0]) in kinds for one, thing in found.ever)
+        case _ if later:  # "heat it and put it in the fridge"
+            return any(
+                done == deed.deed and kind_of(item.name) in kinds for done, item in found.ever
+            )
         case _:
             return found.did(deed.deed, kinds)
 

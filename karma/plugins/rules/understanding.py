@@ -7,17 +7,16 @@ and what the request names and the program leaves alone is said, too.
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 from karma.agent.planning.first_program import noun_phrases
 from karma.agent.planning.planner import grounded
-from karma.agent.planning.program import DEEDS, WAYS
 from karma.agent.planning.refusal_text import sentence
+from karma.assistant.program_words import in_words
+from karma.assistant.replies import Meant, Understanding
 from karma.contracts import Known, Plan, RefusalKind, RefusedRequest, SkillCall
-from karma.household.ids import is_id, type_of
+from karma.household.ids import type_of
 from karma.household.pieces import base_type
-from karma.household.places import HAND
-from karma.household.saying import name_of, spoken, told_place
+from karma.household.saying import spoken, told_place
 from karma.household.types import object_types
 from karma.household.uses import KNOB, TAPS, without_basin
 from karma.language.hints import singular
@@ -44,34 +43,6 @@ _ABILITIES = {
 }  # deeds of `karma.language`, in words  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Meant:
-    """A phrase, and what it stands for here."""
-
-    phrase: str
-    things: tuple[str, ...] = ()  # "Apple on the counter top"; () where nothing is done with it
-
-    def __str__(self) -> str:
-        """Return it as people are told."""
-        return f"{self.phrase} → {', '.join(self.things) or 'nothing that I would use'}"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Understanding:
-    """A request as the planner took it."""
-
-    instruction: str
-    meant: tuple[Meant, ...] = ()
-    unnamed: tuple[str, ...] = ()  # what the program uses besides
-    deeds: tuple[str, ...] = ()  # in their order
-    forbidden: tuple[str, ...] = ()  # deeds that the request says not to do
-    sure: str = ""
-    refused: str = ""  # why it is not carried out
-    question: str = ""  # that may help then
-    offer: str = ""  # what "yes" asks for, where that answers the question
-    candidates: tuple[str, ...] = ()  # types or things that the question offers
-
-
 def understood(
     instruction: str, plan: Plan, where: Where, lexicon: Lexicon, here: Sequence[str]
 ) -> Understanding:
@@ -95,7 +66,7 @@ def understood(
         instruction=instruction,
         meant=meant,
         unnamed=unnamed,
-        deeds=tuple(dict.fromkeys(_joined(_deeds(calls)))),
+        deeds=in_words(calls),
         forbidden=tuple(dict.fromkeys(negated)),
         sure=sure,
     )
@@ -170,35 +141,6 @@ def _thing_and_place(name: str, where: Where) -> str:
     if known.place_id is None:
         return kind
     return f"{kind} {told_place(known.place_id)}"
-
-
-def _deeds(calls: Sequence[SkillCall]) -> Iterator[str]:
-    """Yield the deeds of a program in few words."""
-    chosen = [call for call in calls if call.skill not in WAYS] or calls[-1:]
-    for call in chosen:
-        if call.skill in WAYS:
-            yield f"go to {_thing_phrase(call.objects[0])}"
-        elif call.skill == "PutObject" and call.objects[1:]:
-            yield f"put {_thing_phrase(call.objects[0])} {told_place(call.objects[-1])}"
-        else:
-            yield " ".join([DEEDS[call.skill], *dict.fromkeys(map(_thing_phrase, call.objects))])
-
-
-def _joined(deeds: Iterator[str]) -> Iterator[str]:
-    """Yield deeds, with what is switched on and off again at once as one."""
-    last = ""
-    for deed in deeds:
-        if last.startswith("switch on") and deed == last.replace("switch on", "switch off"):
-            last = last.replace("switch on", "switch on and off")
-            continue
-        yield from filter(None, [last])
-        last = deed
-    yield from filter(None, [last])
-
-
-def _thing_phrase(name: str) -> str:
-    known = type_of(name) in object_types() and name != HAND
-    return f"the {name_of(name)}" if known or is_id(name) else name
 
 
 # ----------------------------------------------------------------- questions

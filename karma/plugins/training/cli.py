@@ -10,7 +10,6 @@ from karma.agent.journal.formats import figure_text
 from karma.cli.commands import argument, option
 from karma.cli.progress import bar
 from karma.cli.shared import Json, console, tell, write_json
-from karma.files import write_atomic
 
 
 def models_tune(
@@ -53,35 +52,31 @@ def vlm_eval(
     rooms: list[str] | None = option(
         None, 'Scenes or scene files, or "fresh"; all that ship and fresh ones.'
     ),
-    seed: int = option(0, "Of what is drawn.", min=0),
+    seed: int = option(0, "Of the sampled rooms and frames.", min=0),
     json: Json = None,
-    html: Path | None = option(None, "Also write a page with the failures."),
 ) -> None:
     """Score a vision model on frames of rooms that its training never saw."""
     from karma.models.llama.vision import LlamaVision
     from karma.models.transformers_vision import TransformersVision
-    from karma.plugins.training.picture_score import Clock, examine, held_out_rooms, page, score
+    from karma.plugins.training.vision_score import examine, held_out_rooms, score
 
     with console.status(escape(f"loading {model} ...")):
         pair = model.removeprefix("llama:")
         vision = TransformersVision(model) if pair == model else LlamaVision(pair)
         places = held_out_rooms(rooms or (), seed)
-    clock, asked = Clock(), []
+    asked = []
     with bar(passing=True) as progress:
         shown = progress.add_task("asking ...", total=frames)
-        for one in examine(vision, places, frames=frames, seed=seed, clock=clock):
-            asked.append(one)
-            progress.update(shown, completed=clock.frames)
-    found = score(asked, model=vision.name, seed=seed, clock=clock)
-    _show_scores(found)
+        for frame in examine(vision, places, frames=frames, seed=seed):
+            asked.append(frame)
+            progress.update(shown, completed=len(asked))
+    found = score(asked, model=vision.name, seed=seed)
+    _show_score(found)
     write_json(json, found)
-    if html is not None:
-        write_atomic(html, page(found, asked).encode())
-        console.print(escape(f"page: {html}"))
 
 
-def _show_scores(found: Any) -> None:
-    table = Table(title=escape(f"{found.model}: {found.frames} frames, {found.objects} questions"))
+def _show_score(found: Any) -> None:
+    table = Table(title=escape(f"{found.model}: {found.frames} frames, {found.objects} objects"))
     table.add_column("state")
     for name in ("true of", "precision", "recall", "F1"):
         table.add_column(name, justify="right")
@@ -91,8 +86,6 @@ def _show_scores(found: Any) -> None:
     console.print(table)
     console.print(
         f"macro-F1 {figure_text(found.macro_f1, 3)} · accuracy {figure_text(found.accuracy, 3)} · "
-        f"of objects filling 2 % of the frame {figure_text(found.large.value, 3)} "
-        f"({found.large.of}) · no usable answer {found.unanswered}"
+        f"of objects filling 2 % of the frame {figure_text(found.large_accuracy, 3)} · "
+        f"no usable answer {found.unanswered} · {figure_text(found.ms_per_object, 0)} ms an object"
     )
-    frame, thing = (figure_text(ms, 0) for ms in (found.ms_per_frame, found.ms_per_object))
-    console.print(f"ms per frame {frame}, per object {thing}")

@@ -33,7 +33,7 @@ from karma.plugins.training.drawing.referring_expressions import Situation
 Suits = Callable[[ObjectType], bool]
 EVENTS = {
     "place": 30, "into": 10, "wash": 14, "slice": 10, "heat": 6, "cook": 4, "cool": 5, "fill": 5,
-    "coffee": 3, "hold": 8, "switch": 5, "shut": 6, "trash": 3,
+    "coffee": 3, "hold": 16, "switch": 5, "shut": 6, "trash": 3,
 }  # fmt: skip
 MANY = (*SEVERAL, "Sofa", "ArmChair")
 DIRTY, SEEN_ONLY = 0.3, 0.55

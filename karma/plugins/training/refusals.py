@@ -41,7 +41,6 @@ HERE = Path(__file__).parent
 Drawer = Callable[[Rng, Situation], str | None]
 WHOLE = 0.4  # share of near misses that are sentences of their own, not words round another
 TRIES = 20
-FAMILIAR = 0.4  # share of held-out refusals that are made as those of training, in other languages
 
 
 class RefusedPhrases(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -58,7 +57,6 @@ class OtherLanguage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     r: tuple[str, ...]
     asks: tuple[str, ...]
     others: tuple[str, ...]
-    held_out: bool = False
 
 
 @cache
@@ -97,20 +95,14 @@ class Group:
 # ----------------------------------------------------------------- drawing
 
 
-def draw_refusal(
-    rng: Rng, room: KnownRoom, book: Book, *, mapped: bool, held_out: bool = False
-) -> TrainingExample:
-    """Draw one request that is to be refused.
-
-    `held_out`: in languages that training lacks, in place of those that it has.
-    """
-    groups = {**GROUPS, "foreign": _foreign_group(held_out=held_out)}
+def draw_refusal(rng: Rng, room: KnownRoom, book: Book, *, mapped: bool) -> TrainingExample:
+    """Sample a request that the planner has to refuse."""
     while True:
         facts, _ = draw_facts(rng, room, mapped=mapped)
         if facts.units and rng.random() < RECALLED:
             order = rng.permutation(len(facts.units))[:FEW]
             facts = replace(facts, units=tuple(facts.units[n] for n in sorted(order)))
-        group = groups[weighted(rng, {name: one.weight for name, one in groups.items()})]
+        group = GROUPS[weighted(rng, {name: group.weight for name, group in GROUPS.items()})]
         if group.bare:
             facts = replace(facts, units=(), held_id=None, held_type=None)
         scene = situation(rng, room, facts, book, mapped=mapped)
@@ -124,33 +116,6 @@ def draw_refusal(
         return example_of(f"refuse_{group.kind}", facts, f"{RefusedRequest(kind=group.kind)}\n")
 
 
-def draw_held_out_refusal(
-    rng: Rng, room: KnownRoom, book: Book, *, mapped: bool
-) -> TrainingExample:
-    """Draw one request to be refused, of words and topics that no planner is trained on.
-
-    Those whose words cannot be new, such as a negated request, are drawn with the book's words.
-    """
-    while True:
-        if rng.random() < FAMILIAR:
-            return draw_refusal(rng, room, book, mapped=mapped, held_out=True)
-        kind = pick(rng, tuple(unseen_refusals()))
-        facts, _ = draw_facts(rng, room, mapped=mapped)
-        if kind == "unclear":
-            facts = replace(facts, units=(), held_id=None, held_type=None)
-        scene = situation(rng, room, facts, book, mapped=mapped)
-        text = _Slots(rng, scene).fill(pick(rng, unseen_refusals()[kind]))
-        if text:
-            facts = replace(scene.facts, instruction=wrapped(rng, book, text))
-            return example_of(f"refuse_{kind}", facts, f"{RefusedRequest(kind=kind)}\n")
-
-
-@cache
-def unseen_refusals() -> Mapping[RefusalKind, tuple[str, ...]]:
-    """Return patterns that no planner is trained on, by kind."""
-    return read_toml(HERE / "refusals_held_out.toml", dict[RefusalKind, tuple[str, ...]])
-
-
 def draw_near_miss(
     rng: Rng,
     room: KnownRoom,
@@ -160,7 +125,7 @@ def draw_near_miss(
 ) -> TrainingExample:
     """Draw one request that sounds like one to refuse and is carried out; see `samples.draw`."""
     if rng.random() < WHOLE:
-        book = replace(book, templates={**book.templates, **_near()}, spoken={}, mined={})
+        book = replace(book, templates={**book.templates, **_near()}, spoken={})
         return draw(rng, room, book, mapped=mapped)
     return draw(rng, room, book, mapped=mapped, told=_heeded)
 
@@ -343,15 +308,10 @@ def _cannot(kind: str, thing: str, place: str) -> bool:
 # ----------------------------------------------------------------- other languages, and none
 
 
-def _foreign_group(*, held_out: bool) -> Group:
-    known = [one for one in languages().values() if one.held_out == held_out]
-
-    def drawn(rng: Rng, _: Situation) -> str:
-        said = pick(rng, known)
-        text = pick(rng, said.asks if rng.random() < 0.8 else said.others)
-        return text.format(x=pick(rng, said.x), r=pick(rng, said.r))
-
-    return Group(kind="language", weight=0.10, drawn=drawn, ours=False)
+def _foreign(rng: Rng, _: Situation) -> str:
+    language = pick(rng, tuple(languages().values()))
+    text = pick(rng, language.asks if rng.random() < 0.8 else language.others)
+    return text.format(x=pick(rng, language.x), r=pick(rng, language.r))
 
 
 def _letters(rng: Rng, _: Situation) -> str:
@@ -377,5 +337,6 @@ GROUPS: Mapping[str, Group] = {
     "nouns_only": Group(kind="unclear", weight=0.01, drawn=_from("nouns_only")),
     "letters": Group(kind="language", weight=0.005, drawn=_letters, ours=False),
     "invented": Group(kind="language", weight=0.015, drawn=_from("invented"), ours=False),
+    "foreign": Group(kind="language", weight=0.10, drawn=_foreign, ours=False),
 }
-"""Ways in which they are made; other languages come to them. Weights add up to about one."""
+"""Sampling methods by name. Weights add up to about 1."""

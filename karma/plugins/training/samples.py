@@ -19,7 +19,6 @@ from karma.plugins.alfred.sentences import Sentence, StepSentence, program_of
 from karma.plugins.training.drawing.memories import (
     KnownRoom,
     Rng,
-    draw_units,
     known_facts,
     names_of,
     pick,
@@ -29,17 +28,14 @@ from karma.plugins.training.drawing.memories import (
 from karma.plugins.training.drawing.phrases import Book
 from karma.plugins.training.drawing.referring_expressions import Situation
 from karma.plugins.training.drawing.requests import WITH_PAIRS, Ask, one_ask, pick_kind, wrapped
-from karma.plugins.training.drawing.several import several_asks
 from karma.plugins.training.past import draw_failure, live_memory, with_twins
 
 RECALLED = 0.75  # share of prompts with a few units, as recall leaves them, not all
 FEW = 3  # units then
 ALIKE = 0.5  # share of those in which the other ones are as like it as can be
 FRESH = 0.2  # share of prompts with a map in which nothing is remembered
-LIVED = 0.8  # share of memories that a few requests have left behind
 TWINS = 0.2  # share of memories with a second or third one of something
 VAGUE = 0.7  # share of draws in which a remembered thing is mostly not called by its name
-SEVERAL = 0.12  # share of sentences with two or three requests
 TYPOS = 0.04  # share of sentences with a letter wrong
 LONGEST = 40  # lines of a program
 
@@ -82,8 +78,7 @@ def draw(
             facts = _recalled(rng, scene, ask)
             scene = replace(scene, facts=facts)
         view = view_of(scene, held)
-        parts = ask.parts or (ask.goals,)
-        calls = tuple(call for part in parts for call in plain_program(part, view))
+        calls = tuple(plain_program(ask.goals, view))
         if not calls or len(calls) > LONGEST:
             continue
         text = told(rng, scene, ask.text) if told is not None else ask.text
@@ -194,7 +189,7 @@ def example_of(kind: str, facts: PlanRequest, program: str) -> TrainingExample:
 
 def draw_facts(rng: Rng, room: KnownRoom, *, mapped: bool) -> tuple[PlanRequest, MemoryUnit | None]:
     """Draw what an agent knows, as yet without an instruction, and what is in its hand."""
-    units, held = live_memory(rng, room) if rng.random() < LIVED else draw_units(rng, room)
+    units, held = live_memory(rng, room)
     if rng.random() < TWINS:
         units = with_twins(rng, room, units)
     if mapped and rng.random() < FRESH:
@@ -241,9 +236,7 @@ def misspelt(rng: Rng, text: str) -> str:
 
 
 def _draw_ask(rng: Rng, scene: Situation) -> Ask | None:
-    """Draw one request, or several in one sentence."""
-    several = rng.random() < SEVERAL
-    ask = several_asks(rng, scene) if several else one_ask(rng, scene, pick_kind(rng, WITH_PAIRS))
+    ask = one_ask(rng, scene, pick_kind(rng, WITH_PAIRS))
     return replace(ask, text=wrapped(rng, scene.book, ask.text)) if ask is not None else None
 
 

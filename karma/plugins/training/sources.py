@@ -41,7 +41,7 @@ from karma.plugins.training.drawing.memories import (
     imported_rooms,
     room_of,
 )
-from karma.plugins.training.drawing.phrases import Book, our_book, with_alfred
+from karma.plugins.training.drawing.phrases import Book, our_book
 from karma.plugins.training.hinted import (
     DrawnHints,
     KeptRows,
@@ -91,7 +91,7 @@ class Sources:
         """Return rooms and phrases of the training side, without hints."""
         return Data(
             rooms=self.rooms(recipe),
-            book=self.book().part(held_out=False),
+            book=our_book().part(held_out=False),
             unseen=self.unseen(),
             written=load_said(self.written) if self.written else (),
             alfred=self.sentences(held_out=False),
@@ -137,13 +137,6 @@ class Sources:
             self.say(f"no floor plans at {dumps}: generated rooms only")
         write_atomic(path, to_json(found))
         return found
-
-    def book(self) -> Book:
-        """Return our phrases, with ALFRED's where the demonstrations are at hand."""
-        if self.demonstrations.exists():
-            return with_alfred(our_book(), self.demonstrations)
-        self.say(f"no demonstrations at {self.demonstrations}: our own phrases only")
-        return our_book()
 
     def sentences(self, *, held_out: bool) -> tuple[Sentence, ...]:
         """Return ALFRED's goal sentences of one side; () where they are missing."""

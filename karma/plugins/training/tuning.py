@@ -63,7 +63,7 @@ def tune_file(
     cannot read the weights, or peft is not installed.
     """
     if find_spec("peft") is None:
-        fix = 'pip install "karma-offline[tune]", or `make setup`'
+        fix = 'pip install "karma-offline[training]", or `make setup`'
         raise ModelError(f"tuning needs peft, which is not installed\n  To fix: {fix}")
     tokenizer, end = read_gguf_tokenizer(weights), end_token(weights)
     given = encode(read_examples(examples), tokenizer, end)

@@ -1,7 +1,7 @@
 """Drive the real AI2-THOR 5.0.0 as a world.
 
-A Unity build and the package `ai2thor` are the user's to bring; docs/world/thor.md says how. AI2-THOR's
-own client and the player run in a child process (client.py) with a time limit for each call: a
+A Unity build and the package `ai2thor` are the user's to bring (docs/world/thor.md). AI2-THOR's own
+client and the player run in a child process (client.py) with a time limit for each call: a
 player that dies, hangs or sends nonsense is a `WorldLost`, and the next `reset` starts another.
 Nothing here opens a connection beyond this machine.
 """

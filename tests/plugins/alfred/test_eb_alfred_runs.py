@@ -104,7 +104,6 @@ prompt = {{ constrained = true, most_text = 0, most_actions = 2, examples = 0 }}
 [models]
 planner = "{}"
 n_ctx = 6000
-beyond_training = true
 """
 
 

@@ -234,7 +234,7 @@ def test_node_without_the_planner_is_refused_and_with_it_plays_the_same(
 ):
     rows = '[[rows]]\nname = "tiny"\nprompt = { examples = 0, max_tokens = 8 }\n[models]\n'
     planner = export_tiny(tmp_path / "ref/tiny.gguf")
-    said = rows + 'planner = "../shared/tiny.gguf"\nn_ctx = 4096\nbeyond_training = true\n'
+    said = rows + 'planner = "../shared/tiny.gguf"\nn_ctx = 4096\n'
     run = eb_run("ray", said)
     with pytest.raises(KarmaError, match=r"node 127\.0\.0\.2: planner tiny: no model of SHA-256"):
         list(run.episodes(0, ray=cluster))

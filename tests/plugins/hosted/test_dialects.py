@@ -11,6 +11,7 @@ import msgspec
 import pytest
 from support.grammar_oracle import is_valid
 from support.hosted_server import PROMPT, chat, endpoint, plant_key, wire_server
+from support.plans import PLANS, plan
 
 from karma.agent.planning.program import SKILLS
 from karma.bench.methods.lota import chooser_of
@@ -20,6 +21,7 @@ from karma.models.endpoint import DialectName, Endpoint
 from karma.models.session import Session
 from karma.plugins.hosted.cassette import Cassette
 from karma.plugins.hosted.dialects import DIALECTS
+from karma.plugins.hosted.grammars import plan_gbnf, plan_schema
 from karma.plugins.hosted.planner import open_planner
 
 SPEC = ProgramSpec(skills=SKILLS, objects=("Mug",), max_calls=2)
@@ -48,13 +50,6 @@ def held_by_grammar(grammar):
     return PROGRAM if grammar.startswith('root ::= line ("\\n" line){0,1}') else None
 
 
-def held_by_regex(pattern):
-    for text in (*(f"{word}\n" for word in re.findall(r"k-[0-9a-f]{8}", pattern)), PROGRAM):
-        if re.fullmatch(pattern, text):
-            return text
-    return None
-
-
 def held_by_schema(schema):
     words = [f'{{"k": "{word}"}}' for word in re.findall(r"k-[0-9a-f]{8}", json.dumps(schema))]
     return next((text for text in (*words, AS_JSON) if is_valid(schema, text)), None)
@@ -67,12 +62,10 @@ def held(name, body):
         inside = body.get("structured_outputs", {})
         if len(inside) == 1:
             ((kind, value),) = inside.items()
-            readers = {"grammar": held_by_grammar, "regex": held_by_regex, "json": held_by_schema}
+            readers = {"grammar": held_by_grammar, "json": held_by_schema}
             return readers[kind](value)
     if name == "sglang" and "ebnf" in body:
         return held_by_grammar(body["ebnf"])
-    if name == "sglang" and "regex" in body:
-        return held_by_regex(body["regex"])
     return held_by_schema(schema) if schema is not None else FREE
 
 
@@ -113,11 +106,10 @@ def test_stand_in_that_holds_nothing_is_refused(name, constraint):
         open_planner(auto(url, constraint=constraint), constrained=True)
 
 
-@pytest.mark.parametrize("name", ["plain", "transformers"])
-def test_server_without_a_grammar_is_refused_by_name_unless_told_otherwise(name):
+def test_server_without_a_grammar_is_refused_by_name_unless_told_otherwise():
     with stand_in("plain") as (url, seen):
-        place = endpoint(url, "m", dialect=name)
-        with pytest.raises(ModelError, match=rf"dialect '{name}' takes no grammar\n  To fix: con"):
+        place = endpoint(url, "m", dialect="plain")
+        with pytest.raises(ModelError, match=r"dialect 'plain' takes no grammar\n  To fix: con"):
             open_planner(place, constrained=True)
         assert seen == []
         said = open_planner(place).complete(PROMPT, spec=SPEC)
@@ -134,6 +126,22 @@ def test_constraint_that_a_dialect_has_not_is_refused_with_those_it_has():
 def test_every_dialect_that_can_be_said_is_there():
     said = msgspec.inspect.type_info(DialectName).values
     assert set(said) == {"auto", *DIALECTS}
+
+
+@pytest.mark.parametrize(
+    ("dialect", "field"),
+    [
+        ("plain", lambda b: b["response_format"]["json_schema"]["schema"] == plan_schema(PLANS)),
+        ("vllm", lambda b: b["structured_outputs"] == {"grammar": plan_gbnf(PLANS)}),
+    ],
+)
+def test_plans_are_asked_for_as_each_server_takes_it(dialect, field):
+    answers = iter((plan(0, 1), plan(99)))
+    with wire_server(lambda *_: chat(next(answers))) as (url, seen):
+        model = open_planner(endpoint(url, model="m", dialect=dialect))
+        held, broken = (model.complete(PROMPT, spec=PLANS) for _ in range(2))
+    assert field(next(body for path, body, _ in seen if path.endswith("completions")))
+    assert (held.text, held.constrained, broken.constrained) == (plan(0, 1), True, False)
 
 
 # ----------------------------------------------------------------- thoughts

@@ -48,7 +48,7 @@ def test_refused_answers_are_kept_whole_with_their_prompts_and_quoted(tmp_path, 
     with wire_server(answer) as (url, seen):
         done = CliRunner().invoke(app, [
             "run", "Open the fridge.", "--planner", "openai", "--base-url", url, "--model", "m",
-            "--no-constrained", "--max-tokens", "99", "--json", "x.json",
+            "--no-constrained", "--json", "x.json",
         ])  # fmt: skip
     assert done.exit_code == 0, done.output
     (line,) = json.loads(Path("x.json").read_text())["instructions"]
@@ -64,7 +64,7 @@ def test_refused_answers_are_kept_whole_with_their_prompts_and_quoted(tmp_path, 
     assert {one["reasoning"] for one in line["answers"]} == {"The fridge."}
     assert {one["constrained"] for one in line["answers"]} == {False}
     assert "cut off" in seen[2][1]["messages"][-1]["content"]
-    assert {body["max_tokens"] for _, body, _ in seen} == {99}
+    assert {body["max_tokens"] for _, body, _ in seen} == {512}
 
 
 def test_run_that_relies_on_a_grammar_does_not_begin_where_none_holds(tmp_path):
@@ -78,7 +78,7 @@ def test_run_that_relies_on_a_grammar_does_not_begin_where_none_holds(tmp_path):
 def test_run_at_a_real_server_says_that_a_grammar_held_and_replays_its_canary(tmp_path):
     model = make_planner(tmp_path / "tiny.gguf", "qwen3")
     with real_server(model, tmp_path, n_ctx=8192) as url:
-        said = 'max_tokens = 60\nthinking = "on"\nthinking_tokens = 9\n'
+        said = 'thinking = "on"\n'
         path = experiment(tmp_path / "x.toml", url, models=said)
         recorded = Run(path, tmp_path / "run", cassette=Cassette(tmp_path / "tape", "record"))
         list(recorded.episodes())

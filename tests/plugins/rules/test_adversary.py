@@ -21,13 +21,13 @@ from support.paths import ROOT
 from karma.agent.karma import KarmaMethod
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.program import SKILLS
+from karma.assistant.replies import AgentReply
 from karma.contracts import Completion, SceneRef, SkillCall, SubTask
 from karma.household.containment import goes_in
 from karma.household.types import object_types
 from karma.plugins.alfred.sentences import names_its_place, program_of, read_sentences
 from karma.plugins.rules.method import joined, reader_of
 from karma.plugins.rules.request_checker import Guard, cannot_serve
-from karma.plugins.rules.talk.replies import AgentReply
 from karma.plugins.training.sources import Sources
 from karma.seeds import stream
 from karma.world.sim import EmbeddedWorld

@@ -5,10 +5,10 @@ import pytest
 from support.asked import AskedRequest, verdict
 from support.talking import AWAY, STORE, TAKE, WASH, agent_saying
 
-from karma.agent.planning.effects import effects_of
 from karma.agent.planning.program import parse_program
 from karma.cli.conversation import CODES
 from karma.plugins.rules.method import reader_of
+from karma.plugins.rules.program_effects import effects_of
 from karma.plugins.rules.request_checker import Guard, cannot_serve, here_of
 
 HERE = ("Apple", "Bowl", "CounterTop", "Fridge", "Mug", "Sink", "Faucet", "Microwave", "Toaster")

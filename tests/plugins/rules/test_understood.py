@@ -6,10 +6,10 @@ import pytest
 from support.talking import STORE, TAKE, agent_saying
 
 from karma import registry
-from karma.contracts import REFUSAL_KINDS, Certainty, RefusedRequest, SkillResult
+from karma.contracts import REFUSAL_KINDS, Certainty, Plan, RefusedRequest, SkillResult
 from karma.models.scripted import ScriptedModel
 from karma.plugins.rules.language.lexicon import Lexicon
-from karma.plugins.rules.understanding import Understanding, question
+from karma.plugins.rules.understanding import Understanding, question, understood
 
 HERE = ("Bottle", "Bowl", "CounterTop", "Fridge", "Mug", "Plate", "Toaster")
 
@@ -50,6 +50,25 @@ def test_place_of_a_thing_is_where_it_is_remembered(tmp_path):
     agent.do("put the apple in the fridge")
     told = next(m for m in agent.doing("take the apple") if isinstance(m, Understanding))
     assert str(told.meant[0]) == "apple → Apple in the fridge"
+
+
+@pytest.mark.parametrize(
+    ("text", "program", "meant", "unnamed", "forbidden"),
+    [
+        ("any beer?", "ToggleOn(robot, 'Toaster')\n", "beer → nothing that I would use",
+         ("toaster",), ()),
+        ("put it in the fridge", STORE, "it → Apple, to be looked for", (), ()),
+        ("don't put the apple in the fridge", STORE, "fridge → Fridge", (), ("put",)),
+    ],
+)  # fmt: skip
+def test_phrases_of_a_text_are_matched_to_the_objects_of_its_program(
+    text, program, meant, unnamed, forbidden, tmp_path, lexicon
+):
+    agent = agent_saying(tmp_path, [program], assistant="direct")
+    plan = next(one for one in agent.doing(text) if isinstance(one, Plan))
+    told = understood(text, plan, lambda name: None, lexicon, HERE)
+    assert meant in map(str, told.meant)
+    assert (told.unnamed, told.forbidden) == (unnamed, forbidden)
 
 
 def test_several_things_stand_for_one_phrase(lexicon):

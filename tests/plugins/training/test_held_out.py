@@ -10,21 +10,14 @@ import pytest
 from support.paths import ROOT
 
 from karma.agent.goals.files import load_tasks, load_texts
-from karma.agent.planning.expert import ExpertView
-from karma.errors import ModelError
 from karma.language.lexemes import every_word
-from karma.models.scripted import ScriptedModel
 from karma.plugins.alfred.published_tasks import load_authors_tasks
 from karma.plugins.alfred.sentences import (
-    GoalFacts,
-    Sentence,
     plain,
-    program_of,
     read_sentences,
     read_steps,
 )
 from karma.plugins.training.drawing.phrases import Book, disjoint_book, our_book
-from karma.plugins.training.figures import read_goals, tell
 from karma.plugins.training.sources import Sources
 
 _SLOT = re.compile(r"\{\w+\}")
@@ -62,8 +55,8 @@ def _said(template: str) -> frozenset[str]:
 
 
 def templates_of(book: Book) -> tuple[str, ...]:
-    """Return every template of a book, of all kinds of requests: mined, and of its patterns."""
-    every = (*book.templates.values(), *book.mined.values())
+    """Return every template of a book, those of its patterns included."""
+    every = book.templates.values()
     patterns = (pattern for texts in book.spoken.values() for pattern in texts)
     stated = (text for pattern in patterns for text in book.stated(pattern))
     return tuple(dict.fromkeys(chain((text for texts in every for text in texts), stated)))
@@ -208,47 +201,6 @@ def test_some_sentences_of_the_tests_stand_in_alfreds_training_split(shared):
     said = {plain(one.text) for one in (*read_sentences(path), *read_steps(path))}
     ours, authors = instructions(load_tasks(TASKS)), authors_instructions(shared)
     assert [sum(plain(text) in said for text in texts) for texts in (ours, authors)] == [8, 17]
-
-
-# ----------------------------------------------------------------- goal sentences read
-
-
-def goal(text, thing):
-    facts = GoalFacts(task="simple", thing=thing, movable="", place="Fridge", sliced=False)
-    return Sentence(text=text, facts=facts, floor_plan="FloorPlan1")
-
-
-APPLE, EGG, MUG = goal("Chill it!", "Apple"), goal("An egg, cold", "Egg"), goal("Mug in", "Mug")
-
-
-def program(sentence):
-    return "".join(f"{call}\n" for call in program_of(sentence, ExpertView()))
-
-
-def read(answers):
-    return list(read_goals(ScriptedModel(answers), [APPLE, EGG, MUG], [goal("chill it", "")]))
-
-
-def test_figures_of_read_sentences_set_those_of_the_training_split_apart():
-    found = read([program(APPLE), program(MUG), "no program"])
-    assert [(one.right, one.trained) for one in found] == [
-        (True, True), (False, False), (False, False),
-    ]  # fmt: skip
-    lines = {line[:26].rstrip(): line[26:].split() for line in tell(found)}
-    assert lines["all"][:3] == ["3", "exact", "0.333"]
-    assert lines["in the training split too"] == ["1", "exact", "1.000"]
-    assert lines["not in the training split"] == ["2", "exact", "0.000"]
-    assert lines["place"] == ["right", "0.667"]
-    assert lines["thing"] == ["right", "0.333"]
-
-
-def test_sentences_of_rooms_without_a_map_are_left_out_and_never_put_to_the_model():
-    assert list(read_goals(ScriptedModel(), [APPLE], [], plans={})) == []
-    lines = list(tell([]))
-    assert [line.split()[-1] for line in lines if "right" in line] == ["–"] * 5
-    assert any("all" in line and "median – s" in line for line in lines)
-    with pytest.raises(ModelError, match="run out"):
-        list(read_goals(ScriptedModel(), [APPLE], []))
 
 
 def test_what_requests_say_is_kept_out_of_training(tmp_path):

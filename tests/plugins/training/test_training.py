@@ -13,16 +13,14 @@ from support.paths import ROOT
 from karma.agent.planning.planner import program_spec
 from karma.agent.planning.program import parse_program
 from karma.contracts import Area, PlanRequest
-from karma.errors import FileError
 from karma.files import to_json
 from karma.household.types import object_types
 from karma.language.whole import TIMES, repeated
 from karma.models.automaton import ProgramAutomaton
 from karma.plugins.alfred.sentences import plain
 from karma.plugins.training import packs
-from karma.plugins.training.drawing import phrases
 from karma.plugins.training.drawing.memories import KnownRoom, room_of
-from karma.plugins.training.drawing.phrases import make_template, our_book
+from karma.plugins.training.drawing.phrases import our_book
 from karma.plugins.training.drawing.requests import KINDS
 from karma.plugins.training.packs import Unseen
 from karma.plugins.training.samples import draw
@@ -58,7 +56,7 @@ def test_draw_of_equal_streams_gives_equal_examples(rooms):
 HASHES = """
 import sys, hashlib
 sys.path.insert(0, "tests")
-import train.test_training as t
+import plugins.training.test_training as t
 from karma.plugins.training.drawing.memories import room_of
 from karma.world.core import scene
 rooms = [room_of(scene.load(n), n) for n in ("kitchen_1", "living_1")]
@@ -172,32 +170,6 @@ def test_split_of_the_templates_stays_as_it_is():
     assert BOOK.is_held_out("put {x} into {r}") == (
         hashlib.blake2b(b"put {x} into {r}", digest_size=1).digest()[0] < 21
     )
-
-
-def test_make_template_of_a_sentence_that_does_not_name_everything_is_none():
-    assert make_template("Put it away.", {"x": "Mug"}) is None
-    assert make_template("Put the mug beside the mug.", {"x": "Mug"}) is None
-    assert make_template("", {"x": "Mug"}) is None
-
-
-def test_torn_demonstrations_are_refused_by_name(tmp_path):
-    path = tmp_path / "train.jsonl.gz"
-    path.write_bytes(b"\x1f\x8b torn")
-    with pytest.raises(FileError, match=r"train\.jsonl\.gz: not ALFRED demonstrations"):
-        phrases.with_alfred(BOOK, path)
-    with pytest.raises(FileError, match="none"):
-        phrases.with_alfred(BOOK, tmp_path / "none")
-
-
-@pytest.mark.shared
-def test_mined_templates_have_slots_and_come_in_kinds_of_requests(shared):
-    path = shared / "data" / "alfred" / "train.jsonl.gz"
-    if not path.exists():
-        pytest.skip(f"needs {path}")
-    mined = phrases.mine_alfred(path)
-    found = [next(mined) for _ in range(200)]
-    assert {kind for kind, _ in found} <= set(BOOK.templates)
-    assert all("{x" in text or "{s" in text for _, text in found)
 
 
 # ----------------------------------------------------------------- the loop

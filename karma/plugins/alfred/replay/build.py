@@ -9,11 +9,11 @@ import msgspec
 from karma.contracts import Vec3
 from karma.household.ids import type_of
 from karma.household.places import FLOOR
-from karma.household.types import object_types
+from karma.household.types import object_types, type_now
 from karma.plugins.alfred.replay.facts import LabelledSpot, RoomFacts, middling
 from karma.plugins.alfred.replay.furniture import furnished
 from karma.plugins.alfred.replay.steps import STEP_M
-from karma.plugins.alfred.replay.trial import SpawnPose, Trial, type_now
+from karma.plugins.alfred.replay.trial import SpawnPose, Trial
 from karma.plugins.thor_tools.importing.scenes import (
     ORIGIN_M,
     room_box,
@@ -172,7 +172,7 @@ def contained(
 ) -> dict[str, str]:
     """Return the receptacle of each movable object that has one, id -> id; ALFRED does not say.
 
-    Of the rules below the first that applies decides; the figures are in docs/plugins/alfred-replays.md.
+    Of the rules below the first that applies decides; the figures: docs/plugins/alfred-replays.md.
     1. The planner names the receptacle at the object's first pickup.
     2. The object reaches, whichever way it is turned, into the box of a larger vessel (plate, mug,
        box ...) at its height. AI2-THOR's volumes of vessels are generous: demonstrators move a cup

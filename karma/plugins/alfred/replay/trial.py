@@ -18,14 +18,8 @@ import msgspec
 from karma.contracts import Vec3
 from karma.errors import FileError
 from karma.household.ids import made_at, root_id, type_of
-from karma.household.types import object_types
 from karma.plugins.thor_tools.importing.dump import COPY, Coordinate, Xyz, read_unzipped
 
-# types that AI2-THOR renamed or dropped after ALFRED was recorded
-_RENAMED = {
-    "Cart": "ShelvingUnit", "Glassbottle": "Bottle", "PaperTowel": "PaperTowelRoll",
-    "ToiletPaperRoll": "ToiletPaper",
-}  # fmt: skip
 _SEVEN_DIGITS = Context(prec=7, rounding=ROUND_HALF_EVEN)
 _CENT = Decimal("0.01")
 
@@ -63,21 +57,6 @@ def spelt_out(name: str) -> str:
     except ValueError:
         return name
     return object_id(kind, (x, y, z)) if at else name
-
-
-def names_then() -> frozenset[str]:
-    """Return the types that ALFRED's ids may begin with: ours, and those renamed since."""
-    return frozenset((*object_types(), *_RENAMED))
-
-
-def type_now(kind: str) -> str | None:
-    """Return the name that AI2-THOR 5.0.0 has for a type of ALFRED; None if it has none.
-
-    >>> type_now("Glassbottle"), type_now("Apple"), type_now("LaundryHamperLid")
-    ('Bottle', 'Apple', None)
-    """
-    name = _RENAMED.get(kind, kind)
-    return name if name in object_types() else None
 
 
 _BETWEEN = re.compile(r"[\s,\[\]]*")  # JSON values

@@ -97,7 +97,7 @@ class EbExperiment(AlfredExperiment, frozen=True, kw_only=True):
             for row in planners
             if row.prompt.constrained
         ]
-        if planners and self.models.beyond_training:
+        if planners and self.models.n_ctx is not None:
             long = f"The planner's context of {self.models.n_ctx} tokens may be longer than what"
             found.insert(0, f"{long} it was trained for.")
         return found

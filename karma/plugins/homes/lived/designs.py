@@ -13,21 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.contracts import (
+from karma.contracts import Embedder, Vectors
+from karma.household.types import in_words
+from karma.memory.policies import make_policy
+from karma.plugins.homes.memory.setting import MemorySetting, is_said_place, ranks_of, sighting_text
+from karma.plugins.homes.memory.true_memory import TrueMemory, TrueUnits
+from karma.plugins.homes.types import (
     Deed,
-    Embedder,
     Fact,
     HomeMemory,
     HomeMoment,
     HomeQuestion,
     LikelyPlace,
     Sighting,
-    Vectors,
 )
-from karma.household.types import in_words
-from karma.memory.policies import make_policy
-from karma.plugins.homes.memory.setting import MemorySetting, is_said_place, ranks_of, sighting_text
-from karma.plugins.homes.memory.true_memory import TrueMemory, TrueUnits
 
 
 class TextVectors:

@@ -12,7 +12,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from karma.contracts import Asked, Deed, Sighting
 from karma.household.places import HAND
 from karma.household.saying import plural_of
 from karma.household.types import object_types
@@ -27,6 +26,7 @@ from karma.plugins.homes.lived.request import (
     room_phrase,
     thing_word,
 )
+from karma.plugins.homes.types import Asked, Deed, Sighting
 from karma.plugins.rules.language.clock import span_of, spans
 
 T = TypeVar("T")

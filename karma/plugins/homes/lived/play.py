@@ -6,13 +6,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
 
-from karma.contracts import (
-    Fact,
-    HomeMemory,
-    HomeMoment,
-    HomeQuestion,
-    Sighting,
-)
 from karma.plugins.homes.houses import build_home
 from karma.plugins.homes.lived.body import HomeRobot, nearest_next
 from karma.plugins.homes.lived.designs import DESIGNS, NoMemory
@@ -39,6 +32,7 @@ from karma.plugins.homes.lived.serve import Server
 from karma.plugins.homes.lived.trace import HomeTracer
 from karma.plugins.homes.memory.setting import MemorySetting, is_of_past, types_meant
 from karma.plugins.homes.residents import Household
+from karma.plugins.homes.types import Fact, HomeMemory, HomeMoment, HomeQuestion, Sighting
 from karma.seeds import stream
 from karma.world.core.placement import find_place
 

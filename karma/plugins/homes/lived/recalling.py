@@ -8,7 +8,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from karma.contracts import Fact, HomeMemory, HomeQuestion, SaidThing, Sighting
 from karma.plugins.homes.memory.setting import (
     KnownPlace,
     has_states,
@@ -16,6 +15,7 @@ from karma.plugins.homes.memory.setting import (
     sighting_text,
     types_meant,
 )
+from karma.plugins.homes.types import Fact, HomeMemory, HomeQuestion, SaidThing, Sighting
 
 MOST_FACTS = 64  # asked of a memory at once
 DAYS = ("Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun")

@@ -3,12 +3,13 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from karma.contracts import Deed, Fact, HomeAnswer, Sighting, Vec3
+from karma.contracts import Vec3
 from karma.household.ids import type_of
 from karma.household.places import HAND
 from karma.plugins.homes.houses import room_at
 from karma.plugins.homes.lived.request import DAY_S, LivedRequest
 from karma.plugins.homes.lived.trace import ROBOT, HomeTrace, TracedDeed, TracedRequest, TracedThing
+from karma.plugins.homes.types import Deed, Fact, HomeAnswer, Sighting
 from karma.world.core.navigate import corners, nearest_cell, path
 from karma.world.core.state import Cell, Settings, WorldState, begin
 

@@ -8,7 +8,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 
-from karma.contracts import (
+from karma.household.places import HAND
+from karma.plugins.homes.lived.body import HomeRobot, look_cost, looks
+from karma.plugins.homes.lived.experiment import LivedRow
+from karma.plugins.homes.lived.recalling import Recollection, fits, ids_of, plain, recollect
+from karma.plugins.homes.memory.setting import is_of_past, is_said_place, types_meant
+from karma.plugins.homes.types import (
     Fact,
     HomeAnswer,
     HomeMemory,
@@ -18,11 +23,6 @@ from karma.contracts import (
     SaidThing,
     Sighting,
 )
-from karma.household.places import HAND
-from karma.plugins.homes.lived.body import HomeRobot, look_cost, looks
-from karma.plugins.homes.lived.experiment import LivedRow
-from karma.plugins.homes.lived.recalling import Recollection, fits, ids_of, plain, recollect
-from karma.plugins.homes.memory.setting import is_of_past, is_said_place, types_meant
 
 COUNTED = 0.2  # chance from which on a thing is counted, where it was seen or where it may lie
 MOST_PLACES = 16  # looked at for one errand

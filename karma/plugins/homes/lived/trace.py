@@ -3,11 +3,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from karma.contracts import Deed, Fact, HomeAnswer, HomeMoment, Pose, Sighting, Vec3
+from karma.contracts import Pose, Vec3
 from karma.plugins.homes.lived.body import HomeRobot
 from karma.plugins.homes.lived.request import LivedRequest, ServedRequest
 from karma.plugins.homes.memory.setting import KnownPlace
 from karma.plugins.homes.residents import Household, Resident
+from karma.plugins.homes.types import Deed, Fact, HomeAnswer, HomeMoment, Sighting
 from karma.world.core.objects import Objects
 from karma.world.core.scene import Scene
 from karma.world.core.thing import is_inert

@@ -11,10 +11,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from karma.contracts import Deed, HomeMoment, Sighting
 from karma.household.places import HAND
 from karma.plugins.homes.memory.ageing import Ageing
 from karma.plugins.homes.memory.episodes import Belief
+from karma.plugins.homes.types import Deed, HomeMoment, Sighting
 
 ROBOT = "robot"
 OVERLOOKED = 0.01  # chance that a look does not show what is known to be there; 39 of 5,552

@@ -20,10 +20,11 @@ from typing import Any, Literal
 import faiss
 import numpy as np
 
-from karma.contracts import Deed, Embedder, Sighting
+from karma.contracts import Embedder
 from karma.errors import FileError
 from karma.files import check_sealed_file, read_bytes, sha256_of, write_atomic
 from karma.plugins.homes.memory.setting import KnownPlace, sighting_text
+from karma.plugins.homes.types import Deed, Sighting
 
 APPLICATION = 0x4B524D41  # "KRMA", in the file's header
 VERSION = 2

@@ -4,8 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from karma.contracts import Embedder, SaidThing, Sighting
+from karma.contracts import Embedder
 from karma.household.types import in_words
+from karma.plugins.homes.types import SaidThing, Sighting
 
 MARGIN = 0.03  # below the best meaning, within which another type may be meant as well
 

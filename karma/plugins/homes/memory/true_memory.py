@@ -8,7 +8,6 @@ from dataclasses import replace
 from hashlib import sha256
 from math import isfinite
 
-from karma.contracts import Fact, HomeMoment, HomeQuestion, LikelyPlace, SaidThing
 from karma.errors import FileError
 from karma.household.places import HAND
 from karma.plugins.homes.memory.ageing import (
@@ -29,6 +28,7 @@ from karma.plugins.homes.memory.setting import (
     ranks_of,
     types_meant,
 )
+from karma.plugins.homes.types import Fact, HomeMoment, HomeQuestion, LikelyPlace, SaidThing
 
 OTHERS = 0.08  # chance that is left for places of no opinion
 ELSEWHERE = 0.05  # what a place counts that is not of the kind that was said

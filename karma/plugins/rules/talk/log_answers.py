@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from karma.agent.journal.formats import plural
 from karma.agent.seeing.perceive import place_of
+from karma.assistant.replies import MemoryAnswer
 from karma.assistant.session_log import TOLD, PastAction, PastRequest
 from karma.household.containment import has_door
 from karma.household.deeds import DEED_KINDS
@@ -25,7 +26,7 @@ from karma.plugins.rules.talk.history import (
     looked_into,
     moves,
 )
-from karma.plugins.rules.talk.remembering import MOST, MemoryAnswer, answer, unknown
+from karma.plugins.rules.talk.remembering import MOST, answer, unknown
 
 
 def what_it_can(q: AskedQuestion) -> MemoryAnswer | None:

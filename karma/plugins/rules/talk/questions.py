@@ -12,6 +12,7 @@ from dataclasses import replace
 
 from karma.agent.journal.formats import plural
 from karma.agent.seeing.perceive import place_of
+from karma.assistant.replies import MemoryAnswer
 from karma.assistant.session_log import PLACE_TOLD, STATE_TOLD
 from karma.contracts import SeenObject
 from karma.household.containment import has_door
@@ -30,7 +31,6 @@ from karma.plugins.rules.talk.asking import ASKING, AskedQuestion, can_hold
 from karma.plugins.rules.talk.history import habits, looked_into, moves
 from karma.plugins.rules.talk.remembering import (
     MOST,
-    MemoryAnswer,
     Remembering,
     Sight,
     answer,

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from karma.agent.seeing.perceive import place_of
+from karma.assistant.replies import MemoryAnswer
 from karma.assistant.session_log import PLACE_TOLD, TOLD, PastRequest
 from karma.contracts import MemoryUnit, SeenObject
 from karma.household.ids import root_id, type_of
@@ -18,16 +19,6 @@ T = TypeVar("T")
 Sight = tuple[SeenObject, float]  # of a thing, and when it was in view
 MOST = 6  # things or errands in one answer
 _OLD_S = 3600.0  # what was seen so long ago may have been moved
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MemoryAnswer:
-    """What is said to a question."""
-
-    lines: tuple[str, ...]
-    known: bool = True
-    look: str = ""  # the errand that "yes" asks for: it would find it out, or mend it
-    refuses: bool = False  # it was an errand, and is not carried out
 
 
 def answer(*lines: str, known: bool = True, look: str = "") -> MemoryAnswer:

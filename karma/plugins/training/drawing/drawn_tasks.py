@@ -11,7 +11,6 @@ expert to show in the world.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Literal
 
 from karma.contracts import Goal, MemoryUnit
@@ -33,7 +32,6 @@ from karma.plugins.training.drawing.memories import (
 from karma.plugins.training.drawing.phrases import Book
 from karma.plugins.training.drawing.referring_expressions import Situation
 from karma.plugins.training.drawing.requests import KINDS, Ask, one_ask, pick_kind, wrapped
-from karma.plugins.training.drawing.several import SEVERAL, several_asks
 
 Kind = Literal["simple", "composite", "complex"]
 FOLLOW_UPS = tuple(kind for kind in KINDS if kind not in ("coffee", "toast", "break"))
@@ -67,8 +65,7 @@ class TaskDraft:
         """
         for _ in range(TRIES):
             kind = pick(self._rng, FOLLOW_UPS) if about_known else pick_kind(self._rng, self._kinds)
-            draw = several_asks if kind == SEVERAL else partial(one_ask, kind=kind)
-            ask = draw(self._rng, self._situation(vague=vague))
+            ask = one_ask(self._rng, self._situation(vague=vague), kind)
             if (
                 ask is None
                 or self._pointless(ask)

@@ -1,13 +1,8 @@
-"""The phrase book: what people call things and how they ask for things.
-
-Ours lies beside this file; `mine_alfred` adds the sentences of ALFRED's annotators, read where they
-lie and turned into templates in memory.
-"""
+"""The phrase book: names of objects and templates of requests, read from the files beside it."""
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 from hashlib import blake2b
 from itertools import product
 from pathlib import Path
@@ -23,21 +18,15 @@ from karma.language.lexemes import (
     unseen_lexemes,
     unseen_lexicon,
 )
-from karma.plugins.alfred.sentences import read_demonstrations
 
 HERE = Path(__file__).parent
-MAX_WORDS = 14  # of a mined sentence
-MINED = 0.4  # share of mined templates where there are any
 UNSEEN_VAGUE = 0.35  # `vague` where the words are held out: names and uses are both to be asked
 SPOKEN = 0.5  # share of patterns among ours
 _CHOICE = re.compile(r"\(([^()]*)\)")
 _DEED = re.compile(r"<(\w+)>")
 
 
-_TEXTS = (
-    "templates", "mined", "spoken", "joined", "shared", "deeds", "adjectives", "just", "around",
-    "references",
-)  # parts of a book that are texts by kind  # fmt: skip
+_TEXTS = ("templates", "spoken", "adjectives", "just", "around", "references")
 
 Texts = Mapping[str, tuple[str, ...]]
 Verbs = Mapping[str, Mapping[str, tuple[str, ...]]]  # kind of deed -> word -> its phrases
@@ -56,12 +45,8 @@ class Book:
     just: Mapping[str, tuple[str, ...]]
     around: Mapping[str, tuple[str, ...]]
     references: Mapping[str, tuple[str, ...]]
-    mined: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     spoken: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     verbs: Verbs = field(default_factory=dict)
-    joined: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # requests, and things
-    shared: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # one deed, several things
-    deeds: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # bare verbs
     things: Mapping[str, Entry] = field(default_factory=lexicon)  # what they are called
     vague: float = 0.12  # share of things not remembered and of places that go by no name
 
@@ -78,12 +63,10 @@ class Book:
                 for kind, texts in book.items()
             }
 
-        def side_or_all(book: Texts) -> dict[str, tuple[str, ...]]:
-            return {kind: texts or book[kind] for kind, texts in side(book).items()}
-
-        split = ("templates", "mined", "joined", "shared")
-        sides: dict[str, Any] = {name: side_or_all(getattr(known, name)) for name in split}
-        return replace(known, spoken=side(known.spoken), **sides)
+        templates = {
+            kind: texts or known.templates[kind] for kind, texts in side(known.templates).items()
+        }
+        return replace(known, spoken=side(known.spoken), templates=templates)
 
     def with_unseen_words(self) -> "Book":
         """Return the held-out templates, with held-out words for things, states and deeds."""
@@ -132,10 +115,8 @@ class Book:
         return blake2b(template.encode(), digest_size=1).digest()[0] < 21
 
     def pick(self, rng: np.random.Generator, kind: str) -> str:
-        """Draw a template: one that was mined, one of ours, or what a pattern stands for."""
-        mined, spoken = self.mined.get(kind, ()), self.spoken.get(kind, ())
-        if mined and rng.random() < MINED:
-            return _drawn_text(rng, mined)
+        """Sample a template: a fixed text, or an expansion of a spoken pattern."""
+        spoken = self.spoken.get(kind, ())
         if spoken and rng.random() < SPOKEN:
             return self.say(rng, spoken)
         return self.say(rng, self.templates[kind])
@@ -165,7 +146,7 @@ class Book:
             return replace(self, verbs=verbs, spoken=spoken)
         only = {kind: tuple(filter(_DEED.search, texts)) for kind, texts in spoken.items()}
         templates = {kind: only.get(kind) or texts for kind, texts in self.templates.items()}
-        return replace(self, verbs=verbs, templates=templates, spoken={}, mined={})
+        return replace(self, verbs=verbs, templates=templates, spoken={})
 
     def say(self, rng: np.random.Generator, patterns: Sequence[str]) -> str:
         """Draw one of the templates that some patterns stand for."""
@@ -197,17 +178,11 @@ def our_book() -> Book:
         kind: {word: tuple(said) for word, said in words.items()}
         for kind, words in raw.pop("verbs").items()
     }
-    around, *several = (raw.pop(part) for part in ("around", "joined", "shared", "deeds"))
-    joined, shared, deeds = (
-        {kind: tuple(texts) for kind, texts in part.items()} for part in several
-    )
+    around = raw.pop("around")
     return replace(
         book,
         spoken={kind: tuple(texts) for kind, texts in raw.items()},
         verbs=verbs,
-        joined=joined,
-        shared=shared,
-        deeds=deeds,
         around={part: (*texts, *around[part]) for part, texts in book.around.items()},
     )
 
@@ -237,138 +212,3 @@ def expand(text: str) -> Iterator[str]:
     parts = [part.split("|") for part in re.split(r"[()]", text)]
     for choice in product(*parts):
         yield _tidy("".join(choice))
-
-
-def with_alfred(book: Book, path: Path) -> Book:
-    """Return the book with ALFRED's templates added, each as often as it was said (at most 5).
-
-    FileError if the demonstrations are missing or torn.
-    """
-    more: dict[str, dict[str, int]] = {}
-    for kind, template in mine_alfred(path):
-        counts = more.setdefault(kind, {})
-        counts[template] = min(counts.get(template, 0) + 1, 5)
-    mined = {
-        kind: tuple(text for text, times in sorted(counts.items()) for _ in range(times))
-        for kind, counts in more.items()
-    }
-    return replace(book, mined=mined)
-
-
-def mine_alfred(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield (kind, template) for every human sentence that names its objects once each.
-
-    Source: ALFRED's annotations (`turk_annotations`), goal sentences and step sentences.
-    """
-    for trial in read_demonstrations(path, dict[str, Any]):
-        for annotation in trial["turk_annotations"]:
-            yield from _goal_sentence(trial, annotation["task_desc"])
-            yield from _step_sentences(trial, annotation["high_descs"])
-
-
-_GOAL_KINDS = {
-    "pick_and_place_simple": "place",
-    "pick_clean_then_place_in_recep": "clean_place",
-    "pick_heat_then_place_in_recep": "heat_place",
-    "pick_cool_then_place_in_recep": "cool_place",
-    "look_at_obj_in_light": "look",
-    "pick_and_place_with_movable_recep": "stack",
-}
-_STEP_KINDS = {
-    "PickupObject": "hold",
-    "PutObject": "place",
-    "SliceObject": "slice",
-    "ToggleObject": "switch_on",
-}
-
-
-_MUST_SAY = {
-    "clean_place": re.compile(r"clean|wash|rins|wet"),
-    "heat_place": re.compile(r"hot|heat|warm|cook|microwav"),
-    "cool_place": re.compile(r"cool|cold|chill"),
-    "slice_place": re.compile(r"slic|cut|piece"),
-    "slice": re.compile(r"slic|cut|chop"),
-    "switch_on": re.compile(r"\bon\b"),
-    "hold": re.compile(r"pick|take|grab|get|lift|hold"),
-}  # a sentence that leaves out what is to be done teaches nothing
-
-
-def _kept(kind: str, template: str | None) -> Iterator[tuple[str, str]]:
-    must = _MUST_SAY.get(kind)
-    if template is not None and (must is None or must.search(template)):
-        yield kind, template
-
-
-def _goal_sentence(trial: dict[str, Any], text: str) -> Iterator[tuple[str, str]]:
-    kind = _GOAL_KINDS.get(trial["task_type"])
-    wanted = trial["pddl_params"]
-    if kind is None or (wanted["object_sliced"] and kind != "place"):
-        return
-    if wanted["object_sliced"]:
-        kind = "slice_place"
-    slots = {"x": wanted["object_target"], "r": wanted["parent_target"]}
-    if kind == "look":
-        slots = {"x": wanted["object_target"], "s": wanted["toggle_target"]}
-    if kind == "stack":
-        slots["m"] = wanted["mrecep_target"]
-    yield from _kept(kind, make_template(text, slots))
-
-
-def _step_sentences(trial: dict[str, Any], texts: list[str]) -> Iterator[tuple[str, str]]:
-    steps = [step["discrete_action"] for step in trial["plan"]["high_pddl"]]
-    steps = [step for step in steps if step["action"] != "NoOp"]
-    if len(steps) != len(texts):
-        return
-    by_lower = {name.lower(): name for name in lexicon()}
-    for step, text in zip(steps, texts, strict=True):
-        kind = _STEP_KINDS.get(step["action"])
-        arguments = [by_lower.get(word.removesuffix("sliced")) for word in step["args"]]
-        if kind is None or None in arguments:
-            continue
-        names = [name for name in arguments if name is not None]
-        slots = {"s": names[0]} if kind == "switch_on" else {"x": names[0]}
-        if kind == "place" and len(names) > 1:
-            slots["r"] = names[1]
-        yield from _kept(kind, make_template(text, slots))
-
-
-def make_template(text: str, slots: Mapping[str, str]) -> str | None:
-    """Put slots where a sentence names its objects; None unless each is named exactly once.
-
-    `{x}` stands for the words with their article, `{x0}` for the bare name after other words.
-
-    >>> make_template("Put the mug into the sink basin.", {"x": "Mug", "r": "Sink"})
-    'put {x} into {r}'
-    >>> make_template("Put a clean mug in the sink.", {"x": "Mug", "r": "Sink"})
-    'put a clean {x0} in {r}'
-    """
-    text = " ".join(re.sub(r"[^a-z0-9,' -]", " ", text.lower()).split())
-    if not text or len(text.split()) > MAX_WORDS:
-        return None
-    for slot, kind in slots.items():
-        if kind not in lexicon():
-            return None
-        text, count = _slot_pattern(kind).subn(
-            lambda match: f"{{{slot}}}" if match[1] else f"{{{slot}0}}",  # noqa: B023 - used at once
-            text,
-        )
-        if count != 1:
-            return None
-    return None if _other_things().search(text) else text
-
-
-@cache
-def _other_things() -> re.Pattern[str]:
-    """Match the name of anything: a sentence that speaks of more than its slots is not kept."""
-    words = {word for entry in lexicon().values() for word in entry.names}
-    return re.compile(r"\b(?:" + "|".join(map(re.escape, sorted(words))) + r")s?\b(?![^{]*})")
-
-
-@cache
-def _slot_pattern(kind: str) -> re.Pattern[str]:
-    words = sorted(lexicon()[kind].names, key=len, reverse=True)
-    return re.compile(
-        r"\b((?:the|a|an|some|one|another|his|her|your)\s+)?(?:"
-        + "|".join(re.escape(word) for word in words)
-        + r")s?\b(?![^{]*})"
-    )

@@ -36,7 +36,6 @@ class Situation:
     book: Book
     mapped: bool  # long-term memory is there
     strict: bool = False  # words must fit one handled unit only
-    about: MemoryUnit | None = None  # what an earlier clause is about, if this one is, too
     vague: float = (
         0.0  # chance that a remembered thing is not called by its name; < 0: named or "it"
     )

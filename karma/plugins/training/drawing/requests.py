@@ -1,12 +1,12 @@
 """Requests: which things one is about, the goals it means, and its sentence."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
-from karma.contracts import Goal, MemoryUnit
+from karma.contracts import Goal
 from karma.household import uses
 from karma.household.containment import goes_in
 from karma.household.pieces import EGG, base_type, is_piece
@@ -53,8 +53,6 @@ class Ask:
     kind: str
     text: str
     goals: tuple[Goal, ...]
-    parts: tuple[tuple[Goal, ...], ...] = ()  # of several requests, one after the other
-    slots: Mapping[str, str] = field(default_factory=dict)  # words for its things
 
 
 def wrapped(rng: Rng, book: Book, text: str) -> str:
@@ -108,7 +106,7 @@ def _thing_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
             return None
         goals += placed
     text = filled(scene.book.pick(rng, kind), slots)
-    return Ask(kind=kind, text=text, goals=tuple(goals), slots=slots) if text else None
+    return Ask(kind=kind, text=text, goals=tuple(goals)) if text else None
 
 
 def _pair_ask(rng: Rng, scene: Situation) -> Ask | None:
@@ -206,7 +204,7 @@ def _switch_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
     slots = _slots("s", thing)
     text = filled(scene.book.pick(rng, kind), slots)
     goals = (_goal(predicate, thing.name),)
-    return Ask(kind=kind, text=text, goals=goals, slots=slots) if text else None
+    return Ask(kind=kind, text=text, goals=goals) if text else None
 
 
 def _carried(scene: Situation, capability: str) -> tuple[str, ...]:
@@ -222,10 +220,6 @@ def _carried(scene: Situation, capability: str) -> tuple[str, ...]:
 
 def _draw_ref(rng: Rng, scene: Situation, kind: str) -> Ref | None:
     """Draw the object of a request: from memory, from the room, or from anywhere."""
-    if scene.about is not None:
-        return (
-            _said_before(rng, scene, scene.about) if suits(kind, scene.about.object_type) else None
-        )
     known = [u for u in scene.units if suits(kind, u.object_type)]
     if known and rng.random() < 0.75:
         return refer(rng, scene, known[int(rng.integers(len(known)))])
@@ -243,14 +237,6 @@ def _draw_ref(rng: Rng, scene: Situation, kind: str) -> Ref | None:
     ):
         return guess
     return call(rng, scene, name)
-
-
-def _said_before(rng: Rng, scene: Situation, unit: MemoryUnit) -> Ref:
-    """Name again what the clause before was about, mostly "it"."""
-    bare = pick(rng, lexicon()[base_type(unit.object_type)].names)
-    words = "it" if rng.random() < 0.85 else pick(rng, ("that", f"the {bare}", f"that {bare}"))
-    name = scene.names[unit.object_id]
-    return Ref(name=name, object_type=unit.object_type, words=words, bare=bare, plain=False)
 
 
 def _vague_unknown(rng: Rng, name: str, scene: Situation) -> Ref | None:

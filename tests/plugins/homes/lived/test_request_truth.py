@@ -14,7 +14,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from karma.contracts import Deed, HomeAnswer, HomeMoment, Sighting
 from karma.household.types import object_types
 from karma.plugins.homes.lived.drawing import draw_request
 from karma.plugins.homes.lived.request import (
@@ -25,6 +24,7 @@ from karma.plugins.homes.lived.request import (
     room_right,
 )
 from karma.plugins.homes.memory.setting import KnownPlace
+from karma.plugins.homes.types import Deed, HomeAnswer, HomeMoment, Sighting
 from karma.seeds import stream
 from tests.support.lived import DAY_S, HOUR_S
 from tests.support.lived_oracle import WordsOracle, dirty_at, places_at

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from karma.contracts import Deed
 from karma.errors import FileError
 from karma.plugins.homes.lived.designs import DESIGNS
+from karma.plugins.homes.types import Deed
 from tests.support.lived import HOUR_S as HOUR
 from tests.support.lived import PLACES, moment, seen, setting, where
 

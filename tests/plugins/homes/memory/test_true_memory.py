@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from karma.contracts import Deed
 from karma.errors import FileError
 from karma.household.places import HAND
 from karma.plugins.homes.memory.ageing import (
@@ -24,6 +23,7 @@ from karma.plugins.homes.memory.beliefs import Beliefs
 from karma.plugins.homes.memory.episodes import Belief, EpisodeLog, EpisodeQuery
 from karma.plugins.homes.memory.setting import sighting_text
 from karma.plugins.homes.memory.true_memory import LOG, TrueMemory
+from karma.plugins.homes.types import Deed
 from karma.seeds import stream
 from tests.support.lived import (
     DAY_S,

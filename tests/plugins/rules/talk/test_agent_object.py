@@ -17,10 +17,10 @@ from karma.agent.journal.owned_folder import MARK
 from karma.agent.journal.run_folder import read_run
 from karma.agent.journal.steps import read_steps, steps_path
 from karma.agent.loading.models import Models
+from karma.assistant.agent import asking
+from karma.assistant.replies import ROWS, lines_of, lines_why, rows_for
+from karma.assistant.talk_folder import TalkFolder
 from karma.errors import FileError, KarmaError
-from karma.plugins.rules.talk.agent import asking
-from karma.plugins.rules.talk.keeping import TalkFolder
-from karma.plugins.rules.talk.replies import ROWS, lines_of, lines_why, rows_for
 
 
 class Balanced(HTMLParser):
@@ -56,7 +56,7 @@ def test_package_is_light_and_still_has_the_agent():
     code = "import sys, karma; print('numpy' in sys.modules, 'Agent' in karma.__all__)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "True"]
-    from karma.plugins.rules.talk.agent import Agent as same
+    from karma.assistant.agent import Agent as same
 
     assert Agent is same
 
@@ -178,7 +178,7 @@ def test_same_talk_twice_leaves_the_same_bytes(tmp_path):
 
 
 def test_map_and_memory_and_reply_are_sound_html(tmp_path):
-    agent = agent_saying(tmp_path, [STORE])
+    agent = agent_saying(tmp_path, [STORE], assistant="direct")
     reply = agent.do("put the <b>apple</b> in the fridge &c")
     drawn = Balanced(agent.map._repr_html_())
     assert drawn.tags[0] == "svg" and "circle" in drawn.tags

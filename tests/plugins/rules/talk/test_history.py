@@ -197,7 +197,7 @@ def test_several_habits_are_told_at_once(reader):
 
 def test_where_something_else_lies_is_a_place(agent, reader):
     """The apple lies in the fridge by now."""
-    seen = {name: sight for name, (sight, _) in agent._episode.last_seen().items()}
+    seen = {name: sight for name, (sight, _) in agent.known.last_seen().items()}
     plain = in_plain_words("put the mug where the apple is", agent.home.past, reader, seen)
     assert plain.text == "put the mug in the fridge"
     assert plain.means["Fridge"].startswith("Fridge|")
@@ -213,7 +213,7 @@ def test_where_something_else_lies_is_a_place(agent, reader):
 def test_what_one_part_means_by_the_log_is_no_other_parts_place(tmp_path):
     agent = agent_saying(tmp_path, [STORE])
     agent.do("put the apple in the fridge")
-    clauses = list(agent._in_turn("find the mug, then put the apple back where it was"))
+    clauses = list(agent.assistant.requests("find the mug, then put the apple back where it was"))
     assert [clause.text for clause in clauses] == [
         "find the mug", "put the apple on the dining table",
     ]  # fmt: skip

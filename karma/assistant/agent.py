@@ -11,28 +11,34 @@ it learns of a room lasts in `maps`; what it has handled is remembered as long a
 and in a `home` for good.
 """
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from karma import registry
 from karma.agent.goals.goals import GoalTracker, WatchedWorld
 from karma.agent.journal.records import SubTaskRecord
 from karma.agent.journal.steps import StepLog
 from karma.agent.journal.writer import EpisodeWriter, TimeLog
+from karma.agent.karma import KarmaMethod
 from karma.agent.loading.models import Models, Row, load_resources, world_maker
 from karma.agent.loading.models import preset as preset_of
 from karma.agent.loading.names import check_options
-from karma.agent.memory import Snapshot
+from karma.agent.memory import AgentMemory, Snapshot
 from karma.agent.planning.prompt import GOALS
-from karma.assistant.session_log import SessionLog
+from karma.agent.session import Executor
+from karma.assistant.protocol import Assistant, Moment, wanted_assistant
+from karma.assistant.replies import AgentReply, RequestReply, Understanding, as_it_ends, turns_of
+from karma.assistant.session_log import PastAction, SessionLog
+from karma.assistant.talk_folder import Keeper, TalkFolder
+from karma.assistant.views import Memory, RoomMap
 from karma.contracts import (
     Known,
     Listener,
+    MemoryChange,
     Outcome,
     Plan,
     Resources,
@@ -44,41 +50,15 @@ from karma.contracts import (
 from karma.errors import KarmaError
 from karma.files import read_bytes
 from karma.models.llama.model import LlamaModel
-from karma.models.llama.room_states import StateOptions
 from karma.models.manifest import default_planner, resolve_planner
 from karma.models.session import Session, Spent
-from karma.plugins.rules.language.clauses import clauses_of, context_left_out
-from karma.plugins.rules.language.lexicon import Lexicon
-from karma.plugins.rules.language.request import RequestReader, asked_last, check_length
-from karma.plugins.rules.method import RulesMethod
-from karma.plugins.rules.talk import history
-from karma.plugins.rules.talk.keeping import Keeper, TalkFolder
-from karma.plugins.rules.talk.offers import corrected, with_offer
-from karma.plugins.rules.talk.questions import answered, of_another
-from karma.plugins.rules.talk.remembering import MemoryAnswer, Remembering
-from karma.plugins.rules.talk.replies import AgentReply, RequestReply, as_it_ends, turns_of
-from karma.plugins.rules.talk.telling import told_of
-from karma.plugins.rules.talk.views import Memory, RoomMap
-from karma.plugins.rules.types import Mention, Request, SaidDeed
-from karma.plugins.rules.understanding import Understanding, misspelt, understood
 
 if TYPE_CHECKING:
     from karma.world.event import WorldEvent
     from karma.world.sim import EmbeddedWorld
 
 MAPS = Path("runs/maps")
-ANSWER_SECONDS = 120.0  # that an answer may take unless told otherwise
-_SPOKEN_OF = 4  # things named before the last that "both" may stand for
-_EARLIER = 3  # requests of earlier sessions, of which "it" may be the last thing
-Moment = Understanding | Plan | SkillResult | RequestReply  # what happens while an agent acts
-
-
-class _Clause(NamedTuple):
-    """One errand or question of what is said."""
-
-    text: str
-    asked: Request | None = None  # where it is read
-    means: Mapping[str, str] = MappingProxyType({})  # type -> id, by what it says of the log
+ANSWER_SECONDS = 120.0  # limit of an answer unless the caller sets another
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +71,7 @@ class _Before:
     times: TimeLog
     tours: dict[str, Tour]
     done: int
-    kept: int  # errands of the home
+    logged: int  # requests
 
 
 class Agent:
@@ -109,7 +89,6 @@ class Agent:
         maps: folder of long-term memories.
         seed: of the planner's sampling.
         session: of hosted models.
-        states: where a local planner keeps what it computed of rooms.
         resources: models that are loaded already, in place of all by name.
         answer_seconds: an answer of the planner takes at most; one that is cut is asked for again,
             never carried out. None: no bound.
@@ -117,6 +96,7 @@ class Agent:
         home: a name or folder: it is the same home tomorrow. None: nothing lasts.
         later_s: so much time has passed there since it was left.
         people: who live there meanwhile, and move things; None: as many as always, at first nobody.
+        assistant: a name of `karma.assistants`; "": the one that the planner wants.
 
     Raises:
         KarmaError: a model, scene or option is not there or not as it should be; or the folder
@@ -135,13 +115,13 @@ class Agent:
         maps: str | Path = MAPS,
         seed: int = 0,
         session: Session | None = None,
-        states: StateOptions | None = None,
         resources: Resources | None = None,
         answer_seconds: float | None = ANSWER_SECONDS,
         listen: Listener | None = None,
         home: str | Path | None = None,
         later_s: float = 0.0,
         people: int | None = None,
+        assistant: str = "",
     ) -> None:
         if home is not None:
             kept = registry.load("homes", "kept")
@@ -156,23 +136,25 @@ class Agent:
             maps = Path(maps) if self.home.folder is None else self.home.folder / "maps"
             self.session = session or Session()
             named = None if resources else asking(models or _models(planner, preset))
+            planner = resources.model.name if resources else (named or Models()).planner
+            kind = registry.load("assistants", assistant or wanted_assistant(planner))
             row = _row(preset, dict(options or {}), answer_seconds)
             self._world: EmbeddedWorld = world_maker("embedded", [row.all_options])()  # type: ignore[assignment]
             self._world.reset(self.scene.source)  # wrong names are told before models are loaded
             check_options(row.method, row.all_options)
             place = TalkFolder(None if folder is None else Path(folder), self.scene.name)
             loaded = resources or load_resources(
-                named or Models(), maps=maps, seed=seed, learn=True, session=self.session,
-                states=states,
-            )  # fmt: skip
+                named or Models(), maps=maps, seed=seed, learn=True, session=self.session
+            )
             self.session.ledger.take()  # what loading asked, as the canary, is no part of the bill
             decoding = replace(loaded.decoding, answer_seconds=answer_seconds)
             loaded = replace(loaded, decoding=decoding, listen=listen)
-            self._method = RulesMethod.build(loaded, row.all_options)
-            self._lexicon = Lexicon(loaded.embedder)
+            self.method = KarmaMethod.build(loaded, row.all_options)
+            self.embedder = loaded.embedder
             self._keeper = Keeper(place, self.scene, row, named, loaded)
             self._maps = maps
             self._begin(seed)
+            self.assistant: Assistant[Any] = kind(self)
             failed.pop_all()
 
     def _begin(self, seed: int) -> None:
@@ -180,10 +162,9 @@ class Agent:
         steps = StepLog()
         world = WatchedWorld(self._world, steps)
         world.reset(self.scene.source)
-        self._episode = self._method.begin(world, self.scene, seed=seed, folder=self.folder)
-        self._memory = self._episode.agent.memory
+        self.episode = self.method.begin(world, self.scene, seed=seed, folder=self.folder)
         self._part = EpisodeWriter(
-            method=self._method.name,
+            method=self.method.name,
             world=world,
             tracker=GoalTracker(),  # nothing that is said has goals
             ledger=self.session.ledger,
@@ -196,12 +177,9 @@ class Agent:
         self.home.restore(world, self._world)
         for errand in self.home.past:
             for change in errand.changes:
-                self._memory.learn(change)
-        self._earlier = tuple(one.said for one in self.home.past[-_EARLIER:])
+                self.known.learn(change)
         self._done: list[SubTaskRecord] = []
         self._before: list[_Before] = []
-        self._question = ""  # what was asked last; "" after anything else
-        self._asked = ""  # the request that was made last
         self.replies: list[AgentReply] = []
 
     # ------------------------------------------------------------- what it does
@@ -228,15 +206,12 @@ class Agent:
         """
         if not instruction.strip():
             raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
-        check_length(instruction)
         before = self._now()
-        self._episode.begin_text()
         parts: list[RequestReply] = []
-        number, clause = 0, _Clause("")
-        for number, clause in enumerate(self._in_turn(instruction)):
+        for number, request in enumerate(self.assistant.requests(instruction)):
             now = self._now()
             try:
-                for moment in self._carry_out_or_answer(clause, instruction):
+                for moment in self.assistant.handle(request, instruction):
                     if isinstance(moment, RequestReply):
                         parts.append(moment)
                     yield moment
@@ -244,7 +219,7 @@ class Agent:
                 if len(parts) == number:
                     self._return(now)
                 if parts:
-                    stopped = clause.text if len(parts) == number else ""
+                    stopped = request.text if len(parts) == number else ""
                     self._reply(before, instruction, parts, stopped=stopped)
                 raise
         self._reply(before, instruction, parts)
@@ -258,79 +233,28 @@ class Agent:
             self.save()
 
     def clauses(self, instruction: str) -> list[str]:
-        """Return what is said, errand by errand, as it will be carried out."""
-        return [clause.text for clause in self._in_turn(instruction)]
+        """Return the requests of an instruction, in the words in which they are carried out."""
+        return [request.text for request in self.assistant.requests(instruction)]
 
-    def is_errand(self, text: str) -> bool:
-        """Return whether a text asks for something by itself."""
-        return any(one.form == "errand" for one in self._method.reader.read(text))
+    def carry_out(
+        self,
+        subtask: SubTask,
+        describe: Callable[[Plan], Understanding],
+        executor: Executor | None = None,
+        *,
+        keep_shut: Collection[str] = (),
+    ) -> Generator[Moment, None, RequestReply]:
+        """Carry out one request; yields what happens and returns the reply.
 
-    def _in_turn(self, instruction: str) -> Iterator[_Clause]:
-        """Yield what is said errand by errand, what speaks of the log when that holds the rest."""
-        reader = self._method.reader
-        *first, last = history.in_turn(instruction)
-        for number, piece in enumerate(first):
-            if not history.only_needs(piece, reader):  # "I still need it, put it back"
-                yield from self._clauses(piece, reader, first[:number])
-        yield from self._clauses(last, reader, first)
-
-    def _clauses(
-        self, instruction: str, reader: RequestReader, ahead: Sequence[str]
-    ) -> list[_Clause]:
-        """Return what is said errand by errand, each with what it asks."""
-        instruction = of_another(instruction, self._question, reader)
-        instruction = corrected(instruction, self._asked, reader)
-        seen = {name: sight for name, (sight, _) in self._memory.last_seen().items()}
-        plain = history.in_plain_words(instruction, self.home.past, reader, seen)
-        read = reader.read(plain.text, *self._spoken_of(reader, ahead))
-        requests = context_left_out(read)
-        usual = history.habits(self.home.past, reader)
-        unread = [
-            replace(one, unread=(*one.unread, *(w for w in plain.unknown if w in one.text)))
-            for one in requests
-        ]
-        found: list[_Clause] = []
-        for text, asked in (clause for one in unread for clause in clauses_of(one)):
-            put = history.with_habits(asked, usual)
-            found.append(_Clause(text if put is asked else put.errand, put, plain.means))
-        return found or [_Clause(plain.text)]
-
-    def _spoken_of(
-        self, reader: RequestReader, ahead: Sequence[str]
-    ) -> tuple[tuple[Mention, ...], tuple[SaidDeed, ...], tuple[Mention, ...]]:
-        """Return what was spoken of last, what was asked for last, what was spoken of before."""
-        last: tuple[Mention, ...] = ()
-        older: tuple[Mention, ...] = ()
-        deeds: tuple[SaidDeed, ...] = ()
-        for text in (*self._earlier, *(reply.said for reply in self.replies), *ahead):
-            said = reader.read(text, last, deeds, older)
-            named = (one for request in said for one in (*request.alone, *request.mentions))
-            known = tuple(one for one in named if one.types)
-            older = (*older, *last)[-_SPOKEN_OF:] if known else older
-            last = known or last
-            for one in said:
-                deeds = asked_last(one, deeds)
-        return last, deeds, older
-
-    def _carry_out_or_answer(self, said: _Clause, whole: str) -> Iterator[Moment]:
-        """Carry out one request, or answer it."""
-        clause, asked, reader = said.text, said.asked, self._method.reader
-        if asked and reader and (answer := self._answer(clause, asked, reader)) is not None:
-            yield RequestReply(instruction=clause, answer=answer)
-            return
-        self._asked = clause if asked is not None and asked.form == "errand" else ""
-        subtask = SubTask(instruction=clause, whole=clause if asked else whole)
-        if asked is None:
-            events = self._episode.do(subtask)
-        else:
-            events = self._episode.do_clause(
-                subtask,
-                asked,
-                owned=said.means,
-                reported=self._remembering().told(),
-                clock_s=self.home.clock_s,
-            )
-        taken: list[Understanding] = []
+        Args:
+            subtask: the request.
+            describe: puts a plan in words that are shown before it runs.
+            executor: carries it out; None: the planner alone.
+            keep_shut: types that nothing opens.
+        """
+        clock_s = self.home.clock_s
+        events = self.episode.do(subtask, executor, keep_shut=keep_shut, clock_s=clock_s)
+        described: list[Understanding] = []
         plans: list[Plan] = []
         results: list[SkillResult] = []
         outcome = None
@@ -349,76 +273,38 @@ class Agent:
             else:
                 plans.append(moment)
                 if moment.refused is not None or (moment.calls and not moment.error):
-                    taken.append(self._understood(clause, moment, said.asked))
-                    yield taken[-1]
+                    described.append(describe(moment))
+                    yield described[-1]
             yield moment
         self._done.append(record)
-        reply = RequestReply(
-            instruction=clause,
-            understood=tuple(taken),
+        return RequestReply(
+            instruction=subtask.instruction,
+            understood=tuple(described),
             plans=tuple(plans),
             results=tuple(results),
             checks=outcome.checks if outcome else (),
             finished=record.finished,
             record=record,
-            asked=asked,
+            change=outcome.change if outcome else None,
         )
-        changes = [outcome.change] if outcome and outcome.change else []
-        if self._part.steps.actions:
+
+    def log(
+        self, reply: RequestReply, *, plain: str = "", deeds: Sequence[PastAction] = ()
+    ) -> bool:
+        """Log a request that was carried out; return False if it did nothing."""
+        changes = [reply.change] if reply.change is not None else []
+        actions = self._part.steps.actions
+        if actions:
+            event = self._world.last_event
             self.home.add(
-                clause,
-                reply.status,
-                self._part.steps.actions,
-                changes,
-                self._world.last_event,
-                plain=history.in_plain(asked),
-                deeds=tuple(history.deeds_of(asked, results, done=reply.status == "done")),
+                reply.instruction, reply.status, actions, changes, event, plain=plain, deeds=deeds
             )
-            reply = replace(reply, elsewhere=history.found_elsewhere(self.home.past))
-        yield reply
+        return bool(actions)
 
-    def _answer(self, clause: str, asked: Request, reader: RequestReader) -> MemoryAnswer | None:
-        """Answer a question, or learn what is told; None where it is neither."""
-        self._question = clause if asked.form == "question" else ""
-        if asked.form == "question":
-            return answered(asked, self._remembering(), reader)
-        if asked.form not in ("statement", "teaching") and not history.is_taught(clause):
-            return None
-        told = told_of(asked, self._remembering(), self.scene.name, reader)
-        if told is None:
-            return None
-        if told.change is not None:
-            self._memory.learn(told.change)
-            self.home.add(clause, told.about, (), [told.change], self._world.last_event)
-        return told.answer
-
-    def _remembering(self) -> Remembering:
-        """Return what questions are answered from."""
-        return Remembering(
-            sights=self._memory.last_seen(),
-            units={unit.object_id: unit for unit in self.memory},
-            furniture=self.map.types(),
-            past=self.home.past,
-            now_s=self.home.clock_s,
-            chance_in_place=self.home.chance_in_place,
-        )
-
-    def _where(self, name: str) -> Known | None:
-        """Return where the agent believes an object to be, by its type or id."""
-        return self._memory.beliefs(self._part.world).where(name)
-
-    def _understood(self, clause: str, plan: Plan, asked: Request | None) -> Understanding:
-        here = {*self.map.types(), *(unit.object_type for unit in self.memory)}
-        taken = understood(clause, plan, self._where, self._lexicon, sorted(here))
-        if asked is None:
-            return taken
-        if plan.refused is not None:
-            slip = misspelt(plan.refused, self._lexicon, sorted(here))
-            return with_offer(taken, clause, plan.refused, asked, slip)
-        verbs = [deed.verb for deed in asked.forbidden]
-        return replace(
-            taken, forbidden=(*verbs, *(f"use the {one.text}" for one in asked.exclusions))
-        )
+    def learn(self, said: str, status: str, change: MemoryChange) -> None:
+        """Put into memory, and log, what a person stated."""
+        self.known.learn(change)
+        self.home.add(said, status, (), [change], self._world.last_event)
 
     def undo(self) -> str | None:
         """Go back to before the last thing that was said: room, memory and records.
@@ -438,7 +324,7 @@ class Agent:
     def _now(self) -> _Before:
         return _Before(
             self._world.last_event,
-            self._memory.snapshot(),
+            self.known.snapshot(),
             *deepcopy((self._part.steps, self._part.times, self._part.tours)),
             len(self._done),
             len(self.home.past),
@@ -446,29 +332,38 @@ class Agent:
 
     def _return(self, before: _Before) -> None:
         self._world.back_to(before.event)
-        self._memory.go_back(before.remembered)
+        self.known.go_back(before.remembered)
         self._part.steps.go_back(before.steps)
         self._part = replace(self._part, times=before.times, tours=before.tours)
         del self._done[before.done :]
-        self.home.go_back(before.kept)
+        self.home.go_back(before.logged)
 
     # ------------------------------------------------------------- what it knows
 
     @property
+    def known(self) -> AgentMemory:
+        """Both memories, of all rooms."""
+        return self.episode.memory
+
+    def where(self, name: str) -> Known | None:
+        """Return where the agent believes an object to be, by its type or id."""
+        return self.known.beliefs(self._part.world).where(name)
+
+    @property
     def memory(self) -> Memory:
         """Short-term memory: what was handled or seen last, and its states."""
-        short = self._memory.short_term
+        short = self.known.short_term
         return Memory(short.units(), short.capacity)
 
     @property
     def map(self) -> RoomMap:
         """Long-term memory of the room: places to stand, and the furniture near them."""
-        return RoomMap.of(self.scene.name, self._memory.graph)
+        return RoomMap.of(self.scene.name, self.known.graph)
 
     @property
     def manner(self) -> str:
         """How prompts go into the planner's GGUF where it has a chat template; else ""."""
-        model = self._method.karma.planner.model
+        model = self.method.planner.model
         return model.manner if isinstance(model, LlamaModel) else ""
 
     @property
@@ -501,14 +396,13 @@ class Agent:
 
     def __repr__(self) -> str:
         remembered = f"{len(self.replies)} said, {len(self.memory)} things remembered"
-        return f"Agent({self.scene.source!r}): {self._method.name}, {remembered}"
+        return f"Agent({self.scene.source!r}): {self.method.name}, {remembered}"
 
 
 def _row(preset: str, options: dict[str, Any], answer_seconds: float | None) -> Row:
     try:
         return Row(
             name="KARMA",
-            method="rules",
             preset=preset,
             options=options,
             answer_seconds=answer_seconds,
@@ -520,7 +414,7 @@ def _row(preset: str, options: dict[str, Any], answer_seconds: float | None) -> 
 def _models(planner: str, preset: str) -> Models:
     chosen = preset_of(preset)
     planner = planner or default_planner()
-    return Models(planner=planner, recall=chosen.recall, recall_text=chosen.recall_text)
+    return Models(planner=planner, recall=chosen.recall)
 
 
 def asking(models: Models) -> Models:

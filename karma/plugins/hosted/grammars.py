@@ -1,14 +1,14 @@
 """Write the language of a spec, of programs or of plans, as servers take it.
 
-GBNF are llama.cpp's grammars; XGrammar reads them too. The regular expressions match whole answers,
-in what all dialects share. For servers that enforce JSON schemas only, a program is
+GBNF are llama.cpp's grammars; XGrammar reads them too. For servers that enforce JSON schemas only,
+a program is
 `{"program": [{"skill": "PutObject", "object": "Mug", "object_2": "Sink"}, ...]}`: a call is an
 object with its arguments by kind, in the order in which a line has them. Who may refuse may say
 `{"program": {"refuse": "thing"}}`.
 """
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
@@ -24,7 +24,6 @@ from karma.models.automaton import (
     refusal_lines,
 )
 
-_SIGNS = frozenset(".^$*+?{}[]()|\\")
 _CLASS = r"[ !#-\[\]-~]"  # printable ASCII without quotes and backslashes
 
 
@@ -54,7 +53,11 @@ def gbnf(spec: ProgramSpec) -> str:
 
     def line(form: LineForm) -> str:
         before = [_any(form.skills), literal("(robot")]
-        return " ".join(_call(form, before, argument, literal(")"), " "))
+        rest: list[str] = []  # an argument that may be left out holds those behind it
+        for one in reversed(form.arguments[form.needed :]):
+            rest = [f"({' '.join([argument(one), *rest])})?"]
+        needed = map(argument, form.arguments[: form.needed])
+        return " ".join([*before, *needed, *rest, literal(")")])
 
     newline = literal("\n")
     more = f" ({newline} line){{0,{spec.max_calls - 1}}}" if spec.max_calls > 1 else ""
@@ -66,48 +69,6 @@ def gbnf(spec: ProgramSpec) -> str:
         *(f'{rule} ::= {_any(names)} "\'"' for names, rule in rule_of.items()),
     ]
     return "\n".join(rules)
-
-
-def regex(spec: ProgramSpec) -> str:
-    r"""Return the expression that matches whole programs.
-
-    Raises:
-        ValueError: the spec admits no program.
-
-    >>> from karma.contracts import Skill
-    >>> go = Skill(name="GoToObject", arguments=("object",))
-    >>> print(regex(ProgramSpec(skills=(go,), objects=("Mug", "Sink"), max_calls=1)))
-    ((GoToObject)\(robot, '(Mug|Sink)'\))(\n(\n|```|#)?)?
-    """
-
-    def any_of(words: Sequence[str]) -> str:
-        return f"({'|'.join(map(escaped, words))})"
-
-    def argument(one: Argument) -> str:
-        name = f"'{any_of(one.names)}'"
-        if not one.most:
-            return f", {name}"
-        return rf", \[{name}(, {name}){{0,{one.most - 1}}}\]"
-
-    def line(form: LineForm) -> str:
-        return "".join(_call(form, [any_of(form.skills), r"\(robot"], argument, r"\)", ""))
-
-    lines = f"({'|'.join(map(line, forms(spec)))})"
-    more = rf"(\n{lines}){{0,{spec.max_calls - 1}}}" if spec.max_calls > 1 else ""
-    closing = any_of(CLOSINGS).replace("\n", r"\n")
-    program = rf"{lines}{more}(\n{closing}?)?"
-    refusals = [rf"{escaped(line)}\n?" for line in refusal_lines(spec)]
-    return f"({'|'.join([program, *refusals])})" if refusals else program
-
-
-def _call(
-    form: LineForm, before: list[str], argument: Callable[[Argument], str], end: str, between: str
-) -> list[str]:
-    """Return the parts of a call; an argument that may be left out holds those behind it."""
-    rest: list[str] = []
-    for one in reversed(form.arguments[form.needed :]):
-        rest = [f"({between.join([argument(one), *rest])})?"]
-    return [*before, *map(argument, form.arguments[: form.needed]), *rest, end]
 
 
 def literal(text: str) -> str:
@@ -123,15 +84,6 @@ def literal(text: str) -> str:
 def _any(words: Sequence[str]) -> str:
     terminals = " | ".join(map(literal, words))
     return terminals if len(words) == 1 else f"({terminals})"
-
-
-def escaped(text: str) -> str:
-    r"""Return an expression that matches the text alone.
-
-    >>> print(escaped("Apple|1.5"))
-    Apple\|1\.5
-    """
-    return "".join(f"\\{sign}" if sign in _SIGNS else sign for sign in text)
 
 
 def plan_gbnf(spec: PlanSpec) -> str:
@@ -150,16 +102,6 @@ def plan_gbnf(spec: PlanSpec) -> str:
             f"item ::= {items}",
         )
     )
-
-
-def plan_regex(spec: PlanSpec) -> str:
-    """Return the expression that matches whole plans; errors as those of `plan_frame`."""
-    items = f"({'|'.join(map(escaped, items_of(spec)))})"
-    texts = "".join(
-        f'{escaped(as_json(key))}:"{_CLASS}{{0,{spec.max_text}}}",' for key in spec.texts
-    )
-    many = f"({items}(,{items}){{0,{spec.max_actions - 1}}})?"
-    return rf"\{{{texts}{escaped(as_json(spec.plan))}:\[{many}\]\}}"
 
 
 def plan_schema(spec: PlanSpec) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from karma.errors import KarmaError
 from karma.files import cache
 from karma.models.manifest import check, find_model, read_manifest
 from karma.offline.guard import DEFAULTS, LOG, OFFLINE, SWITCHES, is_armed, network_allowed
-from karma.plugins.airgap.build import kept_wheels
 from karma.world.thor.builds import CheckResult
 
 NEEDED = ("karma-nano", "minilm")  # what `karma run` can do with, where karma-mini is not here
@@ -140,10 +139,6 @@ def _models() -> Iterator[CheckResult]:
 
 def _folders(environment: Mapping[str, str]) -> Iterator[CheckResult]:
     """Yield folders that a run does without, but somebody may look for."""
-    kept = ", ".join(sorted(path.name for path in kept_wheels().glob("*.whl"))) or "empty"
-    yield CheckResult.of(
-        "wheel cache", True, f"{kept_wheels()}: {kept}; for set-up and bundles only"
-    )
     hub = Path(environment.get("HF_HOME") or Path.home() / ".cache" / "huggingface")
     there = hub.is_dir() and any(hub.iterdir())
     found = f"{hub}: {'there, never read' if there else 'none, and none is needed'}"

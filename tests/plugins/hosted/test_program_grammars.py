@@ -1,13 +1,11 @@
-"""GBNF, regular expression and JSON schema admit exactly the programs of the automaton.
+"""GBNF and JSON schema admit exactly the programs and plans of the automaton.
 
-Each is read by somebody else than who wrote it: llama.cpp's grammar sampler, Python's `re`, and a
-schema reader of the tests as well as llama.cpp's own conversion of schemas. KARMA_SAMPLE sets how
-many programs.
+Each is read by somebody else than who wrote it: llama.cpp's grammar sampler, and a schema reader of
+the tests as well as llama.cpp's own conversion of schemas. KARMA_SAMPLE sets how many programs.
 """
 
 import json
 import os
-import re
 
 import numpy as np
 import pytest
@@ -15,6 +13,7 @@ from llama_cpp.llama_grammar import json_schema_to_gbnf
 from support.grammar_oracle import LlamaGrammar, is_valid
 from support.hosted_server import NANO
 from support.needs import need_models
+from support.plans import ILLEGAL, LEGAL, PLANS, plan
 from support.random_programs import random_program
 
 from karma.agent.planning.program import SKILLS, parse_program, parse_refusal
@@ -22,7 +21,13 @@ from karma.contracts import REFUSAL_KINDS, ProgramSpec
 from karma.errors import ProgramError
 from karma.household.types import object_types
 from karma.models.automaton import ProgramAutomaton
-from karma.models.grammars import gbnf, program_text, regex, schema
+from karma.plugins.hosted.grammars import (
+    gbnf,
+    plan_gbnf,
+    plan_schema,
+    program_text,
+    schema,
+)
 
 SAMPLES = int(os.environ.get("KARMA_SAMPLE", "2000"))
 NODES = tuple(f"node_{number}" for number in range(1, 13))
@@ -98,11 +103,6 @@ def test_gbnf_admits_exactly_the_programs_of_the_automaton(samples, admitted):
         assert [grammar.accepts(text) for text in samples] == admitted
 
 
-def test_regular_expression_admits_exactly_the_programs_of_the_automaton(samples, admitted):
-    whole = re.compile(regex(SPEC))
-    assert [whole.fullmatch(text) is not None for text in samples] == admitted
-
-
 def ended(text):
     """A text as we write programs: its end, of those that models write, is one newline."""
     end = next((end for end in ("\n\n", "\n```", "\n#", "\n") if text.endswith(end)), "")
@@ -145,12 +145,11 @@ def test_schema_as_llama_cpp_reads_it_admits_the_same(samples, admitted):
 @pytest.mark.parametrize("most", [1, 40])
 def test_number_of_calls_is_bounded_in_every_grammar(most):
     spec = ProgramSpec(skills=SKILLS, objects=("Mug",), max_calls=most)
-    line, whole = "GoToObject(robot, 'Mug')\n", re.compile(regex(spec))
+    line = "GoToObject(robot, 'Mug')\n"
     made = schema(spec)
     with LlamaGrammar(NANO, gbnf(spec)) as grammar:
         for calls, legal in ((0, False), (1, True), (most, True), (most + 1, False)):
             text = line * calls
-            assert bool(whole.fullmatch(text)) is legal
             assert grammar.accepts(text) is legal
             assert is_valid(made, program_json(parse_program(text))) is legal
 
@@ -159,18 +158,13 @@ def test_signs_in_names_stand_for_themselves():
     names = ('Apple|-00.47|+01.15|(2) "x" [b] {c}', "Crème", "a.c", "a^b$")
     spec = ProgramSpec(skills=SKILLS[:1], objects=names, max_calls=1)
     made = schema(spec)
-    for name in names:
-        text = f"GoToObject(robot, '{name}')\n"
-        assert re.fullmatch(regex(spec), text)
-        assert program_text(json.dumps({"program": [{"skill": "GoToObject", "object": name}]}))
-        assert is_valid(made, json.dumps({"program": [{"skill": "GoToObject", "object": name}]}))
-    assert not re.fullmatch(regex(spec), "GoToObject(robot, 'abc')\n")
-
-
-def test_grammars_of_all_names_of_a_home_stay_small():
-    spec = ProgramSpec(skills=SKILLS, objects=SPEC.objects, positions=NODES, max_calls=40)
-    sizes = [len(gbnf(spec)), len(regex(spec)), len(json.dumps(schema(spec)))]
-    assert max(sizes) < 10_000, sizes
+    with LlamaGrammar(NANO, gbnf(spec)) as grammar:
+        for name in names:
+            answer = json.dumps({"program": [{"skill": "GoToObject", "object": name}]})
+            assert grammar.accepts(f"GoToObject(robot, '{name}')\n")
+            assert program_text(answer) == f"GoToObject(robot, '{name}')\n"
+            assert is_valid(made, answer)
+        assert not grammar.accepts("GoToObject(robot, 'abc')\n")
 
 
 @pytest.mark.parametrize(
@@ -189,3 +183,17 @@ def test_grammars_of_all_names_of_a_home_stay_small():
 def test_json_that_is_no_program_is_told_apart_from_an_empty_one(answer):
     assert program_text(answer) is None
     assert program_text('{"program": []}') == ""
+
+
+@pytest.mark.parametrize(("texts", "legal"), [(LEGAL, True), (ILLEGAL, False)])
+def test_grammar_admits_the_plans_of_the_automaton(texts, legal):
+    with LlamaGrammar(NANO, plan_gbnf(PLANS)) as grammar:
+        for text in texts:
+            assert grammar.accepts(text) is legal, text
+
+
+def test_schema_admits_plans_of_listed_numbers_only():
+    made = plan_schema(PLANS)
+    assert all(is_valid(made, text) for text in LEGAL)
+    for text in (plan(14), plan(-1), plan(0, 0, 0, 0), plan(0, why="thirteen char"), "{}"):
+        assert not is_valid(made, text)

@@ -13,12 +13,8 @@ from typing import Literal
 
 from karma.agent.body.afterwards import taken_back
 from karma.agent.journal.records import SubTaskRecord, Turn
-from karma.contracts import Check, Found, Plan, SkillResult
-from karma.household.pieces import base_type
+from karma.contracts import Check, Found, MemoryChange, Plan, SkillResult
 from karma.models.session import Spent
-from karma.plugins.rules.talk.remembering import MemoryAnswer
-from karma.plugins.rules.types import Request
-from karma.plugins.rules.understanding import Understanding
 
 Status = Literal["done", "answered", "partly", "unfinished", "refused", "asked"]
 Mark = Literal["said", "meant", "sure", "asked", "did", "failed", "seen", "not seen"]
@@ -39,6 +35,44 @@ class Line:
     text: str
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Meant:
+    """A phrase of a request, and the objects it stands for in the room."""
+
+    phrase: str
+    things: tuple[str, ...] = ()  # "Apple on the counter top"; () where nothing is done with it
+
+    def __str__(self) -> str:
+        """Return it as people are told."""
+        return f"{self.phrase} → {', '.join(self.things) or 'nothing that I would use'}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Understanding:
+    """A request as the agent took it, printed before anything is done."""
+
+    instruction: str
+    meant: tuple[Meant, ...] = ()
+    unnamed: tuple[str, ...] = ()  # what the program uses besides
+    deeds: tuple[str, ...] = ()  # in their order
+    forbidden: tuple[str, ...] = ()  # deeds that the request says not to do
+    sure: str = ""
+    refused: str = ""  # why it is not carried out
+    question: str = ""  # that may help then
+    offer: str = ""  # what "yes" asks for, where that answers the question
+    candidates: tuple[str, ...] = ()  # types or things that the question offers
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MemoryAnswer:
+    """What is said without doing anything."""
+
+    lines: tuple[str, ...]
+    known: bool = True
+    look: str = ""  # the instruction that "yes" asks for: it would find it out, or repair it
+    refuses: bool = False  # it was an instruction, and is not carried out
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class RequestReply:
     """What became of one request."""
@@ -51,8 +85,10 @@ class RequestReply:
     finished: bool = False
     record: SubTaskRecord | None = None
     answer: MemoryAnswer | None = None  # to a question; nothing was done for it
-    asked: Request | None = None  # what its words ask for, where they were read
+    requested: frozenset[tuple[str, str]] = frozenset()  # deeds and object types, if parsed
+    about: str = ""  # the words of the first object, if parsed
     elsewhere: tuple[str, ...] = ()  # what was not where it was remembered
+    change: MemoryChange | None = None  # what memory learnt, if anything was done
 
     @property
     def refused(self) -> str:
@@ -83,27 +119,17 @@ class RequestReply:
 
 
 def as_it_ends(parts: Sequence[RequestReply]) -> tuple[RequestReply, ...]:
-    """Return requests as it stands with them at the end: what a later one undid is not so."""
+    """Return replies whose checks take into account what a later request undid."""
     found = []
     for number, part in enumerate(parts):
         later = parts[number + 1 :]
         results = [result for one in later for result in one.results]
-        undone = taken_back(part.results, results, _deeds_of([part]), _deeds_of(later))
+        requested = frozenset[tuple[str, str]]().union(*(one.requested for one in later))
+        undone = taken_back(part.results, results, part.requested, requested)
         texts = {check.text for check in undone}
         kept = [check for check in part.checks if check.text not in texts]
         found.append(replace(part, checks=(*kept, *undone)) if undone else part)
     return tuple(found)
-
-
-def _deeds_of(parts: Sequence[RequestReply]) -> frozenset[tuple[str, str]]:
-    """Return what requests ask for: each deed with the kinds of things that it is done to."""
-    deeds = (deed for one in parts if one.asked is not None for deed in one.asked.deeds)
-    return frozenset(
-        (deed.deed, base_type(kind))
-        for deed in deeds
-        for thing in deed.things
-        for kind in thing.types
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,12 +171,11 @@ class AgentReply:
         part = next((one for one in self.parts if one.status == "asked"), None)
         if part is None:
             return None
-        things = part.asked.deeds[0].things if part.asked and part.asked.deeds else ()
         return Unclear(
             text=part.instruction,
             question=part.understood[-1].question,
             candidates=part.understood[-1].candidates,
-            about=things[0].text if things else "",
+            about=part.about,
         )
 
     @property

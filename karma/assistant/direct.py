@@ -1,0 +1,59 @@
+"""The assistant `direct`: each text is one instruction, and the agent's report is the reply."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from karma.agent.planning.planner import grounded
+from karma.agent.planning.refusal_text import sentence
+from karma.assistant.program_words import in_words
+from karma.assistant.protocol import Moment, Resolved
+from karma.assistant.replies import Understanding
+from karma.contracts import Plan, SubTask
+
+if TYPE_CHECKING:
+    from karma.assistant.agent import Agent
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """The whole text."""
+
+    text: str
+
+
+class DirectAssistant:
+    """Passes each text to the agent as it is."""
+
+    def __init__(self, agent: "Agent") -> None:
+        self._agent = agent
+
+    def requests(self, text: str) -> Iterator[Instruction]:
+        """Yield the text."""
+        yield Instruction(text.strip())
+
+    def handle(self, said: Instruction, whole: str) -> Iterator[Moment]:
+        """Have the text carried out, and log it."""
+        subtask = SubTask(instruction=said.text, whole=whole)
+
+        def described(plan: Plan) -> Understanding:
+            return describe(said.text, plan)
+
+        reply = yield from self._agent.carry_out(subtask, described)
+        self._agent.log(reply)
+        yield reply
+
+    def resolve(self, typed: str, *, at_terminal: bool) -> Resolved:
+        """Return the line itself."""
+        return Resolved(typed)
+
+
+def describe(instruction: str, plan: Plan) -> Understanding:
+    """Return what a plan will do, or why the planner refuses."""
+    if plan.refused is not None:
+        return Understanding(
+            instruction=instruction,
+            refused=sentence(plan.refused),
+            question="What should I do instead?",
+        )
+    return Understanding(instruction=instruction, deeds=in_words(grounded(plan.calls, plan.names)))

@@ -1,0 +1,68 @@
+"""Assistants: which one an agent has, and what `direct` does without any plug-in."""
+
+from importlib.metadata import EntryPoints
+
+import pytest
+from support.needs import need_models
+from support.talking import STORE, agent_saying
+from typer.testing import CliRunner
+
+from karma import registry
+from karma.assistant.protocol import wanted_assistant
+from karma.cli import app
+from karma.errors import UnknownNameError
+
+
+def without(monkeypatch, *plug_ins):
+    """Let nothing of some plug-ins be registered."""
+    whole = registry._installed()
+    places = tuple(f"karma.plugins.{name}." for name in plug_ins)
+    points = (one for group in whole.groups for one in whole.select(group=group))
+    kept = EntryPoints(one for one in points if not one.value.startswith(places))
+    monkeypatch.setattr(registry, "_installed", lambda: kept)
+
+
+def test_manifest_says_which_assistant_a_planner_wants(monkeypatch):
+    assert wanted_assistant("karma-nano") == wanted_assistant("karma-mini") == "rules"
+    assert wanted_assistant("some.gguf") == "direct"
+    without(monkeypatch, "rules")
+    assert wanted_assistant("karma-nano") == "direct"
+
+
+def test_direct_gives_the_text_to_the_planner_as_it_is_and_prints_the_report(tmp_path):
+    agent = agent_saying(tmp_path, [STORE], assistant="direct")
+    text = "the apple, please, and then fridge"
+    reply = agent.do(text)
+    assert f"#task {text}" in agent.method.planner.model.prompts[0].changing
+    assert reply.status == "done"
+    assert " ".join(repr(reply).split()).startswith(
+        f"{text} I will take the apple, open the fridge, put the apple in the fridge, "
+        "close the fridge done: "
+    )
+    assert "  the apple is in the fridge: seen" in repr(reply).splitlines()
+    assert agent.home.past[-1].said == text
+
+
+def test_direct_says_why_the_planner_refuses(tmp_path):
+    reply = agent_saying(tmp_path, ["refuse('deed')\n"], assistant="direct").do("sing")
+    assert reply.status == "refused"
+    assert "  not done: I have no skill for that." in repr(reply).splitlines()
+
+
+def test_nano_works_without_plug_ins_and_what_is_missing_is_named(tmp_path, monkeypatch):
+    need_models("karma-nano")
+    monkeypatch.chdir(tmp_path)
+    without(monkeypatch, "rules", "homes")
+    run = ["run", "put the apple in the fridge", "--planner", "karma-nano"]
+    done = CliRunner().invoke(app, run)
+    assert done.exit_code == 0, done.output
+    assert "the apple is in the fridge: seen" in done.output
+    for option, extra in ((["--assistant", "rules"], "rules"), (["--home", "mine"], "homes")):
+        refused = CliRunner().invoke(app, [*run, *option])
+        assert refused.exit_code == 1
+        assert f"pip install 'karma-offline[{extra}]'" in refused.output
+
+
+def test_unknown_assistant_is_named(tmp_path):
+    with pytest.raises(UnknownNameError, match="no assistants named 'rule'"):
+        agent_saying(tmp_path, [], assistant="rule")
