@@ -18,6 +18,7 @@ from karma.contracts import (
     Advice,
     AgentEvent,
     Check,
+    Found,
     Outcome,
     PlanRequest,
     SceneRef,
@@ -186,9 +187,9 @@ class AgentSession:
             taken=experience.taken,
         )
 
-    def say(self, check: Check) -> None:
-        """Put a line into the report."""
-        self._said.append(check)
+    def say(self, text: str, found: Found) -> None:
+        """Put a line into the report: what is so, and by what that is known."""
+        self._said.append(Check(text=text, found=found))
 
     def checks(self) -> tuple[Check, ...]:
         """Return the report's lines: the state of all that was to be done, then what was said."""

@@ -8,7 +8,7 @@ from karma.agent.attempts import Attempts
 from karma.contracts import (
     Advice,
     AgentEvent,
-    Check,
+    Found,
     MemoryUnit,
     SeenObject,
     SkillCall,
@@ -50,8 +50,8 @@ class Session(Protocol):
     def remembered(self) -> Remembered:
         """Return what is remembered of the room, and what was left open or on."""
 
-    def say(self, check: Check) -> None:
-        """Put a line into the report."""
+    def say(self, text: str, found: Found) -> None:
+        """Put a line into the report: what is so, and by what that is known."""
 
 
 Executor = Callable[[Session], Generator[AgentEvent, None, bool]]

@@ -13,7 +13,6 @@ from karma.agent.seeing.perceive import place_of
 from karma.agent.session import LOOK_OVER, Session
 from karma.contracts import (
     AgentEvent,
-    Check,
     Found,
     Plan,
     Prompt,
@@ -109,7 +108,7 @@ class ObjectFinder:
 
     def say(self, text: str, found: Found) -> None:
         """Report how something stands that no program was to bring about."""
-        self.session.say(Check(text=text, found=found))
+        self.session.say(text, found)
 
     def call(self, call: SkillCall, aside: Collection[str] = ()) -> SkillResult:
         """Run one skill."""
