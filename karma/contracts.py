@@ -352,20 +352,17 @@ class Prompt:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Skill:
-    """One function of the skill API: its arguments after `robot`, and what comes of it."""
+    """One function of the skill API; its effects are in `karma.household.skill_effects`."""
 
     name: str
     arguments: tuple[Literal["object", "positions"], ...]
     optional: int = 0  # how many of the last arguments may be left out
     doc: str = ""  # comment lines of Listing 2
     deed: str = ""  # as people are told of it; "" for ways to get somewhere
-    does: str = ""  # the state of a thing afterwards; its opposite has ended
-    undone_by: str = ""  # the skill that takes it back; "" where none does
     takes: str = ""  # what AI2-THOR calls a thing that it can be done with; "": any
     cannot: str = ""  # what is said of other things
     needs: str = ""  # what it does and needs, for who reads whole prompts; household facts in {}
     action: str = ""  # AI2-THOR's, that does it; "" where several do
-    hand: Literal["", "fills", "empties"] = ""  # the first argument comes into it, or leaves it
 
 
 RefusalKind = Literal[

@@ -39,6 +39,7 @@ _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
             "training": ("models tune", "vlm"),
         },
         "assistants": {"rules": ("rules",)},
+        "clusters": {"cluster": ("ray",)},
         "cassettes": {"hosted": ("file",)},
         "homes": {"homes": ("kept", "seconds-away")},
         "embedders": {"hosted": ("openai",)},

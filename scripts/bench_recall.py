@@ -22,9 +22,9 @@ from measuring import in_turns, table
 
 from karma.agent.loading.models import Models, load_resources
 from karma.contracts import MemoryUnit, Recall
-from karma.language.lexemes import lexicon
 from karma.memory.recall import UnitIndex
 from karma.offline.guard import go_offline
+from karma.plugins.rules.language.lexemes import lexicon
 from karma.seeds import stream
 
 DIMENSION, K = 384, 3

@@ -31,12 +31,13 @@ from karma.files import to_json
 from karma.models.llama.opening import LlamaOptions
 from karma.models.manifest import resolve_planner
 from karma.offline.guard import go_offline
-from karma.plugins.alfred.sentences import GoalFacts, facts_of, plain, read_sentences
+from karma.plugins.alfred.sentences import plain
 from karma.plugins.thor_tools.importing.dump import read_layouts
 from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.plugins.training.drawing.memories import is_authors_plan
 from karma.plugins.training.drawing.phrases import disjoint_book, our_book
 from karma.plugins.training.drawing.requests import KINDS, WITH_PAIRS
+from karma.plugins.training.goal_sentences import GoalFacts, facts_of, read_sentences
 from karma.plugins.training.packs import Data, PlannerRecipe, draw_pack
 from karma.plugins.training.samples import TrainingExample, draw_alfred
 from karma.plugins.training.sources import DEVELOPMENT, Sources, held_out_packs

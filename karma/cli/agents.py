@@ -1,6 +1,6 @@
 """`karma eval`: experiments, of one run or of a grid of settings; and `karma export`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,6 @@ from karma.cli.progress import bar, workers_for
 from karma.cli.shared import (
     FAILED,
     STOPPED,
-    UNFINISHED,
     Computed,
     Json,
     Kept,
@@ -27,7 +26,6 @@ from karma.cli.shared import (
 )
 from karma.cli.worlds import warn_of_tasks
 from karma.errors import KarmaError
-from karma.files import write_atomic
 
 if TYPE_CHECKING:
     from karma.agent.journal.owned_folder import Kind
@@ -35,13 +33,11 @@ if TYPE_CHECKING:
     from karma.bench.engine.run import Run
     from karma.bench.engine.sweep import SweepRun
     from karma.bench.engine.sweep_folder import SweepData
-    from karma.bench.figures.columns import Figures
-    from karma.bench.figures.precision import SuccessFloor
 
 MARKS = {True: "[green]✓[/]", False: "[red]✗[/]"}  # of success
 
 
-OTHERWISE, PASSED = "What is done otherwise than the file says", "Whether it passes"
+OTHERWISE = "Overrides of the file"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,10 +53,6 @@ class EvalOptions:
     workers: int = option(0, "Processes to use; 0: as many as cores and memory allow.", min=0)
     ray: str = option("", "Address of a Ray cluster, HOST:PORT, to do the episodes on.")
     steps: bool | None = option(None, "Keep a step log per episode.", "--steps/--no-steps")
-    half_width: float | None = option(
-        None, "Add seeds until success rates are as sure as that, e.g. 0.05."
-    )
-    max_seeds: int | None = option(None, "With a half-width: seeds at most; default 20.", min=1)
     sets: list[str] | None = option(
         None,
         'A key of the file said otherwise, "models.planner=x.gguf" or '
@@ -75,16 +67,6 @@ class EvalOptions:
     limit: int | None = option(None, "The first so many of the tasks.", min=1, panel=OTHERWISE)
     seeds: str = option("", 'These seeds, "0-4" or "0,2,5".', panel=OTHERWISE)
     row: list[str] | None = option(None, "This row only; again for more.", panel=OTHERWISE)
-    planner_dir: Path | None = option(
-        None, "Do all with each planner of a folder of GGUF files.", panel=OTHERWISE
-    )
-    fail_under: list[str] | None = option(
-        None,
-        'Exit code 4 if success over all rows is below 0.8; "ROW=0.8": of that row.',
-        metavar="RATE",
-        panel=PASSED,
-    )
-    junit: Path | None = option(None, "Also write JUnit's XML here.", panel=PASSED)
 
     @property
     def changes(self) -> "Changes":
@@ -100,22 +82,12 @@ class EvalOptions:
             settings.append(Setting(key="seeds", value=seeds_of(self.seeds)))
         return Changes(settings=tuple(settings), rows=tuple(self.row or ()))
 
-    @property
-    def floors(self) -> "list[SuccessFloor]":
-        """The rates of success that it ends with code 4 below."""
-        from karma.bench.figures.precision import SuccessFloor
-
-        return [SuccessFloor.of(text) for text in self.fail_under or ()]
-
 
 _FIGURE = frozenset({"out", "fresh", "workers", "ray"})
 _RUN = frozenset(one.name for kind in (EvalOptions, Kept, Computed) for one in fields(kind))
 _SWEEP = _RUN - {"tasks"}
-_NO_BENCHMARK = {
-    "steps", "half_width", "max_seeds", "planner_dir", "fail_under", "junit",
-}  # fmt: skip
 USED_BY: Mapping["Kind", frozenset[str]] = {  # kind of run -> options that it can use
-    "figure": _FIGURE, "benchmark": _SWEEP - _NO_BENCHMARK, "sweep": _SWEEP, "run": _RUN,
+    "figure": _FIGURE, "benchmark": _SWEEP - {"steps"}, "sweep": _SWEEP, "run": _RUN,
 }  # fmt: skip
 
 
@@ -124,7 +96,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
     """Do an experiment: every row on every task. Stopped or killed, the same command goes on.
 
     Exit code 0: every episode was run, whatever its success; 1: an error, or some were not run;
-    4: all run, and success is below --fail-under; 130: stopped.
+    130: stopped.
     """
 
     def do(self) -> None:
@@ -132,22 +104,17 @@ class EvalCommand(Computed, Kept, EvalOptions):
         from karma.bench.engine.experiment_file import kind_of
         from karma.bench.engine.run import Run
         from karma.bench.engine.sweep import SweepRun
-        from karma.bench.figures.precision import check_floors
         from karma.files import find_experiment
 
         file = find_experiment(self.file)
         folder, changes = self.out or Path("runs") / file.stem, self.changes
-        floors, kind = self.floors, kind_of(file, changes)
-        if kind == "run" and self.planner_dir is not None:
-            kind = "sweep"
+        kind = kind_of(file, changes)
         refuse_options(self.context, f"{file}: such an experiment", USED_BY[kind])
         opened: dict[str, Any] = {
             "cassette": self.tape,
             "base_url": self.base_url,
             "computed": self.computed,
             "steps": self.steps,
-            "half_width": self.half_width,
-            "max_seeds": self.max_seeds,
         }
         if kind == "figure":
             self._do_figure(file, folder)
@@ -155,27 +122,21 @@ class EvalCommand(Computed, Kept, EvalOptions):
         made: Run | SweepRun
         with console.status(escape(f"reading {file} ...")):
             if kind == "sweep":
-                made = SweepRun(
-                    file, folder, changes=changes, planner_dir=self.planner_dir, fresh=self.fresh,
-                    opened=opened,
-                )  # fmt: skip
+                made = SweepRun(file, folder, changes=changes, fresh=self.fresh, opened=opened)
             else:
                 made = Run(file, folder, fresh=self.fresh, changes=changes, **opened)
-        if floors:
-            check_floors(floors, [one.name for one in made.experiment.rows])
         if isinstance(made, SweepRun):
-            self._end_below(self._do_sweep(made))
+            self._do_sweep(made)
         elif kind == "benchmark":
             self._do_benchmark(made)
         else:
-            self._end_below([("", self._do_run(made))])
+            self._do_run(made)
 
-    def _do_run(self, run: "Run") -> "Sequence[Figures]":
-        """Do what is left of a run, print and write what it shows, and return its figures."""
+    def _do_run(self, run: "Run") -> None:
+        """Do what is left of a run, then print and write what it shows."""
         from karma.agent.journal.formats import spent_text
         from karma.agent.journal.records import in_words, spent_by
         from karma.bench.figures.columns import figures, plain
-        from karma.bench.figures.precision import reached
         from karma.cli import show
 
         warn_of_tasks(run)
@@ -193,8 +154,6 @@ class EvalCommand(Computed, Kept, EvalOptions):
             console.print(show.task_table(run.records))
         lines = figures(run.records, run.timings)
         console.print(show.summary_table(lines, run.experiment.name))
-        if run.precision is not None:
-            console.print(show.precision_table(reached(run.records, run.precision), run.precision))
         spent = [one for record in run.records for one in spent_by(record, run.timings[record.key])]
         if spent:
             tell(spent_text(spent))
@@ -202,10 +161,8 @@ class EvalCommand(Computed, Kept, EvalOptions):
         if words := show.conclusion(lines):
             console.print(escape(words))
         write_json(self.json, plain(lines))
-        self._write_junit(run.folder)
         if run.not_run:
             raise KarmaError(in_words(run.not_run))
-        return lines
 
     def _do_episodes(self, run: "Run") -> None:
         """Do what is left of a run, with a line that says how far it is."""
@@ -255,14 +212,12 @@ class EvalCommand(Computed, Kept, EvalOptions):
             console.print(Markdown(claims.read_text(encoding="utf-8")))
         console.print(escape(f"results: {folder / RESULTS}"))
 
-    def _do_sweep(self, sweep: "SweepRun") -> "Sequence[tuple[str, Sequence[Figures]]]":
-        """Do what is missing of a sweep, print its table, and return the figures of its cells.
+    def _do_sweep(self, sweep: "SweepRun") -> None:
+        """Do what is missing of a sweep, and print its table.
 
         Raises:
             typer.Exit: code 1 where a cell failed, 130 when stopped.
         """
-        from karma.bench.engine.sweep_folder import figures_by_cell
-
         seen: set[tuple[str, ...]] = set()  # tasks that were looked at; most cells have the same
         try:
             with bar() as progress:
@@ -279,32 +234,8 @@ class EvalCommand(Computed, Kept, EvalOptions):
             console.print("stopped; the same command (without --fresh) goes on")
             raise typer.Exit(STOPPED) from None
         print_sweep(sweep.data, self.json)
-        self._write_junit(sweep.folder)
         if sweep.failed:
             raise typer.Exit(FAILED)
-        return [(cell.name, lines) for cell, lines in figures_by_cell(sweep.data)]
-
-    def _write_junit(self, folder: Path) -> None:
-        """Write a run's test cases where that is wanted."""
-        if self.junit is not None:
-            from karma.bench.engine.export import to_junit
-
-            write_atomic(self.junit, to_junit(folder))
-            console.print(escape(f"test cases: {self.junit}"))
-
-    def _end_below(self, figures: "Sequence[tuple[str, Sequence[Figures]]]") -> None:
-        """End with code 4 where a run, or a cell of a sweep by its name, is below a floor."""
-        from karma.bench.figures.precision import below
-
-        said = [
-            f"{cell}: {words}" if cell else words
-            for cell, lines in figures
-            for words in below(lines, self.floors)
-        ]
-        for words in said:
-            console.print(f"[red]✗[/] {escape(words)}", soft_wrap=True, highlight=False)
-        if said:
-            raise typer.Exit(UNFINISHED)
 
 
 def _kept(run: "Run") -> str:
@@ -338,11 +269,9 @@ def print_sweep(data: "SweepData", json: Path | None) -> None:
 
 def export(
     run: Path = argument(..., "Folder of a run or a sweep."),
-    to: str = option("csv", '"csv", "parquet" or "junit".'),
     out: Path | None = option(None, "File to write; default in the run's folder."),
 ) -> None:
-    """Write a run's episodes for other programs: one line each, with every metric."""
-    from karma.bench.engine.export import exported
+    """Write a run's episodes for other programs as CSV: one line each, with every metric."""
+    from karma.bench.engine.export import to_csv
 
-    name = {"junit": "junit.xml"}.get(to, f"episodes.{to}")
-    console.print(escape(f"written: {write_for(run, out, name, exported(run, to))}"))
+    console.print(escape(f"written: {write_for(run, out, 'episodes.csv', to_csv(run))}"))

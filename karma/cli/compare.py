@@ -28,25 +28,16 @@ def compare(
     runs: list[str] = argument(
         ..., "Run folders, or RUN:ROW for one row; the first with each other."
     ),
-    half_width: float = option(
-        0.05, "Wanted of a success rate's interval: how many seeds it takes."
-    ),
     json: Json = None,
 ) -> None:
     """Say how runs or rows differ on the same tasks and seeds, and how sure that is."""
     from karma.bench.figures.compare import compare_kinds
     from karma.bench.figures.results import arms_named, set_apart, sides_named, unfinished
 
-    if not 0 < half_width < 0.5:
-        raise KarmaError(f"--half-width {half_width}: it is between 0 and 0.5")
     sides = sides_named(runs)
     for words in unfinished(side.run for side in sides):
         tell(words)
-    found = [
-        compare_kinds(group[0], other, half_width=half_width)
-        for group in arms_named(sides)
-        for other in group[1:]
-    ]
+    found = [compare_kinds(group[0], other) for group in arms_named(sides) for other in group[1:]]
     for comparisons in found:
         for sheet in _sheets(comparisons):
             console.print(sheet_table(sheet))
@@ -198,7 +189,7 @@ def _sheets(comparisons: "Sequence[Comparison]") -> "Iterator[Sheet]":
 
 
 def _remarks(one: "Comparison") -> str:
-    """Return where the arms differ, and how many more seeds would make them surer."""
+    """Return where the arms differ."""
     from karma.agent.journal.formats import UNKNOWN, figure_text, percent_text
 
     def said(splits: "tuple[Split, ...]") -> str:
@@ -217,7 +208,4 @@ def _remarks(one: "Comparison") -> str:
             f"{one.timed_out} pairs had an answer that the clock cut off; their programs are not "
             "compared"
         )
-    for name, more in ((one.first, one.more_seeds_first), (one.second, one.more_seeds_second)):
-        words = "not by more seeds of these tasks" if more is None else f"{more} more seeds"
-        lines.append(f"success of {name} to ± {one.half_width:g}: {words}")
     return "\n".join(lines)

@@ -100,7 +100,6 @@ def models_add(
     chat: bool | None = option(
         None, "Through its chat template; default: if it has one.", "--chat/--no-chat"
     ),
-    in_place: bool = option(False, "Do not copy the files.", "--in-place"),
     untried: bool = option(False, "Do not open it, e.g. for a larger machine.", "--untried"),
 ) -> None:
     """Take files in: hash, compare with the manifest, look at headers, list, open, ask a little.
@@ -114,7 +113,7 @@ def models_add(
 
     options = AddOptions(
         name=name, role=_role(role), licence=licence, source=source, revision=revision,
-        prompt_profile=profile, context_length=context, chat=chat, in_place=in_place,
+        prompt_profile=profile, context_length=context, chat=chat,
     )  # fmt: skip
     with bar(DownloadColumn(), passing=True) as progress:
         task = progress.add_task("hashing", total=None)
@@ -184,12 +183,11 @@ def models_bring(name: str = argument(..., "A model of the manifest.")) -> None:
 
 
 def models_remove(name: str = argument(..., "A model that was added.")) -> None:
-    """Take back an `add`: the entry, and the copies it made; files added in place stay."""
+    """Take back an `add`; the files stay where they are."""
     from karma.models.added import remove_model
 
     place = Path(remove_model(name).files[0].path)
-    stays = f"; its files stay in {place.parent}" if place.is_absolute() else ""
-    tell(f"removed {name}{stays}")
+    tell(f"removed {name}; its files stay in {place.parent}")
 
 
 def _role(text: str | None) -> Any:

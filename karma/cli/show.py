@@ -10,7 +10,6 @@ from rich.table import Table
 from karma.agent.journal.formats import UNKNOWN, figure_text
 from karma.agent.journal.records import EpisodeRecord
 from karma.bench.figures.columns import COLUMNS, Figures, without_repeats
-from karma.bench.figures.precision import Precision, Reached
 from karma.bench.figures.tables import left_out_of
 
 _FEW = 30  # episodes of a row
@@ -81,39 +80,6 @@ def _spread(name: str, lines: int) -> list[str]:
     pieces = wrap(name, _NAME_WIDTH)
     pieces[lines - 1 :] = ["\n".join(pieces[lines - 1 :])]
     return pieces + [""] * (lines - len(pieces))
-
-
-def precision_table(lines: Sequence[Reached], wanted: Precision) -> Table:
-    """Return how sure each success rate is, beside how sure it was wanted to be."""
-    table = Table(title=f"success to ± {wanted.half_width:g}", title_justify="left")
-    for name in ("row", "tasks"):
-        table.add_column(name)
-    for name in ("seeds", "rate", "±"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("")
-    for line in lines:
-        interval = line.success.interval
-        table.add_row(
-            escape(line.row),
-            f"{line.tasks} {line.kind}",
-            str(line.seeds),
-            figure_text(line.success.value),
-            figure_text(interval.half_width if interval else None, 3),
-            _reached(line),
-        )
-    return table
-
-
-def _reached(line: Reached) -> str:
-    if line.reached:
-        return "[green]reached[/]"
-    if line.takes_tasks:
-        return "[red]takes more tasks, not seeds[/]"
-    if line.more_seeds is None:
-        return "not known what it takes" + (
-            "" if line.seeds == 1 else "; tasks seem to differ much"
-        )
-    return f"takes about {figure_text(line.more_seeds, 0)} more seeds"
 
 
 def task_table(records: Sequence[EpisodeRecord]) -> Table:

@@ -114,7 +114,7 @@ SIDE_EFFECTS: tuple[SideEffect, ...] = (
     _cook(BURNER, *COOKWARE, to=_COOKABLE, adds=("cooked",)),
     _heat(TOASTER),
     _cook(TOASTER, to=_BREAD, adds=("cooked", "toasted")),
-    _cook(COFFEE_MACHINE, to=frozenset((COFFEE_CUP,)), adds=("filled", "coffee")),
+    _cook(COFFEE_MACHINE, to=frozenset((COFFEE_CUP,)), adds=("filled", "coffee", "heated")),
     SideEffect(
         state="closed", of=frozenset((FRIDGE,)), within=frozenset((FRIDGE,)),
         adds=("cooled",), deletes=("heated",),

@@ -1,24 +1,19 @@
-"""Add and remove models that somebody brought (`karma models add` and `remove`).
+"""Add models that the user has, and remove them again (`karma models add` and `remove`).
 
-Added files are copied to `weights/NAME` beside the manifest, hashed there, tried, and entered in
-local.toml last; with `in_place`, or where they lie there already, they stay as they are. Nothing
-is parsed before all hashes that the manifest knows were met, and nothing that was there before is
-lost when anything fails.
+Added files stay where they are: they are hashed there, tried, and entered in local.toml by their
+absolute paths. Nothing is parsed before all hashes that the manifest knows were met.
 """
 
 import json
 import os
-import shutil
-import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from karma.errors import FileError, KarmaError, ModelError
+from karma.errors import KarmaError, ModelError
 from karma.files import sha256_of, write_atomic
 from karma.models.checks.folder import PICKLES, check_weights, read_config
 from karma.models.checks.gguf import check_gguf, check_projector, is_gguf, is_projector, split_pair
@@ -46,7 +41,6 @@ _ROLES = {family: role for role, families in _FAMILIES.items() for family in fam
 _TAKEN = (".safetensors", ".json", ".txt", ".model", ".jinja")
 _BATCH = 512
 _HEAD = "# Models that `karma models add` brought; `karma models remove NAME` takes one out.\n\n"
-_SPACE = "free some space there, or use --in-place"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +55,6 @@ class AddOptions:
     prompt_profile: str | None = None
     context_length: int | None = None
     chat: bool | None = None
-    in_place: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,50 +80,43 @@ def add_model(
 
     Raises:
         ModelError: a pickle, a damaged file, or not the file that the manifest wants; by name.
-        FileError: something cannot be read, or written; nothing half-done stays.
+        FileError: something cannot be read, or local.toml cannot be written.
     """
     options = options or AddOptions()
     root = Path(path).expanduser().absolute()  # a link's name tells more than its target's
     found, left_out = _files_of(root)
-    shipped = _matching(options.name, found)
-    name = _free_name(shipped, options, root)
-    place = root if root.is_dir() else root.parent
-    final = local_path().parent / "weights" / name
-    stays = options.in_place or place.resolve() == final.resolve()
-    prefix = place if stays else Path("weights") / name
-    with nullcontext(place) if stays else _copies(final, found, place) as folder:
-        hashes = _hashed(folder, found, progress)
-        if shipped is not None:
-            hashes = _met(shipped, folder, hashes)
-        files = tuple(
-            ModelFile(path=(prefix / part).as_posix(), sha256=digest, bytes=size)
-            for part, (digest, size) in hashes.items()
-        )
-        seen = _seen(folder, [folder / part for part in hashes if is_gguf(folder / part)])
-        if shipped is not None:
-            entry = msgspec.structs.replace(shipped, files=files)
-        else:
-            entry = _described(name, options, files, seen)
-        if trial is not None:
-            trial(entry, folder)
-        if not stays:
-            folder.chmod(0o755)
-            folder.rename(final)
-        try:
-            _write_local([*read_local().models, entry])
-        except BaseException:
-            if not stays:
-                shutil.rmtree(final, ignore_errors=True)
-            raise
+    folder = root if root.is_dir() else root.parent
+    if options.name is not None:
+        _check_free(options.name)
+    hashes = _hashed(folder, found, progress)
+    shipped = _matching(options.name, hashes)
+    name = options.name or (shipped.name if shipped else root.stem if root.is_file() else root.name)
+    _check_free(name)
+    if shipped is not None:
+        hashes = _met(shipped, hashes)
+    elif name in {entry.name for entry in read_shipped().models}:
+        raise ModelError(f"{name!r} is another model of the manifest; use another --name")
+    files = tuple(
+        ModelFile(path=(folder / part).as_posix(), sha256=digest, bytes=size)
+        for part, (digest, size) in hashes.items()
+    )
+    seen = _seen(folder, [folder / part for part in hashes if is_gguf(folder / part)])
+    if shipped is not None:
+        entry = msgspec.structs.replace(shipped, files=files)
+    else:
+        entry = _described(name, options, files, seen)
+    if trial is not None:
+        trial(entry, folder)
+    _write_local([*read_local().models, entry])
     return Added(entry=entry, known=shipped is not None, left_out=left_out)
 
 
 def remove_model(name: str) -> ModelEntry:
-    """Take back what `add_model` did: its entry, and the copies it made; never another's files.
+    """Take back what `add_model` did; the files stay where they are.
 
     Raises:
         ModelError: nothing of that name was added.
-        FileError: local.toml cannot be written; then nothing is removed.
+        FileError: local.toml cannot be written.
     """
     models = {entry.name: entry for entry in read_local().models}
     entry = models.pop(name, None)
@@ -138,27 +124,18 @@ def remove_model(name: str) -> ModelEntry:
         added = ", ".join(models) or "nothing"
         raise ModelError(f"{name!r} was not added, so it stays. Added: {added}")
     _write_local(list(models.values()))
-    folder = local_path().parent / "weights" / name
-    if any(not Path(file.path).is_absolute() for file in entry.files) and folder.exists():
-        try:
-            shutil.rmtree(folder)
-        except OSError as error:
-            fix = "the model is no longer listed; remove this folder by hand"
-            raise FileError(folder, error.strerror or str(error), fix=fix) from error
     return entry
 
 
-def _free_name(shipped: ModelEntry | None, options: AddOptions, root: Path) -> str:
-    name = options.name or (shipped.name if shipped else root.stem if root.is_file() else root.name)
-    if shipped is not None and shipped.package is not None:
-        raise ModelError(f"{name!r} comes with the package {shipped.package}; use another --name")
+def _check_free(name: str) -> None:
+    """Refuse a name that is taken, or is none; ModelError says why."""
+    packaged = {entry.name: entry.package for entry in read_shipped().models if entry.package}
+    if name in packaged:
+        raise ModelError(f"{name!r} comes with the package {packaged[name]}; use another --name")
     if any(entry.name == name for entry in read_local().models):
         raise ModelError(f"{name!r} was added before; `karma models remove {name}`, or use --name")
-    if shipped is None and name in {entry.name for entry in read_shipped().models}:
-        raise ModelError(f"{name!r} is another model of the manifest; use another --name")
     if "/" in name or name.startswith(".") or not name.isprintable():
         raise ModelError(f"{name!r} is not a name: printable, without '/', not beginning with '.'")
-    return name
 
 
 # ----------------------------------------------------------------- its files
@@ -205,46 +182,6 @@ def _refused(path: Path) -> ModelError:
     return ModelError(f"{path}: not opened, {why}\n  To fix: {fix}")
 
 
-@contextmanager
-def _copies(final: Path, files: Mapping[str, Path], place: Path) -> Iterator[Path]:
-    """Copy files into a folder beside the final one; it goes, unless it was moved there.
-
-    Errors speak of `place`, where the files are, instead of the copies.
-    """
-    if final.exists():
-        fix = f"`karma models add {final} --name {final.name}` if it is this model, or remove it"
-        raise FileError(final, "there is something already", fix=f"{fix} by hand")
-    try:
-        final.parent.mkdir(parents=True, exist_ok=True)
-        folder = Path(tempfile.mkdtemp(dir=final.parent, prefix=f".{final.name}.adding-"))
-    except OSError as error:
-        fix = "set KARMA_MODELS to a folder you may write to (with a manifest.toml)"
-        raise FileError(final.parent, error.strerror or str(error), fix=fix) from error
-    try:
-        needed = sum(path.stat().st_size for path in files.values())
-        free = shutil.disk_usage(folder).free
-        if needed > free:
-            reason = f"{needed / 1e6:.0f} MB are needed, {free / 1e6:.0f} are free"
-            raise FileError(final.parent, reason, fix=_SPACE)
-        for part, path in files.items():
-            try:
-                _copy(path, folder / part)
-            except OSError as error:
-                raise FileError(path, error.strerror or str(error), fix=_SPACE) from error
-        yield folder
-    except ModelError as error:
-        raise ModelError(str(error).replace(str(folder), str(place))) from error
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def _copy(path: Path, copy: Path) -> None:
-    copy.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(path, copy)
-    with copy.open("rb") as file:
-        os.fsync(file.fileno())
-
-
 def _hashed(folder: Path, parts: Iterable[str], progress: Progress | None) -> Hashes:
     """Return SHA-256 and size of each file of a folder, read once."""
     sizes = {part: (folder / part).stat().st_size for part in parts}
@@ -265,31 +202,19 @@ def _hashed(folder: Path, parts: Iterable[str], progress: Progress | None) -> Ha
 # ----------------------------------------------------------------- what it is
 
 
-def _matching(name: str | None, found: Mapping[str, Path]) -> ModelEntry | None:
-    """Return the manifest's model of that name, or without one the only one whose files fit.
-
-    Without a name, the files of weights must bear the manifest's names, see `_fits`.
-    """
+def _matching(name: str | None, hashes: Hashes) -> ModelEntry | None:
+    """Return the manifest's model of that name, or without one the one whose files these are."""
     models = read_shipped().models
     if name is not None:
         return next((entry for entry in models if entry.name == name), None)
-    fitting = [entry for entry in models if entry.package is None and _fits(entry, found)]
-    return fitting[0] if len(fitting) == 1 else None
+    digests = {digest for digest, _ in hashes.values()}
+    return next((entry for entry in models if _weights_of(entry) <= digests), None)
 
 
-def _fits(entry: ModelEntry, found: Mapping[str, Path]) -> bool:
-    """Return whether the files of weights bear an entry's names.
-
-    Names that any model has ("model.safetensors") must come with the size too. Any other is taken
-    for what it says, so that a wrong file of that name is refused and not made a model of its own.
-    """
-    parts = _parts_of(entry)
-    heavy = [part for part in parts if part.endswith((".safetensors", ".gguf"))]
-    return bool(heavy) and all(
-        part in found
-        and (not part.startswith("model") or found[part].stat().st_size == parts[part].bytes)
-        for part in heavy
-    )
+def _weights_of(entry: ModelEntry) -> set[str | None]:
+    """Return the hashes of an entry's weights; a hash that is not known fits none."""
+    heavy = (".safetensors", ".gguf")
+    return {file.sha256 for file in entry.files if file.path.endswith(heavy)} or {None}
 
 
 def _parts_of(entry: ModelEntry) -> dict[str, ModelFile]:
@@ -298,7 +223,7 @@ def _parts_of(entry: ModelEntry) -> dict[str, ModelFile]:
     return {os.path.relpath(file.path, common): file for file in entry.files}
 
 
-def _met(shipped: ModelEntry, folder: Path, hashes: Hashes) -> Hashes:
+def _met(shipped: ModelEntry, hashes: Hashes) -> Hashes:
     """Return the files that the manifest wants; refuses by name what is not as it must be."""
     wanted = _parts_of(shipped)
     for part, file in wanted.items():
@@ -358,7 +283,7 @@ def _described(
     fields = usual | {
         key: value
         for key, value in (*seen.items(), *asdict(options).items())
-        if value not in (None, "") and key != "in_place"
+        if value not in (None, "")
     }
     if "role" not in fields:
         raise ModelError(f"{name!r}: its config.json does not tell what it is for; give --role")

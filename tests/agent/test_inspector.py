@@ -106,13 +106,6 @@ def test_line_that_cannot_work_is_named(program, held, reason):
     assert found.startswith(program) and reason in found
 
 
-def test_apple_may_be_put_into_the_sink_and_a_slice_into_the_toaster():
-    for thing, place in (("Apple", "Sink"), ("Bread", "Toaster"), ("Mug_2", "CoffeeMachine")):
-        assert (
-            objection(parse_program(f"PutObject(robot, '{thing}', '{place}')"), held=thing) is None
-        )
-
-
 @given(number=st.integers(0, 300))
 def test_mending_twice_changes_nothing_more(number):
     room = KnownRoom(name="bare", areas=(), movables=("Apple", "Knife", "Mug", "Plate", "Bread"))

@@ -99,8 +99,7 @@ def test_kind_of_a_folder_is_known_with_and_without_its_mark(finished, tmp_path,
         ("sweep", "table", "--off=x"),
         ("benchmark", "table", "--off=x"),
         ("figure", "report", "--frames=none"),
-        ("benchmark", "report", "--no-pages"),
-        ("run", "report", "--reference=x"),
+        ("benchmark", "report", "--episodes=1"),
     ],
 )
 def test_option_that_is_of_no_use_is_refused_by_name(commands, finished, kind, command, given):

@@ -109,21 +109,6 @@ def test_states_follow_the_flags(world):
     assert states(world, apple) == ("sliced",)
 
 
-def test_states_of_dirty_filled_and_cooked(world):
-    mug, potato = first(world, "Mug"), first(world, "Potato")
-    do(world, "FillObjectWithLiquid", mug, fillLiquid="water")
-    do(world, "CookObject", potato)
-    assert "filled" in states(world, mug)
-    assert "cooked" in states(world, potato)
-
-
-def test_burner_is_on_with_its_knob(world):
-    knob = first(world, "StoveKnob")
-    burner = world.last_event.get_object(knob)["controlledObjects"][0]
-    do(world, "ToggleObjectOn", knob)
-    assert states(world, burner) == ("on",)
-
-
 def test_washed_is_what_lies_in_the_basin_when_the_tap_is_turned_on(world):
     apple, potato, bowl = (first(world, kind) for kind in ("Apple", "Potato", "Bowl"))
     put(world, potato, bowl)
@@ -150,21 +135,3 @@ def test_washed_slices_of_what_was_cut_in_the_sink(world):
     do(world, "SliceObject", apple)
     clean = truth_of(do(world, "ToggleObjectOn", first(world, "Faucet"))).washed
     assert sum(object_id.startswith(f"{apple}|") for object_id in clean) > 1
-
-
-def test_heated_is_what_a_microwave_holds_when_it_starts(world):
-    oven, potato = first(world, "Microwave"), first(world, "Potato")
-    do(world, "OpenObject", oven)
-    put(world, potato, oven)
-    do(world, "CloseObject", oven)
-    assert potato not in truth_of(world.last_event).heated
-    assert potato in truth_of(do(world, "ToggleObjectOn", oven)).heated
-    assert "heated" in states(world, potato)
-
-
-def test_cooled_is_what_a_fridge_holds_when_it_closes(world):
-    fridge, apple = first(world, "Fridge"), first(world, "Apple")
-    do(world, "OpenObject", fridge)
-    assert truth_of(put(world, apple, fridge)).cooled == frozenset()
-    assert apple in truth_of(do(world, "CloseObject", fridge)).cooled
-    assert truth_of(world.step("Pass")).cooled == frozenset()

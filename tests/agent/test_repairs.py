@@ -156,13 +156,6 @@ def test_full_hand_is_freed_first(start):
     assert "the hand holds Apple; put it down first" in planner.prompts[1]
 
 
-def test_empty_hand_takes_the_thing_first(start):
-    first = "Explore(robot, 'Apple')\nPutObject(robot, 'Apple', 'CounterTop')\n"
-    episode, world = start(ReadingPlanner(first))
-    done(episode, "put the apple on the counter")
-    assert id_of(world, "CounterTop") in parents(world, id_of(world, "Apple"))
-
-
 def test_hand_with_another_thing_is_freed_and_takes_the_right_one(start):
     def repair(failed):
         put, take = CALL.findall(failed.reason)
@@ -198,12 +191,6 @@ def test_thing_in_a_closed_container_is_got_out(start):
     done(episode, "take the egg")
     assert look(world, id_of(world, "Egg"))["isPickedUp"]
     assert "Egg is in Fridge, which is closed" in planner.prompts[2]
-
-
-def test_thing_that_nobody_has_seen_is_explored(start):
-    episode, world = start(ReadingPlanner("PickupObject(robot, 'Spoon')\n"))
-    done(episode, "take the spoon")
-    assert look(world, id_of(world, "Spoon"))["isPickedUp"]
 
 
 def test_thing_that_was_carried_off_is_explored(start):
@@ -278,53 +265,6 @@ def test_what_is_full_tells_what_could_be_taken_out(start):
     done(episode, "put the potato on the first side table")
     assert one.id in parents(world, id_of(world, "Potato"))
     assert id_of(world, "DiningTable") in parents(world, cup.id)
-
-
-def test_full_plate_tells_the_slice_in_the_hand_from_those_that_lie_there(start):
-    """Slice after slice goes on the plate; that for which there is no room takes one's place."""
-    table = next(one for one in kitchen().objects if one.type == "DiningTable")
-    small = on(table, "Pot", 1.85, 0.1, size=(0.13, 0.02, 0.13))
-    put = "PickupObject(robot, '{0}')\nPutObject(robot, '{0}', 'Pot')\n"
-
-    def another(text):
-        units = section(text, "Short-term memory")
-        return put.format(next(x.split(":")[0] for x in units if re.match("Bread.*: Dining", x)))
-
-    def repair(failed):
-        down, take = CALL.findall(failed.reason)
-        lies, held = take.split("'")[1], down.split("'")[1]
-        assert lies != held
-        away = down.replace(f"'{held}'", f"'{lies}'")
-        return [down, take, away, f"PickupObject(robot, '{held}')", failed.call]
-
-    cut = TAKE.format("Knife") + "SliceObject(robot, 'Bread')\n"
-    cut += "PutObject(robot, 'Knife', 'CounterTop')\n"
-    episode, world = start(ReadingPlanner(cut, *[another] * 3, repair=repair), small)
-    done(episode, "cut the bread")
-    results = [done(episode, "put another slice in the small pot") for _ in range(3)]
-    assert [len(one) for one in results] == [2, 2, 7]
-    assert small.id in parents(world, results[-1][-1].object_ids[0])
-
-
-def test_laptop_gets_into_a_cabinet_in_the_box_that_the_refusal_names(start):
-    stand = thing("SideTable", (-0.4, 0.25, -1.5), (0.4, 0.5, 0.4))
-    box = on(stand, "Box", -0.4, -1.5, size=(0.36, 0.2, 0.3), openness=1.0)
-    table = thing("SideTable", (0.6, 0.25, -1.5), (0.3, 0.5, 0.3))
-    laptop = on(table, "Laptop", 0.6, -1.5, size=(0.25, 0.05, 0.2))
-    deep = thing("Cabinet", (-0.9, 0.4, 1.1), (0.6, 0.6, 0.5), openness=1.0)
-
-    def repair(failed):
-        vessel, place = re.search(r"in (\w+) it can be carried to (\w+)", failed.reason).groups()
-        assert vessel in failed.reason.partition("goes in or on ")[2].split(", ")
-        return [f"PutObject(robot, 'Laptop', '{vessel}')", f"PickupObject(robot, '{vessel}')",
-                f"PutObject(robot, '{vessel}', '{place}')"]  # fmt: skip
-
-    first = TAKE.format("Laptop").replace("DiningTable", "SideTable_1")
-    first += "PutObject(robot, 'Laptop', 'Cabinet_2')\n"
-    episode, world = start(ReadingPlanner(first, repair=repair), stand, box, table, laptop, deep)
-    done(episode, "put the laptop in the second cabinet")
-    assert deep.id in parents(world, box.id)
-    assert box.id in parents(world, laptop.id)
 
 
 def test_what_was_searched_for_in_vain_is_not_searched_for_again(start):
@@ -407,16 +347,6 @@ def test_furniture_is_named_by_instance_and_place(start):
     assert other.id in parents(world, id_of(world, "Apple"))
 
 
-def test_bare_name_of_a_full_receptacle_means_any_of_them(start):
-    one, other, cup = side_tables()
-    first = TAKE.format("Potato") + "GoToObject(robot, 'SideTable_2')\nGoToObject(robot, '{}')\n"
-    first += "PutObject(robot, 'Potato', 'SideTable')\n"
-    episode, world = start(ReadingPlanner(first.format("SideTable_1")), one, other, cup)
-    put = done(episode, "put the potato on a side table")[-1]
-    assert other.id in parents(world, id_of(world, "Potato"))
-    assert put.reason == "the nearest SideTable is full, another one was taken"
-
-
 def test_vessel_is_emptied_and_no_longer_remembered_as_filled(start):
     fill = (
         TAKE.format("Mug") + "PutObject(robot, 'Mug', 'Sink')\nToggleOn(robot, 'Faucet')\n"
@@ -476,40 +406,3 @@ def test_map_of_the_paper_s_form_is_an_option(start):
     episode, _ = start(ours)
     done(episode, "go to the sink")
     assert " <-> " not in ours.prompts[0]
-
-
-MICROWAVED = (
-    "OpenObject(robot, 'Microwave')\nPutObject(robot, 'Egg', 'Microwave')\n"
-    "CloseObject(robot, 'Microwave')\nToggleOn(robot, 'Microwave')\n"
-)
-
-
-@pytest.mark.parametrize(
-    ("program", "kind", "state"),
-    [
-        ("Explore(robot, 'Egg')\nBreakObject(robot, 'Egg')\nPickupObject(robot, 'Egg')\n"
-         f"{MICROWAVED}", "EggCracked", "isCooked"),
-        ("Explore(robot, 'Knife')\nPickupObject(robot, 'Knife')\nSliceObject(robot, 'Bread')\n"
-         "PutObject(robot, 'Knife', 'DiningTable')\nPickupObject(robot, 'Bread')\n"
-         "PutObject(robot, 'Bread', 'Toaster')\nToggleOn(robot, 'Toaster')\n",
-         "BreadSliced", "isCooked"),
-        ("SwitchOn(robot, 'Microwave')\n", "Microwave", "isToggled"),
-        ("Explore(robot, 'Plate')\nPickupObject(robot, 'Plate')\n", "Tomato", "isPickedUp"),
-    ],
-)  # fmt: skip
-def test_what_the_prompt_says_of_skills_holds_in_the_world(start, program, kind, state):
-    episode, world = start(ReadingPlanner(program))
-    done(episode, "do as the prompt says")
-    things = [t for t in world.last_event.metadata["objects"] if t["objectType"] == kind]
-    held = [item["objectId"] for item in world.last_event.metadata["inventoryObjects"]]
-    if state == "isPickedUp":  # what lies on a plate comes along
-        assert things[0]["parentReceptacles"] and set(things[0]["parentReceptacles"]) & set(held)
-    else:
-        assert any(thing[state] for thing in things)
-
-
-def test_whole_egg_does_not_cook(start):
-    program = "Explore(robot, 'Egg')\nPickupObject(robot, 'Egg')\n" + MICROWAVED
-    episode, world = start(ReadingPlanner(program))
-    done(episode, "cook the egg")
-    assert not look(world, id_of(world, "Egg"))["isCooked"]

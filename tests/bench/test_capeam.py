@@ -20,7 +20,13 @@ from karma.contracts import (
 )
 from karma.files import to_json
 from karma.models.scripted import ScriptedModel
-from karma.plugins.alfred.sentences import GoalFacts, Sentence, facts_of, goals_of, program_of
+from karma.plugins.training.goal_sentences import (
+    GoalFacts,
+    Sentence,
+    facts_of,
+    goals_of,
+    program_of,
+)
 from karma.world.sim import EmbeddedWorld
 
 

@@ -100,14 +100,6 @@ def test_comparison_puts_tokens_seconds_and_programs_side_by_side():
     assert found.same_programs == 0.5
 
 
-def test_comparison_tells_how_many_more_seeds_a_half_width_takes():
-    rows = {f"t{number}": "+-" if number % 2 else "-+" for number in range(40)}
-    found = compare(arm("A", outcomes(rows)), arm("B", outcomes(rows)), half_width=0.08)
-    assert found.more_seeds_first == found.more_seeds_second > 0
-    wide = compare(arm("A", outcomes(rows)), arm("B", outcomes(rows)), half_width=0.4)
-    assert wide.more_seeds_first == 0
-
-
 @settings(max_examples=10)
 @given(rows=st.lists(st.tuples(st.booleans(), st.integers(0, 20)), min_size=2, max_size=20))
 def test_identical_arms_differ_in_nothing(rows):
@@ -244,11 +236,6 @@ def test_compare_command_says_which_run_is_not_finished(folders):
     text = karma("compare", folders / "local", folders / "hosted")
     assert "local: not finished, the figures are of the 32 episodes that are done" in text
     assert "hosted: not finished" not in text
-
-
-def test_compare_command_refuses_a_half_width_that_is_none(folders):
-    text = karma("compare", folders / "local", folders / "hosted", "--half-width", 0, code=1)
-    assert "between 0 and 0.5" in text
 
 
 # ----------------------------------------------------------------- what the clock cut off

@@ -10,7 +10,6 @@ from karma.agent.journal.run_folder import read_run
 from karma.bench.figures.columns import figures
 from karma.bench.figures.results import result_of
 from karma.bench.figures.tables import main_sheets, sheets
-from karma.bench.report.results import result_lines, success_plot
 from karma.cli import show
 
 
@@ -73,13 +72,11 @@ def test_table_of_others_says_where_training_data_is_unknown(tmp_path):
 
 
 @pytest.mark.parametrize("apart", [True, False])
-def test_figures_of_lists_stand_in_the_report_and_on_the_terminal(tmp_path, apart):
+def test_figures_of_lists_stand_on_the_terminal(tmp_path, apart):
     found = result(tmp_path, made(apart=apart))
     wanted = ["base", "spatial", ALL, *([TRAINED, NOT_TRAINED] if apart else [])]
-    assert [line.kind for line in result_lines(found.figures)] == [*wanted, *wanted]
+    assert [line.kind for line in found.figures] == [*wanted, *wanted]
     assert show.summary_table(found.figures, "lists").row_count == 2 * len(wanted)
-    plot = success_plot(found.figures)
-    assert (plot.key, len(plot.dots)) == ((ALL,), 2)
 
 
 def test_causes_of_failure_are_counted_by_list(tmp_path):

@@ -26,7 +26,6 @@ from karma.bench.policies.tasks import (
     Errand,
     Finds,
     Pool,
-    alfred_pool,
     costs_of,
     draw_errands,
     grammar_pool,
@@ -34,6 +33,7 @@ from karma.bench.policies.tasks import (
 )
 from karma.errors import FileError, KarmaError
 from karma.household.places import ROOMS
+from karma.plugins.alfred.task_pool import alfred_pool
 from karma.seeds import stream
 
 
@@ -228,6 +228,7 @@ def test_sequences_do_not_depend_on_the_hash_seed(tmp_path):
     write_trials(tmp_path / "t.jsonl.gz", many_trials(60))
     code = (
         "import sys; from pathlib import Path; from karma.bench.policies.tasks import *\n"
+        "from karma.plugins.alfred.task_pool import alfred_pool\n"
         "pool = alfred_pool([Path(sys.argv[1])])\n"
         "for work in WORKLOADS:\n"
         "    drawn = draw_errands(pool, work, 60, 1, 0)\n"

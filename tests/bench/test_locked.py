@@ -13,7 +13,8 @@ from karma.agent.goals.files import load_tasks
 from karma.agent.goals.goals import GoalTracker, WatchedWorld
 from karma.bench.methods.expert import ExpertMethod
 from karma.files import to_json
-from karma.plugins.alfred.sentences import plain, read_sentences, read_steps
+from karma.plugins.alfred.sentences import plain
+from karma.plugins.training.goal_sentences import read_sentences, read_steps
 from karma.plugins.training.packs import PlannerRecipe, draw_pack
 from karma.plugins.training.sources import Sources
 from karma.world.core.scene import SCENES, load

@@ -17,7 +17,7 @@ from support.recall_questions import (
 from karma.files import read_json
 from karma.household.pieces import base_type
 from karma.language.hints import TYPE_WORDS, WordFile
-from karma.language.lexemes import held_out, lexicon, unseen_lexemes
+from karma.plugins.rules.language.lexemes import held_out, lexicon, unseen_lexemes
 
 OURS = Path(__file__).parents[2] / "eval" / "recall" / "questions.jsonl"
 

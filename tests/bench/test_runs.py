@@ -547,8 +547,8 @@ def test_eval_takes_a_figure_of_the_laboratory_too(tmp_path):
     )
     assert (taken.exit_code, "holds no run, but" in taken.output) == (1, True)
     arguments = ["eval", str(path), "--out", str(tmp_path / "run")]
-    refused = CliRunner().invoke(app, [*arguments, "--half-width", "0.1"])
-    assert (refused.exit_code, "has no --half-width" in refused.output) == (1, True)
+    refused = CliRunner().invoke(app, [*arguments, "--limit", "1"])
+    assert (refused.exit_code, "has no --limit" in refused.output) == (1, True)
     result = karma(*arguments)
     assert f"results: {tmp_path / 'run' / 'results.json'}" in result.replace("\n", "")
     assert json.loads((tmp_path / "run" / RESULTS).read_text())["cells"]

@@ -3,22 +3,19 @@
 import csv
 import io
 import time
-from xml.etree import ElementTree as ET
 
 import pytest
 from support.run_files import TASKS, copy, files, karma, lines_in, started
 from typer.testing import CliRunner
 
 from karma.agent.journal.header import EPISODES, RESULTS
-from karma.agent.journal.owned_folder import HEADER, locked
+from karma.agent.journal.owned_folder import locked
 from karma.agent.journal.records import read_records
 from karma.agent.journal.run_folder import read_run
-from karma.bench.engine.experiment_file import Changes
-from karma.bench.engine.export import exported, to_arrow, to_csv, to_junit
+from karma.bench.engine.export import to_csv
 from karma.bench.engine.run import Run
-from karma.bench.engine.sweep import SweepRun, cells_of, planners_in
+from karma.bench.engine.sweep import SweepRun
 from karma.bench.engine.sweep_folder import CELLS, SWEEP, TABLE, read_sweep
-from karma.bench.figures.metrics import METRICS
 from karma.cli import app, shared
 from karma.errors import FileError, KarmaError
 from karma.testing import make_planner
@@ -125,14 +122,6 @@ def test_wrong_grid_is_refused_before_anything_is_done(tmp_path, grid, words):
     assert not (tmp_path / "run").exists()
 
 
-def test_planners_of_a_folder_are_its_ggufs_by_name(folder, tmp_path):
-    assert [path.name for path in planners_in(folder)] == ["a.gguf", "b.gguf"]
-    with pytest.raises(FileError, match=r"no planner's \.gguf is in it"):
-        planners_in(tmp_path)
-    with pytest.raises(KarmaError, match="give one of them"):
-        cells_of(folder / "x.toml", [{"models": {"planner": ["a"]}}], Changes(), folder)
-
-
 # ----------------------------------------------------------------- one folder, one table
 
 
@@ -174,8 +163,6 @@ def test_cell_that_cannot_be_done_is_named_and_the_others_are_done(folder, tmp_p
     assert "none.gguf" in data.cells[1].failed
     assert read_run(tmp_path / "run" / CELLS / data.cells[2].folder).finished
     assert "Failed: planner=broken" in (tmp_path / "run" / TABLE).read_text()
-    suites = ET.fromstring(to_junit(tmp_path / "run"))
-    assert [suite.get("errors") for suite in suites] == ["1", "1", "0", "0"]
     make_planner(tmp_path / "none.gguf", "llama3", seed=3)
     again = karma_eval(path, "--out", tmp_path / "run", "--workers", 1, "--limit", 1)
     assert [bool(c.failed) for c in read_sweep(tmp_path / "run").cells] == [True, False, False]
@@ -237,81 +224,21 @@ def test_sweep_killed_twice_gives_the_bytes_of_one_that_was_not(folder, whole, t
     sweep = SweepRun(folder / "x.toml", run)
     assert len(list(sweep.episodes(1))) >= 1
     assert swept(run) == swept(whole)
-    assert to_junit(run).replace(b'name="run"', b'name="whole"') == to_junit(whole)
-    timed = [
-        metric.key for metric in METRICS if metric.key in ("seconds", "first_token_s", "answer_s")
-    ]
-    assert to_arrow(run).drop(timed).equals(to_arrow(whole).drop(timed))
 
 
 # ----------------------------------------------------------------- export
 
 
-def test_csv_and_parquet_have_a_line_per_episode_with_the_same_values(whole, tmp_path):
+def test_csv_has_a_line_per_episode(whole, tmp_path):
     rows = list(csv.DictReader(io.StringIO(to_csv(whole).decode())))
     assert len(rows) == 8
     assert {row["cell"] for row in rows} == {cell.name for cell in read_sweep(whole).cells}
     assert rows[0]["set.planner"] == "a"
     assert {row["succeeded"] for row in rows if row["row"] == "expert"} == {"True"}
     assert {row["planner_calls"] for row in rows if row["row"] == "expert"} == {""}
-    parquet = pytest.importorskip("pyarrow.parquet")
-    (tmp_path / "x.parquet").write_bytes(exported(whole, "parquet"))
-    table = parquet.read_table(tmp_path / "x.parquet")
-    assert table.column_names == list(rows[0])
-    for mine, row in zip(table.to_pylist(), rows, strict=True):
-        assert {key: "" if value is None else str(value) for key, value in mine.items()} == row
-
-
-def test_export_writes_beside_the_run_or_where_it_is_told(whole, tmp_path):
-    run = copy(whole, tmp_path / "run")
-    for form, name in (("csv", "episodes.csv"), ("junit", "junit.xml")):
-        karma("export", run, "--to", form)
-        assert (run / name).read_bytes() == exported(run, form)
     out = tmp_path / "out.csv"
-    karma("export", run, "--out", out)
-    assert out.read_bytes() == to_csv(run)
-    wrong = karma("export", run, "--to", "xls", code=1)
-    assert "there is csv, parquet, junit" in wrong
-
-
-def test_junit_counts_what_the_records_say(whole):
-    suites = list(ET.fromstring(to_junit(whole)))
-    assert len(suites) == 8
-    for suite in suites:
-        cases = list(suite)
-        assert len(cases) == int(suite.get("tests")) == 1
-        assert len(suite.findall("*/failure")) == int(suite.get("failures"))
-        assert len(suite.findall("*/error")) == int(suite.get("errors"))
-    expert = [suite for suite in suites if suite.get("name").endswith("expert")]
-    assert {suite.get("failures") for suite in expert} == {"0"}
-    babble = suites[0]
-    assert "unmet" in babble.find("*/failure").get("message")
-
-
-# ----------------------------------------------------------------- floors
-
-
-def test_rate_below_the_floor_has_an_exit_code_of_its_own(tmp_path):
-    path = tmp_path / "x.toml"
-    path.write_text(
-        TEXT.replace(
-            '[[rows]]\nname = "babble"\noptions = { attempts = 1 }',
-            '[[rows]]\nname = "idle"\nmethod = "idle"',
-        )
-    )
-    run = ("--out", tmp_path / "run", "--workers", 1)
-    junit = tmp_path / "junit.xml"
-    assert karma_eval(path, *run, "--fail-under", 0.5, "--junit", junit).exit_code == 0
-    assert junit.read_bytes() == to_junit(tmp_path / "run")
-    below = karma_eval(path, *run, "--fail-under", 0.6)
-    assert below.exit_code == 4
-    assert "success of all rows: 0.500 (1 of 2), below 0.6" in below.output
-    assert karma_eval(path, *run, "--fail-under", "expert=1").exit_code == 0
-    assert karma_eval(path, *run, "--fail-under", "idle=0.1").exit_code == 4
-    wrong = karma_eval(path, *run, "--fail-under", "exprt=1")
-    assert wrong.exit_code == 1
-    assert "Did you mean 'expert'" in wrong.output
-    assert (tmp_path / "run" / HEADER).exists()
+    karma("export", whole, "--out", out)
+    assert out.read_bytes() == to_csv(whole)
 
 
 # ----------------------------------------------------------------- what tasks and models cannot

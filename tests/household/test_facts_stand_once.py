@@ -23,8 +23,7 @@ PIECE = re.compile(r"(?<!^is)(?<!^CanBe)(Sliced|Cracked)")  # not the flag and t
 CUTS_IDS = {"split", "rsplit", "partition", "rpartition", "startswith", "endswith"}
 MANY = 6  # types in one row are a table of places or things
 EXEMPT = {
-    "contracts.py": "`hand` says how far programs are constrained",
-    "bench/drawing/phrases.py": "a `|` between the words of an annotation's alternatives",
+    "plugins/training/drawing/phrases.py": "`|` parts an annotation's alternatives",
     "world/event_base.py": "`hand` is AI2-THOR's other name for a field of its metadata",
     "world/render/pixels.py": "`Floor` names a surface of a room, as Wall and Ceiling do",
 }

@@ -4,7 +4,7 @@ import pytest
 
 from karma.household import places, uses
 from karma.household.ids import is_part, part_id, root_id, root_type, type_of, whole_id
-from karma.household.pieces import base_type, goes_by, is_piece, piece_type
+from karma.household.pieces import base_type, is_piece, piece_type
 from karma.household.states import END_STATES, GOAL_STATES, NEEDS, OPPOSITES, canonical_state
 from karma.household.types import object_types
 
@@ -28,12 +28,6 @@ def test_id_of_a_piece_leads_back_to_its_whole():
     assert not is_part("Apple|+01.00|+00.90|-02.005", of=APPLE)
 
 
-@pytest.mark.parametrize("name", ["Apple", "AppleSliced", part_id(APPLE, "AppleSliced_2")])
-def test_slice_goes_by_its_id_its_type_and_its_whole(name):
-    assert goes_by(name, part_id(APPLE, "AppleSliced_2"), "AppleSliced")
-    assert not goes_by(name, "Mug|1", "Mug")
-
-
 @pytest.mark.parametrize(
     "names",
     [uses.TAPS, uses.BASINS, uses.KNIVES, uses.LAMPS, uses.MOMENTARY, uses.COOKED,
@@ -44,10 +38,6 @@ def test_names_are_types(names):
     assert set(names) <= set(TYPES)
 
 
-def test_lamps_are_all_lamps():
-    assert set(uses.LAMPS) == {name for name in TYPES if name.endswith("Lamp")}
-
-
 def test_places_can_do_what_is_said_of_them():
     fixed = (*places.SURFACES, *places.LIKELY, *places.BESIDE_A_DOOR)
     assert all(TYPES[name].can("receptacle") for name in fixed)
@@ -56,22 +46,7 @@ def test_places_can_do_what_is_said_of_them():
     assert must_be_open ^ set(places.STAND_CLOSED) == {"Box", "Safe"}
 
 
-@pytest.mark.parametrize(("whole", "basin"), uses.BASIN_OF.items())
-def test_basin_stands_for_its_whole_and_back(whole, basin):
-    assert uses.without_basin(basin) == uses.without_basin(whole) == whole
-    assert uses.with_basin(whole) == (whole, basin)
-    assert uses.covers(whole, basin)
-    assert not uses.covers(basin, whole)
-
-
 def test_opposites_are_mutual_and_are_states():
     assert all(OPPOSITES[other] == one for one, other in OPPOSITES.items())
     assert {*OPPOSITES, *END_STATES.values(), *NEEDS} <= GOAL_STATES
     assert all(canonical_state(state) == state for state in GOAL_STATES)
-
-
-def test_surface_is_the_best_known_one_that_takes_the_thing():
-    known = {"Sofa", "SideTable", "DiningTable"}
-    assert places.surface_for("Mug", known.__contains__) == "DiningTable"
-    assert places.surface_for("Mug", set().__contains__) == "CounterTop"
-    assert places.surface_for("Sofa", set().__contains__) == places.SURFACES[0]

@@ -115,7 +115,7 @@ def pictures_cell(family, tmp_path_factory):
     noise = np.random.default_rng(1).integers(0, 256, (2, 64, 64, 3), dtype=np.uint8)
     first, other, again = (chat.answer(about(noise[n]), max_tokens=12) for n in (0, 1, 0))
     chat.close()
-    kind = read_header(made.projector, sizes=()).metadata["clip.projector_type"]
+    kind = read_header(made.projector, sizes=())["clip.projector_type"]
     return kind if first == again != other else "blind"
 
 

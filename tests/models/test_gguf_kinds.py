@@ -17,6 +17,7 @@ from karma.agent.loading.names import check_models
 from karma.errors import ModelError, UnknownNameError
 from karma.models.added import AddOptions, add_model
 from karma.models.checks.gguf import check_gguf
+from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.model import LlamaModel
 from karma.models.manifest import read_local, resolve_planner
 from karma.testing import make_planner
@@ -105,14 +106,11 @@ def test_first_bytes_tell_what_a_file_is(tmp_path, begins, said):
 BOMBS = (
     "{{ 9**9**9 }}",
     "{% generation %}{{ 9**9**9 }}{% endgeneration %}",
-    "{% for m in messages %}{% generation %}{{ 'a' * 9 * 9**8 }}{% endgeneration %}{% endfor %}",
-    "{% for a in range(999999) %}{% for b in range(999999) %}{% endfor %}{% break %}{% endfor %}",
 )
 
 
-@pytest.mark.parametrize("key", ["", ".default", ".tool_use", ".rag"])
-@pytest.mark.parametrize("bomb", BOMBS)
-def test_each_template_of_a_file_is_looked_at_with_the_runtimes_tags(tmp_path, key, bomb):
+@pytest.mark.parametrize(("key", "bomb"), [("", BOMBS[0]), (".default", BOMBS[1])])
+def test_template_without_end_is_never_compiled_here(tmp_path, key, bomb):
     def fill(writer):
         writer.add_tokenizer_model("gpt2")
         writer.add_token_list(["a", "b"])
@@ -120,15 +118,7 @@ def test_each_template_of_a_file_is_looked_at_with_the_runtimes_tags(tmp_path, k
 
     path = written(tmp_path / "bomb.gguf", LLAMA, fill)
     with pytest.raises(ModelError, match="its chat template"):
-        check_gguf(path)
-
-
-def test_generation_tags_are_no_reason_to_refuse_a_template(tmp_path):
-    from karma.models.checks.template import check_template
-
-    check_template(
-        "x", "{% for m in messages %}{% generation %}{{ m }}{% endgeneration %}{% endfor %}"
-    )
+        GgufModel(path)
 
 
 @pytest.mark.parametrize("name", ["Tiny-Q4_K_M.gguf", "TINY.GGUF", "0f3c", "model.Q4"])
@@ -142,13 +132,10 @@ def test_a_gguf_is_told_by_its_first_bytes_and_named_by_its_link(
     link.symlink_to("../blobs/9a1b")
     added = add_model(link).entry
     assert added.name == name.rpartition(".")[0] or name
-    found = resolve_planner(added.name)
-    assert found.path.read_bytes() == planner.read_bytes() and not found.path.is_symlink()
+    assert resolve_planner(added.name).path == link
     monkeypatch.chdir(link.parent)
     assert resolve_planner(name).path.name == name
     check_models({"planner": name})
-    again = add_model(link, AddOptions(name="there", in_place=True)).entry
-    assert again.files[0].path == str(link)
 
 
 def test_name_of_a_model_goes_before_a_file_of_that_name(planner, tmp_path, monkeypatch):
@@ -214,7 +201,6 @@ def test_trial_that_fails_leaves_nothing_and_sees_the_entry_before_it_is_listed(
     with pytest.raises(ModelError, match="it is tired"):
         add_model(planner, trial=refuses)
     assert not read_local().models
-    assert list((manifest.parent / "weights").iterdir()) == []
 
 
 def spm(path, *, prefix):

@@ -100,7 +100,7 @@ def manners(path, models, monkeypatch, **said):
     """How one file is opened by its path, after `models add`, and from the manifest."""
     folder = models(entry(path))
     os.link(path, folder / path.name)
-    add_model(path, AddOptions(name="added", in_place=True))
+    add_model(path, AddOptions(name="added"))
     found = []
     for name in (str(path), "added", "listed"):
         model, _ = language_model(Models(planner=name, **said), Session(), None, 0)
@@ -130,7 +130,7 @@ def test_model_that_was_added_without_its_template_stays_so_unless_a_run_says_ot
     tmp_path, models
 ):
     path = make_planner(tmp_path / "tiny.gguf", "llama3")
-    add_model(path, AddOptions(name="raw", chat=False, in_place=True))
+    add_model(path, AddOptions(name="raw", chat=False))
     for chat, manner in ((None, WITHOUT), (True, THROUGH)):
         model, _ = language_model(Models(planner="raw", chat=chat), Session(), None, 0)
         assert model.manner == manner

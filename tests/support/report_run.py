@@ -1,8 +1,6 @@
 """A small real run: an agent whose model says what it was told, in the embedded world, on disk."""
 
 import hashlib
-import json
-import re
 
 import numpy as np
 
@@ -16,8 +14,6 @@ from karma.agent.planning.planner import Planner
 from karma.bench.engine.episode import run_episode
 from karma.bench.figures.columns import added_up
 from karma.bench.methods.expert import ExpertMethod
-from karma.bench.report.episodes import EpisodeReplay
-from karma.bench.report.replay import replaying
 from karma.contracts import SceneRef, SubTask, Task
 from karma.memory.recall import CosineRecall
 from karma.models.scripted import MetadataVision, ScriptedModel
@@ -54,12 +50,6 @@ class Words:
                 row[hashlib.sha256(word.encode()).digest()[0] % self.dimension] += 1
             row /= np.linalg.norm(row) or 1
         return rows
-
-
-def data_of(page, name="data"):
-    """Return what a page's script reads."""
-    found = re.search(rf'<script type="application/json" id="{name}">(.*?)</script>', page, re.S)
-    return json.loads(found[1])
 
 
 def task(name, *pairs):
@@ -150,21 +140,3 @@ def _method(row, name, folder):
         Planner(ScriptedModel(ANSWERS[name]), "compact"), CosineRecall(Words()), MetadataVision(),
         KarmaSettings(policy="fifo-merge[2]"), maps=folder / "maps", attempts=1,
     )  # fmt: skip
-
-
-def replay(*given, **named):
-    """The replay that comes last, after the shares that are done."""
-    *_, found = replaying(*given, **named)
-    return found
-
-
-def replayed(replayer, *records):
-    """The episodes that can be stepped through, after the shares that are done."""
-    return [one for one in replayer.replaying(*records) if isinstance(one, EpisodeReplay)]
-
-
-def scene_of(story, moment):
-    """The room that the agent is in after a moment."""
-    if moment.kind == "enter":
-        return moment.text
-    return story.parts[moment.part].scene if moment.part >= 0 else story.scene

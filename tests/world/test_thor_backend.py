@@ -136,14 +136,6 @@ def test_refusal_to_begin_is_a_clear_error(home):
     [
         {"action": "OpenObject", "objectId": BLINDS},
         {"action": "CloseObject", "objectId": BLINDS, "forceAction": True},
-        {
-            "action": "SetObjectStates",
-            "SetObjectStates": {"objectType": "Blinds", "stateChange": "openable", "isOpen": True},
-        },
-        {
-            "action": "SetObjectStates",
-            "SetObjectStates": {"stateChange": "openable", "isOpen": True},
-        },
     ],
 )
 def test_blinds_are_refused_as_a_value_and_never_sent(given, home):

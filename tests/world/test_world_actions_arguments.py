@@ -24,7 +24,6 @@ from karma.world.sim import MISUSE, EmbeddedWorld
 PAGE = ROOT / "docs" / "world" / "actions.md"
 ROOM = kitchen()
 IDS = [thing.id for thing in ROOM.objects]
-NAMES = [thing.name for thing in ROOM.objects]
 
 
 @pytest.fixture
@@ -47,7 +46,6 @@ def world():
         ("GetInteractablePoses", lambda v: {"objectId": IDS[0], "positions": [{"x": v}]}),
         ("SetRandomSeed", lambda v: {"seed": v}),
         ("Initialize", lambda v: {"gridSize": v}),
-        ("SetObjectPoses", lambda v: {"objectPoses": [{"position": {"x": v}}]}),
         ("AddThirdPartyCamera", lambda v: {"position": {"y": v}, "rotation": {}}),
     ],
 )
@@ -132,8 +130,6 @@ def test_step_without_an_action_is_misuse(world):
         ("Teleport", {"position": {"x": "north"}}),
         ("SetObjectFilter", {"objectIds": "Apple"}),
         ("SetObjectFilter", {"objectIds": [3]}),
-        ("SetObjectPoses", {"objectPoses": [{"objectName": "x"}]}),
-        ("SetObjectStates", {"SetObjectStates": {"stateChange": 3}}),
         ("GetInteractablePoses", {"objectId": IDS[0], "standings": [1]}),
     ],
 )
@@ -212,25 +208,14 @@ numbers = st.one_of(
     st.floats(-5, 5), st.integers(-10, 400), st.integers(),
 )  # fmt: skip
 words = st.one_of(
-    st.sampled_from([*IDS, *NAMES, "", "Apple", "Fridge", "water", "Collider", "default", "white",
+    st.sampled_from([*IDS, "", "Apple", "Fridge", "water", "Collider", "default", "white",
                      "CanOpen", "openable", "Ultra", "|", "x" * 500]),
     st.text(max_size=5),
 )  # fmt: skip
 places = st.fixed_dictionaries({}, optional={axis: numbers for axis in "xyz"})
 sane = st.fixed_dictionaries({axis: st.floats(-2, 2) for axis in "xyz"})
-posed = st.fixed_dictionaries(
-    {"objectName": st.sampled_from(NAMES), "position": sane, "rotation": st.one_of(sane, places)}
-)
-states = st.fixed_dictionaries(
-    {"stateChange": st.sampled_from(["openable", "breakable", "sliceable", "toggleable", "x"])},
-    optional={"objectType": words, "isOpen": st.booleans(), "isBroken": st.booleans(),
-              "isSliced": st.booleans(), "isToggled": st.booleans()},
-)  # fmt: skip
-counts = st.fixed_dictionaries(
-    {"objectType": st.sampled_from(["Apple", "Mug", "x"]), "count": st.integers(-2, 9)}
-)
 anything = st.recursive(
-    st.one_of(st.none(), st.booleans(), numbers, words, places, posed, states, counts),
+    st.one_of(st.none(), st.booleans(), numbers, words, places),
     lambda inner: st.one_of(
         st.lists(inner, max_size=4), st.dictionaries(st.text(max_size=3), inner, max_size=3)
     ),
@@ -240,27 +225,19 @@ LIKELY = {
     "objectId": st.sampled_from(IDS),
     "objectIds": st.lists(st.sampled_from(IDS), max_size=5),
     "receptacleObjectIds": st.lists(st.sampled_from(IDS), max_size=5),
-    "objectTypes": st.lists(st.sampled_from(["Apple", "Mug", "Fridge"]), max_size=2),
     "positions": st.lists(sane, max_size=3),
-    "objectPoses": st.lists(posed, max_size=12),
-    "SetObjectStates": states,
-    "numDuplicatesOfType": st.lists(counts, max_size=2),
     "gridSize": st.sampled_from([0.0, 0.05, 0.1, 0.25, 0.3, 0.5]),
     "fieldOfView": st.floats(1, 179),
     "horizon": st.sampled_from([-30, 0, 30, 60]),
     "degrees": st.sampled_from([10, 30, 90]),
     "openness": st.floats(0, 1),
-    "timeStep": st.floats(0.01, 0.05),
     "orthographicSize": st.floats(0.1, 9),
     "numPlacementAttempts": st.integers(1, 3),
-    "StateChange": st.sampled_from(["CanOpen", "CanBreak", "CanBeSliced", "CanBeFilled"]),
-    "quality": st.sampled_from(["Ultra", "Low"]),
     "fillLiquid": st.sampled_from(["water", "coffee"]),
     "skyboxColor": st.sampled_from(["white", "#fff"]),
     "agentMode": st.just("default"),
     "agentCount": st.just(1),
     "thirdPartyCameraId": st.just(0),
-    "thirdPartyCameraIndex": st.just(0),
     "x": st.floats(0, 1),
     "y": st.floats(0, 1),
 }

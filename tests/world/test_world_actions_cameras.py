@@ -1,4 +1,4 @@
-"""Third-party cameras, the map view, and questions about what a picture shows."""
+"""Third-party cameras, and questions about what a picture shows."""
 
 import pytest
 from support.household import find, kitchen, reach
@@ -65,22 +65,6 @@ def test_sky_is_named_or_in_hexadecimal(world):
     assert world.state.cameras[0].sky == ""
 
 
-def test_map_view_takes_in_the_whole_room(world):
-    for width, height in ((300, 300), (600, 300), (200, 500)):
-        world.step("ChangeResolution", x=width, y=height)
-        view = world.step("GetMapViewCameraProperties").metadata["actionReturn"]
-        assert view["rotation"] == {"x": 90.0, "y": 0.0, "z": 0.0}
-        assert view["orthographic"] is True
-        bounds = world.last_event.metadata["sceneBounds"]
-        half_high, half_wide = view["orthographicSize"], view["orthographicSize"] * width / height
-        for corner in bounds["cornerPoints"]:
-            assert abs(corner[0] - view["position"]["x"]) <= half_wide + 1e-9
-            assert abs(corner[2] - view["position"]["z"]) <= half_high + 1e-9
-            assert corner[1] <= view["position"]["y"] + 1e-9
-        assert world.step("AddThirdPartyCamera", **view, skyboxColor="white")
-    assert all(one.orthographic for one in world.state.cameras)
-
-
 # ----------------------------------------------------------------- what a picture shows
 
 
@@ -99,27 +83,10 @@ def test_coordinate_on_the_floor_has_the_floor_s_height(world):
 
 @pytest.mark.parametrize(("x", "y"), [(1.5, 0.5), (1.1, 0.3), (-0.1, 0.8), (0.5, -0.3)])
 def test_place_outside_the_picture_is_refused(world, x, y):
-    for action in ("GetCoordinateFromRaycast", "GetObjectInFrame", "OpenObject", "PickupObject"):
+    for action in ("GetCoordinateFromRaycast", "OpenObject", "PickupObject"):
         event = world.step(action, x=x, y=y)
         assert not event
         assert "must be in [0:1]" in event.message
-
-
-def test_object_in_frame_is_the_first_in_the_way(world):
-    stand(world, rotation=270, horizon=0)
-    fridge = find(world, "Fridge")
-    assert world.step("GetObjectInFrame", x=0.5, y=0.5).metadata["actionReturn"] == fridge
-    seen = world.step("GetObjectInFrame", x=0.5, y=0.5, checkVisible=True)
-    assert seen.metadata["actionReturn"] == fridge
-    stand(world, rotation=180, horizon=0)
-    assert not world.step("GetObjectInFrame", x=0.5, y=0.5)
-
-
-def test_object_in_frame_out_of_reach_is_not_visible(world):
-    stand(world, x=1.0, rotation=270, horizon=0)
-    fridge = find(world, "Fridge")
-    assert world.step("GetObjectInFrame", x=0.5, y=0.5).metadata["actionReturn"] == fridge
-    assert not world.step("GetObjectInFrame", x=0.5, y=0.5, checkVisible=True)
 
 
 def test_object_opened_by_where_it_is_in_the_picture(world):
@@ -127,52 +94,3 @@ def test_object_opened_by_where_it_is_in_the_picture(world):
     stand(world, x=-0.75, rotation=270, horizon=0)
     assert world.step("OpenObject", x=0.5, y=0.5)
     assert world.last_event.get_object(find(world, "Fridge"))["isOpen"]
-
-
-def test_visible_objects_are_those_of_the_metadata(world):
-    reach(world, "Apple")
-    seen = world.step("GetVisibleObjects").metadata["actionReturn"]
-    listed = world.last_event.metadata["objects"]
-    assert seen == [thing["objectId"] for thing in listed if thing["visible"]]
-    assert set(seen) < set(world.step("GetVisibleObjects", maxDistance=4.0).value)
-    assert world.step("GetVisibleObjects", maxDistance=0.0).value == [find(world, "Floor")]
-
-
-def test_visible_objects_of_another_camera(world):
-    table = find(world, "DiningTable")
-    stand(world, rotation=270, horizon=0)
-    assert table not in world.step("GetVisibleObjects").value
-    world.step(
-        "AddThirdPartyCamera", position={"x": 1, "y": 1.6, "z": -0.4}, rotation={"x": 40, "y": 90}
-    )
-    assert table in world.step("GetVisibleObjects", thirdPartyCameraIndex=0).value
-    assert not world.step("GetVisibleObjects", thirdPartyCameraIndex=1)
-    assert not world.step("GetVisibleObjects", visibilityScheme="Sonar")
-    world.step("UpdateThirdPartyCamera", orthographic=True)
-    assert "orthographic" in world.step("GetVisibleObjects", thirdPartyCameraIndex=0).message
-
-
-def test_held_thing_is_in_another_camera_s_view_only_when_it_is(world):
-    apple = reach(world, "Apple")
-    world.step("PickupObject", objectId=apple)
-    x, y, z = world.state.objects[apple].center
-    spot = {"x": x, "y": y, "z": z - 0.5}
-    world.step("AddThirdPartyCamera", position=spot, rotation={"y": 0})
-    assert apple in world.step("GetVisibleObjects", thirdPartyCameraIndex=0).value
-    world.step("UpdateThirdPartyCamera", rotation={"y": 180})
-    assert apple not in world.step("GetVisibleObjects", thirdPartyCameraIndex=0).value
-
-
-def test_questions_change_nothing_and_share_the_objects(world):
-    before = world.step("RotateRight")
-    for action, arguments in (
-        ("GetVisibleObjects", {}),
-        ("GetCoordinateFromRaycast", {"x": 0.5, "y": 0.5}),
-        ("GetMapViewCameraProperties", {}),
-        ("GetReachablePositions", {"gridSize": 0.1}),
-        ("GetReachablePositions", {"directionsRelativeAgent": True}),
-    ):
-        event = world.step(action, **arguments)
-        assert event
-        assert event.state is before.state
-        assert event.metadata["objects"] is before.metadata["objects"]

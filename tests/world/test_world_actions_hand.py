@@ -1,8 +1,7 @@
 """Moving and turning what is in the hand, and pushing what is not."""
 
-import numpy as np
 import pytest
-from support.household import find, kitchen, look, reach, thing
+from support.household import find, kitchen, look, reach
 
 from karma.world.sim import EmbeddedWorld
 
@@ -172,83 +171,3 @@ def test_vessel_turned_upside_down_is_empty(world):
     assert look(world, mug)["isFilledWithLiquid"]
     world.step("RotateHeldObject", pitch=80)
     assert not look(world, mug)["isFilledWithLiquid"]
-
-
-# ----------------------------------------------------------------- pushing
-
-
-def box_world():
-    """A box on the floor ahead of the agent, nothing near it."""
-    return EmbeddedWorld(kitchen([thing("Box", (0.0, 0.1, -0.9), (0.2, 0.2, 0.2))]))
-
-
-@pytest.mark.parametrize(
-    ("angle", "axis", "sign"),
-    [(0, 2, -1), (90, 0, -1), (180, 2, 1), (270, 0, 1), (-90, 0, 1), (360, 2, -1)],
-)
-def test_push_goes_where_the_angle_says_seen_from_the_agent(angle, axis, sign):
-    world = box_world()
-    world.step("Teleport", rotation=180, horizon=30)
-    box = find(world, "Box")
-    start = world.state.objects[box].center
-    event = world.step("DirectionalPush", objectId=box, moveMagnitude=40, pushAngle=angle)
-    assert event, event.message
-    by = np.subtract(world.state.objects[box].center, start)
-    assert by[axis] * sign > 0.05
-    assert by[[k for k in range(3) if k != axis]] == pytest.approx(0, abs=1e-6)
-
-
-def test_pull_stops_at_the_agent_and_push_at_the_wall():
-    world = box_world()
-    world.step("Teleport", rotation=180, horizon=30)
-    box = find(world, "Box")
-    assert world.step("PullObject", objectId=box, moveMagnitude=1e4)
-    center = world.state.objects[box].center
-    assert center[2] + 0.1 == pytest.approx(-0.2, abs=0.01)  # the agent's body
-    assert world.step("PushObject", objectId=box, moveMagnitude=1e6, forceAction=True)
-    assert world.state.objects[box].center[2] - 0.1 == pytest.approx(-2.0, abs=0.01)
-
-
-def test_push_stops_before_furniture_and_goes_under_a_table():
-    world = EmbeddedWorld(kitchen([thing("Box", (0.0, 0.1, -0.5), (0.2, 0.2, 0.2))]))
-    box = find(world, "Box")
-    for angle, edge in ((270, -1.35), (90, 2.0)):  # the fridge; the wall behind the table
-        world.reset(kitchen([thing("Box", (0.0, 0.1, -0.5), (0.2, 0.2, 0.2))]))
-        push = {"objectId": box, "moveMagnitude": 1e6, "forceAction": True}
-        assert world.step("DirectionalPush", **push, pushAngle=angle)
-        side = np.sign(edge) * 0.1
-        assert world.state.objects[box].center[0] + side == pytest.approx(edge, abs=0.01)
-
-
-def test_thing_pushed_on_a_table_stays_on_it_and_takes_its_contents_along(world):
-    plate, tomato = reach(world, "Plate"), find(world, "Tomato")
-    start = world.state.objects
-    assert world.step("PushObject", objectId=plate, moveMagnitude=1e5)
-    after = world.state.objects
-    by = np.subtract(after[plate].center, start[plate].center)
-    assert np.linalg.norm(by) > 0.01
-    assert np.subtract(after[tomato].center, start[tomato].center) == pytest.approx(by)
-    assert after[plate].parents == start[plate].parents
-    table = after[find(world, "DiningTable")]
-    assert abs(after[plate].center[0] - table.center[0]) <= table.size[0] / 2
-
-
-def test_push_too_weak_for_the_weight_succeeds_and_moves_nothing():
-    world = box_world()
-    world.step("Teleport", rotation=180, horizon=30)
-    box = find(world, "Box")
-    start = world.state.objects[box]
-    assert world.step("PushObject", objectId=box, moveMagnitude=0)
-    assert world.state.objects[box] == start
-
-
-def test_push_of_what_cannot_be_pushed_is_refused(world):
-    fridge = reach(world, "Fridge")
-    assert "cannot be pushed" in world.step("PushObject", objectId=fridge, moveMagnitude=9).message
-    apple = find(world, "Apple")
-    assert "not found within" in world.step("PushObject", objectId=apple, moveMagnitude=9).message
-    take(world, "Apple")
-    assert "use Throw" in world.step("PullObject", objectId=apple, moveMagnitude=9).message
-    assert "negative" in world.step(
-        "PushObject", objectId=find(world, "Bowl"), moveMagnitude=-9, forceAction=True
-    ).message  # fmt: skip

@@ -103,43 +103,6 @@ def test_wider_picture_shows_more(world):
     assert few < world.state.sight.visible
 
 
-def test_quality_is_one_of_the_players(world):
-    assert world.step("ChangeQuality", quality="Very Low")
-    assert "unknown quality" in world.step("ChangeQuality", quality="Splendid").message
-
-
-def test_filter_for_types_lists_the_objects_of_those_types(world):
-    event = world.step("SetObjectFilterForType", objectTypes=["StoveBurner", "Yacht"])
-    assert [thing["objectType"] for thing in event.metadata["objects"]] == ["StoveBurner"] * 2
-
-
-def test_unbreakable_objects_cannot_be_broken_and_broken_ones_stay_so(world):
-    plate, bowl = find(world, "Plate"), find(world, "Bowl")
-    world.step("BreakObject", objectId=plate, forceAction=True)
-    world.step("MakeAllObjectsUnbreakable")
-    assert not world.step("BreakObject", objectId=bowl, forceAction=True)
-    assert not look(world, bowl)["breakable"]
-    assert look(world, plate)["isBroken"]
-
-
-def test_physics_step_lets_time_pass(world):
-    before = world.state.time_s
-    assert world.step("PausePhysicsAutoSim")
-    assert world.step("AdvancePhysicsStep", timeStep=0.05, simSeconds=2.0)
-    assert world.state.time_s > before + 2.0
-    assert "(0, 0.05]" in world.step("AdvancePhysicsStep", timeStep=0.06).message
-    assert "simSeconds" in world.step("AdvancePhysicsStep", simSeconds=-1.0).message
-    assert world.step("UnpausePhysicsAutoSim")
-
-
-def test_enough_physics_steps_let_heat_run_out(world):
-    egg = find(world, "Egg")
-    assert look(world, egg)["temperature"] == "Cold"
-    world.step("PickupObject", objectId=egg, forceAction=True)
-    world.step("AdvancePhysicsStep", simSeconds=10.0)
-    assert look(world, egg)["temperature"] == "RoomTemp"
-
-
 @pytest.mark.parametrize(
     ("how", "said"),
     [

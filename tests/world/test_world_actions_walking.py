@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from support.household import find, kitchen, thing
+from support.household import find, kitchen
 
 from karma.world.core.state import BODY_M
 from karma.world.sim import EmbeddedWorld
@@ -214,8 +214,6 @@ def test_shortest_path_starts_where_it_is_told_to(world):
     assert not world.step("GetShortestPath", objectType="Yacht")
     with pytest.raises(ValueError, match="objectId"):
         world.step("GetShortestPath")
-    with pytest.raises(ValueError, match="target"):
-        world.step("GetShortestPathToPoint", x=1.0)
 
 
 # ----------------------------------------------------------------- what lies in the way
@@ -238,27 +236,3 @@ def test_what_was_dropped_on_the_floor_stands_in_the_way_until_it_is_picked_up(w
     assert world.step("PickupObject", objectId=bread, forceAction=True)
     assert len(world.step("GetReachablePositions").metadata["actionReturn"]) == len(before)
     assert world.step("MoveAhead")
-
-
-def test_pushed_thing_lets_the_agent_as_near_as_where_it_stood_at_first():
-    """Cells within a box tell that the box is wider than the thing."""
-    bed = thing("DogBed", (0.5, 0.1, -1.0), (0.6, 0.2, 0.6))
-    world = EmbeddedWorld(kitchen([bed]))
-    world.step("TeleportFull", x=0.0, y=0.9, z=0.0, rotation=180, horizon=30, standing=True)
-    before = len(world.step("GetReachablePositions").metadata["actionReturn"])
-    push = {"objectId": bed.id, "moveMagnitude": 1e5, "pushAngle": 90, "forceAction": True}
-    assert world.step("DirectionalPush", **push)
-    assert world.state.objects[bed.id].center != bed.center
-    after = len(world.step("GetReachablePositions").metadata["actionReturn"])
-    assert after == before
-
-
-def test_a_way_leads_round_what_was_dropped(world):
-    bread = find(world, "Bread")
-    world.step("Teleport", position={"x": 0.0, "y": 0.9, "z": 0.0}, rotation=180)
-    goal = {"x": 0.0, "y": 0.9, "z": -1.0}
-    straight = world.step("GetShortestPathToPoint", target=goal).metadata["actionReturn"]["corners"]
-    world.step("PickupObject", objectId=bread, forceAction=True)
-    world.step("DropHeldObject")
-    around = world.step("GetShortestPathToPoint", target=goal).metadata["actionReturn"]["corners"]
-    assert len(straight) == 2 < len(around)

@@ -15,13 +15,7 @@ WRONG = {
     "recording.jsonl": b'{"action": {"action": "Initialize"}, "metadata": {}}',
     "bytes.json": b"\xff\xfe\x00",
 }
-COMMANDS = {
-    "import": ["import"],
-    "import alfred": ["import", "--alfred"],
-    "replay": ["replay"],
-    "replay events": ["replay", "--events"],
-    "show": ["show"],
-}
+COMMANDS = ("import", "import-trials", "replay", "replay-events", "show")
 
 
 def said(*arguments):
@@ -37,7 +31,7 @@ def test_wrong_file_is_named_and_something_helps(tmp_path, monkeypatch, command,
     monkeypatch.chdir(tmp_path)
     if name in WRONG:
         (tmp_path / name).write_bytes(WRONG[name])
-    text = said(*COMMANDS[command], name)
+    text = said(command, name)
     assert text.startswith(f"error: {name}: ")
     assert "To fix: " in text
 

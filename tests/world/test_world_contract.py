@@ -315,8 +315,6 @@ def test_shortest_path_leads_from_the_agent_to_the_object(world):
     corners = world.step("GetShortestPath", objectId=object_id).metadata["actionReturn"]["corners"]
     assert corners[0] == world.last_event.metadata["agent"]["position"]
     assert corners[-1]["x"] == 1.0
-    to_point = world.step("GetShortestPathToPoint", x=1.0, y=0.9, z=0.25)
-    assert len(to_point.metadata["actionReturn"]["corners"]) == 3
 
 
 def test_picture_size_and_pose_are_the_clients(world):

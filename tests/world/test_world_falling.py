@@ -80,18 +80,24 @@ def test_falling_thing_lies_in_nothing_until_it_comes_down_into_the_cabinet_belo
     assert room.state.falling == frozenset()
 
 
+def wait(room, actions):
+    """Let 0.04 s pass for each action."""
+    for _ in range(actions):
+        assert room.step("Pass")
+
+
 def test_falling_takes_as_long_as_it_does_from_that_height():
     room = world(UNDER)
     one = find(room, "DishSponge")
-    assert room.step("AdvancePhysicsStep", simSeconds=0.35)  # 0.6 m and more
+    wait(room, 9)  # 0.36 s: 0.6 m and more
     assert look(room, one)["parentReceptacles"] is None
-    assert room.step("AdvancePhysicsStep", simSeconds=0.06)
+    wait(room, 1)
     assert look(room, one)["parentReceptacles"] == [UNDER.id]
 
 
 def test_falling_thing_with_no_cabinet_below_lands_as_what_is_dropped_there_does():
     room = world()
-    room.step("AdvancePhysicsStep", simSeconds=1.0)
+    wait(room, 25)
     assert look(room, find(room, "DishSponge"))["parentReceptacles"][0].startswith("Floor")
 
 
@@ -99,14 +105,6 @@ def test_falling_thing_that_is_caught_stays_in_the_hand():
     room = world(UNDER)
     one = find(room, "DishSponge")
     assert room.step("PickupObject", objectId=one, forceAction=True)
-    room.step("AdvancePhysicsStep", simSeconds=1.0)
+    wait(room, 25)
     assert look(room, one)["isPickedUp"]
-    assert room.state.falling == frozenset()
-
-
-@pytest.mark.parametrize("action", ["DisableObject", "RemoveFromScene"])
-def test_falling_thing_that_is_taken_out_of_the_world_falls_no_more(action):
-    room = world(UNDER)
-    assert room.step(action, objectId=find(room, "DishSponge"))
-    assert room.step("AdvancePhysicsStep", simSeconds=1.0)
     assert room.state.falling == frozenset()

@@ -20,10 +20,7 @@ from karma.world.sim import EmbeddedWorld
 
 ROOM = kitchen()
 IDS = [thing.id for thing in ROOM.objects]
-ARRANGING = {"RemoveFromScene", "DisableObject", "TeleportObject", "PlaceObjectAtPoint"}  # no hand
-ON_OBJECTS = sorted(
-    name for name, action in ACTIONS.items() if "objectId" in action.kinds and name not in ARRANGING
-)
+ON_OBJECTS = sorted(name for name, action in ACTIONS.items() if "objectId" in action.kinds)
 ALONE = [
     "MoveAhead", "MoveBack", "MoveLeft", "MoveRight", "RotateLeft", "RotateRight", "LookUp",
     "LookDown", "Crouch", "Stand", "Pass", "DropHeldObject",

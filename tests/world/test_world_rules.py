@@ -638,3 +638,10 @@ def test_scene_with_a_loop_of_three_is_refused():
 def test_scene_that_does_not_exist_is_named():
     with pytest.raises(FileError, match="no scene named 'palace'"):
         EmbeddedWorld().reset("palace")
+
+
+def test_opened_by_the_old_name_of_openness(world):
+    fridge = find(world, "Fridge")
+    for magnitude, openness in ((0, 1.0), (0.65, 0.65)):
+        world.step("OpenObject", objectId=fridge, forceAction=True, moveMagnitude=magnitude)
+        assert look(world, fridge)["openness"] == pytest.approx(openness)

@@ -6,24 +6,21 @@ itself tells (a tap ran over it, its door is shut) is "done, not seen". Nothing 
 """
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from karma.agent.planning.program import CHANGES, DOOR_AFTER, PUTS, SWITCH_AFTER
+from karma.agent.planning.program import PUTS, SWITCH_AFTER
 from karma.agent.seeing.perceive import place_of
 from karma.contracts import Check, Experience, Found, SeenObject, SkillCall, SkillResult
 from karma.household.ids import is_part, root_id, type_of
 from karma.household.pieces import EGG, base_type, goes_by, piece_type
-from karma.household.places import HAND
+from karma.household.places import FLOOR, HAND
 from karma.household.saying import name_of, preposition, told_place
-from karma.household.states import SAID_AS
+from karma.household.skill_effects import Beliefs, Change, changes
+from karma.household.states import END_STATES, SAID_AS
 from karma.household.uses import (
-    BASINS,
     BURNER,
-    FRIDGE,
     MICROWAVE,
-    SINK,
     STOVE,
-    TAP_OF,
     TAPS,
     covers,
 )
@@ -36,15 +33,16 @@ def checked(
 
     `calls` have ids where a thing was known; `results` are of those that were tried.
     """
-    ends = _Ends()
-    for number, call in enumerate(calls):
-        ends.add(call, results[number] if number < len(results) else None)
+    ends = _ends_of(calls, results)
     eyes = _Eyes(experience)
     judged = [(one, _moved(one, eyes)) for one in ends.moved.values()]
     judged += [(one, _changed(one, eyes)) for one in ends.changed.values()]
     left = (*ends.switched.values(), *ends.doors.values())
     judged += [(one, _left(one, eyes)) for one in left if not ends.is_a_means(one)]
     return tuple(Check(text=_text(one), found=found, note=note) for one, (found, note) in judged)
+
+
+_REPORTED = ("cleaned", "heated", "cooled", "sliced", "broken", "empty")
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,67 +57,28 @@ class _End:
 
 @dataclass(slots=True)
 class _Ends:
-    """What a program's deeds add up to."""
+    """What the calls of a program add up to."""
 
     moved: dict[str, _End] = field(default_factory=dict)
     changed: dict[tuple[str, str], _End] = field(default_factory=dict)
     switched: dict[str, _End] = field(default_factory=dict)
     doors: dict[str, _End] = field(default_factory=dict)
 
-    def add(self, call: SkillCall, result: SkillResult | None) -> None:
-        """Take in one call; later ones undo earlier ones."""
-        ok = result is not None and result.ok
-        ids = result.object_ids if result is not None else ()
-        thing = _id_of(call.objects[0], ids)
-        if call.skill in SWITCH_AFTER:
-            self._switch(call.objects[-1], ids, SWITCH_AFTER[call.skill], ok)
-        elif call.skill in DOOR_AFTER:
-            self.doors[thing] = _End(thing, DOOR_AFTER[call.skill], happened=ok)
-            if type_of(thing) == FRIDGE and call.skill == "CloseObject":
-                self._turn("heated", "cooled", FRIDGE, ok)
-        elif call.skill in CHANGES:
-            word = CHANGES[call.skill]
-            self.changed[thing, word] = _End(thing, word, happened=ok)
-        elif call.skill in ("PickupObject", "ThrowObject"):
-            word = HAND if call.skill == "PickupObject" else "away"
-            self.moved.pop(thing, None)
-            self.moved[thing] = _End(thing, word, happened=ok)
-        elif call.skill in PUTS:
-            self._put(call, ids, ok)
-
-    def _put(self, call: SkillCall, ids: Sequence[str], ok: bool) -> None:
-        there = call.objects[-1]  # of a type any will do: a full one gives way to another
-        alike = there == type_of(there) or type_of(there) == BURNER
-        place = type_of(there) if alike else _id_of(there, ids[::-1])
-        held = next((end.thing for end in self.moved.values() if end.word == HAND), "")
-        thing = _id_of(call.objects[0], ids) if call.objects[1:] else held
-        if not thing:
-            return
-        self.moved.pop(thing, None)
-        word = "near" if call.skill == "PutNear" else "in"
-        self.moved[thing] = _End(thing, word, place, ok)
-
-    def _switch(self, name: str, ids: Sequence[str], word: str, ok: bool) -> None:
-        kind = type_of(name)
-        used = name if kind in (BURNER, STOVE) or not ids else ids[-1]
-        self.switched[used] = _End(used, word, happened=ok)
-        if word != "on":
-            return
-        tap, oven = kind in TAPS or kind in TAP_OF, kind == MICROWAVE
-        for end in list(self.moved.values()):
-            lies = type_of(end.place)
-            if tap and (lies in BASINS or lies == SINK):
-                self.changed[end.thing, "cleaned"] = _End(end.thing, "cleaned", happened=ok)
-            if oven and lies == MICROWAVE:
-                self.changed.pop((end.thing, "cooled"), None)
-                self.changed[end.thing, "heated"] = _End(end.thing, "heated", happened=ok)
-
-    def _turn(self, word: str, other: str, place: str, ok: bool) -> None:
-        """Let what lies in a place be no longer one thing but the other."""
-        for end in self.moved.values():
-            if ok and type_of(end.place) == place and (end.thing, word) in self.changed:
-                del self.changed[end.thing, word]
-                self.changed[end.thing, other] = _End(end.thing, other)
+    def note(self, change: Change, ok: bool, within: Collection[str]) -> None:
+        """Take in one change; later ones undo earlier ones. `within`: where its object lies."""
+        name, word = change.item.name, change.state
+        if (place := change.place) is not None:
+            self.moved.pop(name, None)
+            words = {HAND: HAND, FLOOR: "away"}
+            end = words.get(place.name) or ("near" if place.beside else "in")
+            self.moved[name] = _End(name, end, "" if place.name in words else place.name, ok)
+        elif word in END_STATES.values():
+            kind = self.switched if word in ("on", "off") else self.doors
+            kind[name] = _End(name, word, happened=ok)
+        elif word in _REPORTED and not (word == "heated" and MICROWAVE not in within):
+            ended = [self.changed.pop((name, other), None) for other in change.deletes if ok]
+            if word != "cooled" or any(ended):  # what only lies in the fridge is told by its place
+                self.changed[name, word] = _End(name, word, happened=ok)
 
     def is_a_means(self, end: _End) -> bool:
         """Return whether a switch or door was used for something else, which is told already."""
@@ -129,6 +88,35 @@ class _Ends:
         places = {one.place for one in self.moved.values()}
         holds = end.thing in places or kind in map(type_of, places)
         return end.word == "closed" and (holds or bool(self.moved or self.changed))
+
+
+def _ends_of(calls: Iterable[SkillCall], results: Sequence[SkillResult]) -> _Ends:
+    """Return what calls add up to; `results` are of those that were tried."""
+    ends, beliefs = _Ends(), Beliefs()
+    for number, call in enumerate(calls):
+        result = results[number] if number < len(results) else None
+        call = _with_ids(call, result.object_ids if result is not None else ())
+        made = changes(call, beliefs)
+        for change in made:
+            ends.note(change, result is not None and result.ok, beliefs.within(change.item))
+        beliefs = beliefs.changed(made)
+    return ends
+
+
+def _with_ids(call: SkillCall, ids: Sequence[str]) -> SkillCall:
+    """Return a call with the ids that it used in place of names.
+
+    A receptacle that was named by its type stays a type: a full one gives way to another.
+    """
+    name, kind = call.objects[-1], type_of(call.objects[-1])
+    if call.skill in SWITCH_AFTER:
+        used = name if kind in (BURNER, STOVE) or not ids else ids[-1]
+        return replace(call, objects=(used,), turn=0)
+    objects = [_id_of(call.objects[0], ids)]
+    if call.skill in PUTS:
+        place = kind if name == kind or kind == BURNER else _id_of(name, ids[::-1])
+        objects = [*(objects if call.objects[1:] else ()), place]
+    return replace(call, objects=tuple(objects), turn=0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,11 +209,10 @@ def taken_back(
     `own` and `asked` are deeds with kinds of things, of the first request and of the later ones:
     what was only on its way is no matter, and what a later request undoes so is meant.
     """
-    before, after = _Ends(), _Ends()
-    for ends, results in ((before, earlier), (after, later)):
-        for result in results:
-            if result.ok:
-                ends.add(result.call, result)
+    before, after = (
+        _ends_of([result.call for result in done], done)
+        for done in ([one for one in earlier if one.ok], [one for one in later if one.ok])
+    )
     found = []
     for old, new, deeds in (
         (before.moved, after.moved, ("put", "take", "throw")),

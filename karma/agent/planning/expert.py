@@ -15,7 +15,8 @@ from karma.household import uses
 from karma.household.containment import brings, fits_whole_or_cut, goes_in
 from karma.household.ids import is_position
 from karma.household.pieces import EGG, base_type, is_piece
-from karma.household.places import FLOOR, LIKELY, STAND_CLOSED, SURFACES
+from karma.household.places import FLOOR, HAND, LIKELY, STAND_CLOSED, SURFACES
+from karma.household.skill_effects import Beliefs, Item, apply
 from karma.household.states import END_STATES, deed_for
 from karma.household.types import object_types
 
@@ -55,20 +56,32 @@ class ExpertView:
 
 @dataclass(slots=True)
 class _Draft:
-    """Holds a program being written, and the hand and places as they will be after its lines."""
+    """A program being written, and what is believed after its last call."""
 
     view: ExpertView
-    held: NamedThing | None
+    beliefs: Beliefs
     calls: list[SkillCall] = field(default_factory=list)
-    places: dict[str, tuple[str, str]] = field(default_factory=dict)  # name -> place, its type
+    taken: dict[str, NamedThing] = field(default_factory=dict)
     found: set[str] = field(default_factory=set)
     freed: set[str] = field(default_factory=set)
+
+    @property
+    def held(self) -> NamedThing | None:
+        """What is in the hand."""
+        held = self.beliefs.held
+        return self.taken.get(held.name, self.view.held) if held is not None else None
 
     def say(self, skill: str, *objects: str, positions: tuple[str, ...] = ()) -> None:
         """Append one call, leaving out a walk to where the robot already is."""
         call = SkillCall(skill=skill, objects=objects, positions=positions)
         if not (skill == "GoToObject" and self.calls and self.calls[-1] == call):
             self.calls.append(call)
+            self.beliefs = apply(call, self.beliefs)
+
+    def moved_to(self, name: str) -> str | None:
+        """Return the receptacle that the program puts a thing into, None for no such."""
+        place = self.beliefs.places.get(Item(name))
+        return None if place is None or place.beside or place.name == HAND else place.name
 
     def thing(self, word: str) -> NamedThing:
         """Return what a goal's word means: what is held, a known thing, or just a type."""
@@ -84,9 +97,9 @@ class _Draft:
 
     def place_of(self, thing: NamedThing) -> tuple[str, str] | None:
         """Return name and type of the receptacle that holds a thing, the outer of two, if known."""
-        if thing.name in self.places:
-            holder = self.thing(self.places[thing.name][0])
-            return self.place_of(holder) or self.places[thing.name]
+        if (place := self.moved_to(thing.name)) is not None:
+            holder = self.thing(place)
+            return self.place_of(holder) or (place, holder.object_type)
         if thing.place is None or thing.place_type is None:
             return None
         return thing.place, thing.place_type
@@ -157,9 +170,8 @@ class _Draft:
         self.free(thing.name)
         if self.held is not None:
             self.put_down()
+        self.taken[thing.name] = thing
         self.do_at(thing, "PickupObject", thing.name)
-        self.held = thing
-        self.places.pop(thing.name, None)
 
     def put_down(self) -> None:
         """Write the lines that put what is held on the best known surface."""
@@ -191,7 +203,6 @@ class _Draft:
                 self.say("PutNear", thing.name, receptacle.name)
             else:
                 self.do_at(receptacle, "PutNear", thing.name, receptacle.name)
-            self.held = None
             return
         self.free(receptacle.name)
         self.take(thing)
@@ -202,8 +213,6 @@ class _Draft:
         self.say("PutObject", thing.name, receptacle.name)
         if opened is not None and close:
             self.say("CloseObject", opened)
-        self.held = None
-        self.places[thing.name] = (receptacle.name, receptacle.object_type)
         self.found.add(thing.name)
 
 
@@ -212,7 +221,7 @@ def solve(goals: Sequence[Goal], view: ExpertView) -> tuple[SkillCall, ...]:
 
     They come true in their order; arguments are names of `view.things` or AI2-THOR types.
     """
-    draft = _Draft(view=view, held=view.held)
+    draft = _Draft(view, Beliefs.holding(view.held.name if view.held is not None else None))
     for subject, mine in _in_order(list(_by_subject(goals))):
         _satisfy(draft, subject, mine)
     return tuple(draft.calls)
@@ -299,7 +308,7 @@ def _place(draft: _Draft, thing: NamedThing, place: NamedThing) -> None:
             one
             for one in draft.view.things
             if brings(one.object_type, what, where)
-            and thing.name not in (one.name, *draft.places.get(one.name, ()))
+            and thing.name not in (one.name, draft.moved_to(one.name))
         )  # not one that lies in the thing
         if (vessel := next(vessels, None)) is not None:
             draft.put(thing, vessel)

@@ -11,14 +11,16 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
-from karma.agent.planning.program import DOOR_AFTER, PUTS, SKILL_OF, SWITCH_AFTER, WAYS
+from karma.agent.planning.program import PUTS, SKILL_OF, WAYS
 from karma.contracts import Area, Skill, SkillCall
 from karma.household.containment import fits_whole_or_cut, goes_in, vessels
 from karma.household.ids import short_type, type_of
 from karma.household.places import FLOOR, LIKELY, SURFACES
+from karma.household.skill_effects import Beliefs, Item, apply, outcome, unmet
 from karma.household.types import WIDEST, object_types
 from karma.household.uses import KNIVES, SWITCHED_BY_A_PART
 
+_FREES_HAND = {"empty hand", "not held"}
 TOLD = 12  # receptacles in one sentence: as many types as a room has
 _PLACES = tuple(dict.fromkeys((*SURFACES, *LIKELY, *sorted(object_types()))))
 
@@ -49,22 +51,20 @@ def mend(
     `shut` those that memory has in something closed, `cut` as sliced; `running` are types of things
     that were seen to run.
     """
-    found, mended, hand = set(known), list[SkillCall](), held
+    found, mended, beliefs = set(known), list[SkillCall](), Beliefs.holding(held)
     for call in _without_cuts(calls, cut):
-        name = call.objects[-1]
-        if hand == name and call.skill in ("GoToObject", "Explore", "PickupObject"):
+        name, hand = call.objects[-1], beliefs.held.name if beliefs.held is not None else None
+        if hand == name and call.skill in (*WAYS, "PickupObject"):
             continue
         if call.skill in PUTS:
             if len(call.objects) == 2 and hand is not None and hand == held:
                 call = replace(call, objects=(hand, name))
             found.add(call.objects[0])
-            hand = None
-        elif call.skill == "PickupObject":
-            mended += put_down(hand, name, found)
-            hand = name
-        elif call.skill == "BreakObject" and hand == name:
-            mended += put_down(hand, "", found)
-            hand = None
+        elif not _FREES_HAND.isdisjoint(unmet(call, beliefs)):
+            freed = put_down(hand, found)
+            beliefs = outcome(freed, beliefs)
+            mended += freed
+        beliefs = apply(call, beliefs)
         if call.skill == "GoToObject" and name in shut:
             call = replace(call, skill="Explore")
         elif call.skill != "Explore" and not _placed(name, found, held):
@@ -77,14 +77,14 @@ def mend(
 
 def _switched_off(calls: Iterable[SkillCall], running: Collection[str]) -> Iterator[SkillCall]:
     """Yield a program in which what runs is switched off before its door or lid is moved."""
-    on = set(running)
+    beliefs = Beliefs(states={Item(kind): frozenset(("on",)) for kind in running})
     for call in calls:
-        kind = short_type(call.objects[-1])
-        if call.skill in SWITCH_AFTER:
-            (on.add if SWITCH_AFTER[call.skill] == "on" else on.discard)(kind)
-        elif call.skill in DOOR_AFTER and kind in on:
-            yield SkillCall(skill="ToggleOff", objects=call.objects[-1:])
-            on.discard(kind)
+        plain = replace(call, objects=tuple(map(short_type, call.objects)), turn=0)
+        if "off" in unmet(plain, beliefs):
+            off = SkillCall(skill="ToggleOff", objects=call.objects[-1:])
+            beliefs = apply(replace(off, objects=plain.objects), beliefs)
+            yield off
+        beliefs = apply(plain, beliefs)
         yield call
 
 
@@ -111,13 +111,13 @@ def likely_areas(object_type: str, areas: Sequence[Area]) -> tuple[str, ...]:
     return tuple(islice(found, 1))
 
 
-def put_down(hand: str | None, name: str, known: Collection[str]) -> list[SkillCall]:
-    """Return the lines that free the hand for another thing, on a known surface if there is one.
+def put_down(hand: str | None, known: Collection[str]) -> list[SkillCall]:
+    """Return the lines that free the hand, on a known surface if there is one.
 
-    `hand` and `name` are short names, or ids.
+    `hand` is a short name, or an id.
     """
     kind = object_types().get(short_type(type_of(hand or "")))
-    if hand is None or kind is None or hand == name:
+    if hand is None or kind is None:
         return []
     fitting = [name for name in SURFACES if fits_whole_or_cut(kind.name, name)]
     there = [name for name in fitting if name in known]
@@ -153,11 +153,12 @@ def objection(
 
     What would help is `known`.
     """
+    beliefs = Beliefs.holding(held)
     for number, call in enumerate(calls):
-        reason, held = _refused(call, held)
-        if reason:
+        if reason := _refused(call, beliefs):
             lasting, advice = _lasts(reason, call), _help(call, known)
             return Objection(line=number, call=call, reason=reason, help=advice, lasting=lasting)
+        beliefs = apply(call, beliefs)
     return None
 
 
@@ -170,20 +171,16 @@ def _help(call: SkillCall, known: Collection[str]) -> str:
     return goes_where(thing, call.objects[1], places) if asked and known else ""
 
 
-def _refused(call: SkillCall, held: str | None) -> tuple[str, str | None]:
-    """Return why a call cannot work, "" where it can, and what is held after it."""
-    name = call.objects[-1]
+def _refused(call: SkillCall, beliefs: Beliefs) -> str:
+    """Return why a call cannot work, or "" where it can."""
     if call.skill == "ThrowObject":
-        return "", None
+        return ""
     if reason := _incapable(call):
-        return reason, held
-    if call.skill == "PickupObject":
-        full = held is not None and held != name
-        return (f"the hand holds {held}; put it down first", held) if full else ("", name)
-    if call.skill in PUTS:
-        reason = _put_refused(call, held)
-        return reason, held if reason else None
-    return "", held
+        return reason
+    held = beliefs.held.name if beliefs.held is not None else None
+    if "empty hand" in unmet(call, beliefs):
+        return f"the hand holds {held}; put it down first"
+    return _put_refused(call, held) if call.skill in PUTS else ""
 
 
 def _put_refused(call: SkillCall, held: str | None) -> str:

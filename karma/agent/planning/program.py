@@ -15,6 +15,7 @@ from typing import Literal
 
 from karma.contracts import REFUSAL_KINDS, RefusedRequest, Skill, SkillCall, Vec3
 from karma.errors import ProgramError
+from karma.household.skill_effects import SKILL_EFFECTS
 
 MAX_LINES = 200
 MAX_CHARACTERS = 20_000
@@ -23,79 +24,66 @@ MAX_POSITIONS = 100
 MAX_METRES = 1000.0
 
 
-_PICKUP, _OPEN, _SWITCH = (
-    ("pickupable", "cannot be picked up"),
-    ("openable", "cannot be opened"),
-    ("toggleable", "cannot be switched"),
-)  # what a thing must be, and what is said of others
-
-
 def _skill(
     name: str,
     doc: str,
     deed: str = "",
-    does: str = "",
-    undone_by: str = "",
-    takes: tuple[str, str] = ("", ""),
+    cannot: str = "",
     needs: str = "",
     action: str = "",
-    hand: Literal["", "fills", "empties"] = "",
     arguments: tuple[Literal["object", "positions"], ...] = ("object",),
     optional: int = 0,
 ) -> Skill:
     return Skill(
-        name=name, arguments=arguments, optional=optional, doc=doc, deed=deed, does=does,
-        undone_by=undone_by, takes=takes[0], cannot=takes[1], needs=needs,
-        action=action or (name if deed else ""), hand=hand,
+        name=name, arguments=arguments, optional=optional, doc=doc, deed=deed,
+        takes=SKILL_EFFECTS[name].takes, cannot=cannot, needs=needs,
+        action=action or (name if deed else ""),
     )  # fmt: skip
 
 
+_ON, _OFF = "ToggleObjectOn", "ToggleObjectOff"
 SKILLS: tuple[Skill, ...] = (
     _skill(
         "GoToObject", "Navigate to an object whose place is known.", needs="Go to a known thing."
     ),
     _skill(
         "PickupObject", "Pick up the object; it must be in view and the hand empty.", "take",
-        undone_by="PutObject", takes=_PICKUP,
-        needs="The hand must be empty, and open what the thing is in.", hand="fills",
+        "cannot be picked up", "The hand must be empty, and open what the thing is in.",
     ),
     _skill(
         "PutObject", "Put the held object (first) into or onto the receptacle (second).", "put",
-        undone_by="PickupObject", arguments=("object", "object"), optional=1, hand="empties",
+        arguments=("object", "object"), optional=1,
         needs="Put what is held (first) into or onto a receptacle (second). Open a {shut} first. "
         "These take nothing else: {picky}.",
     ),
     _skill(
-        "SwitchOn", "Turn on a switch, lamp or tap.", "switch on", "on", "SwitchOff", _SWITCH,
-        "As ToggleOn.", "ToggleObjectOn",
+        "SwitchOn", "Turn on a switch, lamp or tap.", "switch on", "cannot be switched",
+        "As ToggleOn.", _ON,
     ),
     _skill(
-        "SwitchOff", "Turn off a switch, lamp or tap.", "switch off", "off", "SwitchOn", _SWITCH,
-        "As ToggleOff.", "ToggleObjectOff",
+        "SwitchOff", "Turn off a switch, lamp or tap.", "switch off", "cannot be switched",
+        "As ToggleOff.", _OFF,
     ),
     _skill(
         "OpenObject", "Open a fridge, cabinet, drawer, microwave or box that is closed.",
-        "open", "opened", "CloseObject", _OPEN, "A Microwave must be off.",
+        "open", "cannot be opened", "A Microwave must be off.",
     ),
     _skill(
-        "CloseObject", "Close an object that is open.", "close", "closed", "OpenObject",
-        ("openable", "cannot be closed"), "Close what is open.",
+        "CloseObject", "Close an object that is open.", "close", "cannot be closed",
+        "Close what is open.",
     ),
     _skill(
-        "BreakObject", "Break the object.", "break", "broken",
-        takes=("breakable", "cannot be broken"),
-        needs="A broken {egg} is cracked, and still named {egg}.",
+        "BreakObject", "Break the object.", "break", "cannot be broken",
+        "A broken {egg} is cracked, and still named {egg}.",
     ),
     _skill(
-        "SliceObject", "Slice the object, e.g. an apple, tomato or bread.", "slice", "sliced",
-        takes=("sliceable", "cannot be sliced"),
-        needs="Hold a {knives}. Cuts {sliceable}; then its name means a slice.",
+        "SliceObject", "Slice the object, e.g. an apple, tomato or bread.", "slice",
+        "cannot be sliced", "Hold a {knives}. Cuts {sliceable}; then its name means a slice.",
     ),
     _skill(
-        "ThrowObject", "Throw away the held object.", "throw", undone_by="PickupObject",
+        "ThrowObject", "Throw away the held object.", "throw",
         needs="Throw what is held across the room. To throw a thing away, put it into the "
         "GarbageCan.",
-        hand="empties",
     ),
     _skill(
         "Explore", "Search the positions in the given order until the object is visible.",
@@ -105,41 +93,39 @@ SKILLS: tuple[Skill, ...] = (
     ),
     _skill(
         "ToggleOn", "Toggle on a lamp, stove, microwave, toaster or tap.",
-        "switch on", "on", "ToggleOff", _SWITCH,
-        "Switch on a lamp, tap, StoveBurner, Microwave (closed) ...; Sink is its tap.",
-        "ToggleObjectOn",
+        "switch on", "cannot be switched",
+        "Switch on a lamp, tap, StoveBurner, Microwave (closed) ...; Sink is its tap.", _ON,
     ),
     _skill(
-        "ToggleOff", "Toggle off the object.", "switch off", "off", "ToggleOn", _SWITCH,
-        "Switch off what is on.", "ToggleObjectOff",
+        "ToggleOff", "Toggle off the object.", "switch off", "cannot be switched",
+        "Switch off what is on.", _OFF,
     ),
 )  # fmt: skip
 """The 13 functions of Listing 2. `PutObject` with one object means the receptacle."""
 
 OUR_SKILLS: tuple[Skill, ...] = (
     _skill(
-        "EmptyObject", "Pour out what the object is filled with.", "empty", "empty",
-        takes=("canFillWithLiquid", "holds no liquid"), needs="Pour out what is in it.",
-        action="EmptyLiquidFromObject",
+        "EmptyObject", "Pour out what the object is filled with.", "empty", "holds no liquid",
+        "Pour out what is in it.", "EmptyLiquidFromObject",
     ),
     _skill(
         "PutNear", "Put the held object (first) near another thing (second), on what that lies on.",
-        "put near", undone_by="PickupObject", arguments=("object", "object"), action="PutObject",
+        "put near", arguments=("object", "object"), action="PutObject",
         needs="Put what is held (first) within {near_m} m of a thing or '(x, y, z)' (second).",
-        hand="empties",
     ),
 )  # fmt: skip
 """Two more of ours: nothing in Listing 2 gets the water out of a mug, or one thing near another."""
 
-SKILL_OF = {one.name: one for one in (*SKILLS, *OUR_SKILLS)}
-DEEDS = {one.name: one.deed for one in (*SKILLS, *OUR_SKILLS) if one.deed}
-SWITCH_AFTER = {one.name: one.does for one in SKILLS if one.does in ("on", "off")}
-DOOR_AFTER = {one.name: one.does for one in SKILLS if one.does in ("opened", "closed")}
-UNDONE_BY = {one.action: one.undone_by for one in SKILLS if one.does in ("opened", "on")}
+SKILL_OF = {skill.name: skill for skill in (*SKILLS, *OUR_SKILLS)}
+DEEDS = {skill.name: skill.deed for skill in SKILL_OF.values() if skill.deed}
+STATE_AFTER = {name: effect.adds[0] for name, effect in SKILL_EFFECTS.items() if effect.adds}
+SWITCH_AFTER = {name: state for name, state in STATE_AFTER.items() if state in ("on", "off")}
+DOOR_AFTER = {name: state for name, state in STATE_AFTER.items() if state in ("opened", "closed")}
 CHANGES = {
-    one.name: one.does for one in SKILL_OF.values() if one.does in ("sliced", "broken", "empty")
+    name: state for name, state in STATE_AFTER.items() if state in ("sliced", "broken", "empty")
 }
-WAYS = tuple(one.name for one in SKILL_OF.values() if not one.deed)  # only get somewhere
+UNDONE_BY = {"OpenObject": "CloseObject", _ON: "ToggleOff"}  # AI2-THOR's action -> skill
+WAYS = tuple(skill.name for skill in SKILL_OF.values() if not skill.deed)  # only get somewhere
 PUTS = ("PutObject", "PutNear")  # skills that empty the hand, by what they say first
 
 _NAME = re.compile(r"[\w|+\-.,()/& ]+")

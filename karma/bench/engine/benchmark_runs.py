@@ -17,17 +17,15 @@ from karma.agent.journal.provenance import model_hashes, versions
 from karma.agent.journal.records import NotRun, PlayedTiming, in_words, read_not_run
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.loading.models import Row
-from karma.bench.engine.experiment_file import Changes, DataFolders, read_as, with_places_here
+from karma.bench.engine.experiment_file import Changes, read_as
 from karma.bench.engine.suite import (
     NO_MODELS,
     Benchmark,
     BenchmarkResults,
     Chain,
-    Do,
     Done,
     ExperimentFile,
 )
-from karma.bench.engine.workers import hashes_here, loaded, models_here, refuse_node
 from karma.bench.figures.tables import to_markdown
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json
@@ -49,18 +47,18 @@ class BenchmarkSuite:
     rows: tuple[Row, ...] = ()  # with models of their own: there are none
 
     def __init__(self, experiment: ExperimentFile, asked: ExperimentFile, path: Path) -> None:
-        self.experiment, self._asked, self._path = experiment, asked, path
+        self.experiment, self._asked, self.path = experiment, asked, path
         self._kind = benchmark_of(experiment.benchmark, path)
         self.models = asked.models if asked.plans else NO_MODELS
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Travel as what it is made of."""
-        return BenchmarkSuite, (self.experiment, self._asked, self._path)
+        return BenchmarkSuite, (self.experiment, self._asked, self.path)
 
     @cached_property
     def benchmark(self) -> Benchmark:
         """What plays, made from the experiment."""
-        made: Benchmark = self._kind(self._asked, self._path)
+        made: Benchmark = self._kind(self._asked, self.path)
         return made
 
     @property
@@ -121,24 +119,6 @@ class BenchmarkSuite:
                 yield one if isinstance(one, NotRun) else Finished(record=one, timing=timing)
 
         return timed
-
-    def begin_on_node(self, header: BenchmarkHeader, there: DataFolders) -> Do:
-        """Find this node's files and models, check that they are the run's, and load them."""
-        experiment = with_places_here(
-            msgspec.convert(header.experiment, self._kind.experiment_kind), there
-        )
-        if experiment.plans:
-            models = models_here(experiment.models, header.models)
-            experiment = msgspec.structs.replace(experiment, models=models)
-        here = BenchmarkSuite(experiment, experiment, self._path)
-        mine = msgspec.structs.replace(
-            header,
-            files=here.file_hashes(),
-            versions=versions(),
-            models=hashes_here(models, header.models) if experiment.plans else {},
-        )
-        refuse_node(header.apart(mine))
-        return loaded(here, Session())
 
 
 def benchmark_suite(

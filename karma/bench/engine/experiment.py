@@ -17,7 +17,6 @@ from karma import registry
 from karma.agent.goals.files import load_tasks
 from karma.agent.loading.models import Models, Row
 from karma.bench.engine.episode import check_seeds
-from karma.bench.figures.precision import MAX_SEEDS, Precision
 from karma.contracts import SceneRef, Task
 from karma.errors import FileError, KarmaError
 from karma.files import below, read_bytes
@@ -59,8 +58,6 @@ class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     world: str = "embedded"
     models: Models = Models()
     seeds: tuple[int, ...] = (0,)
-    half_width: float | None = None  # more seeds until success rates are as sure as that
-    max_seeds: int = MAX_SEEDS  # with it, the listed ones counted
     run: RunOptions = RunOptions()
     grid: tuple[
         dict[str, Any], ...
@@ -71,14 +68,6 @@ class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         check_listed([row.name for row in self.rows], self.seeds, self.only)
         if self.limit is not None and self.limit < 1:
             raise ValueError(f"limit = {self.limit}: 1 or more, or none")
-        _ = self.precision
-
-    @property
-    def precision(self) -> Precision | None:
-        """How sure success rates are wanted to be; None: the listed seeds, whatever they show."""
-        if self.half_width is None:
-            return None
-        return Precision(half_width=self.half_width, max_seeds=self.max_seeds)
 
 
 _NAMED = 50  # tasks in an error message

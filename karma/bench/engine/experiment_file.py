@@ -12,7 +12,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, NamedTuple, Self, TypeVar, get_args
+from typing import Any, TypeVar, get_args
 
 import msgspec
 
@@ -21,7 +21,7 @@ from karma.agent.journal.owned_folder import Kind
 from karma.agent.loading.names import MODELS, check_models, check_row
 from karma.bench.engine.experiment import MOST_SEEDS, Experiment, is_called
 from karma.errors import FileError, KarmaError, did_you_mean
-from karma.files import read_toml, shipped
+from karma.files import read_toml
 
 T = TypeVar("T", bound=msgspec.Struct)
 TRACE = "trace"  # `kind` of a figure of policies, see `karma.bench.policies.figure`
@@ -283,34 +283,6 @@ def beside(folder: Path, path: str) -> Path:
     if shared and inside:
         return Path(shared) / path[inside.end() :]
     return Path(os.path.normpath((folder / Path(path).expanduser()).absolute()))  # links stay
-
-
-class DataFolders(NamedTuple):
-    """Where a machine has what experiments read."""
-
-    ours: Path  # eval/, which ships with the package
-    shared: Path  # the reference data
-
-    @classmethod
-    def here(cls) -> Self:
-        """Return those of this machine."""
-        ours = shipped("eval")
-        return cls(ours=ours, shared=beside(ours, "../../shared/"))
-
-
-def with_places_here(experiment: T, there: DataFolders) -> T:
-    """Return another machine's experiment with the paths that it has in this one's folders.
-
-    What lies in none of the other machine's folders keeps its path.
-    """
-    pairs = tuple(zip(there, DataFolders.here(), strict=True))
-
-    def here(path: str) -> str:
-        lies = (pair for pair in pairs if Path(path).is_relative_to(pair[0]))
-        inside = (new / Path(path).relative_to(old) for old, new in lies)
-        return str(next(inside, path))
-
-    return msgspec.convert(each_path(msgspec.to_builtins(experiment), "", here), type(experiment))
 
 
 def _whole(tree: Any, folder: Path, key: str = "") -> Any:

@@ -28,9 +28,8 @@ from karma.agent.loading.planner_files import may_refuse
 from karma.agent.tour import explore_room
 from karma.bench.engine.episode import Days, run_episode
 from karma.bench.engine.experiment import Experiment, RunOptions, load, scene_path
-from karma.bench.engine.experiment_file import Changes, DataFolders, read_experiment
-from karma.bench.engine.suite import Chain, Do, Done
-from karma.bench.engine.workers import NodeFolder, loaded
+from karma.bench.engine.experiment_file import Changes, read_experiment
+from karma.bench.engine.suite import Chain, Done
 from karma.bench.figures.columns import added_up
 from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
 from karma.errors import FileError, KarmaError
@@ -111,16 +110,6 @@ class OurTasks:
         """
         return Performer(self, session).play
 
-    def begin_on_node(self, header: Header, there: DataFolders) -> Do:
-        """Have tasks and rooms in a folder of this machine, and load what episodes need."""
-        node = NodeFolder(self.folder, self.scenes)
-        here = replace(
-            self,
-            folder=node.path,
-            models=node.models(header, self.models, self.rows),
-        )
-        return node.bringing(loaded(here, Session()))
-
 
 def our_tasks(
     path: Path,
@@ -130,8 +119,6 @@ def our_tasks(
     *,
     folder: Path,
     steps: bool | None,
-    half_width: float | None,
-    max_seeds: int | None,
 ) -> OurTasks:
     """Read an experiment and its tasks; arguments and errors as of `karma.bench.engine.run.Run`."""
     experiment = read_experiment(path, changes)
@@ -142,13 +129,6 @@ def our_tasks(
     if base_url:  # where it is asked is no part of what a run depends on
         models = msgspec.structs.replace(models, hosted=models.hosted.at(base_url))
     found = load(experiment, path)
-    experiment = _as_sure(experiment, half_width, max_seeds)
-    alike = [task.id for task in found.tasks if task.kind == "sequence"]
-    if experiment.precision is not None and alike:  # another seed would be the same episode again
-        raise KarmaError(
-            f"task {alike[0]} is a sequence, which has one seed: no half-width is reached by more\n"
-            "  To fix: leave out the half-width, or put more sequences into the task file"
-        )
     return OurTasks(
         experiment=experiment,
         models=models,
@@ -157,24 +137,6 @@ def our_tasks(
         folder=folder,
         steps=experiment.run.steps if steps is None else steps,
     )
-
-
-def _as_sure(experiment: Experiment, half_width: float | None, max_seeds: int | None) -> Experiment:
-    """Return an experiment with how sure to be as a command asks.
-
-    Raises:
-        KarmaError: there is no such half-width, or a number of seeds without one.
-    """
-    width = experiment.half_width if half_width is None else half_width
-    if width is None:
-        if max_seeds is not None:
-            raise KarmaError("--max-seeds is for runs with --half-width, e.g. --half-width 0.05")
-        return experiment
-    most = max_seeds or experiment.max_seeds
-    try:
-        return msgspec.structs.replace(experiment, half_width=width, max_seeds=most)
-    except ValueError as error:
-        raise KarmaError(f"{error}\n  To fix: --half-width 0.05") from error
 
 
 class Performer:
@@ -326,8 +288,6 @@ def header_of(
         UnknownNameError: there is no such model.
     """
     told = msgspec.to_builtins(msgspec.structs.replace(experiment, run=RunOptions()))
-    for name in ("half_width", "max_seeds"):  # how many episodes there are, not what is in one
-        del told[name]
     for name in ("only", "limit", "grid"):  # what they select stands in `tasks`
         del told[name]
     for endpoint in filter(None, told["models"]["hosted"].values()):

@@ -12,7 +12,6 @@ from karma.bench.engine.experiment_file import Changes, kind_of
 from karma.bench.engine.our_tasks import OurTasks, our_tasks
 from karma.bench.engine.suite import BenchmarkResults, Chain, Suite
 from karma.bench.engine.workers import IN_FLIGHT, Suggestion, check_far, perform, suggest_workers
-from karma.bench.figures.precision import takes_another
 from karma.contracts import Task
 from karma.errors import KarmaError
 from karma.models.session import Cassette, Session
@@ -24,11 +23,9 @@ class Run:
     The folder takes records, header and whatever else episodes leave; `fresh` throws away what
     an earlier run left there. `changes`, `computed` (keys of its [models] that say how they are
     computed), `base_url` (of all hosted models) and `steps` (whether to keep step logs) stand
-    in place of what the experiment says; the last and the following are of no use to a
-    benchmark. `half_width` is wanted of every success rate's interval, by more seeds than are
-    listed, up to `max_seeds`. The cassette records hosted models or stands for them, and is the
-    run's clock. A `suite` is what is done where it is of neither form; then `path` is only
-    named in messages.
+    in place of what the experiment says; the last is of no use to a benchmark. The cassette records
+    hosted models or stands for them, and is the run's clock. A `suite` is what is done where it is
+    of neither form; then `path` is only named in messages.
 
     Raises:
         FileError: the experiment is damaged, or the folder holds a run of something else.
@@ -47,29 +44,23 @@ class Run:
         base_url: str = "",
         computed: Mapping[str, Any] | None = None,
         steps: bool | None = None,
-        half_width: float | None = None,
-        max_seeds: int | None = None,
         suite: Suite | None = None,
     ) -> None:
         self.path, self.folder = path, folder
         self._session = Session(cassette)
         said = (path, changes, computed or {}, base_url)
-        own: dict[str, Any] = {
-            "steps": steps, "half_width": half_width, "max_seeds": max_seeds
-        }  # fmt: skip
         self.suite: Suite
         if suite is not None:
             self.suite = suite
         elif kind_of(path, changes) == "benchmark":
-            if wrong := [name for name, value in own.items() if value is not None]:
-                raise KarmaError(f"{path}: a benchmark has no {wrong[0]}")
+            if steps is not None:
+                raise KarmaError(f"{path}: a benchmark has no steps")
             self.suite = benchmark_suite(*said)
         else:
-            self.suite = our_tasks(*said, folder=folder, **own)
+            self.suite = our_tasks(*said, folder=folder, steps=steps)
         self.experiment: Any = self.suite.experiment  # an `Experiment`, or a benchmark's own
         ours = self.suite if isinstance(self.suite, OurTasks) else None
         self.tasks: tuple[Task, ...] = ours.placed() if ours else ()  # of our own
-        self.precision = ours.experiment.precision if ours else None
         self._config = ours.config if ours else None
         self._scenes = ours.brought() if ours else {}
         self.header = self.suite.header
@@ -77,7 +68,7 @@ class Run:
         self.records: list[Any] = []
         self.not_run: list[NotRun] = []  # of those that were tried last
         self.timings: dict[Key, Any] = {}
-        self._begin_seeds(self.experiment.seeds)
+        self.chains = tuple(self.suite.chains(self.experiment.seeds))
         with locked(folder):
             if fresh:
                 self._files.clear()
@@ -91,7 +82,7 @@ class Run:
 
     @property
     def total(self) -> int:
-        """How many episodes the seeds come to that have been begun."""
+        """How many episodes there are."""
         return sum(len(chain.tasks) for chain in self.chains)
 
     @property
@@ -110,8 +101,7 @@ class Run:
         """Do what is missing; each record is on the disk before it is yielded.
 
         When the last is done, all lines are put in their final order, in whatever order they were
-        done. Where success rates are not yet as sure as they are wanted, one seed after the other
-        is begun. What was not run is in `not_run` afterwards; then the run is not finished.
+        done. What was not run is in `not_run` afterwards; then the run is not finished.
 
         Each of the workers is a process with models of its own. `ray` is the address of a cluster
         whose machines do the episodes; then 0 workers are as many as it has room for.
@@ -129,20 +119,20 @@ class Run:
             if self.left:
                 self._files.reopen()
             self.not_run, in_a_row = [], 0
-            while not self.not_run and (todo := self._todo()):
-                for one in perform(
-                    self.suite, todo, self._session, workers=workers, ray=ray, header=self.header
-                ):
-                    if isinstance(one, NotRun):
-                        in_a_row += not one.alone
-                        self._put_aside(one, ends=in_a_row == IN_A_ROW)
-                        continue
-                    in_a_row = 0
-                    self._files.commit(one)
-                    self.records.append(one.record)
-                    self.timings[one.timing.key] = one.timing
-                    yield one.record
-                self._begin_another()
+            todo = self._todo()
+            work = perform(
+                self.suite, todo, self._session, workers=workers, ray=ray, header=self.header
+            )
+            for one in work if todo else ():
+                if isinstance(one, NotRun):
+                    in_a_row += not one.alone
+                    self._put_aside(one, ends=in_a_row == IN_A_ROW)
+                    continue
+                in_a_row = 0
+                self._files.commit(one)
+                self.records.append(one.record)
+                self.timings[one.timing.key] = one.timing
+                yield one.record
             if not self.not_run:
                 order = [key for chain in self.chains for key in chain.keys]
                 self._files.finish(order, self.suite.added_up)
@@ -167,23 +157,9 @@ class Run:
         self._files.claim(self.header, self._config, fix=fix, scenes=self._scenes)
 
     def _go_on(self) -> None:
-        """Look at what is done, and at what is to be done next; a begun seed is finished."""
+        """Read what is done."""
         together = [chain.keys for chain in self.chains if len(chain.tasks) > 1]
         self.records, self.timings = self._files.done(together)
-        listed = self.experiment.seeds
-        last = max((record.seed for record in self.records), default=0)
-        self._begin_seeds((*listed, *range(max(listed) + 1, last + 1)))
-        if not self.left:
-            self._begin_another()
-
-    def _begin_seeds(self, seeds: tuple[int, ...]) -> None:
-        self.seeds = seeds
-        self.chains = tuple(self.suite.chains(seeds))
-
-    def _begin_another(self) -> None:
-        """Begin the next seed where a success rate is not sure enough; all others are complete."""
-        if self.precision and takes_another(self.records, self.precision, len(self.seeds)):
-            self._begin_seeds((*self.seeds, max(self.seeds) + 1))
 
     def _todo(self) -> list[Chain]:
         done = {key_of(record) for record in self.records}

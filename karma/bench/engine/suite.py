@@ -14,7 +14,7 @@ import msgspec
 from karma.agent.journal.records import Key, NotRun
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.loading.models import Models, Row, check_asked, language_model
-from karma.bench.engine.experiment_file import DataFolders
+from karma.bench.figures.drawing import Picture
 from karma.bench.figures.tables import Sheet
 from karma.contracts import LanguageModel
 from karma.models.session import Session
@@ -110,15 +110,6 @@ class Suite(Protocol):
     def begin(self, session: Session) -> Callable[[Chain], Iterator[Done]]:
         """Load what episodes need, in the process that does them; KarmaError if that fails."""
 
-    def begin_on_node(self, header: Any, there: DataFolders) -> Do:
-        """Find this machine's files and models, and load them.
-
-        The run's header is held against what is here; `there` are folders on the run's machine.
-
-        Raises:
-            KarmaError: something here is not what the run depends on.
-        """
-
 
 class Benchmark(Protocol):
     """A benchmark by its own protocol, over one experiment; an entry point of karma.benchmarks.
@@ -140,6 +131,9 @@ class Benchmark(Protocol):
 
     def results(self, records: Sequence[Any]) -> BenchmarkResults:
         """Return what records come to, finished or not; FileError for damaged published scores."""
+
+    def pictures(self, records: Sequence[Any]) -> Sequence[Picture]:
+        """Return the pictures of the report page; () for none."""
 
 
 def planner_of(models: Models, session: Session, seed: int) -> LanguageModel:

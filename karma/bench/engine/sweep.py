@@ -20,15 +20,14 @@ from typing import Any, NamedTuple
 import msgspec
 
 from karma.agent.journal.header import CELLS, TABLE
-from karma.agent.journal.owned_folder import MARK, SWEEP, OwnedFolder, kind_in, locked
+from karma.agent.journal.owned_folder import MARK, SWEEP, OwnedFolder, locked
 from karma.agent.journal.records import EpisodeRecord, in_words
 from karma.agent.journal.run_folder import RunFolder
 from karma.agent.journal.steps import slug
 from karma.bench.engine.experiment_file import Changes, Setting, read_experiment
 from karma.bench.engine.run import Run
-from karma.bench.engine.sweep_folder import SweepData, SweptCell, read_sweep, write_sweep
+from karma.bench.engine.sweep_folder import SweepData, SweptCell, write_sweep
 from karma.errors import FileError, KarmaError, UnwritableError
-from karma.models.checks.gguf import is_gguf, is_projector
 
 _NO_GRID = Setting(key="grid", value=[])
 _LONGEST = 100  # letters of a cell's folder
@@ -56,8 +55,8 @@ class SweepRun:
     """An experiment with a grid in its folder.
 
     The folder takes a run folder per cell, `sweep.json` and `table.md`; `fresh` throws away what an
-    earlier sweep left there. `changes` are for all cells, each GGUF in `planner_dir` is one value
-    of models.planner, and `opened` holds the other arguments of every cell's `Run`.
+    earlier sweep left there. `changes` are for all cells, and `opened` holds the other arguments of
+    every cell's `Run`.
 
     Raises:
         FileError: the experiment is damaged, or the folder holds a run.
@@ -70,20 +69,17 @@ class SweepRun:
         folder: Path,
         *,
         changes: Changes | None = None,
-        planner_dir: Path | None = None,
         fresh: bool = False,
         opened: Mapping[str, Any] | None = None,
     ) -> None:
         self.path, self.folder, self._opened = path, folder, dict(opened or {})
         self.experiment = read_experiment(path, changes)
-        self.cells = cells_of(path, self.experiment.grid, changes or Changes(), planner_dir)
+        self.cells = cells_of(path, self.experiment.grid, changes or Changes())
         for cell in self.cells:  # a misspelt key must not come to light hours later
             read_experiment(path, cell.changes)
         self.failed: dict[str, str] = {}
         with locked(folder):
             owned = OwnedFolder(folder, "sweep")
-            if self._is_older():
-                owned.adopt((SWEEP, TABLE))
             owned.look()
             owned.sweep()
             owned.begin((SWEEP, TABLE))
@@ -124,17 +120,6 @@ class SweepRun:
                     self.failed[cell.kept.name] = str(error)
                 write_sweep(self.data)
 
-    def _is_older(self) -> bool:
-        """Return whether this sweep is there as an earlier version left it, without a mark."""
-        if (self.folder / MARK).exists() or kind_in(self.folder) != "sweep":
-            return False
-        try:
-            kept = read_sweep(self.folder)
-        except FileError:
-            return False
-        cells = {cell.folder for cell in kept.cells} & {cell.kept.folder for cell in self.cells}
-        return kept.name == self.experiment.name and bool(cells)
-
     def _do(
         self,
         cell: Cell,
@@ -165,25 +150,19 @@ def cells_of(
     path: Path,
     grid: Sequence[Mapping[str, Any]],
     changes: Changes,
-    planner_dir: Path | None = None,
 ) -> tuple[Cell, ...]:
     """Return the cells of a grid in its order: the last key changes first.
 
     Raises:
-        FileError: the grid is empty, or there is no GGUF in the folder.
-        KarmaError: the grid and the folder both give planners.
+        FileError: the grid is empty.
     """
     axes = [dict(_flat("", one)) for one in grid] or [{}]
-    planners = [str(one) for one in planners_in(planner_dir)] if planner_dir is not None else []
     cells: list[tuple[Setting, ...]] = []
     for axis in axes:
-        if planners and "models.planner" in axis:
-            raise KarmaError("--planner-dir and [[grid]] models.planner: give one of them")
         if empty := [key for key, values in axis.items() if not values]:
             raise FileError(path, f"grid: {empty[0]} has no value")
         known = [[Setting(key=key, value=v, folder=path.parent) for v in axis[key]] for key in axis]
-        given = [[Setting(key="models.planner", value=one) for one in planners]] if planners else []
-        cells += product(*given, *known)
+        cells += product(*known)
     if cells == [()]:
         raise FileError(path, "grid: it sets nothing", fix='[[grid]] with models.planner = ["..."]')
     said = {msgspec.json.encode([(one.key, one.value) for one in cell]): cell for cell in cells}
@@ -231,23 +210,3 @@ def _text(value: Any, *, whole: bool) -> str:
     if not isinstance(value, str):
         return msgspec.json.encode(value).decode()
     return value if whole else Path(value).name.removesuffix(".gguf") or value
-
-
-def planners_in(folder: Path) -> list[Path]:
-    """Return the GGUF files of a folder by name, without projectors of picture models.
-
-    Raises:
-        FileError: there is none.
-    """
-    found = [path for path in sorted(folder.iterdir()) if is_gguf(path) and not _projects(path)]
-    if not found:
-        fix = "--planner-dir a folder with .gguf files"
-        raise FileError(folder, "no planner's .gguf is in it", fix=fix)
-    return found
-
-
-def _projects(path: Path) -> bool:
-    try:
-        return is_projector(path)
-    except KarmaError:
-        return False  # its cell says what is wrong with it

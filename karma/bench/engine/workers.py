@@ -1,41 +1,21 @@
-"""Doing chains: in this process, in several, or on the machines of a Ray cluster that is there.
-
-On a cluster every node has this package and its own models, which are found by their SHA-256. A
-node that has another model, version, prompt or file than the run says so by name, and the run ends.
-What an episode leaves comes back with its record, so the run's folder lies on one machine only.
-"""
+"""Run chains in this process, in several, or on a cluster that a plug-in reaches."""
 
 import os
-import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
-
-from karma.agent.journal.header import Header
-from karma.agent.journal.provenance import (
-    model_hashes,
-    parts_of_planner,
-    prompt_hashes,
-    scene_hashes,
-    versions,
-)
+from karma import registry
 from karma.agent.journal.records import NotRun
 from karma.agent.loading.models import Models, Row
-from karma.bench.engine.experiment import scene_path
-from karma.bench.engine.experiment_file import DataFolders
-from karma.bench.engine.pool import ChainQueue, in_cluster, in_processes
+from karma.bench.engine.pool import ChainQueue, in_processes
 from karma.bench.engine.suite import Chain, Do, Done, Suite
-from karma.contracts import SceneRef
-from karma.errors import FileError, KarmaError, ModelError, UnknownNameError, UnwritableError
-from karma.files import write_atomic
+from karma.errors import KarmaError, UnknownNameError, UnwritableError
 from karma.models.checks.memory import available_mb
 from karma.models.endpoint import Hosted
 from karma.models.llama.opening import devices
-from karma.models.manifest import find_model, read_manifest, resolve_planner
+from karma.models.manifest import find_model
 from karma.models.session import Cassette, CassetteError, Session, Tape, open_cassette
 from karma.offline.guard import NetworkRefused, go_offline, network_allowed
 
@@ -61,14 +41,12 @@ def perform(
     are as many as it has cores and memory for, and the run's header is held against every node.
 
     Raises:
-        KarmaError: see `in_processes`, `in_cluster` and `played`.
+        KarmaError: see `in_processes` and `played`; or the plug-in for clusters is missing.
     """
     models = suite.models
     found: Iterator[Iterable[Done]]
     if ray:
-        begin = partial(suite.begin_on_node, header, DataFolders.here())
-        cores, memory_mb = max(1, models.threads), worker_mb(models, suite.rows)
-        found = in_cluster(begin, chains, workers, ray, cores, memory_mb)
+        found = registry.load("clusters", "ray")(suite, chains, workers, ray, header)
     elif workers > 1:
         begin = partial(_begun, suite, session.cassette.tape, network_allowed())
         imports = (__name__, type(suite).__module__, *imported(models))
@@ -198,99 +176,3 @@ def listed_mb(name: str) -> float | None:
         return find_model(name).memory_mb
     except UnknownNameError:
         return None
-
-
-class NodeFolder:
-    """A folder of this machine that episodes are done in.
-
-    `there` is the run's folder on another machine; its tasks bring the scenes along, by name.
-    """
-
-    def __init__(self, there: Path, scenes: Mapping[str, bytes]) -> None:
-        self._there, self._scenes = there, scenes
-        self.path = Path(tempfile.mkdtemp(prefix="karma-run-"))
-        for name, data in scenes.items():
-            write_atomic(scene_path(self.path, name), data)
-        self._sent: set[str] = set()
-
-    def models(self, header: Header, models: Models, rows: Sequence[Row]) -> Models:
-        """Return the models as this machine names them; KarmaError where something is another."""
-        found = models_here(models, header.models)
-        check_node(header, found, self._scenes, rows)
-        return found
-
-    def bringing(self, do: Do) -> Do:
-        """Return what does a chain, and brings along what its episodes leave here."""
-        return lambda chain: [self._brought(one) for one in do(chain)]
-
-    def _brought(self, one: Done) -> Done:
-        here, there = str(self.path), str(self._there)
-        if isinstance(one, NotRun):
-            return replace(one, reason=one.reason.replace(here, there))
-        said = one.record.error.replace(here, there)
-        return replace(one, record=replace(one.record, error=said), files=self._new_files())
-
-    def _new_files(self) -> dict[str, bytes]:
-        found = {}
-        for path in sorted(self.path.rglob("*")):
-            name = str(path.relative_to(self.path))
-            if path.is_file() and name not in self._sent and not name.startswith("scenes/"):
-                found[name] = path.read_bytes()
-        self._sent.update(found)
-        return found
-
-
-def models_here(models: Models, wanted: Mapping[str, str]) -> Models:
-    """Return the models as this machine names them: the planner is what has the run's hash.
-
-    Raises:
-        ModelError: the manifest of this machine has no such file.
-    """
-    name, sha256, _ = parts_of_planner(wanted["planner"])
-    try:
-        if parts_of_planner(model_hashes(models)["planner"])[1] == sha256:
-            return models
-    except (FileError, ModelError, UnknownNameError):
-        pass  # not under that name; perhaps under another
-    for entry in read_manifest().models:
-        if entry.role == "planner" and entry.files[0].sha256 == sha256:
-            found = resolve_planner(entry.name)
-            profile = models.profile or found.prompt_profile
-            return msgspec.structs.replace(models, planner=entry.name, profile=profile)
-    raise ModelError(
-        f"planner {name}: no model of SHA-256 {sha256} is in the manifest here\n"
-        "  To fix: bring the file there and run `karma models add PATH`"
-    )
-
-
-def hashes_here(
-    models: Models, wanted: Mapping[str, str], rows: Sequence[Row] = ()
-) -> dict[str, str]:
-    """Return what this machine's models are, the planner by the name that the run has for it."""
-    hashes = model_hashes(models, rows)
-    _, sha256, rest = parts_of_planner(hashes["planner"])
-    return {**hashes, "planner": f"{parts_of_planner(wanted['planner'])[0]} {sha256}{rest}"}
-
-
-def check_node(
-    header: Header, models: Models, scenes: Mapping[str, bytes], rows: Sequence[Row] = ()
-) -> None:
-    """Check that this machine has what a run depends on.
-
-    Raises:
-        KarmaError: something is another; names it.
-    """
-    mine = replace(
-        header,
-        versions=versions(),
-        models=hashes_here(models, header.models, rows),
-        prompts=prompt_hashes(models.profile),
-        scenes=scene_hashes((SceneRef(name=name) for name in header.scenes), scenes),
-    )
-    refuse_node(header.apart(mine))
-
-
-def refuse_node(found: Sequence[str]) -> None:
-    """Raise KarmaError where a node differs from what a run depends on."""
-    if found:
-        raise KarmaError("not what the run depends on:\n  " + "\n  ".join(found))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from karma.agent.journal.records import ALL, EpisodeRecord, is_of, kinds_of
 from karma.bench.figures.columns import Pair, paired, paired_sums
-from karma.bench.figures.metrics import METRICS, SUCCESS, Metric, TimedEpisode, by_task, measure
+from karma.bench.figures.metrics import METRICS, SUCCESS, Metric, TimedEpisode, measure
 from karma.bench.figures.statistics import (
     Estimate,
     Floats,
@@ -15,12 +15,9 @@ from karma.bench.figures.statistics import (
     detectable_rate,
     effective_number,
     mcnemar,
-    more_seeds,
     sign_flip,
 )
 from karma.errors import KarmaError
-
-HALF_WIDTH = 0.05  # of a success rate; wanted unless told otherwise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,9 +68,6 @@ class Comparison:
     p_tasks: float  # the same with a task's seeds kept together
     ratio: Estimate  # of the success rates, first / second
     lines: tuple[MetricPair, ...]
-    half_width: float  # wanted of each success rate
-    more_seeds_first: int | None
-    more_seeds_second: int | None
 
     @property
     def success(self) -> MetricPair:
@@ -81,9 +75,7 @@ class Comparison:
         return next(line for line in self.lines if line.key == SUCCESS.key)
 
 
-def compare(
-    first: Arm, second: Arm, *, kind: str = ALL, half_width: float = HALF_WIDTH
-) -> Comparison:
+def compare(first: Arm, second: Arm, *, kind: str = ALL) -> Comparison:
     """Compare two arms over the pairs that both have.
 
     Raises:
@@ -120,15 +112,10 @@ def compare(
         p_tasks=sign_flip([sum(group) for group in gaps]),
         ratio=_resampled(SUCCESS, pairs, ratio=True).estimate,
         lines=tuple(_line(metric, pairs, mine, other) for metric in METRICS),
-        half_width=half_width,
-        more_seeds_first=more_seeds(list(by_task(SUCCESS, mine).values()), half_width),
-        more_seeds_second=more_seeds(list(by_task(SUCCESS, other).values()), half_width),
     )
 
 
-def compare_kinds(
-    first: Arm, second: Arm, *, half_width: float = HALF_WIDTH
-) -> tuple[Comparison, ...]:
+def compare_kinds(first: Arm, second: Arm) -> tuple[Comparison, ...]:
     """Return the comparison over all pairs, unless they are of one kind; then that of each kind.
 
     Raises:
@@ -137,7 +124,7 @@ def compare_kinds(
     kinds = list(kinds_of(a.record for a, _ in paired(first.episodes, second.episodes)))
     if len(kinds) != 1:
         kinds.insert(0, ALL)
-    return tuple(compare(first, second, kind=kind, half_width=half_width) for kind in kinds)
+    return tuple(compare(first, second, kind=kind) for kind in kinds)
 
 
 # ----------------------------------------------------------------- the same tasks

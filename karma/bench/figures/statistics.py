@@ -22,11 +22,9 @@ Floats = NDArray[np.float64]
 Statistic = Callable[[Floats], Floats]  # sums, shape (n, columns) -> values, shape (n,); nan = none
 
 LEVEL = 0.95  # of every interval
-DOUBT = 0.6  # level of the interval of a correlation; one in five lies below it
 POWER = 0.8  # of the minimum detectable effect
 RESAMPLES = 10_000
 FEWEST_TASKS = 6  # below it no sign-flip test of tasks reaches 0.05, and resamples pretend
-_MOST_SEEDS = 1_000
 _Z = NormalDist().inv_cdf((1 + LEVEL) / 2)  # half the width of an interval, in deviations
 
 
@@ -36,11 +34,6 @@ class ConfidenceInterval:
 
     low: float
     high: float
-
-    @property
-    def half_width(self) -> float:
-        """Half of its length."""
-        return (self.high - self.low) / 2
 
     def __contains__(self, value: object) -> bool:
         return isinstance(value, int | float) and self.low <= value <= self.high
@@ -127,61 +120,6 @@ def _correlation(groups: Groups) -> float | None:
     return float(min(1.0, max(0.0, (between - within) / scale)))
 
 
-def _least_correlation(groups: Groups, correlation: float) -> float:
-    """Return the lower end of the correlation's interval over resampled tasks.
-
-    Groups are zeros and ones, the same number for each task.
-    """
-    size = sum(len(group) for group in groups) / len(groups)
-    tasks = len(groups)
-    rows = np.array([[sum(group), sum(group) ** 2] for group in groups], dtype=float)
-
-    def of(sums: Floats) -> Floats:
-        ones, squares = sums[:, 0], sums[:, 1] / size
-        between = (squares - ones**2 / (tasks * size)) / (tasks - 1)
-        within = (ones - squares) / (tasks * (size - 1))
-        scale = between + (size - 1) * within
-        alike = np.where(scale > 1e-12, (between - within) / np.maximum(scale, 1e-12), 1.0)
-        return np.asarray(np.clip(alike, 0.0, 1.0))
-
-    interval = bootstrap(
-        rows, of, number=round(tasks * size), level=DOUBT, fewest=2
-    ).estimate.interval
-    return correlation if interval is None else min(correlation, interval.low)
-
-
-def more_seeds(groups: Groups, half_width: float, *, at_least: bool = False) -> int | None:
-    """Return how many more seeds bring a rate's interval to a half-width.
-
-    Groups are zeros and ones, the same number for each task. `at_least`: how many if seeds agree as
-    little as they may well do; few seeds say little about how they agree.
-
-    Returns:
-        0 when it is reached; None when no number of seeds reaches it with these tasks, or when
-        there is one seed only, so that nothing is known about how seeds agree. Seeds of one task
-        alone are independent, as in its `rate`, which speaks of that task only.
-    """
-    groups = [group for group in groups if group]
-    if not groups:
-        return None
-    now = rate(groups)
-    if now.interval is not None and now.interval.half_width <= half_width:
-        return 0
-    alone = len(groups) == 1 and len(groups[0]) > 1
-    correlation = 0.0 if alone else _correlation(groups)
-    if correlation is None or now.value is None:
-        return None
-    if at_least and not alone:
-        correlation = _least_correlation(groups, correlation)
-    seeds = round(sum(len(group) for group in groups) / len(groups))
-    for wanted in range(seeds + 1, _MOST_SEEDS + 1):
-        number = len(groups) * wanted / (1 + (wanted - 1) * correlation)
-        interval = wilson(now.value * number, number)
-        if interval is not None and interval.half_width <= half_width:
-            return wanted - seeds
-    return None
-
-
 # ----------------------------------------------------------------- anything else
 
 
@@ -207,8 +145,6 @@ def bootstrap(
     statistic: Statistic,
     *,
     number: int,
-    level: float = LEVEL,
-    fewest: int = FEWEST_TASKS,
     times: Floats | None = None,
 ) -> Resampled:
     """Return a statistic of sums over tasks, with its percentile interval over resampled tasks.
@@ -218,7 +154,7 @@ def bootstrap(
 
     The sums are of shape (tasks, columns); the order of tasks does not matter without `times`,
     which are resamples of these tasks as `times_in` draws them; None: ours. `number` counts
-    observations. Of fewer tasks than `fewest` there is no interval.
+    observations. Of fewer tasks than `FEWEST_TASKS` there is no interval.
     """
     if not len(sums):
         return Resampled(Estimate(value=None))
@@ -227,7 +163,7 @@ def bootstrap(
         if not math.isfinite(value):
             return Resampled(Estimate(value=None))
         unsure = Resampled(Estimate(value=value, number=number))
-        if len(sums) < max(2, fewest):
+        if len(sums) < FEWEST_TASKS:
             return unsure
         if times is None:
             times, sums = _times(len(sums)), sums[np.lexsort(sums.T)]
@@ -235,7 +171,7 @@ def bootstrap(
     drawn = drawn[np.isfinite(drawn)]
     if len(drawn) < len(times) / 2:
         return unsure
-    tail = (1 - level) / 2
+    tail = (1 - LEVEL) / 2
     low, high = (float(edge) for edge in np.quantile(drawn, [tail, 1 - tail]))
     interval = ConfidenceInterval(low=min(low, value), high=max(high, value))
     deviation = float(drawn.std())

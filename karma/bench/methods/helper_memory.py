@@ -7,8 +7,9 @@ from karma.agent.planning.program import DOOR_AFTER
 from karma.bench.methods.baseline import RoomMemory
 from karma.contracts import Experience, SeenObject, SkillCall
 from karma.household.pieces import base_type, goes_by, is_piece
+from karma.household.skill_effects import Beliefs, Item, unmet
 from karma.household.types import object_types
-from karma.household.uses import KNIVES, MICROWAVE, covers
+from karma.household.uses import KNIVES, covers
 
 _SEEN, _PLACED = 1.0, 1.01  # what was put down by oneself is surer than what was seen
 _LESS = 0.01
@@ -80,9 +81,6 @@ class ObjectMemory(RoomMemory):
         return next(iter(self.of(name)), None)
 
 
-_SHUT_TO_RUN = (MICROWAVE,)
-
-
 def without_object(
     call: SkillCall, held: SeenObject | None, memory: ObjectMemory
 ) -> list[SkillCall]:
@@ -95,9 +93,11 @@ def without_object(
     """
     name = call.objects[-1]
     means_held = held is not None and goes_by(name, held.object_id, held.object_type)
-    if call.skill == "PickupObject" and held is not None and not means_held:
+    hand = name if means_held else (held.object_id if held is not None else None)
+    needs = unmet(call, Beliefs.holding(hand))
+    if "empty hand" in needs and held is not None:
         return [_put_down(held, memory)]
-    if call.skill == "SliceObject" and (held is None or held.object_type not in KNIVES):
+    if "knife" in needs:
         first = [_put_down(held, memory)] if held is not None else []
         knife = next((name for name in KNIVES if memory.best(name) is not None), KNIVES[0])
         return [*first, SkillCall.of("PickupObject", knife)]
@@ -114,12 +114,10 @@ def with_object(call: SkillCall, memory: ObjectMemory) -> list[SkillCall]:
     one = memory.seen.get(name)
     if one is None:
         return []
-    states, kind = one.states, object_types()[one.object_type]
-    if call.skill == "PutObject" and kind.must_be_open and "closed" in states:
+    needs = unmet(call, Beliefs(states={Item(name): frozenset(one.states)}))
+    if "opened" in needs:
         return [SkillCall.of("OpenObject", name)]
-    if call.skill == "ToggleOn" and kind.name in _SHUT_TO_RUN and "opened" in states:
-        return [SkillCall.of("CloseObject", name)]
-    return []
+    return [SkillCall.of("CloseObject", name)] if "closed" in needs else []
 
 
 def idle(call: SkillCall, memory: ObjectMemory) -> bool:

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Self
 import msgspec
 from msgspec import Meta
 
-from karma import __version__
+from karma import __version__, registry
 from karma.agent.journal.header import ALWAYS, RESULTS
 from karma.agent.journal.owned_folder import HEADER, OwnedFolder, changed, check_sealed
 from karma.agent.journal.records import NotRun, PlayedTiming
@@ -23,8 +23,8 @@ from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.loading.models import Models, Row
 from karma.bench.engine.experiment_file import beside
 from karma.bench.engine.run import Run
-from karma.bench.engine.suite import NO_MODELS, Chain, Do, Done
-from karma.bench.engine.workers import loaded, refuse_node
+from karma.bench.engine.suite import NO_MODELS, Chain, Done
+from karma.bench.figures.drawing import png_of, svg_of
 from karma.bench.policies.paper_claims import FigureCell, PaperClaim, claims_of, claims_text
 from karma.bench.policies.simulate import BELADY
 from karma.bench.policies.sweep import (
@@ -40,7 +40,6 @@ from karma.bench.policies.tasks import (
     Pool,
     UnitSet,
     Workload,
-    alfred_pool,
     costs_of,
     draw_errands,
     grammar_pool,
@@ -196,11 +195,6 @@ class FigureSuite:
         """Return what plays a cell, policy by policy."""
         return self._play
 
-    def begin_on_node(self, header: FigureHeader, there: object) -> Do:
-        """Return the same where this machine has the version of the run; tasks travel."""
-        refuse_node(changed("versions", {"karma": header.version}, {"karma": __version__}))
-        return loaded(self, Session())
-
     def _play(self, chain: Chain) -> Iterator[Done]:
         one, (workload, units) = self.experiment, self.cells()[chain.row]
         drawn = [
@@ -246,13 +240,11 @@ def read_figure(folder: Path) -> Results:
 
 def drawn(results: Results) -> dict[str, bytes]:
     """Return the claims as Markdown, and the pictures as PNG and SVG, by their files' names."""
-    from karma.bench.policies import plot
-
     found: dict[str, bytes] = {}
     if results.claims:
         found[CLAIMS_FILE] = claims_text(results.claims, caption_of(results)).encode()
     for name, picture in pictures_of(results):
-        found |= {f"{name}.png": plot.png_of(picture), f"{name}.svg": plot.svg_of(picture)}
+        found |= {f"{name}.png": png_of(picture), f"{name}.svg": svg_of(picture)}
     return found
 
 
@@ -288,7 +280,8 @@ def _pool(figure: TraceFigure, path: Path) -> Pool:
     files = [beside(path.parent, name) for name in figure.tasks]
     missing = [file for file in files if not file.exists()]
     if files and not missing:
-        return alfred_pool(files)
+        pool: Pool = registry.load("task_pools", "alfred")(files)
+        return pool
     if missing and figure.otherwise != "grammar":
         fix = 'put it there, or write otherwise = "grammar"'
         raise FileError(missing[0], f"no such file, which {path} draws from", fix=fix)

@@ -1,10 +1,10 @@
 """Pictures of results: hit rates against tasks done, and against exploration saved."""
 
-import io
 import textwrap
 from collections.abc import Sequence
 from typing import Any
 
+from karma.bench.figures.drawing import empty_figure
 from karma.bench.policies.paper_claims import FIFO, FigureCell
 from karma.bench.policies.simulate import BELADY
 from karma.bench.policies.sweep import PolicyRow, division_of, family_of, line_of
@@ -58,23 +58,6 @@ def exploration(cells: Sequence[FigureCell], title: str, caption: str) -> Any:
     return _finish(figure, title, caption)
 
 
-def png_of(figure: Any) -> bytes:
-    """Return a picture as PNG; equal pictures give equal bytes."""
-    file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=130, metadata={"Software": None})
-    return file.getvalue()
-
-
-def svg_of(figure: Any) -> bytes:
-    """Return a picture as SVG, without a date: equal pictures give equal bytes."""
-    import matplotlib as mpl
-
-    file = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "karma"}):
-        figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
-    return file.getvalue()
-
-
 # ------------------------------------------------------------- parts
 
 
@@ -121,18 +104,8 @@ def _line(panel: Any, row: PolicyRow, label: str, **look: Any) -> None:
 
 
 def _panels(lines: int, columns: int) -> tuple[Any, Any]:
-    figure = empty(WIDTH_IN * columns + 1.0, HEIGHT_IN * lines + 0.6)
+    figure = empty_figure(WIDTH_IN * columns + 1.0, HEIGHT_IN * lines + 0.6)
     return figure, figure.subplots(lines, columns, squeeze=False)
-
-
-def empty(width_in: float, height_in: float) -> Any:
-    """Return a figure of its own, which no global state knows of."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width_in, height_in), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
 
 
 def _finish(figure: Any, title: str, caption: str) -> Any:

@@ -1,4 +1,4 @@
-"""What tasks need, ALFRED's own or those of our grammar; sequences of them, as access traces.
+"""Tasks as the units they need, and sequences of tasks as access traces.
 
 A task is written down as two lists of object types, in the order of its plan:
 
@@ -18,6 +18,9 @@ bathroom) and come closer to how homes are used:
 | `rooms` | of the room; after 8 tasks on average (geometric), another room | same |
 | `habit` | of the room that the hour wants (12 a day, each room at least once), Zipf(1) over the household's own order of its tasks, a fifth of which is dealt anew every 20 days | same |
 | `chain` | half of the time one about a thing of the last 3 tasks, else any of the house | same |
+
+A plug-in registers a reader of task files under `karma.task_pools`; without files the tasks come
+from generated rooms.
 """  # noqa: E501
 
 from collections import Counter, defaultdict
@@ -25,33 +28,27 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import islice, product
-from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, TypeVar, get_args
 
-import msgspec
 import numpy as np
 
 from karma.bench.policies.simulate import Trace
-from karma.errors import FileError, KarmaError
-from karma.household.ids import root_type
+from karma.errors import KarmaError
+from karma.household.containment import goes_in
 from karma.household.pieces import base_type
-from karma.household.places import ROOMS
+from karma.household.places import FLOOR, ROOMS
 from karma.household.types import types_with
 from karma.household.uses import KNIVES
-from karma.plugins.alfred.replay.trial import PlannerAction, Targets
-from karma.plugins.alfred.sentences import read_demonstrations
 from karma.seeds import stream
-
-if TYPE_CHECKING:
-    from karma.plugins.training.drawing.memories import KnownRoom
-    from karma.plugins.training.drawing.phrases import Book
+from karma.world.generation.generate import build_scene
 
 UnitSet = Literal["r4", "m"]
 UNIT_SETS: tuple[UnitSet, ...] = get_args(UnitSet)
 SMOOTHING = 0.5  # added to each count of where things were found
 GRAMMAR_SCENES = 10  # generated rooms of each kind
 GRAMMAR_TASKS = 40  # requests drawn in each
-_FLOOR_PLANS = dict(zip((0, 2, 3, 4), ROOMS, strict=True))  # by the hundred
+T = TypeVar("T")
+Rng = np.random.Generator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,148 +121,60 @@ class Pool:
         return self._costs[key]
 
 
-# ------------------------------------------------------------- ALFRED's tasks
-
-
-class _Scene(msgspec.Struct, frozen=True):
-    floor_plan: str
-
-
-class _PlanStep(msgspec.Struct, frozen=True):
-    planner_action: PlannerAction
-
-
-class _Plan(msgspec.Struct, frozen=True):
-    high_pddl: tuple[_PlanStep, ...]
-
-
-class _Trial(msgspec.Struct, frozen=True):
-    pddl_params: Targets
-    scene: _Scene
-    plan: _Plan
-
-
-def alfred_pool(paths: Iterable[Path]) -> Pool:
-    """Return the tasks of files of ALFRED demonstrations, one JSON record a line.
-
-    FileError if a file is missing, torn, or holds something else.
-    """
-    paths = tuple(paths)
-    movable = types_with("pickupable")
-    errands: list[Errand] = []
-    spots: dict[str, set[tuple[str, str]]] = defaultdict(set)
-    found: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
-    for path in paths:
-        for trial in read_demonstrations(path, _Trial):
-            errand = _errand(trial, path)
-            errands.append(errand)
-            picked: set[str] = set()
-            for kind, receptacle, spot in _handled(trial):
-                if receptacle in movable:
-                    continue
-                spots[errand.scene].add((receptacle, spot))
-                if kind and kind not in picked:
-                    picked.add(kind)
-                    found[errand.room, kind][receptacle] += 1
-    if not errands:
-        raise FileError(paths[0], "no demonstrations in it")
-    places = {scene: Counter(kind for kind, _ in at) for scene, at in spots.items()}
-    source = "ALFRED, " + ", ".join(path.name.split(".")[0] for path in paths)
-    return Pool(source=source, errands=tuple(errands), finds=Finds(places=places, found=found))
-
-
-def _handled(trial: _Trial) -> Iterator[tuple[str, str, str]]:
-    """Yield what is picked up ("" for what is put down), from which receptacle, and its place."""
-    for act in (step.planner_action for step in trial.plan.high_pddl):
-        where = act.coordinate_receptacle_object_id
-        if where and act.action in ("PickupObject", "PutObject"):
-            kind = root_type(act.object_id or "") if act.action == "PickupObject" else ""
-            yield kind, where[0], str(where[1:])
-
-
-def _errand(trial: _Trial, path: Path) -> Errand:
-    wanted, plan = trial.pddl_params, trial.scene.floor_plan
-    number = plan.removeprefix("FloorPlan")
-    room = _FLOOR_PLANS.get(int(number) // 100) if number.isdigit() else None
-    if room is None:
-        raise FileError(path, f"{plan!r} is no floor plan of ALFRED's")
-    subjects = _distinct((wanted.object_target, wanted.mrecep_target))
-    knives = [
-        kind
-        for step in trial.plan.high_pddl
-        if wanted.object_sliced and step.planner_action.action == "PickupObject"
-        if (kind := root_type(step.planner_action.object_id or "")) in KNIVES
-    ]
-    return Errand(
-        scene=plan,
-        room=room,
-        r4=_distinct((*subjects, wanted.toggle_target, wanted.parent_target)),
-        m=_distinct((*subjects, *knives)),
-        subjects=subjects,
-    )
-
-
-def _distinct(names: Iterable[str]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(base_type(name) for name in names if name))
-
-
 # ------------------------------------------------------------- tasks of our own
+
+
+def distinct(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the base types of names, each once; empty names are left out."""
+    return tuple(dict.fromkeys(base_type(name) for name in names if name))
 
 
 @lru_cache(maxsize=4)
 def grammar_pool(seed: int, *, scenes: int = GRAMMAR_SCENES, tasks: int = GRAMMAR_TASKS) -> Pool:
-    """Return requests of our task grammar in generated rooms, each about a thing to carry."""
-    from karma.plugins.training.drawing.memories import room_of
-    from karma.plugins.training.drawing.phrases import our_book
-    from karma.world.generation.generate import build_scene
-
+    """Return tasks about movable objects of generated rooms."""
     errands: list[Errand] = []
     places: dict[str, Counter[str]] = {}
     found: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
-    for kind, number in product(ROOMS, range(scenes)):
-        scene = build_scene(kind, 2000 + number, seed)
-        name = f"{kind}_{number}"
-        types = {thing.id: thing.type for thing in scene.objects}
-        movable = {t.id for t in scene.objects if "pickupable" in t.capabilities}
-        here = places[name] = Counter()
-        for thing in scene.objects:
-            if "receptacle" in thing.capabilities and thing.id not in movable:
-                here[thing.type] += 1
-            if thing.id in movable and thing.parents and thing.parents[0] not in movable:
-                found[kind, thing.type][types[thing.parents[0]]] += 1
-        errands += _requests(room_of(scene, name, seed=seed), our_book(), kind, seed, tasks)
-    if not errands:
-        raise KarmaError("the rooms give no task; draw more of them")
+    movable = types_with("pickupable")
+    for room, number in product(ROOMS, range(scenes)):
+        scene = build_scene(room, 2000 + number, seed)
+        name = f"{room}_{number}"
+        types = {item.id: item.type for item in scene.objects}
+        fixed = [one for one in scene.objects if one.type not in movable]
+        places[name] = Counter(one.type for one in fixed if "receptacle" in one.capabilities)
+        for item in scene.objects:
+            if item.type in movable and item.parents and types[item.parents[0]] not in movable:
+                found[room, item.type][types[item.parents[0]]] += 1
+        rng = stream(seed, "lab", "grammar", name)
+        here = tuple(sorted(set(types.values())))
+        errands += (_errand(rng, name, room, here) for _ in range(tasks))
     finds = Finds(places=places, found=found)
     return Pool(source=f"our task grammar, seed {seed}", errands=tuple(errands), finds=finds)
 
 
-def _requests(
-    room: "KnownRoom", book: "Book", kind: str, seed: int, count: int
-) -> Iterator[Errand]:
-    """Yield requests about something to carry."""
-    from karma.plugins.training.drawing.drawn_tasks import draw_task
-
-    movable = types_with("pickupable")
-    for number in range(count):
-        rng = stream(seed, "lab", "grammar", room.name, str(number))
-        steps = draw_task(rng, room, book, "simple")
-        if not steps:
-            continue
-        goals = steps[0].goals
-        named = [word for goal in goals for word in goal.arguments if word[:1].isupper()]
-        r4 = _distinct(named)
-        carried = tuple(name for name in r4 if name in movable)
-        cuts = any(goal.arguments[-1] == "sliced" for goal in goals)
-        knives = [one for one in KNIVES if one in room.movables][: int(cuts)]
-        if carried:
-            yield Errand(
-                scene=room.name,
-                room=kind,
-                r4=r4,
-                m=_distinct((*carried, *knives)),
-                subjects=carried,
-            )
+def _errand(rng: Rng, scene: str, room: str, here: Sequence[str]) -> Errand:
+    """Draw a task: move an object, a third of the time in a vessel, cut, or under a lamp."""
+    movable, lit = types_with("pickupable"), types_with("toggleable")
+    subject = _pick(rng, [one for one in here if one in movable])
+    ends = [one for one in here if one not in (*movable, FLOOR) and goes_in(subject, one)]
+    end = _pick(rng, ends) if ends else ""
+    vessel, knife, lamp = "", "", ""
+    draw = rng.random()
+    if draw < 1 / 9:
+        vessels = [one for one in here if one in movable and goes_in(subject, one)]
+        vessel = _pick(rng, vessels) if vessels else ""
+    elif draw < 2 / 9 and subject in types_with("sliceable"):
+        knife = next((one for one in KNIVES if one in here), "")
+    elif draw < 3 / 9:
+        lamps = [one for one in here if one in lit and one.endswith("Lamp")]
+        lamp, end = (_pick(rng, lamps), "") if lamps else ("", end)
+    return Errand(
+        scene=scene,
+        room=room,
+        r4=distinct((subject, vessel, lamp, end)),
+        m=distinct((subject, vessel, knife)),
+        subjects=distinct((subject, vessel)),
+    )
 
 
 # ------------------------------------------------------------- sequences of tasks, as traces
@@ -280,7 +189,6 @@ CHANGED = 0.2  # of the ranks then
 CHAINED = 0.5  # chance that a task is about a thing of the last ones
 LAST = 3  # of them
 
-Rng = np.random.Generator
 Draws = Iterator[Errand]
 House = dict[str, tuple[Errand, ...]]  # room -> its tasks
 
@@ -330,13 +238,13 @@ def _all(house: House) -> tuple[Errand, ...]:
     return tuple(errand for room in ROOMS for errand in house[room])
 
 
-def _one_of(rng: Rng, errands: Sequence[Errand]) -> Errand:
-    return errands[int(rng.integers(len(errands)))]
+def _pick(rng: Rng, items: Sequence[T]) -> T:
+    return items[int(rng.integers(len(items)))]
 
 
 def _uniform(rng: Rng, errands: Sequence[Errand]) -> Draws:
     while True:
-        yield _one_of(rng, errands)
+        yield _pick(rng, errands)
 
 
 def _in_phases(rng: Rng, house: House) -> Draws:
@@ -344,7 +252,7 @@ def _in_phases(rng: Rng, house: House) -> Draws:
     while True:
         tasks = house[room]
         for _ in range(int(rng.geometric(1 / STAY))):
-            yield _one_of(rng, tasks)
+            yield _pick(rng, tasks)
         others = [other for other in ROOMS if other != room]
         room = others[int(rng.integers(len(others)))]
 
@@ -378,12 +286,12 @@ def _in_chains(rng: Rng, house: House) -> Draws:
     last: list[Errand] = []
     while True:
         if last and rng.random() < CHAINED:
-            before = _one_of(rng, last)
+            before = _pick(rng, last)
             name = before.subjects[int(rng.integers(len(before.subjects)))]
             choices: Sequence[Errand] = about[before.scene, name]
         else:
             choices = every
-        last = [*last, _one_of(rng, choices)][-LAST:]
+        last = [*last, _pick(rng, choices)][-LAST:]
         yield last[-1]
 
 

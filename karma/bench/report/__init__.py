@@ -1,1 +1,1 @@
-"""A run as one page that needs nothing else: tables, plots, and episodes to step through."""
+"""A run as one page without scripts: tables, plots, and replayed episodes."""

@@ -1,15 +1,13 @@
-"""Check a chat template before it is compiled: it is a program out of somebody's file.
+"""Try a chat template before it is compiled here: it is a program out of somebody's file.
 
-Jinja's sandbox keeps it from the machine's things, but not from its time and memory: `9**9**9` is
-worked out while a model is opened. What could grow without bound is refused by form; what is left
-is tried in a process of its own, with little time and memory.
+Jinja's sandbox keeps it from the machine's files, but not from its time and memory: `9**9**9` is
+worked out while a model is opened. What grows without bound when it is compiled is refused by form;
+what is left is tried in a process of its own, with little time and memory.
 """
 
 import re
 import sys
-from collections.abc import Iterator
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 from karma.errors import ModelError
@@ -22,72 +20,51 @@ _WIDE = re.compile(r"[%:]\D{0,3}\d{7,}")  # in a format
 _SECONDS, _MEGABYTES = 20, 1024
 
 
-def check_template(path: Path | str, text: str) -> None:
-    """Refuse a template that could take any time or memory; works nothing out.
+@lru_cache  # of what has passed: an error is not kept
+def try_template(name: str, text: str) -> str:
+    """Render a template in a process of its own; return why it cannot be used, "" if it can.
 
-    ModelError: it is none, or too long, raises numbers to powers, or repeats what repeats.
+    ModelError where it takes much time or memory, and so must not be compiled at all.
     """
+    if len(text) > LONGEST:
+        raise ModelError(f"{name}: its chat template has {len(text)} characters; too many")
+    if reason := _boundless(text):
+        raise ModelError(f"{name}: its chat template {reason}; not opened")
+    end = run_child(f"{__name__}:trial", given=text, limit_s=10 * _SECONDS)
+    if end.code is None or end.code < 0 or end.code == _TOO_MUCH:
+        raise ModelError(
+            f"{name}: its chat template comes to no end ({_SECONDS} s of computing,"
+            f" {_MEGABYTES} MB); not opened"
+        )
+    return f"its chat template cannot be used: {end.said[:200]}" if end.code else ""
+
+
+def _boundless(text: str) -> str:
+    """Return what in a template could grow without bound when it is compiled."""
     import jinja2
+    from jinja2 import nodes
     from llama_cpp.llama_chat_format import Jinja2ChatFormatter
 
-    if len(text) > LONGEST:
-        raise ModelError(f"{path}: its chat template has {len(text)} characters; too many")
     tags = [Jinja2ChatFormatter.IgnoreGenerationTags, "jinja2.ext.loopcontrols"]  # the runtime's
     try:
         tree = jinja2.Environment(extensions=tags).parse(text)
     except jinja2.TemplateSyntaxError:
-        return  # the runtime cannot compile it either; whoever uses it hears of it
-    except RecursionError as error:
-        raise ModelError(f"{path}: its chat template is nested too deeply") from error
-    if reason := _boundless(tree):
-        raise ModelError(f"{path}: its chat template {reason}; not opened")
-
-
-def _boundless(tree: Any) -> str:
-    """Return what in a template could grow without bound."""
-    from jinja2 import nodes
-
+        return ""  # the runtime cannot compile it either; whoever uses it hears of it
+    except RecursionError:
+        return "is nested too deeply"
+    values = [const.value for const in tree.find_all(nodes.Const)]
     if any(True for _ in tree.find_all(nodes.Pow)):
         return "raises numbers to powers"
-    values = [one.value for one in tree.find_all(nodes.Const)]
-    if any(isinstance(one, int) and abs(one) > LARGEST_NUMBER for one in values):
+    if any(isinstance(value, int) and abs(value) > LARGEST_NUMBER for value in values):
         return f"holds a number beyond {LARGEST_NUMBER}"
-    if any(isinstance(one, str) and _WIDE.search(one) for one in values):
+    if any(isinstance(value, str) and _WIDE.search(value) for value in values):
         return "pads a text to any width"
-    if any(True for one in tree.find_all(nodes.Mul) for _ in one.find_all(nodes.Mul)):
+    if any(True for product in tree.find_all(nodes.Mul) for _ in product.find_all(nodes.Mul)):
         return "multiplies again and again"
-    loops = [loop for loop in tree.find_all(nodes.For) if _counts(loop.iter)]
-    if any(_counts(inner.iter) for loop in loops for inner in _inside(loop)):
-        return "counts inside of counting"
     return ""
 
 
-def _counts(iterated: Any) -> bool:
-    """Return whether what is looped over is `range(...)`."""
-    from jinja2 import nodes
-
-    called = (iterated, *iterated.find_all(nodes.Call))
-    return any(
-        isinstance(one, nodes.Call) and getattr(one.node, "name", "") == "range" for one in called
-    )
-
-
-def _inside(loop: Any) -> Iterator[Any]:
-    from jinja2 import nodes
-
-    for part in loop.body:
-        yield from (part,) if isinstance(part, nodes.For) else ()
-        yield from part.find_all(nodes.For)
-
-
-@lru_cache  # of what has passed: an error is not kept
-def try_template(name: str, text: str) -> None:
-    """Render a template in a process of its own; ModelError where it takes much time or memory."""
-    end = run_child(f"{__name__}:trial", given=text, limit_s=10 * _SECONDS)
-    if end.code is None or end.code < 0:
-        raise ModelError(f"{name}: its chat template comes to no end ({_SECONDS} s of computing)")
-    if end.code:
-        raise ModelError(f"{name}: its chat template cannot be used: {end.said[:200]}")
+_TOO_MUCH = 3  # exit code
 
 
 def trial() -> None:
@@ -98,7 +75,10 @@ def trial() -> None:
     resource.setrlimit(resource.RLIMIT_DATA, (_MEGABYTES << 20, _MEGABYTES << 20))
     from llama_cpp.llama_chat_format import Jinja2ChatFormatter
 
-    form = Jinja2ChatFormatter(template=sys.stdin.read(), bos_token="", eos_token="")
+    try:
+        form = Jinja2ChatFormatter(template=sys.stdin.read(), bos_token="", eos_token="")
+    except MemoryError:
+        sys.exit(_TOO_MUCH)
     contents: tuple[Any, ...] = ("Say yes.", [{"type": "text", "text": "Say yes."}])
     for content in contents:
         for roles in (("user",), ("system", "user")):
@@ -106,6 +86,6 @@ def trial() -> None:
             try:
                 form(messages=messages)
             except MemoryError:
-                sys.exit(f"it takes more than {_MEGABYTES} MB")
+                sys.exit(_TOO_MUCH)
             except Exception:  # noqa: BLE001 - it may refuse a form of conversation
                 pass

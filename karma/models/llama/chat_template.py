@@ -54,10 +54,8 @@ class ChatTemplate:
                 ' think can\n  To fix: thinking = "off"'
             )
 
-        try:
-            try_template(model.name, text)
-        except ModelError as error:
-            raise ModelError(f"{error}{_FIX}") from error
+        if reason := try_template(model.name, text):
+            raise ModelError(f"{model.name}: {reason}{_FIX}")
 
         class Formatter(Jinja2ChatFormatter):  # type: ignore[misc]
             @staticmethod

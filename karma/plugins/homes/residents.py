@@ -5,7 +5,7 @@ disturbance. When its time comes a move is made by somebody who is at home and a
 world's own actions; what the world refuses does not happen and is counted.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
@@ -88,7 +88,6 @@ class Household:
         self.clock_s = 0.0
         self.log: list[Deed] = []
         self.refused = 0  # deeds that the world did not let happen
-        self.watch: Callable[[Sequence[Deed]], None] | None = None  # shown each change, once made
         self.residents = tuple(_drawn(name, seed) for name in habits().people.names[:people])
         self._rooms = {one.name: _bedroom(scene) for one in self.residents}
         self._places = resting_places(scene)
@@ -134,13 +133,12 @@ class Household:
         if action == "PutObject":
             thing_id = self.world.state.held
         place_id = self._place_of(thing_id)
-        event, logged = self.world.step(action, **arguments), len(self.log)
+        event = self.world.step(action, **arguments)
         if event and action in _LOGGED and thing_id in event.state.objects:
             if action == "PutObject":
                 place_id = self._place_of(thing_id)
             time_s = max(self.clock_s, self.log[-1].time_s if self.log else 0.0)
             self._log("robot", action, str(thing_id), place_id, time_s, "")
-        self._show(logged)
         self.until(self.clock_s + ACTION_S)
         return event
 
@@ -245,9 +243,7 @@ class Household:
         if not attempt.do("CloseObject", door, door):
             return False
         self._settle(attempt.state, start)
-        logged = len(self.log)
         self._note(who, attempt.done, move, habits().people.walk_s)
-        self._show(logged)
         return True
 
     def _before(self, thing: SceneObject, pose: Pose) -> Pose:
@@ -277,10 +273,6 @@ class Household:
             self._log(who, action, object_id, place_id, time_s, move.activity)
             time_s += habits().people.seconds_per_action
         self._rooms[who] = self.log[-1].room
-
-    def _show(self, logged: int) -> None:
-        if self.watch is not None:
-            self.watch(tuple(self.log[logged:]))
 
     def _change(self, thing: SceneObject, washes: float, dirties: float, draw: float) -> str | None:
         if "dirtyable" not in thing.capabilities:

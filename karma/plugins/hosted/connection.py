@@ -77,12 +77,10 @@ class Connection:
         *,
         named: Mapping[str, Any] | None = None,
         shared: bool = False,
-        billed: bool = True,
     ) -> Exchange:
         """Ask once and return the exchange; its reply has an answer.
 
-        `role` ("planner", "vision", "embedder") is for the bill, unless it is not `billed`: what
-        costs nothing and is not asked in every episode. A path such as "../tokenize" lies beside
+        `role` ("planner", "vision", "embedder") is for the bill. A path such as "../tokenize" lies beside
         /v1. `named` is recorded in place of a large body; `shared`: equal bodies have equal
         answers.
 
@@ -94,8 +92,7 @@ class Connection:
         """
         kept = {"path": path, **(body if named is None else named)}
         exchange = self._exchange(endpoint, path, body, kept, shared=shared)
-        if billed:
-            self._enter(role, endpoint, exchange)
+        self._enter(role, endpoint, exchange)
         if exchange.reply.answer is None:
             reason = str(exchange.reply.failure)
             kind = RequestRefused if reason.startswith(_REFUSED) else ModelError
@@ -177,6 +174,10 @@ class Connection:
         except openai.APIStatusError as error:
             status = error.status_code
             reason = f"HTTP {status}: {_words(error.response.content) or error.message}"
+            if status == 404:
+                reason += (
+                    f" (is {endpoint.base_url!r} right, up to /v1, and {endpoint.model!r} there?)"
+                )
             dead = status == 500 and "engine" in str(error.message).lower()  # vLLM's
             may_yet_ask = body is None and status in _NO_LEAVE
             lost = not may_yet_ask and (status in _BUSY or status > 501 or dead)
@@ -220,8 +221,6 @@ def _read(content: bytes, endpoint: Endpoint, key: Key, *, asked: bool) -> Reply
         lost = _lost(endpoint, reason, key)
         return _BrokenReply(str(lost)) if asked else Reply(failure=_brief(reason, key))
     kept = key.out_of({name: one for name, one in answer.items() if name not in ("id", "created")})
-    if key.is_disguised_in(kept):
-        return _lost(endpoint, "its answer holds the key in another form; not kept", key)
     return Reply(answer=kept)
 
 
@@ -285,8 +284,6 @@ def _lost(endpoint: Endpoint, reason: str, key: Key) -> ServerLost:
 
 def _brief(reason: str, key: Key) -> str:
     text: str = key.out_of(reason)
-    if key.is_disguised_in(text):
-        text = "what it said holds the key in another form"
     return text if len(text) <= _LONGEST_MESSAGE else f"{text[:_LONGEST_MESSAGE]}..."
 
 

@@ -4,16 +4,14 @@ Every server ignores some form of constraint without a word, so none is trusted:
 docs/plugins/hosted.md says which dialects were tried against the real server.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
-from fnmatch import fnmatchcase
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
 from karma.contracts import AnswerSpec, PlanSpec, Thinking
-from karma.errors import ModelError, ServerLost
+from karma.errors import ModelError
 from karma.models.automaton import ProgramAutomaton
 from karma.models.endpoint import Constraint, DialectName, Endpoint
 from karma.plugins.hosted.connection import Connection
@@ -88,7 +86,6 @@ class Dialect:
     thinking: Callable[[bool], Fields] = lambda on: {}  # fields of a chat that switch it
     budget: str = ""  # the field that bounds a thought
     thought_in_grammar: bool = False  # a grammar binds from the first token, the thought's too
-    refuses_bad_grammar: bool = False
 
 
 def _by_template(on: bool) -> Fields:
@@ -107,7 +104,6 @@ _ALL = (
         thinking=_by_template,
         budget="reasoning_budget_tokens",
         thought_in_grammar=True,
-        refuses_bad_grammar=True,
     ),
     Dialect(
         name="vllm",
@@ -119,7 +115,6 @@ _ALL = (
         constraint="grammar",
         thinking=_by_template,
         budget="thinking_token_budget",
-        refuses_bad_grammar=True,
     ),
     Dialect(
         name="sglang",
@@ -167,7 +162,6 @@ class Manner:
     thinking_tokens: int
     chat: bool
     opens_thought: bool = False  # its template does, not the model
-    known: bool = True  # the server has said that it is of this dialect
 
     def binding(self, language: Language | None) -> Constraint | None:
         """Return the form in which a request says the language; None: in none."""
@@ -193,9 +187,6 @@ class Manner:
         return found, max_tokens + self.thinking_tokens
 
 
-_SHOWN = 8  # models in a message
-
-
 def manner_of(
     endpoint: Endpoint,
     connection: Connection | None = None,
@@ -208,14 +199,10 @@ def manner_of(
     A model whose `thinking` is on thinks before it answers, `thinking_tokens` at most.
 
     Raises:
-        ModelError: there is no such model, the address is another one, the server cannot be
-            reached, or it takes no such constraint.
+        ModelError: the server cannot be reached, or takes no such constraint.
     """
-    dialect, known = DIALECTS.get(endpoint.dialect, DIALECTS["plain"]), False
-    if connection is not None:
-        _check_listed(endpoint, connection)
-        found = _dialect_of(endpoint, connection)
-        dialect, known = found or dialect, found is not None
+    found = None if connection is None else _dialect_of(endpoint, connection)
+    dialect = found or DIALECTS.get(endpoint.dialect, DIALECTS["plain"])
     constraint = endpoint.constraint or dialect.constraint
     if constraint is not None and constraint not in dialect.bindings:
         raise ModelError(
@@ -224,11 +211,11 @@ def manner_of(
         )
     thinks, chat = thinking == "on", endpoint.api == "chat"
     opens = False
-    if connection is not None and thinks and chat and dialect.thought_in_grammar and known:
+    if connection is not None and found and thinks and chat and dialect.thought_in_grammar:
         opens = _opens_thought(dialect, endpoint, connection)
     return Manner(
         dialect=dialect, constraint=constraint, thinks=thinks, thinking_tokens=thinking_tokens,
-        chat=chat, opens_thought=opens, known=known,
+        chat=chat, opens_thought=opens,
     )  # fmt: skip
 
 
@@ -247,61 +234,3 @@ def _opens_thought(dialect: Dialect, endpoint: Endpoint, connection: Connection)
     body = {"messages": [{"role": "user", "content": "Say yes."}], **dialect.thinking(True)}
     answer = connection.ask("planner", endpoint, "../apply-template", body).reply.answer or {}
     return str(answer.get("prompt", "")).rstrip().endswith("<think>")
-
-
-def _check_listed(endpoint: Endpoint, connection: Connection) -> None:
-    """Compare model and address with what the server lists, if it lists anything.
-
-    A list is no law: where a model is not in it, the server is asked as it would be.
-    """
-    names = _listed(connection.look(endpoint, "/models"))
-    if names is None:
-        at_root = endpoint.base_url.rstrip("/") == endpoint.root
-        if _listed(connection.look(endpoint, "../v1/models" if at_root else "../models")) is None:
-            return
-        right = f"{endpoint.root}/v1" if at_root else endpoint.root
-        raise ModelError(
-            f"{endpoint.model} at {endpoint.host}: nothing answers at {endpoint.base_url}, but"
-            f" models are listed at {right}\n  To fix: base_url = {right!r}"
-        )
-    if not names or _fits(endpoint.model, names) or _answers(endpoint, connection):
-        return
-    shown = ", ".join(names[:_SHOWN]) + (" ..." if len(names) > _SHOWN else "")
-    near = get_close_matches(endpoint.model, names, n=1, cutoff=0.0)
-    raise ModelError(
-        f"{endpoint.host} has no model {endpoint.model!r}; it lists {shown}"
-        f"\n  To fix: model = {near[0]!r}"
-    )
-
-
-def _fits(model: str, names: Sequence[str]) -> bool:
-    """Return whether a model is in a list, whose names may be patterns or lack a tag.
-
-    >>> _fits("openai/good", ["openai/*"]), _fits("org/good:novita", ["org/good"])
-    (True, True)
-    """
-    wanted = (model, f"{model}:latest", model.partition(":")[0])
-    return any(fnmatchcase(one, name) for name in names for one in wanted)
-
-
-def _answers(endpoint: Endpoint, connection: Connection) -> bool:
-    """Return whether a server answers as an unlisted model; errors as `Connection.ask`."""
-    chat = endpoint.api == "chat"
-    said: Any = {"messages": [{"role": "user", "content": "Yes"}]} if chat else {"prompt": "Yes"}
-    body = {**said, "model": endpoint.model, endpoint.tokens_field: 1, **endpoint.extra}
-    path = "/chat/completions" if chat else "/completions"
-    try:
-        connection.ask("planner", endpoint, path, body, billed=False)
-    except ServerLost:
-        raise
-    except ModelError:
-        return False
-    return True
-
-
-def _listed(answer: dict[str, Any] | None) -> list[str] | None:
-    """Return the names in a list of models; None where it is no such list."""
-    match answer:
-        case {"data": [*models]}:
-            return [str(one["id"]) for one in models if isinstance(one, dict) and "id" in one]
-    return None

@@ -6,10 +6,9 @@ model that is not held to them says something else.
 """
 
 import re
-from dataclasses import replace
 
 from karma.contracts import LanguageModel, Prompt, Thinking
-from karma.errors import ModelError, ServerLost
+from karma.errors import ModelError
 from karma.models.endpoint import Endpoint
 from karma.models.session import Session
 from karma.plugins.hosted.connection import Connection
@@ -24,7 +23,6 @@ _PROMPT = Prompt(
     stable="You are a friendly guide.\n", changing="Describe the weather of today in a sentence.\n"
 )
 _REFUSED = re.compile(r"HTTP (400|422|500)")  # a field that the server will not have
-_MALFORMED = 'root ::= ( "a" | \n'
 
 
 def open_planner(
@@ -56,7 +54,7 @@ def prove(model: HostedLanguageModel, seed: int = 0) -> None:
     """Ask a model for what it would never say, by the way in which programs are asked for.
 
     Raises:
-        ModelError: the server takes no constraint, passes over it, or accepts a malformed grammar.
+        ModelError: the server takes no constraint, or passes over it.
     """
     manner = model.manner
     if manner.constraint is None:
@@ -73,8 +71,6 @@ def prove(model: HostedLanguageModel, seed: int = 0) -> None:
         text = said.text.strip()
         if text not in words or said.finish != "stop":
             raise _unproven(model, _failing(words, text, said.finish, said.reasoning))
-    if manner.constraint == "grammar" and manner.dialect.refuses_bad_grammar and manner.known:
-        _try_malformed(model, seed)
 
 
 def _language(words: tuple[str, ...]) -> Language:
@@ -91,17 +87,6 @@ def _language(words: tuple[str, ...]) -> Language:
         admits=admitted.__contains__,
         begins=lambda text: any(word.startswith(text) for word in admitted),
     )
-
-
-def _try_malformed(model: HostedLanguageModel, seed: int) -> None:
-    language = replace(_language(("k-", "k-")), grammar=_MALFORMED)
-    try:
-        model.answer(_PROMPT, language, max_tokens=_MAX_TOKENS, seed=seed)
-    except ServerLost:
-        raise
-    except ModelError:
-        return
-    raise _unproven(model, "it answers also under a grammar that is none")
 
 
 def _failing(words: tuple[str, ...], text: str, finish: str, reasoning: str) -> str:

@@ -202,7 +202,7 @@ class RequestExecutor(ObjectFinder):
         if not held or kind_of(type_of(held)) not in kinds or before == held:
             return before
         if before is not None:  # "another mug"
-            for call in put_down(held, before, self.here):
+            for call in put_down(held if held != before else None, self.here):
                 yield self.call(call)
         return before or held
 

@@ -28,7 +28,7 @@ from karma.language.hints import (
     own_texts,
     queries,
 )
-from karma.language.lexemes import Entry, lexicon, types_called, unseen_lexemes
+from karma.plugins.rules.language.lexemes import Entry, lexicon, types_called, unseen_lexemes
 from karma.plugins.training.drawing.memories import Rng, pick
 from karma.plugins.training.samples import TrainingExample
 

@@ -22,11 +22,12 @@ from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import HAND, landmark_types, likest
 from karma.household.states import deed_for
 from karma.household.types import object_types
-from karma.language.lexemes import lexicon, pick_common, unseen_lexemes
-from karma.plugins.alfred.sentences import Sentence, StepSentence, plain
+from karma.plugins.alfred.sentences import plain
+from karma.plugins.rules.language.lexemes import lexicon, pick_common, unseen_lexemes
 from karma.plugins.training.drawing.memories import KnownRoom, Rng, pick
 from karma.plugins.training.drawing.phrases import Book
 from karma.plugins.training.drawing.requests import suits
+from karma.plugins.training.goal_sentences import Sentence, StepSentence
 from karma.plugins.training.hinted import DrawnHints
 from karma.plugins.training.refusals import draw_near_miss, draw_refusal
 from karma.plugins.training.samples import (

@@ -11,17 +11,18 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 from karma.agent.planning.program import SKILL_OF
-from karma.contracts import MemoryUnit, SkillCall
+from karma.contracts import Goal, MemoryUnit, SkillCall
 from karma.household import uses
+from karma.household.containment import goes_in
 from karma.household.ids import part_id, short_type
-from karma.household.pieces import EGG, base_type, is_piece
+from karma.household.pieces import base_type, is_piece
 from karma.household.places import HAND, SEVERAL, landmark_types, surface_for
-from karma.household.states import OPPOSITES
 from karma.household.types import ObjectType, object_types, types_with
-from karma.language.lexemes import lexicon
+from karma.plugins.rules.language.lexemes import lexicon
 from karma.plugins.training.drawing.memories import (
     CAPACITY,
     KnownRoom,
+    RequestHistory,
     Rng,
     pick,
     place_type,
@@ -29,209 +30,113 @@ from karma.plugins.training.drawing.memories import (
     weighted,
 )
 from karma.plugins.training.drawing.referring_expressions import Situation
+from karma.plugins.training.drawing.requests import NEEDS, STATE_AFTER, suits
 
-Suits = Callable[[ObjectType], bool]
 EVENTS = {
-    "place": 30, "into": 10, "wash": 14, "slice": 10, "heat": 6, "cook": 4, "cool": 5, "fill": 5,
-    "coffee": 3, "hold": 16, "switch": 5, "shut": 6, "trash": 3,
-}  # fmt: skip
-MANY = (*SEVERAL, "Sofa", "ArmChair")
-DIRTY, SEEN_ONLY = 0.3, 0.55
-
-
-class History:
-    """A memory being lived: units by last use, and what is in the hand."""
-
-    def __init__(self, rng: Rng, room: KnownRoom) -> None:
-        self._rng, self._room = rng, room
-        self._units: list[MemoryUnit] = []
-        self._number = 0
-
-    def units(self) -> tuple[MemoryUnit, ...]:
-        """Return what is remembered, the last used last."""
-        return tuple(self._units)
-
-    def held(self) -> MemoryUnit | None:
-        """Return what is in the hand."""
-        return next((unit for unit in self._units if unit.place_id == HAND), None)
-
-    def live(self) -> None:
-        """Do one request more."""
-        kind = weighted(self._rng, EVENTS)
-        self._see()
-        self._do(kind)
-        while len(self._units) > CAPACITY:
-            loose = [unit for unit in self._units if not unit.handled] or self._units
-            self._units.remove(loose[0])
-
-    # ------------------------------------------------------------- parts
-
-    def _see(self) -> None:
-        """Remember up to two things that were only seen."""
-        for _ in range(2):
-            if self._rng.random() < SEEN_ONLY and (kind := self._new_kind()) is not None:
-                self._add(kind, self._landmark_for(kind), handled=False)
-
-    def _new_kind(self) -> str | None:
-        pool = [kind for kind in self._room.movables if kind in lexicon()]
-        here = {base_type(unit.object_type) for unit in self._units}
-        if self._rng.random() < 0.85:
-            pool = [kind for kind in pool if kind not in here]
-        return pick(self._rng, pool) if pool else None
-
-    def _add(self, kind: str, place: str | None, *, handled: bool) -> MemoryUnit:
-        self._number += 1
-        states = self._first_states(object_types()[kind])
-        name = f"{kind}|{self._number}"
-        unit = unit_of(name, kind, states=states, place_id=place, handled=handled)
-        self._units.append(unit)
-        return unit
-
-    def _first_states(self, info: ObjectType) -> tuple[str, ...]:
-        can, rng = info.capabilities, self._rng
-        states = []
-        if "dirtyable" in can and rng.random() < DIRTY:
-            states.append("dirty")
-        if "canFillWithLiquid" in can and rng.random() < 0.07:
-            states.append("filled")
-        if "toggleable" in can:
-            states.append("on" if rng.random() < 0.3 else "off")
-        if "openable" in can:
-            states.append("opened" if rng.random() < 0.5 else "closed")
-        if "canBeUsedUp" in can and rng.random() < 0.08:
-            states.append("used up")
-        return tuple(states)
-
-    def _landmark_for(self, kind: str) -> str | None:
-        info = object_types()[kind]
-        fitting = [name for name in self._room.landmarks if info.fits(object_types()[name])]
-        return self._place(pick(self._rng, fitting)) if fitting else None
-
-    def _place(self, name: str) -> str:
-        number = int(self._rng.integers(1, 4)) if name in MANY else 1
-        return part_id(uses.BASIN_OF.get(name, name), str(number))
-
-    def _thing(self, suits: Suits) -> MemoryUnit | None:
-        """Return something to do a request with: a known thing, more often a new one."""
-        known = [unit for unit in self._units if suits(object_types()[unit.object_type])]
-        if known and self._rng.random() < 0.45:
-            return pick(self._rng, known)
-        pool = [k for k in self._room.movables if k in lexicon() and suits(object_types()[k])]
-        here = {base_type(unit.object_type) for unit in self._units}
-        pool = [kind for kind in pool if kind not in here]
-        return self._add(pick(self._rng, pool), None, handled=True) if pool else None
-
-    def _use(self, unit: MemoryUnit, place: str | None, *add: str, drop: str = "") -> MemoryUnit:
-        """Put a unit last, handled, somewhere, with states added and one dropped."""
-        if place == HAND or unit.place_id != HAND:
-            self._free_hand(unit)
-        at = next(n for n, one in enumerate(self._units) if one.object_id == unit.object_id)
-        states = [s for s in self._units.pop(at).states if s not in (drop, *add)]
-        changed = replace(unit, states=(*states, *add), place_id=place, handled=True)
-        self._units.append(changed)
-        return changed
-
-    def _free_hand(self, but: MemoryUnit) -> None:
-        for number, unit in enumerate(self._units):
-            if unit.place_id == HAND and unit.object_id != but.object_id:
-                place = "CounterTop" if "CounterTop" in self._room.landmarks else "SideTable"
-                self._units[number] = replace(unit, place_id=f"{place}|1")
-
-    def _do(self, kind: str) -> None:
-        place = {"cool": uses.FRIDGE, "trash": uses.BIN, "heat": uses.MICROWAVE}.get(kind)
-        if kind in ("place", "into"):
-            self._put(into=kind == "into")
-        elif kind in ("wash", "fill"):
-            self._wash(filled=kind == "fill")
-        elif kind == "slice":
-            self._slice()
-        elif kind == "cook":
-            self._at(uses.MICROWAVE, "cooked", lambda info: info.name in uses.COOKED)
-        elif kind == "coffee":
-            self._at(uses.COFFEE_MACHINE, "filled", lambda info: info.name == uses.COFFEE_CUP)
-        elif kind == "hold":
-            unit = self._thing(lambda info: "pickupable" in info.capabilities)
-            if unit is not None:
-                self._use(unit, HAND)
-        elif kind in ("switch", "shut"):
-            self._switch("toggleable" if kind == "switch" else "openable")
-        elif place is not None:
-            state = "heated" if kind == "heat" else ""
-            self._at(place, state, lambda info: info.fits(object_types()[place]))
-
-    def _put(self, *, into: bool) -> None:
-        unit = self._thing(lambda info: "pickupable" in info.capabilities)
-        if unit is None:
-            return
-        info = object_types()[unit.object_type]
-        dish = None
-        if into:
-            dish = self._thing(
-                lambda other: (
-                    "pickupable" in other.capabilities
-                    and other.name != unit.object_type
-                    and info.fits(other)
-                )
-            )
-        if dish is not None and dish.place_id != unit.object_id:
-            self._use(unit, dish.object_id)
-            place = dish.place_id or self._landmark_for(dish.object_type)
-            if place == HAND or self._rng.random() < 0.4:
-                place = self._landmark_for(dish.object_type)
-            self._use(dish, place)
-        elif (place := self._landmark_for(base_type(unit.object_type))) is not None:
-            self._use(unit, place)
-
-    def _at(self, place: str, state: str, suits: Suits) -> None:
-        if place not in self._room.landmarks or (unit := self._thing(suits)) is None:
-            return
-        self._use(unit, f"{place}|1", *([state] if state else []))
-
-    def _wash(self, *, filled: bool) -> None:
-        kinds = object_types()
-
-        def suits(info: ObjectType) -> bool:
-            fits = any(info.fits(kinds[name]) for name in uses.with_basin(uses.SINK))
-            return fits and (not filled or "canFillWithLiquid" in info.capabilities)
-
-        unit = self._thing(suits)
-        if unit is None or uses.SINK not in self._room.landmarks:
-            return
-        fills = "canFillWithLiquid" in kinds[unit.object_type].capabilities
-        basin = f"{uses.BASIN_OF[uses.SINK]}|1"
-        self._use(unit, basin, "cleaned", *(["filled"] if fills else []), drop="dirty")
-
-    def _slice(self) -> None:
-        unit = self._thing(lambda info: bool(info.slices_into) and info.name != EGG)
-        if unit is None:
-            return
-        place = unit.place_id if unit.place_id not in (None, HAND) else "CounterTop|1"
-        knife = next((u for u in self._units if u.object_type == uses.KNIFE), None)
-        knife = knife or self._add(uses.KNIFE, None, handled=True)
-        self._use(knife, HAND if self._rng.random() < 0.7 else "CounterTop|1")
-        sliced = object_types()[unit.object_type].slices_into
-        self._use(replace(unit, object_type=sliced or unit.object_type), place, "sliced")
-        if sliced and self._rng.random() < 0.25:
-            self._add(sliced, place, handled=False)
-
-    def _switch(self, capability: str) -> None:
-        unit = self._thing(
-            lambda info: capability in info.capabilities and "pickupable" in info.capabilities
-        )
-        if unit is None:
-            return
-        pair = ("on", "off") if capability == "toggleable" else ("opened", "closed")
-        state = pick(self._rng, pair)
-        place = unit.place_id or self._landmark_for(unit.object_type)
-        self._use(unit, place, state, drop=OPPOSITES[state])
+    "place": 30, "stack": 10, "clean": 14, "slice": 10, "heat": 6, "cook": 4, "cool": 5, "fill": 5,
+    "coffee": 3, "hold": 8, "switch": 5, "door": 6, "trash": 3,
+}  # kind of request -> weight in a history  # fmt: skip
+MAX_REQUESTS = 6
+NUMBERED = (*SEVERAL, "Sofa", "ArmChair")  # receptacles that get a number of 1 to 3
+SEEN_SHARE, KNOWN_SHARE, DIRTY_SHARE = 0.55, 0.45, 0.3
 
 
 def live_memory(rng: Rng, room: KnownRoom) -> tuple[tuple[MemoryUnit, ...], MemoryUnit | None]:
-    """Draw a short-term memory, the last used last, and what is in the hand, if anything."""
-    history = History(rng, room)
-    for _ in range(int(rng.integers(0, 7))):
-        history.live()
-    return history.units(), history.held()
+    """Sample the short-term memory after some requests, and the unit in the hand, if any.
+
+    The unit used last comes last.
+    """
+    history = RequestHistory()
+    for _ in range(int(rng.integers(0, MAX_REQUESTS + 1))):
+        _see(rng, room, history)
+        history.apply(_goals(rng, room, history, weighted(rng, EVENTS)))
+        while len(history.units) > CAPACITY:
+            seen = [unit for unit in history.units if not unit.handled] or history.units
+            history.units.remove(seen[0])
+    in_hand = [unit for unit in history.units if unit.place_id == HAND][-1:]
+    units = tuple(_in_place(rng, room, u, is_held=u in in_hand) for u in history.units)
+    return units, next((unit for unit in units if unit.place_id == HAND), None)
+
+
+def _see(rng: Rng, room: KnownRoom, history: RequestHistory) -> None:
+    """Remember up to two objects that were seen and not handled."""
+    for _ in range(2):
+        pool = [k for k in room.movables if k in lexicon() and history.known(k) is None]
+        if pool and rng.random() < SEEN_SHARE:
+            kind = pick(rng, pool)
+            states, place = _first_states(rng, object_types()[kind]), _receptacle(rng, room, kind)
+            history.units.append(unit_of(kind, kind, states=states, place_id=place))
+
+
+def _first_states(rng: Rng, info: ObjectType) -> tuple[str, ...]:
+    states = []
+    if "dirtyable" in info.capabilities and rng.random() < DIRTY_SHARE:
+        states.append("dirty")
+    if "toggleable" in info.capabilities:
+        states.append("on" if rng.random() < 0.3 else "off")
+    if "openable" in info.capabilities:
+        states.append("opened" if rng.random() < 0.5 else "closed")
+    if "canBeUsedUp" in info.capabilities and rng.random() < 0.08:
+        states.append("used up")
+    return tuple(states)
+
+
+def _receptacle(rng: Rng, room: KnownRoom, kind: str) -> str | None:
+    info = object_types()[kind]
+    fitting = [name for name in room.landmarks if info.fits(object_types()[name])]
+    return pick(rng, fitting) if fitting else None
+
+
+def _goals(rng: Rng, room: KnownRoom, history: RequestHistory, kind: str) -> Sequence[Goal]:
+    """Sample the goals of a request of a kind; () if the room offers none."""
+    if kind in NEEDS and NEEDS[kind] not in room.landmarks:
+        return ()
+    able = {"switch": "toggleable", "door": "openable"}.get(kind, "pickupable")
+    name = _object(rng, room, history, lambda one: able in object_types()[one].capabilities
+                   and suits(kind, one))  # fmt: skip
+    if name is None:
+        return ()
+    if kind in STATE_AFTER:
+        return (_goal("STATE", name, STATE_AFTER[kind]),)
+    if kind == "coffee":
+        return (_goal("STATE", name, "filled"), _goal("INSIDE", name, uses.COFFEE_MACHINE))
+    if kind == "hold":
+        return (_goal("HOLDON", "robot", name),)
+    if kind in ("switch", "door"):
+        return (_goal(pick(rng, PREDICATES[kind]), name),)
+    if kind == "trash":
+        return (_goal("INSIDE", name, uses.BIN),)
+    dish = None
+    if kind == "stack":
+        dish = _object(rng, room, history, lambda one: one != name and goes_in(name, one))
+    place = dish or _receptacle(rng, room, name)
+    return (_goal("ON", name, place),) if place else ()
+
+
+PREDICATES = {"switch": ("TOGGLEON", "TOGGLEOFF"), "door": ("OPEN", "CLOSED")}
+
+
+def _object(
+    rng: Rng, room: KnownRoom, history: RequestHistory, fits: Callable[[str], bool]
+) -> str | None:
+    """Sample a type for a request: a known one, more often a new one; None if none fits."""
+    known = [base_type(unit.object_type) for unit in history.units]
+    fitting = [name for name in known if fits(name)]
+    if fitting and rng.random() < KNOWN_SHARE:
+        return pick(rng, fitting)
+    pool = [k for k in room.movables if k in lexicon() and k not in known and fits(k)]
+    return pick(rng, pool) if pool else None
+
+
+def _in_place(rng: Rng, room: KnownRoom, unit: MemoryUnit, *, is_held: bool) -> MemoryUnit:
+    """Return a unit in a numbered receptacle; without a place it was put down on a surface."""
+    place = unit.place_id
+    if (place is None and unit.handled) or (place == HAND and not is_held):
+        place = "CounterTop" if "CounterTop" in room.landmarks else "SideTable"
+    if place in landmark_types():
+        number = int(rng.integers(1, 4)) if place in NUMBERED else 1
+        place = part_id(uses.BASIN_OF.get(place, place), str(number))
+    return replace(unit, place_id=place, states=tuple(dict.fromkeys(unit.states)))
 
 
 def with_twins(rng: Rng, room: KnownRoom, units: tuple[MemoryUnit, ...]) -> tuple[MemoryUnit, ...]:
@@ -393,7 +298,7 @@ def _mistaken(
         return DrawnFailure(error=f"Explore(robot, '{other}'): {words}", calls=calls)
     if call.skill == "PutObject":
         words = f"{told.objects[0]} cannot be placed in {told.objects[1]}"
-    elif (skill := SKILL_OF[call.skill]).cannot and not skill.hand:
+    elif (skill := SKILL_OF[call.skill]).cannot and call.skill != "PickupObject":
         words = f"{other} {skill.cannot}"
     else:
         words = f"no {other} is known; Explore(robot, '{other}') first"
@@ -418,3 +323,7 @@ def _taken_for(kind: str) -> Sequence[str]:
 
 def _call(skill: str, *objects: str) -> SkillCall:
     return SkillCall(skill=skill, objects=objects)
+
+
+def _goal(predicate: str, *arguments: str) -> Goal:
+    return Goal(predicate=predicate, arguments=arguments)

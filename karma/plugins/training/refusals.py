@@ -20,7 +20,7 @@ from karma.files import read_toml
 from karma.household import uses
 from karma.household.pieces import base_type, is_piece
 from karma.household.places import landmark_types
-from karma.language.lexemes import pick_common, types_called
+from karma.plugins.rules.language.lexemes import pick_common, types_called
 from karma.plugins.training.drawing.memories import KnownRoom, Rng, pick, weighted
 from karma.plugins.training.drawing.phrases import Book, expand, one_of
 from karma.plugins.training.drawing.referring_expressions import Situation, with_article

@@ -15,7 +15,6 @@ from karma.household.ids import short_type
 from karma.household.pieces import base_type
 from karma.household.places import HAND, likest
 from karma.household.types import object_types
-from karma.plugins.alfred.sentences import Sentence, StepSentence, program_of
 from karma.plugins.training.drawing.memories import (
     KnownRoom,
     Rng,
@@ -28,6 +27,7 @@ from karma.plugins.training.drawing.memories import (
 from karma.plugins.training.drawing.phrases import Book
 from karma.plugins.training.drawing.referring_expressions import Situation
 from karma.plugins.training.drawing.requests import WITH_PAIRS, Ask, one_ask, pick_kind, wrapped
+from karma.plugins.training.goal_sentences import Sentence, StepSentence, program_of
 from karma.plugins.training.past import draw_failure, live_memory, with_twins
 
 RECALLED = 0.75  # share of prompts with a few units, as recall leaves them, not all

@@ -24,16 +24,9 @@ from karma.agent.goals.files import load_said, load_tasks, load_texts
 from karma.agent.loading.planner_files import WORDS
 from karma.files import read_json, to_json, write_atomic
 from karma.language.hints import load_words, write_words
-from karma.language.lexemes import lexicon
 from karma.plugins.alfred.published_tasks import load_authors_tasks
-from karma.plugins.alfred.sentences import (
-    Sentence,
-    StepSentence,
-    names_its_place,
-    plain,
-    read_sentences,
-    read_steps,
-)
+from karma.plugins.alfred.sentences import plain
+from karma.plugins.rules.language.lexemes import lexicon
 from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.plugins.training.drawing.memories import (
     KnownRoom,
@@ -42,6 +35,13 @@ from karma.plugins.training.drawing.memories import (
     room_of,
 )
 from karma.plugins.training.drawing.phrases import Book, our_book
+from karma.plugins.training.goal_sentences import (
+    Sentence,
+    StepSentence,
+    names_its_place,
+    read_sentences,
+    read_steps,
+)
 from karma.plugins.training.hinted import (
     DrawnHints,
     KeptRows,

@@ -18,7 +18,7 @@ from karma.bench.methods.expert import ExpertMethod
 from karma.contracts import World
 from karma.errors import FileError
 from karma.files import to_json, write_atomic
-from karma.language.lexemes import unseen_lexemes
+from karma.plugins.rules.language.lexemes import unseen_lexemes
 from karma.plugins.training.drawing.drawn_tasks import DrawnRequest, Kind, draw_task
 from karma.plugins.training.drawing.memories import room_of
 from karma.plugins.training.drawing.phrases import Book

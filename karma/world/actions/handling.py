@@ -3,23 +3,21 @@
 from collections.abc import Callable
 from dataclasses import replace
 from math import acos, cos, degrees, radians
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 
 from karma.contracts import Vec3
 from karma.household.types import Capability, object_types
 from karma.world.actions.aiming import on_object, target
-from karma.world.actions.arranging import lot
 from karma.world.actions.moving import hang
-from karma.world.core.arguments import ObjectStates
 from karma.world.core.effects import broken, in_pieces, left_behind
-from karma.world.core.placement import find_place, flight, land, nested, parents_in
-from karma.world.core.posing import emptied
+from karma.world.core.placement import find_place, flight, land
+from karma.world.core.posing import emptied, released
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Performed, Refusal, Result, WorldState, refuse
-from karma.world.core.thing import GRAVITY_MS2, bottom, difference, heading, moved
+from karma.world.core.thing import GRAVITY_MS2, bottom, heading
 
 
 def tilt_deg(rotation: Vec3) -> float:
@@ -92,7 +90,7 @@ def put(
     place = find_place(state, thing, receptacle)
     if place is None:
         return Refusal("No valid positions to place object found")
-    return Performed(_released(state, place, receptacle.id))
+    return Performed(released(state, place, receptacle.id))
 
 
 def _does_not_take(
@@ -108,20 +106,6 @@ def _does_not_take(
         not place.accepts_only and (force or thing.type in rules().put.anywhere)
     )
     return None if fits else Refusal(f"{thing.name} cannot be placed in {receptacle.name}")
-
-
-def _released(state: WorldState, middle: Vec3, holder: str | None) -> WorldState:
-    """Return the state with the held object, and what it carries, let go somewhere."""
-    thing = state.objects[state.held or ""]
-    objects = state.objects
-    by = difference(middle, thing.center)
-    changes = {child: moved(objects[child], by) for child in objects.carried(thing.id)}
-    there = msgspec.structs.replace(moved(thing, by), is_picked_up=False)
-    parents = () if holder is None else parents_in(objects, there, holder)
-    changes[thing.id] = msgspec.structs.replace(there, parents=parents)
-    objects = objects.changed(changes)
-    changes = {c: nested(objects, objects[c]) for c in objects.carried(thing.id)}
-    return replace(emptied(state), objects=objects.changed(changes))
 
 
 def drop(state: WorldState, *, forceAction: bool = False, autoSimulation: bool = True) -> Result:
@@ -152,7 +136,7 @@ def _let_go(state: WorldState, force: float) -> Result:
     height = max(bottom(thing) - (middle[1] - thing.size[1] / 2), 0.0)
     impulse = force * fragile.impulse_per_force_s
     impulse += fragile.fall_share * thing.mass_kg * (2 * GRAVITY_MS2 * height) ** 0.5
-    after = _struck(_released(state, middle, holder), thing.id, holder, impulse)
+    after = _struck(released(state, middle, holder), thing.id, holder, impulse)
     px, py, pz = after.objects[thing.id].position
     return Performed(after, {"x": px, "y": py, "z": pz}, rules().time.fall_s)
 
@@ -292,94 +276,5 @@ def break_object(state: WorldState, thing: SceneObject) -> Result:
         return Refusal(f"{thing.name} is already broken!")
     if state.held == thing.id:
         middle, holder = land(state, thing, thing.center[0], thing.center[2])
-        state = _released(state, middle, holder)
+        state = released(state, middle, holder)
     return Performed(broken(state, state.objects[thing.id]))
-
-
-# ----------------------------------------------------------------- many states at once
-
-
-class _State(NamedTuple):
-    """One state: what it takes, how AI2-THOR names it, and the actions that set and end it."""
-
-    name: str
-    can: Capability
-    field: str
-    flag: str
-    do: Callable[..., Result]
-    undo: Callable[..., Result] | None
-
-
-# AI2-THOR's words for StateChange of RandomToggleSpecificState, and those of SetObjectStates
-_STATES = (
-    _State("CanOpen", "openable", "openness", "isOpen",
-           open_object, close_object),
-    _State("CanToggleOnOff", "toggleable", "is_toggled", "isToggled",
-           toggler(True), toggler(False)),
-    _State("CanBeDirty", "dirtyable", "is_dirty", "isDirty",
-           STATE_CHANGES["DirtyObject"], STATE_CHANGES["CleanObject"]),
-    _State("CanBeFilled", "canFillWithLiquid", "is_filled", "isFilledWithLiquid",
-           fill, STATE_CHANGES["EmptyLiquidFromObject"]),
-    _State("CanBeCooked", "cookable", "is_cooked", "isCooked",
-           STATE_CHANGES["CookObject"], None),
-    _State("CanBeUsedUp", "canBeUsedUp", "is_used_up", "isUsedUp",
-           STATE_CHANGES["UseUpObject"], None),
-    _State("CanBeSliced", "sliceable", "is_sliced", "isSliced", slice_object, None),
-    _State("CanBreak", "breakable", "is_broken", "isBroken", break_object, None),
-)  # fmt: skip
-
-
-def set_object_states(state: WorldState, *, SetObjectStates: ObjectStates) -> Result:
-    """Give a state to all objects that can have it, or to those of one type."""
-    asked = dict(SetObjectStates)
-    found = [one for one in _STATES if one.can == asked.get("stateChange")]
-    if not found:
-        known = ", ".join(one.can for one in _STATES)
-        return Refusal(f"stateChange must be one of: {known}")
-    one, kind = found[0], asked.get("objectType")
-    if one.flag not in asked:
-        return Refusal(f"stateChange {one.can} needs {one.flag}")
-    if kind and kind not in state.objects.by_type:
-        return Refusal(f"No object of type {str(kind)[:80]} found in scene.")
-    things = [t for t in state.objects.values() if one.can in t.capabilities]
-    things = [t for t in things if not kind or t.type == kind]
-    value = bool(asked[one.flag])
-    if not value and one.undo is None and any(getattr(t, one.field) for t in things):
-        return Refusal(f"{one.flag} cannot be undone.")
-    for thing in things:
-        state = _given(state, thing, one, value)
-    return Performed(state)
-
-
-def _given(state: WorldState, thing: SceneObject, one: _State, value: bool) -> WorldState:
-    """Return the state with one object in a state, as far as the household allows it."""
-    action = one.do if value else one.undo
-    if action is None or bool(getattr(state.objects[thing.id], one.field)) == value:
-        return state
-    result = action(state, objectId=thing.id, forceAction=True)
-    return result.state if isinstance(result, Performed) else state
-
-
-def random_states(state: WorldState, *, randomSeed: int | None = None) -> Result:
-    """Open, switch, dirty and fill by lot, or the reverse; nothing that cannot be undone."""
-    for one in _STATES:
-        if one.undo is not None:
-            state = _shaken(state, one, randomSeed)
-    return Performed(state)
-
-
-def random_state(state: WorldState, *, StateChange: str, randomSeed: int | None = None) -> Result:
-    """Change one state of all objects that can have it by lot, also one that cannot be undone."""
-    found = [one for one in _STATES if one.name == StateChange]
-    if not found:
-        known = ", ".join(one.name for one in _STATES)
-        return Refusal(f"StateChange must be one of: {known}")
-    return Performed(_shaken(state, found[0], randomSeed))
-
-
-def _shaken(state: WorldState, one: _State, seed: int | None) -> WorldState:
-    rng = lot(state, seed, one.name)
-    things = [thing for thing in state.objects.values() if one.can in thing.capabilities]
-    for thing, value in zip(things, rng.random(len(things)) < 0.5, strict=True):
-        state = _given(state, thing, one, bool(value))
-    return state

@@ -6,21 +6,19 @@ from typing import Any
 import numpy as np
 
 from karma.contracts import Pose
-from karma.world.actions.aiming import outside, ray_through, shown_at
-from karma.world.actions.moving import between_cells, coordinates, lacks, unknown, yaw_of
+from karma.world.actions.aiming import outside, ray_through
+from karma.world.actions.moving import between_cells, lacks, unknown, yaw_of
 from karma.world.core import navigate, scene
 from karma.world.core.arguments import Place
 from karma.world.core.boxes import Floats, crossing
 from karma.world.core.ground import walk
 from karma.world.core.hiding import inert_rows, solid_boxes
-from karma.world.core.state import Camera, Cell, Performed, Refusal, Result, WorldState, refuse
+from karma.world.core.state import Cell, Performed, Refusal, Result, WorldState, refuse
 from karma.world.core.thing import heading
-from karma.world.core.view import CAMERA_M, camera_axes, in_picture
 
 _FINEST_M = 0.02  # of the grids that GetReachablePositions can be asked for
 _MOST_STEPS = 10_000  # of GetReachablePositions, per square metre of a step
 _ACROSS = ((0, 1), (1, 0), (0, -1), (-1, 0))  # steps right and ahead
-_SCHEMES = ("Collider", "Distance")
 
 
 def coordinate(state: WorldState, *, x: float, y: float) -> Result:
@@ -34,58 +32,6 @@ def coordinate(state: WorldState, *, x: float, y: float) -> Result:
     point = eye + ray * far if math.isfinite(far) else np.zeros(3)
     value = {axis: round(float(part), 6) for axis, part in zip("xyz", point, strict=True)}
     return Performed(state, value, 0.0)
-
-
-def object_in_frame(state: WorldState, *, x: float, y: float, checkVisible: bool = False) -> Result:
-    """Return the id of the object that a place in the picture shows."""
-    if refusal := outside(x, y):
-        return refusal
-    if checkVisible:
-        found = shown_at(state, x, y)
-    else:
-        eye, ray = ray_through(state, x, y)
-        _, found = _first_hit(state, eye, ray / np.linalg.norm(ray))
-    if found is None:
-        return Refusal(f"No object is shown at ({x:g}, {y:g}).")
-    return Performed(state, found, 0.0)
-
-
-def visible_objects(
-    state: WorldState,
-    *,
-    maxDistance: float | None = None,
-    visibilityScheme: str | None = None,
-    thirdPartyCameraIndex: int | None = None,
-) -> Result:
-    """Return the ids of what the agent, or another camera, has in view, in the scene's order."""
-    if visibilityScheme is not None and visibilityScheme not in _SCHEMES:
-        message = f"visibilityScheme must be one of {', '.join(_SCHEMES)}"
-        return refuse("ArgumentException", message)
-    reach = state.settings.visibility_m if maxDistance is None else maxDistance
-    if reach < 0:
-        return refuse("ArgumentOutOfRangeException", "maxDistance must not be negative")
-    if thirdPartyCameraIndex is None:
-        seen = state.sight_from(state.pose, visibility_m=reach).visible
-        return Performed(state, [i for i in state.objects if i in seen], 0.0)
-    if not 0 <= thirdPartyCameraIndex < len(state.cameras):
-        message = f"there is no third-party camera {thirdPartyCameraIndex}"
-        return refuse("ArgumentOutOfRangeException", message)
-    return _seen_by(state, state.cameras[thirdPartyCameraIndex], reach)
-
-
-def _seen_by(state: WorldState, one: Camera, reach: float) -> Result:
-    if one.orthographic:
-        return refuse("NotSupportedException", "an orthographic camera has no list of what it sees")
-    x, y, z = one.position_m
-    pitch, yaw, _ = one.rotation_deg
-    pose = Pose(position_m=(x, y - CAMERA_M, z), yaw_deg=yaw, horizon_deg=pitch)
-    seen = state.sight_from(pose, visibility_m=reach, fov_deg=one.fov_deg).visible
-    held = sorted(state.in_hand)
-    offsets = np.array([state.objects[i].center for i in held]).reshape(-1, 3) - np.array((x, y, z))
-    shown = in_picture(offsets, camera_axes(yaw, pitch), one.fov_deg, state.settings.aspect)
-    shown &= np.linalg.norm(offsets, axis=1) <= reach
-    gone = {object_id for object_id, there in zip(held, shown, strict=True) if not there}
-    return Performed(state, [i for i in state.objects if i in seen and i not in gone], 0.0)
 
 
 # ----------------------------------------------------------------- rays
@@ -185,24 +131,6 @@ def shortest_path(
         return refuse("ArgumentException", f"Cannot find SimObject with id '{what}'.")
     goal = navigate.approach(state, objectId)
     return _path(state, position, goal, objectId)
-
-
-def shortest_path_to_point(
-    state: WorldState,
-    *,
-    x: float | None = None,
-    y: float | None = None,
-    z: float | None = None,
-    target: Place | None = None,
-    position: Place | None = None,
-    allowedError: float = 1e-4,
-) -> Result:
-    """Return the path to the cell nearest to a point."""
-    given = coordinates(target, x, y, z)
-    if "x" not in given or "z" not in given:
-        return lacks("GetShortestPathToPoint", "target")
-    goal = navigate.nearest_cell(state, given["x"], given["z"])
-    return _path(state, position, goal, f"({given['x']}, {given['z']})")
 
 
 def _path(state: WorldState, start: Place | None, goal: Cell | None, name: str) -> Result:

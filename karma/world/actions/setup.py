@@ -4,8 +4,6 @@ import re
 from dataclasses import replace
 from typing import Any
 
-import msgspec
-
 from karma.world.core.arguments import Place
 from karma.world.core.posing import vector
 from karma.world.core.state import (
@@ -21,14 +19,9 @@ from karma.world.core.state import (
 
 _AGENT_MODES = ("default", "locobot", "bot", "drone", "arm", "stretch", "stochastic", "fpin")
 _SAME_BODY = ("default", "locobot", "bot")  # a LoCoBot does what the default agent does
-_QUALITIES = (
-    "DONOTUSE", "Very Low", "Low", "Medium", "MediumCloseFitShadows", "High", "Very High",
-    "Ultra", "High WebGL",
-)  # fmt: skip
 _WIDEST_GRID_M = 5.0
 _USUAL_GRID_M = 0.25
 _LONGEST_SIDE = 8192  # pixels; larger pictures do not fit into memory
-_LONGEST_STEP_S = 0.05
 
 
 def initialize(
@@ -127,14 +120,6 @@ def change_resolution(state: WorldState, *, x: int, y: int) -> Result:
     return _not_this_size(x, y) or Performed(sized, None, 0.0)
 
 
-def change_quality(state: WorldState, *, quality: str) -> Result:
-    """Accept one of the player's qualities; pictures look the same in all of them."""
-    if quality not in _QUALITIES:
-        known = ", ".join(_QUALITIES)
-        return refuse("ArgumentException", f"unknown quality {quality!r}; there are: {known}")
-    return Performed(replace(state), None, 0.0)
-
-
 def set_random_seed(state: WorldState, *, seed: int) -> Result:
     """Set the seed of what later actions draw by lot."""
     return Performed(replace(state, seed=seed))
@@ -145,48 +130,9 @@ def set_object_filter(state: WorldState, *, objectIds: list[str]) -> Result:
     return Performed(replace(state, shown=frozenset(objectIds)))
 
 
-def set_object_filter_for_type(state: WorldState, *, objectTypes: list[str]) -> Result:
-    """List only objects of some types in metadata from now on."""
-    ids = (i for kind in objectTypes for i in state.objects.by_type.get(kind, ()))
-    return Performed(replace(state, shown=frozenset(ids)))
-
-
 def reset_object_filter(state: WorldState) -> Result:
     """List all objects in metadata again."""
     return Performed(replace(state, shown=None))
-
-
-def make_all_unbreakable(state: WorldState) -> Result:
-    """Take from every object that it can break; what is broken stays so."""
-    firm = {
-        thing.id: msgspec.structs.replace(
-            thing, capabilities=tuple(can for can in thing.capabilities if can != "breakable")
-        )
-        for thing in state.objects.values()
-        if "breakable" in thing.capabilities and not thing.is_broken
-    }
-    return Performed(replace(state, objects=state.objects.changed(firm)))
-
-
-def wait_for_physics(state: WorldState) -> Result:
-    """Accept a switch of the physics engine, which is not there: the room is always at rest."""
-    return Performed(replace(state))
-
-
-def advance_physics_step(
-    state: WorldState,
-    *,
-    timeStep: float = 0.02,
-    simSeconds: float | None = None,
-    allowAutoSimulation: bool = False,
-) -> Result:
-    """Let time pass; things lie still, heat and cold run out."""
-    if not 0 < timeStep <= _LONGEST_STEP_S:
-        return refuse("ArgumentOutOfRangeException", "timeStep must be in (0, 0.05]")
-    seconds = timeStep if simSeconds is None else simSeconds
-    if not 0 <= seconds <= 3600:
-        return refuse("ArgumentOutOfRangeException", "simSeconds must be in [0, 3600]")
-    return Performed(replace(state), None, seconds)
 
 
 # ----------------------------------------------------------------- the client's own tests
@@ -302,16 +248,3 @@ def _refusal(camera: Camera) -> Refusal | None:
         message = "nearClippingPlane must be greater than 0 and less than farClippingPlane."
         return refuse("ArgumentOutOfRangeException", message)
     return None
-
-
-def map_view(state: WorldState) -> Result:
-    """Return where a camera that looks straight down has the whole room in its picture."""
-    (x, y, z), (wide, high, deep) = state.room.bounds_center, state.room.bounds_size
-    half = max(wide, deep, wide / state.settings.aspect) / 2
-    view = {
-        "position": {"x": float(x), "y": float(y + high / 2), "z": float(z)},
-        "rotation": {"x": 90.0, "y": 0.0, "z": 0.0},
-        "orthographicSize": float(half),
-        "orthographic": True,
-    }
-    return Performed(state, view, 0.0)

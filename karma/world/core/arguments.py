@@ -24,36 +24,6 @@ class Place(TypedDict, total=False):
     z: float
 
 
-class ObjectPose(TypedDict):
-    """One object of SetObjectPoses; the name is metadata's `name`."""
-
-    objectName: str
-    position: Place
-    rotation: Place
-
-
-class TypeCount(TypedDict):
-    """How many objects of a type InitialRandomSpawn shall leave."""
-
-    objectType: str
-    count: int
-
-
-class ObjectStates(TypedDict, total=False):
-    """What SetObjectStates sets."""
-
-    objectType: str
-    stateChange: str
-    isOpen: bool
-    isToggled: bool
-    isBroken: bool
-    isFilledWithLiquid: bool
-    isDirty: bool
-    isUsedUp: bool
-    isCooked: bool
-    isSliced: bool
-
-
 class _Odd(Exception):
     """A value that AI2-THOR's message format has no place for; says which."""
 

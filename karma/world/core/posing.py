@@ -7,23 +7,16 @@ import msgspec
 import numpy as np
 
 from karma.contracts import Vec3
-from karma.household.places import FLOOR
-from karma.household.types import object_types
 from karma.world.core.arguments import Place
 from karma.world.core.boxes import Flags, Floats
 from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.objects import Objects
-from karma.world.core.placement import floor_id, land, nested, parents_in
-from karma.world.core.rules import rules
+from karma.world.core.placement import nested, parents_in
 from karma.world.core.scene import SceneObject
-from karma.world.core.state import HAND_M, Refusal, WorldState
-from karma.world.core.thing import bottom, corners, difference, is_inert, moved, top, turned
+from karma.world.core.state import HAND_M, WorldState
+from karma.world.core.thing import corners, difference, moved, turned
 
-_SAME_M, _SAME_DEG = 1e-4, 1e-3
-_LEVEL_M = 0.06  # a thing whose bottom is so near to a surface lies on it
-_SEAT = 0.3  # share of a box that is below any surface in it: under a table is not on it
-_CLOSE_M = 0.01  # boxes that overlap by less do not collide
-_ON_FLOOR_M = 0.1
+_SAME_DEG = 1e-3
 
 
 def vector(place: Place, usual: Vec3 = (0.0, 0.0, 0.0)) -> Vec3:
@@ -104,13 +97,6 @@ def _rounded(point: Floats) -> Vec3:
     return (x, y, z)
 
 
-def same_pose(thing: SceneObject, there: SceneObject) -> bool:
-    """Return whether two moments of a thing have the same pose."""
-    off = max(abs(a - b) for a, b in zip(thing.position, there.position, strict=True))
-    pairs = zip(thing.rotation, there.rotation, strict=True)
-    return off <= _SAME_M and max(abs(_half_turn(a - b)) for a, b in pairs) <= _SAME_DEG
-
-
 # ----------------------------------------------------------------- what it lies in
 
 
@@ -133,82 +119,23 @@ def with_contents(objects: Objects, there: SceneObject) -> Objects:
     return objects
 
 
-def holder_of(objects: Objects, thing: SceneObject) -> str | None:
-    """Return the smallest receptacle that a thing lies in or on where it is, by their boxes."""
-    mine = {thing.id, *objects.containment.inside(thing.id)}
-    found = [
-        (other.size[0] * other.size[1] * other.size[2], other.id)
-        for other in objects.values()
-        if "receptacle" in other.capabilities
-        and other.id not in mine
-        and other.type != FLOOR
-        and not is_inert(other)
-        and _takes(other, thing)
-    ]
-    return min(found)[1] if found else None
-
-
-def _takes(other: SceneObject, thing: SceneObject) -> bool:
-    """Return whether a thing is where the contents of a receptacle lie."""
-    if any(abs(thing.center[k] - other.center[k]) > other.size[k] / 2 for k in (0, 2)):
-        return False
-    low, high, level = bottom(other), top(other), bottom(thing)
-    if only := object_types()[other.type].accepts_only:  # towels hang, and mugs stand, anywhere
-        return thing.type in only and level < high + _LEVEL_M and top(thing) > low
-    rim = high - low <= _LEVEL_M or other.type in rules().put.open_top
-    if rim or other.type in rules().put.inside:
-        return low - _LEVEL_M / 2 <= level <= high + (_LEVEL_M if rim else -_LEVEL_M) / 2
-    return low + (high - low) * _SEAT <= level <= high + _LEVEL_M
-
-
-def let_lie(state: WorldState, there: SceneObject, *, falls: bool) -> WorldState:
-    """Return the state with a thing put in a new pose, out of any hand, lying in what is there.
-
-    With nothing below, it `falls` or stays in the air.
-    """
-    without = replace(state, held=there.id)  # it is in nobody's way, least of all its own
-    holder = holder_of(state.objects, there)
-    if holder is None and falls:
-        middle, holder = land(without, there, there.center[0], there.center[2])
-        there = moved(there, difference(middle, there.center))
-    elif holder is None and bottom(there) <= state.room.floor_y + _ON_FLOOR_M:
-        holder = floor_id(state.objects)
-    if holder is not None and holder in state.objects.containment.inside(there.id):
-        holder = None
-    parents = () if holder is None else parents_in(state.objects, there, holder)
-    there = msgspec.structs.replace(there, parents=parents, is_picked_up=False)
-    objects = with_contents(state.objects, there)
-    return replace(state if state.held != there.id else emptied(state), objects=objects)
-
-
 def emptied(state: WorldState) -> WorldState:
     """Return the state with nothing in the hand, and the hand at rest."""
     return replace(state, held=None, hand_m=HAND_M, hand_turn_deg=(0.0, 0.0, 0.0))
 
 
-def collision(state: WorldState, there: SceneObject) -> Refusal | None:
-    """Return what a thing would be stuck in at a place, or that it is outside the room."""
-    middle, size = state.room.bounds_center, state.room.bounds_size
-    if any(abs(there.center[k] - middle[k]) > size[k] / 2 + _CLOSE_M for k in range(3)):
-        return Refusal(f"{there.name} would be outside the scene's bounds.")
-    hit = stuck_in(state, there)
-    return None if hit is None else Refusal(f"{there.name} is colliding with {hit} at that place.")
-
-
-def stuck_in(state: WorldState, there: SceneObject) -> str | None:
-    """Return the name of the first object whose solid part a thing overlaps; None when free."""
+def released(state: WorldState, middle: Vec3, holder: str | None) -> WorldState:
+    """Return the state with the held object, and what it carries, let go somewhere."""
+    thing = state.objects[state.held or ""]
     objects = state.objects
-    holder = holder_of(objects, there)
-    mine = {there.id, *objects.containment.inside(there.id), *state.in_hand}
-    if holder is not None:
-        mine.update((holder, *objects.containment.around(holder)))
-    half = np.maximum(np.array(there.size) / 2 - _CLOSE_M, 0.0)
-    center = np.array(there.center)
-    ids = list(objects)
-    for row in np.flatnonzero(met_by(objects, center - half, center + half)):
-        if ids[row] not in mine and objects[ids[row]].type != FLOOR:
-            return objects[ids[row]].name
-    return None
+    by = difference(middle, thing.center)
+    changes = {child: moved(objects[child], by) for child in objects.carried(thing.id)}
+    there = msgspec.structs.replace(moved(thing, by), is_picked_up=False)
+    parents = () if holder is None else parents_in(objects, there, holder)
+    changes[thing.id] = msgspec.structs.replace(there, parents=parents)
+    objects = objects.changed(changes)
+    changes = {c: nested(objects, objects[c]) for c in objects.carried(thing.id)}
+    return replace(emptied(state), objects=objects.changed(changes))
 
 
 def met_by(objects: Objects, low: Floats, high: Floats) -> Flags:

@@ -184,7 +184,6 @@ class WorldState:
     falling: frozenset[str] = frozenset()  # ids of what fell from the start on, and still does
     cameras: tuple[Camera, ...] = ()  # third-party cameras, by their number
     shown: frozenset[str] | None = None  # ids that metadata lists (SetObjectFilter); None = all
-    disabled: Mapping[str, SceneObject] = field(default_factory=dict)  # out of the world for now
     hand_m: Vec3 = HAND_M  # right, up, forward from the camera
     hand_turn_deg: Vec3 = (0.0, 0.0, 0.0)  # the held object's own turn: pitch, yaw, roll
     seed: int = 0  # of what actions draw by lot (SetRandomSeed)

@@ -226,7 +226,7 @@ class ThorWorld:
         given.update(arguments)
         client = self._running()
         name = str(given["action"])
-        if self._moves_blinds(name, given):
+        if _moves_blinds(name, given):
             return self._refuse(name, loud=loud)
         try:
             return self._keep(self._called(name, "step", given, raise_for_failure=loud))
@@ -275,16 +275,6 @@ class ThorWorld:
         self._event, self._loss = event, None
         return event
 
-    def _moves_blinds(self, name: str, given: Mapping[str, Any]) -> bool:
-        """Return whether an action names blinds; one that gives a point of the picture does not."""
-        if name in ("OpenObject", "CloseObject"):
-            return root_type(str(given.get("objectId", ""))) == "Blinds"
-        change = given.get("SetObjectStates") or {}
-        if name != "SetObjectStates" or change.get("stateChange") != "openable":
-            return False
-        kind = change.get("objectType")  # none: all that can be opened
-        return kind == "Blinds" or (not kind and bool(self.last_event.objects_by_type("Blinds")))
-
     def _refuse(self, action: str, *, loud: bool) -> Any:
         """Return the present moment as the event of an action that failed."""
         last = self.last_event.events[0]
@@ -302,6 +292,11 @@ class ThorWorld:
         if loud:
             raise RuntimeError(BLINDS)
         return event
+
+
+def _moves_blinds(name: str, given: Mapping[str, Any]) -> bool:
+    named = root_type(str(given.get("objectId", "")))
+    return name in ("OpenObject", "CloseObject") and named == "Blinds"
 
 
 def _writable(folder: Path) -> Path:

@@ -63,9 +63,9 @@ def test_command_prints_the_table_and_refuses_what_a_benchmark_does_not_know(exp
     done = CliRunner().invoke(app, ["eval", str(path), "--out", str(out), "--workers", "1"])
     assert done.exit_code == 0, done.output
     assert "| expert | 4/4 |" in done.output
-    wrong = CliRunner().invoke(app, ["eval", str(path), "--out", str(out), "--half-width", "0.1"])
+    wrong = CliRunner().invoke(app, ["eval", str(path), "--out", str(out), "--no-steps"])
     assert wrong.exit_code != 0
-    assert "has no --half-width" in wrong.output
+    assert "has no --steps" in wrong.output
 
 
 def test_table_command_writes_the_table_of_a_run_also_of_one_that_is_not_finished(

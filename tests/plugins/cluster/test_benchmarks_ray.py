@@ -1,6 +1,6 @@
 """Benchmarks on a Ray cluster whose nodes have data of their own; skipped where Ray is missing.
 
-pip install 'karma-offline[ray]' && pytest tests/plugins/cluster/test_benchmarks_ray.py
+pip install 'karma-offline[cluster]' && pytest tests/plugins/cluster/test_benchmarks_ray.py
 """
 
 import json
@@ -19,13 +19,13 @@ from typer.testing import CliRunner
 
 from karma.agent.journal.header import EPISODES
 from karma.agent.journal.owned_folder import HEADER
-from karma.bench.engine.experiment_file import DataFolders, with_places_here
 from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import KarmaError, WorkerLost
 from karma.plugins.alfred.suites.experiment import EbExperiment
+from karma.plugins.cluster.node import DataFolders, with_places_here
 
-pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
+pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[cluster]'")
 
 LIVED = """
 name = "tiny"

@@ -1,6 +1,6 @@
 """Episodes on a Ray cluster of two nodes on this machine; skipped where Ray is not installed.
 
-pip install 'karma-offline[ray]' && pytest tests/plugins/cluster/test_runs_ray.py
+pip install 'karma-offline[cluster]' && pytest tests/plugins/cluster/test_runs_ray.py
 """
 
 import os
@@ -16,10 +16,10 @@ from karma.agent.loading.models import Models
 from karma.bench.engine.run import Run
 from karma.errors import KarmaError, ModelError
 
-ray = pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
+ray = pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[cluster]'")
 
-from karma.bench.engine.pool import host_of  # noqa: E402
-from karma.bench.engine.workers import check_node, models_here  # noqa: E402
+from karma.plugins.cluster.node import check_node, models_here  # noqa: E402
+from karma.plugins.cluster.ray_cluster import host_of  # noqa: E402
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,6 @@ without a word, as the real servers do. The real llama-server has `test_real_ser
 import json
 import re
 
-import msgspec
 import pytest
 from support.grammar_oracle import is_valid
 from support.hosted_server import PROMPT, chat, endpoint, plant_key, wire_server
@@ -16,8 +15,7 @@ from support.plans import PLANS, plan
 from karma.agent.planning.program import SKILLS
 from karma.bench.methods.lota import chooser_of
 from karma.contracts import ProgramSpec, ScoringModel
-from karma.errors import ModelError, RequestRefused, ServerLost
-from karma.models.endpoint import DialectName, Endpoint
+from karma.errors import ModelError, ServerLost
 from karma.models.session import Session
 from karma.plugins.hosted.cassette import Cassette
 from karma.plugins.hosted.dialects import DIALECTS
@@ -27,7 +25,6 @@ from karma.plugins.hosted.planner import open_planner
 SPEC = ProgramSpec(skills=SKILLS, objects=("Mug",), max_calls=2)
 PROGRAM = "GoToObject(robot, 'Mug')\n"
 AS_JSON = '{"program": [{"skill": "GoToObject", "object": "Mug"}]}'
-LISTED = {"/v1/models": {"object": "list", "data": [{"id": "m"}, {"id": "other:latest"}]}}
 PAGES = {
     "vllm": {"/version": {"version": "0.33.0"}},
     "sglang": {"/server_info": {"model_path": "m", "tokenizer_path": "m"}},
@@ -74,7 +71,7 @@ def stand_in(name, *, holds=True):
         text = held(name, body) if holds else FREE
         return (400, {}, b'{"error": "no grammar"}') if text is None else chat(text)
 
-    return wire_server(answer, pages=LISTED | PAGES[name])
+    return wire_server(answer, pages=PAGES[name])
 
 
 def auto(url, **more):
@@ -95,8 +92,7 @@ def test_stand_in_is_known_by_its_page_and_held_to_programs(name, constraint):
         said = model.complete(PROMPT, spec=SPEC)
     assert model.manner.dialect.name == name
     assert (said.text, said.constrained, said.fault) == (PROGRAM, True, "")
-    asked = 3 if constraint == "grammar" and name == "vllm" else 2  # a malformed one too
-    assert len(seen) == asked + 1
+    assert len(seen) == 2 + 1  # the canary, twice
 
 
 @pytest.mark.parametrize(("name", "constraint"), CHOICES)
@@ -121,11 +117,6 @@ def test_constraint_that_a_dialect_has_not_is_refused_with_those_it_has():
         named = r"dialect 'ollama' takes no grammar\n  To fix: constraint is one of schema"
         with pytest.raises(ModelError, match=named):
             open_planner(auto(url, constraint="grammar"))
-
-
-def test_every_dialect_that_can_be_said_is_there():
-    said = msgspec.inspect.type_info(DialectName).values
-    assert set(said) == {"auto", *DIALECTS}
 
 
 @pytest.mark.parametrize(
@@ -208,14 +199,6 @@ def test_answer_outside_the_language_is_a_miss_with_a_fault(text, fault):
     assert fault in said.fault
 
 
-@pytest.mark.parametrize("text", ["Sure!", '{"program": 1}', '{"program": []}'])
-def test_json_that_is_no_program_is_a_miss_that_is_kept_as_it_came(text):
-    with wire_server(lambda *_: chat(text), pages=PAGES["ollama"]) as (url, _):
-        said = open_planner(auto(url)).complete(PROMPT, spec=SPEC)
-    assert (said.constrained, bool(said.fault)) == (False, True)
-    assert said.text in (text, "")
-
-
 def test_answer_cut_at_its_budget_has_a_fault_also_where_nothing_holds_it():
     choice = {"message": {"content": PROGRAM}, "finish_reason": "length"}
     data = json.dumps({"choices": [choice]}).encode()
@@ -226,36 +209,6 @@ def test_answer_cut_at_its_budget_has_a_fault_also_where_nothing_holds_it():
 
 
 # ----------------------------------------------------------------- model and address
-
-
-def names_only(name):
-    """A server that knows one model, and answers 404 to what it does not know."""
-
-    def answer(path, body, headers):
-        if body["model"] == name:
-            return chat(PROGRAM)
-        return 404, {}, json.dumps({"error": {"message": f"no model {body['model']}"}}).encode()
-
-    return answer
-
-
-@pytest.mark.parametrize(
-    ("listed", "model"),
-    [
-        (["openai/*"], "openai/good"), (["org/good"], "org/good:novita"), (["*"], "any"),
-        (["a", "b"], "loaded-lazily"), (["good"], "good:latest"), ([], "any"),
-    ],
-)  # fmt: skip
-def test_list_of_models_is_no_law(listed, model):
-    pages = {"/v1/models": {"data": [{"id": one} for one in listed]}}
-    with wire_server(names_only(model), pages=pages) as (url, _):
-        assert open_planner(endpoint(url, model)).complete(PROMPT).text == PROGRAM
-
-
-def test_key_that_may_not_list_may_ask():
-    closed = {"/v1/models": 403, "/version": 401}
-    with wire_server(lambda *_: chat(PROGRAM), forbidden=closed) as (url, _):
-        assert open_planner(endpoint(url, "m")).complete(PROMPT).text == PROGRAM
 
 
 def test_server_whose_template_has_no_system_message_is_asked_without_from_then_on():
@@ -270,14 +223,6 @@ def test_server_whose_template_has_no_system_message_is_asked_without_from_then_
     roles = [[one["role"] for one in body["messages"]] for _, body, _ in seen]
     assert roles == [["system", "user"], ["user"], ["user"]]
     assert seen[1][1]["messages"][0]["content"] == PROMPT.stable + PROMPT.changing
-
-
-@pytest.mark.parametrize("words", ["no such field: seed", "the system prompt is too long", "busy"])
-def test_other_refusals_stay_refusals(words):
-    said = json.dumps({"error": {"message": words}}).encode()
-    refuses = pytest.raises(RequestRefused, match=words)
-    with wire_server(lambda *_: (400, {}, said)) as (url, _), refuses:
-        open_planner(endpoint(url, "m")).complete(PROMPT)
 
 
 @pytest.mark.parametrize(
@@ -314,30 +259,6 @@ def test_lab_servers_without_keys_are_asked_and_say_themselves_what_they_want(mo
         open_planner(endpoint(url.replace("127.0.0.1", "0.0.0.0"), "m")).complete(PROMPT)
 
 
-def test_model_that_is_not_listed_and_does_not_answer_is_refused_with_the_nearest():
-    with wire_server(names_only("other"), pages=LISTED) as (url, _):
-        named = r"no model 'mm'; it lists m, other:latest\n  To fix: model = 'm'"
-        with pytest.raises(ModelError, match=named):
-            open_planner(endpoint(url, "mm"))
-        open_planner(endpoint(url, "other"))
-
-
-@pytest.mark.parametrize(
-    ("said", "listed", "right"), [("", "/v1/models", "/v1"), ("/v1", "/models", "")]
-)
-def test_address_with_or_without_v1_is_refused_with_the_right_one(said, listed, right):
-    pages = {listed: LISTED["/v1/models"]}
-    with wire_server(lambda *_: chat("x"), pages=pages) as (url, _):
-        root = url.removesuffix("/v1")
-        with pytest.raises(ModelError, match=rf"To fix: base_url = '{root}{right}'"):
-            open_planner(endpoint(root + said, "m"))
-
-
-def test_server_that_lists_nothing_is_taken_as_it_is():
-    with wire_server(lambda *_: chat("x")) as (url, _):
-        assert open_planner(endpoint(url, "whatever")).complete(PROMPT).text == "x"
-
-
 def test_pages_that_say_yes_to_everything_are_no_dialect():
     """As LM Studio's do: status 200, and an error inside."""
     error = {"error": "Unexpected endpoint"}
@@ -369,9 +290,3 @@ def test_server_that_tells_no_chances_is_refused_by_name_for_scoring(name):
     assert not isinstance(model, ScoringModel)
     with pytest.raises(ModelError, match=r"m: lota\.score needs log-probabilities"):
         chooser_of(model)
-
-
-@pytest.mark.parametrize("value", [{"constraint": "gbnf"}, {"dialect": "x"}])
-def test_settings_that_cannot_be_are_refused(value):
-    with pytest.raises(msgspec.ValidationError):
-        msgspec.convert({"base_url": "http://127.0.0.1/v1", "model": "m", **value}, Endpoint)

@@ -29,8 +29,8 @@ from support.hosted_server import (
 from support.needs import need_namespace
 from support.paths import ROOT
 
-from karma.agent.planning.program import SKILLS, parse_program
-from karma.contracts import ProgramSpec, Prompt
+from karma.agent.planning.program import parse_program
+from karma.contracts import Prompt
 from karma.errors import KarmaError, ModelError, ServerLost
 from karma.models.session import Session
 from karma.plugins.hosted.cassette import Cassette
@@ -63,29 +63,6 @@ def test_chat_and_completions_give_the_nano_planner_s_program(server):
 
 
 @pytest.mark.model
-def test_answer_cut_at_max_tokens_says_so_and_spec_changes_nothing(server):
-    model = HostedLanguageModel(endpoint(server))
-    spec = ProgramSpec(skills=SKILLS[:1], objects=("Mug",))
-    whole, bound = model.complete(PROMPT), model.complete(PROMPT, spec=spec)
-    cut = model.complete(PROMPT, max_tokens=5)
-    assert bound.text == whole.text
-    assert (cut.finish, cut.completion_tokens) == ("length", 5)
-    assert whole.text.startswith(cut.text)
-
-
-@pytest.mark.model
-def test_seed_and_temperature_reach_the_server(server):
-    model = HostedLanguageModel(endpoint(server))
-
-    def texts():
-        return [model.complete(PROMPT, temperature=2.0, seed=s, max_tokens=60).text for s in (1, 2)]
-
-    first = texts()
-    assert texts() == first
-    assert first[0] != first[1]
-
-
-@pytest.mark.model
 def test_embedder_gives_unit_rows_and_asks_once_for_each_text(server):
     session = Session()
     embedder = HostedEmbedder(endpoint(server, "nano-rows"), session=session)
@@ -100,12 +77,6 @@ def test_embedder_gives_unit_rows_and_asks_once_for_each_text(server):
     assert embedder.embed([]).shape == (0, embedder.dimension)
     (spent,) = session.ledger.take()
     assert (spent.role, spent.requests, spent.completion_tokens) == ("embedder", 2, 0)
-
-
-@pytest.mark.model
-def test_embeddings_served_without_pooling_are_refused_by_what_they_are(server):
-    with pytest.raises(ModelError, match=r"a row per token: .* without pooling \(shape \(\d+, \d+"):
-        HostedEmbedder(endpoint(server, "nano-tokens")).embed(["an apple in the fridge"])
 
 
 @pytest.mark.model
@@ -146,12 +117,6 @@ def test_request_says_what_the_endpoint_wants_and_nothing_it_refuses():
     assert headers["authorization"] == f"Bearer {KEY}"
 
 
-def test_half_characters_are_sent_as_question_marks():
-    with wire_server(lambda *_: chat("x")) as (url, seen):
-        HostedLanguageModel(endpoint(url)).complete(Prompt(stable="", changing="caf\udce9"))
-    assert seen[0][1]["messages"] == [{"role": "user", "content": "caf?"}]
-
-
 def test_environment_adds_no_organisation_and_no_proxy(monkeypatch):
     monkeypatch.setenv("OPENAI_ORG_ID", "org-1")
     monkeypatch.setenv("OPENAI_PROJECT_ID", "project-1")
@@ -188,17 +153,12 @@ def page(text, kind="text/html"):
 TOO_MANY = '{"error": {"message": "Rate limit exceeded", "code": 429}}'
 FAULTS = {
     "an error in a 200": (page(TOO_MANY), "429"),
-    "an error as text": (page('{"error": "upstream is gone"}'), "upstream is gone"),
     "no choices": (page('{"choices": null}'), "without choices"),
     "abort": (ended("abort"), "'abort'"),
-    "error": (ended("error"), "'error'"),
-    "a reason of its own": (ended("insufficient_system_resource"), "insufficient_system"),
-    "tool calls": (ended("tool_calls"), "tool_calls"),
     "a page": (page("<html>502</html>"), "no JSON"),
-    "a stream": (page('data: {"choices": []}\n\n', "text/event-stream"), "no JSON"),
     "a dead engine": ((500, {}, b'{"error": {"message": "EngineCore is dead"}}'), "dead"),
     **{str(code): ((code, {}, b'{"error": {"message": "later"}}'), str(code))
-       for code in (402, 408, 409, 425, 520, 524, 529, 599)},
+       for code in (402, 408, 529)},
 }  # fmt: skip
 
 
@@ -210,28 +170,7 @@ def test_fault_of_the_server_in_any_dress_is_the_server_s_in_its_words_and_asked
         with pytest.raises(ServerLost, match=re.escape(words)) as raised:
             model.complete(PROMPT)
     assert not raised.value.agents_own
-    assert len(seen) == (1 if dress in ("402", "425") else 2)
-
-
-@pytest.mark.parametrize("dress", ["an error in a 200", "abort", "a page", "a stream"])
-def test_answer_that_comes_when_asked_again_is_the_answer(dress):
-    answers = iter([FAULTS[dress][0], chat("GoToObject(robot, 'Mug')")])
-    with wire_server(lambda *_: next(answers)) as (url, _):
-        said = HostedLanguageModel(endpoint(url, retries=2)).complete(PROMPT)
-    assert (said.text, said.finish, said.fault) == ("GoToObject(robot, 'Mug')", "stop", "")
-
-
-@pytest.mark.parametrize("reason", [None, "stop", "eos", "stop_sequence", "end_turn"])
-def test_end_that_is_an_end_lets_an_answer_be(reason):
-    with wire_server(lambda *_: ended(reason)) as (url, _):
-        assert HostedLanguageModel(endpoint(url)).complete(PROMPT).fault == ""
-
-
-@pytest.mark.parametrize("reason", ["length", "max_tokens"])
-def test_limit_that_cuts_is_a_fault_whatever_it_is_called(reason):
-    with wire_server(lambda *_: ended(reason)) as (url, _):
-        said = HostedLanguageModel(endpoint(url)).complete(PROMPT)
-    assert (said.finish, said.fault != "") == ("length", True)
+    assert len(seen) == (1 if dress == "402" else 2)
 
 
 def test_embedding_of_nothing_is_the_server_s_fault():
@@ -264,18 +203,6 @@ def test_odd_answer_is_a_model_error_naming_model_and_host(data, named):
     assert str(caught.value).startswith("gpt-x at 127.0.0.1: ")
 
 
-@pytest.mark.parametrize(
-    ("row", "named"),
-    [("x", "no row"), ([], "length 0"), ([0.0, 0.0], "length 0"), ([1.0, 1e999], "no JSON")],
-)
-def test_odd_row_is_a_model_error(row, named):
-    data = json.dumps({"data": [{"embedding": row}]}).encode()
-    with wire_server(lambda *_: (200, {}, data)) as (url, _):
-        embedder = HostedEmbedder(endpoint(url))
-        with pytest.raises(ModelError, match=named):
-            embedder.embed(["x"])
-
-
 def test_rows_of_two_sizes_are_refused():
     rows = iter([[1.0, 0.0], [1.0]])
     reply = lambda *_: (200, {}, json.dumps({"data": [{"embedding": next(rows)}]}).encode())  # noqa: E731
@@ -292,13 +219,6 @@ def test_server_that_is_not_there_is_named_with_a_fix():
         HostedLanguageModel(endpoint(f"http://127.0.0.1:{free_port()}/v1")).complete(PROMPT)
 
 
-def test_refused_request_is_tried_again_as_often_as_told():
-    replies = iter([(503, {"retry-after-ms": "1"}, b"{}"), chat("well")])
-    with wire_server(lambda *_: next(replies)) as (url, seen):
-        found = HostedLanguageModel(endpoint(url, retries=1)).complete(PROMPT)
-    assert (found.text, len(seen)) == ("well", 2)
-
-
 def test_server_that_says_nothing_is_given_up_after_the_timeout():
     over = threading.Event()
     with wire_server(lambda *_: over.wait(60) and chat("late")) as (url, _):
@@ -312,15 +232,6 @@ def test_missing_package_is_named_with_the_command_that_brings_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "openai", None)
     with pytest.raises(ModelError, match=r"To fix: pip install 'karma-offline\[hosted\]'"):
         HostedLanguageModel(endpoint("http://127.0.0.1:9/v1"))
-
-
-def test_redirection_to_another_host_is_not_followed():
-    to = {"Location": "http://192.0.2.1/v1/chat/completions"}
-    with wire_server(lambda *_: (307, to, b"")) as (url, seen):
-        model = HostedLanguageModel(endpoint(url))
-        with pytest.raises(ModelError, match="HTTP 307"):
-            model.complete(PROMPT)
-    assert len(seen) == 1
 
 
 # ----------------------------------------------------------------- the bill

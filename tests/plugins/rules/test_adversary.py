@@ -25,9 +25,9 @@ from karma.assistant.replies import AgentReply
 from karma.contracts import Completion, SceneRef, SkillCall, SubTask
 from karma.household.containment import goes_in
 from karma.household.types import object_types
-from karma.plugins.alfred.sentences import names_its_place, program_of, read_sentences
 from karma.plugins.rules.method import joined, reader_of
 from karma.plugins.rules.request_checker import Guard, cannot_serve
+from karma.plugins.training.goal_sentences import names_its_place, program_of, read_sentences
 from karma.plugins.training.sources import Sources
 from karma.seeds import stream
 from karma.world.sim import EmbeddedWorld

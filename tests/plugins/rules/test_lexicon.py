@@ -10,7 +10,7 @@ from karma.agent.planning.prompt import compact
 from karma.contracts import PlanRequest
 from karma.household.pieces import base_type
 from karma.household.types import object_types, types_with
-from karma.language.lexemes import (
+from karma.plugins.rules.language.lexemes import (
     Lexemes,
     every_word,
     lexicon,

@@ -7,7 +7,8 @@ import pytest
 from karma.agent.planning.expert import ExpertView, NamedThing
 from karma.agent.planning.program import parse_program
 from karma.errors import FileError
-from karma.plugins.alfred.sentences import (
+from karma.plugins.training.drawing.memories import room_of
+from karma.plugins.training.goal_sentences import (
     GoalFacts,
     Sentence,
     facts_of,
@@ -17,7 +18,6 @@ from karma.plugins.alfred.sentences import (
     read_steps,
     truth_of,
 )
-from karma.plugins.training.drawing.memories import room_of
 from karma.plugins.training.samples import draw_alfred, draw_step
 from karma.seeds import stream
 from karma.world.core import scene

@@ -10,14 +10,11 @@ import pytest
 from support.paths import ROOT
 
 from karma.agent.goals.files import load_tasks, load_texts
-from karma.language.lexemes import every_word
 from karma.plugins.alfred.published_tasks import load_authors_tasks
-from karma.plugins.alfred.sentences import (
-    plain,
-    read_sentences,
-    read_steps,
-)
+from karma.plugins.alfred.sentences import plain
+from karma.plugins.rules.language.lexemes import every_word
 from karma.plugins.training.drawing.phrases import Book, disjoint_book, our_book
+from karma.plugins.training.goal_sentences import read_sentences, read_steps
 from karma.plugins.training.sources import Sources
 
 _SLOT = re.compile(r"\{\w+\}")

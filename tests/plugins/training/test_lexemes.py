@@ -7,7 +7,7 @@ import pytest
 
 from karma.agent.goals.files import load_tasks
 from karma.files import to_json, write_atomic
-from karma.language.lexemes import (
+from karma.plugins.rules.language.lexemes import (
     Lexemes,
     UnseenWords,
     every_word,

@@ -8,7 +8,7 @@ import pytest
 
 from karma.agent.planning.program import parse_program, parse_refusal
 from karma.contracts import REFUSAL_KINDS
-from karma.language.lexemes import types_called
+from karma.plugins.rules.language.lexemes import types_called
 from karma.plugins.training import refusals
 from karma.plugins.training.drawing.memories import generated_rooms
 from karma.plugins.training.drawing.phrases import our_book

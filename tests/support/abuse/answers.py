@@ -154,14 +154,12 @@ def _as_lines(bad: str, folder: Path) -> None:
 def _in_a_page(bad: str, folder: Path) -> None:
     from karma.agent.journal.run_folder import read_run
     from karma.bench.figures.results import result_of
-    from karma.bench.report.html import Frames, script_data
-    from karma.bench.report.page import page_of, render
+    from karma.bench.report.page import render
     from support.made_records import episode, sub, write_run
 
-    assert not set(str(script_data({bad: bad}))) & set("<>&")
     found = episode(sub("OPEN(Fridge): 1", instruction=bad), row=bad, task=bad, error=bad)
     run = read_run(write_run(folder / "run", [found], name=bad))
-    page = render(page_of(run, result_of(run, {}), []), Frames())
+    page = render(run, result_of(run, {}), [])
     assert "<script" not in page
     assert "<img src=x" not in page
     assert 'href="http' not in page

@@ -375,7 +375,7 @@ def _map_on_full_disk(place: Path, rng: random.Random) -> None:
 
 
 OUTPUTS: tuple[tuple[str, ...], ...] = (
-    ("table", "RUN"), ("export", "RUN", "--to", "csv"), ("export", "RUN", "--to", "junit"),
+    ("table", "RUN"), ("export", "RUN"),
     ("report", "RUN"),
 )  # fmt: skip
 

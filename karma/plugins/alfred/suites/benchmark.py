@@ -253,6 +253,10 @@ class _AlfredSuite:
         theirs = [Path(one.tasks), Path(one.types), *room_files(Path(one.trials))]
         return [_HERE / one.benchmark / name for name in ("prompt.toml", "examples.toml")] + theirs
 
+    def pictures(self, records: Sequence[Any]) -> tuple[()]:
+        """Return no picture: the tables say all."""
+        return ()
+
     def begin(self, session: Session) -> Play:
         """Load rooms, lists of types and, where a row asks it, the planner.
 

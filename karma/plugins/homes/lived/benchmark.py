@@ -1,29 +1,32 @@
 """Lived-in homes as a run plays them: a chain for each row in each home, a record a day."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any, ClassVar
 
 from karma.agent.loading.models import filled
 from karma.bench.engine.suite import BenchmarkResults, Chain, Play
+from karma.bench.figures.drawing import Picture
 from karma.contracts import Embedder
 from karma.errors import KarmaError
 from karma.models.session import Session
 from karma.plugins.homes.habits import TABLE
 from karma.plugins.homes.lived.experiment import LivedExperiment
+from karma.plugins.homes.lived.pictures import curves_picture, lived_pictures
 from karma.plugins.homes.lived.play import HomeLife
 from karma.plugins.homes.lived.reading import Reader
 from karma.plugins.homes.lived.request import FORMS, LivedRecord
 from karma.plugins.homes.lived.table import (
+    by_day,
     figures_of,
     kinds_sheet,
     known_sheet,
     remarks_on,
+    stale_shares,
     truth_sheet,
     work_sheet,
 )
-from karma.plugins.homes.lived.trace import HomeTrace, HomeTracer
 from karma.plugins.homes.memory.ageing import PRIOR
 
 
@@ -66,22 +69,11 @@ class LivedHomes:
 
         return played
 
-    def trace(
-        self, chain: Chain, days: int, *, after_day: Callable[[], object] = lambda: None
-    ) -> tuple[list[LivedRecord], HomeTrace]:
-        """Live the first days of a chain again; return their records, and what went on."""
-        tracer, records = HomeTracer(), []
-        with closing(self._life(chain, Reader(self._embedder(Session())), tracer)) as life:
-            for day in range(days):
-                records.append(life.day(day))
-                after_day()
-            return records, tracer.trace
-
-    def _life(self, chain: Chain, reader: Reader, tracer: HomeTracer | None = None) -> HomeLife:
+    def _life(self, chain: Chain, reader: Reader) -> HomeLife:
         one, home = self._experiment, chain.tasks[0].rpartition("/")[0]
         row = next(row for row in one.rows if row.name == chain.row)
         spec = next(spec for spec in one.specs() if spec.name == home)
-        return HomeLife(one, row, spec, chain.seed, reader, tracer)
+        return HomeLife(one, row, spec, chain.seed, reader)
 
     def results(self, records: Sequence[LivedRecord]) -> BenchmarkResults:
         """Return success by kind of request, and what lies behind it."""
@@ -96,6 +88,14 @@ class LivedHomes:
             ),
             remarks=(*remarks_on(self._experiment), *self._without_room(records)),
         )
+
+    def pictures(self, records: Sequence[LivedRecord]) -> list[Picture]:
+        """Return success by kind, over settings, and over days where there is one setting."""
+        found = list(lived_pictures(figures_of(records), stale_shares(records)))
+        if len({one.setting for one in records}) == 1 and len({one.day for one in records}) > 1:
+            days = by_day(records)
+            found.append(curves_picture("Over days lived", figures_of(days), stale_shares(days)))
+        return found
 
     def _without_room(self, records: Sequence[LivedRecord]) -> Iterator[str]:
         """Yield the settings whose homes have fewer things than were asked for."""

@@ -32,7 +32,6 @@ class HomeRobot:
         self, household: Household, home_map: HomeMap, tell: Callable[[HomeMoment], None]
     ) -> None:
         self.household, self.map, self._tell = household, home_map, tell
-        self.watch: Callable[[Pose, float], None] | None = None  # shown each walk: from where, when
         self._reach = Reach(self, home_map, SkillLimits(), MetadataEyes(), {})
         self._walker, self._hand = self._reach.walker, Handling(self._reach)
         self.actions = 0  # of the world; the first asks for the map of the floor
@@ -151,15 +150,11 @@ class HomeRobot:
 
     def _managed(self, do: Callable[[], str | bool]) -> bool:
         """Do something with the body; False where it cannot be done."""
-        begun_s, start = self.time_s, self.household.world.state.pose
         self._walker.start()
         try:
-            done = do() is not False
+            return do() is not False
         except (RefusedError, OutOfActionsError):
-            done = False
-        if self.watch is not None and self.household.world.state.pose != start:
-            self.watch(start, begun_s)
-        return done
+            return False
 
     # ------------------------------------------------------------- what happens
 

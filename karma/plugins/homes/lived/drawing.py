@@ -15,7 +15,6 @@ import numpy as np
 from karma.household.places import HAND
 from karma.household.saying import plural_of
 from karma.household.types import object_types
-from karma.language.lexemes import takes_article
 from karma.plugins.homes.lived.request import (
     HomeView,
     LivedKind,
@@ -28,6 +27,7 @@ from karma.plugins.homes.lived.request import (
 )
 from karma.plugins.homes.types import Asked, Deed, Sighting
 from karma.plugins.rules.language.clock import span_of, spans
+from karma.plugins.rules.language.lexemes import takes_article
 
 T = TypeVar("T")
 TRIES = 24

@@ -29,7 +29,6 @@ from karma.plugins.homes.lived.request import (
     room_right,
 )
 from karma.plugins.homes.lived.serve import Server
-from karma.plugins.homes.lived.trace import HomeTracer
 from karma.plugins.homes.memory.setting import MemorySetting, is_of_past, types_meant
 from karma.plugins.homes.residents import Household
 from karma.plugins.homes.types import Fact, HomeMemory, HomeMoment, HomeQuestion, Sighting
@@ -54,7 +53,8 @@ class TouredHome:
     moments: tuple[HomeMoment, ...]  # that the tour showed
 
 
-def tour(spec: HomeSpec, seed: int, tracer: HomeTracer | None = None) -> TouredHome:
+@lru_cache(maxsize=2)  # shared by all rows of a home
+def toured(spec: HomeSpec, seed: int) -> TouredHome:
     """Return a home whose robot has looked at and into everything once, before the first day."""
     scene = build_home(
         spec.rooms, seed + spec.number, name=f"home_{spec.number}", things=spec.setting.things
@@ -66,8 +66,6 @@ def tour(spec: HomeSpec, seed: int, tracer: HomeTracer | None = None) -> TouredH
     moments: list[HomeMoment] = []
     robot = HomeRobot(household, home, moments.append)
     start = household.now(home.places)
-    if tracer is not None:
-        tracer.enter(scene, household, robot)
     robot.wait(TOUR_H * HOUR_S)
     for place_id in nearest_next(robot, home.places):
         robot.look_at(place_id)
@@ -80,22 +78,16 @@ def tour(spec: HomeSpec, seed: int, tracer: HomeTracer | None = None) -> TouredH
     )
 
 
-toured = lru_cache(maxsize=2)(tour)  # one for all rows of a home
-
-
 class HomeLife:
-    """One row in one home, from the first tour on.
-
-    A tracer writes down what goes on; records are the same without one.
-    """
+    """One row in one home, from the first tour on."""
 
     def __init__(
         self, experiment: LivedExperiment, row: LivedRow, spec: HomeSpec, seed: int,
-        reader: Reader, tracer: HomeTracer | None = None,
+        reader: Reader,
     ) -> None:  # fmt: skip
         self._experiment, self._row, self._spec, self._seed = experiment, row, spec, seed
-        self._reader, self._tracer = reader, tracer
-        home = toured(spec, seed) if tracer is None else tour(spec, seed, tracer)
+        self._reader = reader
+        home = toured(spec, seed)
         self._map, self._start, self._people = home.map, home.start, spec.people(seed)
         self._household = home.household.fork()
         self._robot = HomeRobot(self._household, self._map, self._take_in)
@@ -106,8 +98,6 @@ class HomeLife:
         self._serving = False
         self._seen: dict[str, Sighting] = {}  # the last of each thing, whatever its memory
         self._rooms = tuple(self._map.in_rooms())
-        if tracer is not None:
-            tracer.follow(self._household, self._robot)
         for moment in home.moments:
             self._take_in(moment)
 
@@ -177,8 +167,6 @@ class HomeLife:
     def _take_in(self, moment: HomeMoment) -> None:
         self._memory.take_in(moment)
         self._seen.update((seen.object_id, seen) for seen in moment.seen)
-        if self._tracer is not None:
-            self._tracer.learnt(moment)
         if not self._serving:
             self._scheduled.append(moment)
 
@@ -213,7 +201,7 @@ class HomeLife:
         else:
             right = answered_rightly(request, answer, now)
         effort = self._server.effort
-        served = ServedRequest(
+        return ServedRequest(
             kind=request.kind,
             asked=request.asked,
             text=request.text,
@@ -229,9 +217,6 @@ class HomeLife:
             known_s=known_s if known_s is None else round(known_s, 1),
             doubts=tuple(_checked(fact, truth) for fact in effort.doubts),
         )
-        if self._tracer is not None:
-            self._tracer.served(request, truth, effort.went_by, answer, served)
-        return served
 
     def _times_seen(self, request: LivedRequest, now: dict[str, Sighting]) -> Iterator[float]:
         """Yield when the things that may be meant were seen last, of those that are still there."""

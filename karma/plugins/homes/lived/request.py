@@ -12,9 +12,9 @@ import numpy as np
 from karma.files import read_toml
 from karma.household.places import ON_TOP
 from karma.household.types import in_words
-from karma.language.lexemes import lexicon, pick_common, types_called, unseen_lexicon
 from karma.plugins.homes.memory.setting import KnownPlace
 from karma.plugins.homes.types import Asked, Deed, HomeAnswer, HomeMoment, Sighting
+from karma.plugins.rules.language.lexemes import lexicon, pick_common, types_called, unseen_lexicon
 from karma.seeds import stream
 
 FORMS = Path(__file__).with_name("forms.toml")

@@ -44,7 +44,6 @@ class Effort:
     tokens: int = 0
     first: Sighting | None = None  # the thing that it took to be meant, where memory had it
     doubts: list[Fact] = field(default_factory=list)  # of now, before anything was done
-    went_by: list[Fact] = field(default_factory=list)  # what memory said, in the order of use
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,7 +115,6 @@ class Server:
             fact = (now if object_id in known else told).latest(object_id)
             kind = next(f.sighting.object_type for f in meant if f.sighting.object_id == object_id)
             targets.append(MeantThing(object_id=object_id, object_type=kind, fact=fact))
-        self.effort.went_by += [one.fact for one in targets[:1] if one.fact is not None]
         return targets
 
     def _place_of(self, question: HomeQuestion, other: SaidThing, said: SaidThing) -> str | None:
@@ -173,7 +171,6 @@ class Server:
         at = max((fact for fact in facts if _seen_s(fact) <= before), key=_seen_s, default=None)
         if at is None:
             return HomeAnswer(unknown=True)
-        self.effort.went_by.append(at)
         return _answer(self._robot, at.sighting, None)
 
     def _when_or_who(self, question: HomeQuestion) -> HomeAnswer:
@@ -185,7 +182,6 @@ class Server:
         )
         if newest is None:
             return HomeAnswer(unknown=True)
-        self.effort.went_by.append(newest)
         if question.asked == "who":
             return HomeAnswer(who=newest.deed.who if newest.deed else "")
         by_deed = newest.deed if question.thing.action else None
@@ -205,7 +201,6 @@ class Server:
         if not facts and not self._recall(plain(question)).facts:
             return HomeAnswer(unknown=True)
         there = [fact for fact in facts if fact.holds is None or fact.holds >= COUNTED]
-        self.effort.went_by += there
         lost = {one for one, fact in newest if fact is None}
         anywhere = replace(said, place_types=(), room="")
         fitting = {

@@ -21,10 +21,9 @@ _DETERMINERS = (
     r"\s+)*"
 )
 _IN = r"in|inside|into|within|on|onto|at|from|out of"
-_UNDER = r"under|underneath|below|beneath"
-_NEAR = r"near|by|beside|next to|close to|around"
-_AT = re.compile(rf"\b(?:{_IN}|(?P<under>{_UNDER})|(?P<near>{_NEAR}))\s+{_DETERMINERS}$")
-_HANGING = re.compile(rf"\b(?:{_IN}|(?P<near>{_NEAR}))\W*$")
+_BESIDE = r"under|underneath|below|beneath|near|by|beside|next to|close to|around"
+_AT = re.compile(rf"\b(?:{_IN}|(?P<beside>{_BESIDE}))\s+{_DETERMINERS}$")
+_HANGING = re.compile(rf"\b(?:{_IN})\W*$")
 _IS_ON = re.compile(r"(?:\b(?:is|are|was|were|still|left)|'s) on\W*$")  # a state, no place
 _HOLDS = re.compile(r"\s*(?:still )?(?:has|have|had|holds?|contains?)\b")
 _OPEN = re.compile(r"\b(?:anything|something|everything|all|stuff|things?)\b")
@@ -44,7 +43,7 @@ class AskedQuestion:
         self.asks = next((word for word in self.words[:4] if word in ASKING), "")
         self.first = self.words[0] if self.words else ""
         self.open = bool(_OPEN.search(self.raw))
-        self.near = self.under = False  # it asks beside or below those places, not in or on them
+        self.beside = False  # it asks beside or below those places, not in or on them
         self._places: list[str] = []  # the words by which they are said
         named = [self._as_here(one) for one in self._things_in(request)]
         at = [one for one in named if self._is_place(one)]
@@ -81,8 +80,7 @@ class AskedQuestion:
         found = _AT.search(self.raw[: one.start]) if one.start > 0 else None
         if found is None:
             return False
-        self.near = self.near or found["near"] is not None
-        self.under = self.under or found["under"] is not None
+        self.beside = self.beside or found["beside"] is not None
         self._places.append(self.raw[found.start() : one.end])
         return True
 
@@ -96,12 +94,6 @@ class AskedQuestion:
             return named[:1]
         more = len(named) > 1 or self.open
         return named[:1] if more and _HOLDS.match(tail) else []
-
-    @property
-    def hangs_near(self) -> bool:
-        """Whether it ends in a word of nearness: "what is the mug next to?"."""
-        found = _HANGING.search(self.raw)
-        return found is not None and found["near"] is not None
 
     def has(self, *words: str) -> bool:
         """Return whether one of these words stands in it."""

@@ -69,8 +69,7 @@ class RulesAssistant:
         text = of_another(text, self._question, self._reader)
         text = corrected(text, self._instruction, self._reader)
         past = self._agent.home.past
-        seen = {name: sight for name, (sight, _) in self._agent.known.last_seen().items()}
-        plain = history.in_plain_words(text, past, self._reader, seen)
+        plain = history.in_plain_words(text, past, self._reader)
         read = self._reader.read(plain.text, *self._antecedents(ahead))
         usual = history.habits(past, self._reader)
         found: list[ParsedRequest] = []

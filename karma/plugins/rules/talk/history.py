@@ -1,29 +1,26 @@
-"""What the log of a home says of things: who moved them, what is theirs, where they go back to.
+"""Resolve references to the log: what was moved, and where objects go back to or always belong.
 
-A request may speak of it: "put it back where it was", "the first thing you put away", "put the
-apple away" where apples go into the fridge. It is then said in plain words, and carried out so.
+"Put it back where it was", or "put the apple away" when apples go into the fridge, is said in plain
+words and carried out so.
 """
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from karma.agent.journal.formats import plural
 from karma.agent.planning.program import DEEDS, PUTS
 from karma.agent.seeing.perceive import place_of
 from karma.assistant.session_log import PLACE_TOLD, TOLD, PastAction, PastRequest
 from karma.contracts import SeenObject, SkillResult
-from karma.household.deeds import DEED_KINDS
 from karma.household.ids import type_of
 from karma.household.pieces import base_type
 from karma.household.places import FLOOR, HAND
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types
-from karma.household.uses import BURNER, KNOB
+from karma.household.uses import KNOB
 from karma.plugins.rules.language.clauses import said
 from karma.plugins.rules.language.request import RequestReader
 from karma.plugins.rules.language.request_words import (
-    base_of_deed,
     deed_verbs,
     is_usual,
     request_words,
@@ -32,7 +29,7 @@ from karma.plugins.rules.types import Mention, Request, SaidDeed
 
 _LINKS = "in|on|into|onto|to|at|under|from|near|next|back|away|where|wherever|with|and|then"
 _IT = (
-    "(?P<it>both of them|them both|both|it|them|that|this"
+    "(?P<it>it|them|that|this"
     rf"|(?:the|my|that|this)(?: (?!(?:{_LINKS})\b)\w+){{1,4}})"
 )
 _BACK = re.compile(
@@ -42,40 +39,8 @@ _BACK = re.compile(
     r"|(?P<habit>belongs?|goes|go|lives?))(?: before)?)?(?=[.,;!]|$| and | then )",
     re.IGNORECASE,
 )
-_ORDINAL = re.compile(
-    r"\bthe (?P<which>first|last) (?:thing|one) (?:that )?you (?:have )?"
-    r"(?:put (?:away|down)|moved|picked up|took|taken|handled|carried|stored)\b",
-    re.IGNORECASE,
-)
-_DONE_TO = re.compile(
-    r"\b(?:the|that|whatever) (?:thing|one|object|item) (?:that |which )?(?:you|we) "
-    r"(?:have |had )?(?:just |last )?(?P<deed>[a-z]+)"
-    r"(?: (?P<way>off|up|down|away|out|(?<=turned )on|(?<=switched )on)\b)?",
-    re.IGNORECASE,
-)
-_ALL_DONE_TO = re.compile(
-    r"\b(?:everything|whatever|anything|all(?: of)?(?: that| the things)?|the (?:things|ones))"
-    r" (?:that |which )?(?:you|we)(?:'ve| have| had| just)* "
-    r"(?P<deed>(?!(?:left|do|did|want|need|like|know|say|said|see|can|have)\b)[a-z]+)"
-    r"(?: (?P<way>off|up|down|away|out|(?<=turned )on|(?<=switched )on)\b)?",
-    re.IGNORECASE,
-)
-_ASKS = re.compile(
-    r"\W*(?:did|do|have|has|is|are|was|were|what|which|where|who|when|how|why)\b", re.IGNORECASE
-)
 _TAUGHT = re.compile(
     r"^\W*(?:please )?(?:remember|keep in mind|note|don't forget) that +", re.IGNORECASE
-)
-_BESIDE_IT = re.compile(
-    r"(?P<order>\b(?:put|place|set|leave|bring|move|drop|lay|pop|open|close|shut)\b[^.,;?]*?) "
-    rf"where(?:ver)? (?P<thing>(?:the|my|your)(?: (?!(?:{_LINKS})\b)\w+){{1,3}}?)"
-    r" (?:is|are|was|were|lies|lie|stands|sits)(?: now| too| already)?(?=[.;!,]|$| and | then )",
-    re.IGNORECASE,
-)
-_SWAP = re.compile(
-    r"\b(?:swap|exchange)(?: around)? (?P<one>(?:the|my) [\w ]+?) (?:and|with|for)"
-    r" (?P<other>(?:the|my) [\w ]+?)(?: around| over| places)?(?=[.!]*$)",
-    re.IGNORECASE,
 )
 _AND_BACK = re.compile(r"(?:,? and|, then| then)+ back(?: again)?(?=[.!]?$)", re.IGNORECASE)
 _TELL = re.compile(
@@ -83,11 +48,6 @@ _TELL = re.compile(
 )
 _USUAL = re.compile(r"\b(?:always|usually|belongs?)\b[^.;!]*[.;!]", re.IGNORECASE)
 _CUTS = re.compile(r"[.;!]|,? (?:and )?then\b|,|\band\b", re.IGNORECASE)
-_ACTIONS = {
-    "open": "OpenObject", "close": "CloseObject", "on": "ToggleObjectOn", "off": "ToggleObjectOff",
-    "slice": "SliceObject", "break": "BreakObject",
-}  # by which things a deed was done to  # fmt: skip
-_BOTH = 2
 _BELONGS = frozenset(("belongs", "belong", "goes", "go", "lives", "live"))
 _JOINING = frozenset(("and", "the", "all", "my", "our"))  # words between things that go alike
 _POINTING = frozenset(
@@ -104,7 +64,6 @@ class Move:
     after: str | None  # of where it was seen next; None: on nothing that was seen
     at_s: float
     said: str  # the request by which the agent moved it; "" where somebody else did
-    told: bool = False  # a person said so
 
 
 def moves(past: Sequence[PastRequest]) -> list[Move]:
@@ -122,7 +81,7 @@ def moves(past: Sequence[PastRequest]) -> list[Move]:
                     if can_move(sight) and before and before != then:
                         found.append(
                             Move(object_id=name, before=before, after=then, at_s=errand.at_s,
-                                 said=own, told=errand.status == PLACE_TOLD)
+                                 said=own)
                         )  # fmt: skip
                 places[name] = after
     return found
@@ -255,9 +214,7 @@ def in_turn(text: str) -> list[str]:
     ['wash the mug', 'put it back where it was']
     """
     text = _AND_BACK.sub(", then put it back where it was", text)  # "to the bath, then back again"
-    kinds = (_ORDINAL, _DONE_TO, _ALL_DONE_TO)
-    speaks = [one.start() for kind in kinds for one in kind.finditer(text)]
-    speaks += [one.start() for one in _BACK.finditer(text) if _goes_back(one)]
+    speaks = [one.start() for one in _BACK.finditer(text) if _goes_back(one)]
     speaks += [one.start() for one in _TELL.finditer(text)]
     cuts = [0]
     for at in sorted(speaks):
@@ -284,28 +241,13 @@ def _goes_back(found: re.Match[str]) -> bool:
     return re.search(r"\b(?:back|return|where)", found[0], re.IGNORECASE) is not None
 
 
-def in_plain_words(
-    text: str,
-    past: Sequence[PastRequest],
-    reader: RequestReader,
-    seen: Mapping[str, SeenObject] | None = None,
-) -> PlainRequest:
-    """Return a request with what it says of the log said plainly; as it is where that is unknown.
-
-    `seen` has the latest sights, by id.
-    """
-    spoken = (_ORDINAL, _DONE_TO, _ALL_DONE_TO, _BACK, _BESIDE_IT, _SWAP)
-    if not any(kind.search(text) for kind in spoken):
+def in_plain_words(text: str, past: Sequence[PastRequest], reader: RequestReader) -> PlainRequest:
+    """Return a request with what refers to the log said plainly; unchanged if that is unknown."""
+    if not _BACK.search(text):
         return PlainRequest(text, {})
-    speaking = _SpeakingOfThePast(past, reader, seen or {})
-    text = _ORDINAL.sub(speaking.ordinal, text)
-    text = _DONE_TO.sub(speaking.done_to, text)
-    if not _ASKS.match(text):
-        text = _ALL_DONE_TO.sub(speaking.all_done_to, text)
-    text = _BACK.sub(speaking.back, text)
-    text = _BESIDE_IT.sub(speaking.beside_it, text)
-    text = _SWAP.sub(speaking.swap, text)
-    return PlainRequest(text, speaking.means, tuple(speaking.unknown))
+    references = _LogReferences(past, reader)
+    text = _BACK.sub(references.back, text)
+    return PlainRequest(text, references.means, tuple(references.unknown))
 
 
 def with_habits(request: Request, usual: Mapping[str, str]) -> Request:
@@ -332,20 +274,15 @@ def with_habits(request: Request, usual: Mapping[str, str]) -> Request:
     return replace(request, deeds=deeds, form="errand", lacking="", errand=errand)
 
 
-class _SpeakingOfThePast:
-    """Says plainly what is said of the log, and keeps what that means."""
+class _LogReferences:
+    """Says plainly what refers to the log, and keeps what that means."""
 
-    def __init__(
-        self, past: Sequence[PastRequest], reader: RequestReader, seen: Mapping[str, SeenObject]
-    ) -> None:
-        self._seen = seen
+    def __init__(self, past: Sequence[PastRequest], reader: RequestReader) -> None:
         self._moves = [one for one in moves(past) if one.said]
         self._taken = [
             (name, place) for one in past for change in one.changes for name, place in change.taken
         ]
         self._usual, self._reader = habits(past, reader), reader
-        self._past = past
-        self._done = [one for one in past if one.status == "done"]
         self.means: dict[str, str] = {}
         self.unknown: list[str] = []
 
@@ -354,57 +291,9 @@ class _SpeakingOfThePast:
         if type_of(name) not in (FLOOR, KNOB):
             self.means[base_type(type_of(name))] = name
 
-    def _not_known(self, words: str) -> str:
-        """Note that nothing in the log answers to some words, and return them."""
-        self.unknown.append(words)
-        return words
-
-    def ordinal(self, found: re.Match[str]) -> str:
-        """Return "the apple" for the first thing that was put away."""
-        put = [one for one in self._moves if one.after not in (None, HAND, FLOOR)]
-        if not put:
-            return self._not_known(found[0])
-        name = put[0 if found["which"].lower() == "first" else -1].object_id
-        self._mean(name)
-        return f"the {name_of(name)}"
-
-    def done_to(self, found: re.Match[str]) -> str:
-        """Return "the laptop" for "the thing you just closed"."""
-        asked = self._deeds_of(found)
-        for errand in reversed(self._done):
-            for deed in (deed for one in self._reader.read(errand.said) for deed in one.deeds):
-                if deed.deed in asked and deed.things and deed.things[0].types:
-                    return f"the {deed.things[0].text}"
-        return self._not_known(found[0])
-
-    def all_done_to(self, found: re.Match[str]) -> str:
-        """Return "the mug and the plate" for "everything you washed"."""
-        deeds = self._deeds_of(found)
-        if not deeds & DEED_KINDS.keys():  # "I appreciate everything you do"
-            return found[0]
-        done = (done_to(self._past, deed, self._reader) for deed in sorted(deeds))
-        names = [name for things in done for name in things]
-        words: list[str] = []
-        for kind in dict.fromkeys(map(_kind_switched, names)):
-            those = {name for name in names if _kind_switched(name) == kind}
-            known = {name for name in self._seen if base_type(type_of(name)) == kind}
-            if len(those) == 1:
-                self._mean(*those)
-            elif known != those:  # words tell all of a kind, or one of it
-                return self._not_known(found[0])
-            words.append("the " + plural(len(those), name_of(kind)).removeprefix("1 "))
-        return " and ".join(words) or self._not_known(found[0])
-
-    def _deeds_of(self, found: re.Match[str]) -> set[str]:
-        """Return the deeds that "washed" or "turned on" may mean."""
-        order = f"{base_of_deed(found['deed'].lower())} {found['way'] or ''} it".replace("  ", " ")
-        return {deed.deed or deed.verb for one in self._reader.read(order) for deed in one.deeds}
-
     def back(self, found: re.Match[str]) -> str:
         """Return "put the apple on the table" for "put it back", where the log knows both."""
         words = found["it"]
-        if "both" in words.lower():
-            return self._both_back(found)
         kinds = _kinds_of(words, self._reader)
         moved = [(one.object_id, one.before) for one in self._moves]
         about = [one for one in self._taken if base_type(type_of(one[0])) in kinds]
@@ -415,57 +304,12 @@ class _SpeakingOfThePast:
             place = self._usual.get(kind)
             return found[0] if place is None else f"put {name} {told_place(place)}"
         if _goes_back(found) and last is None and (kinds or self._moves):
-            self._not_known(found[0])  # the log has no place to which it would go back
+            self.unknown.append(found[0])  # the log has no place to which it would go back
         if not _goes_back(found) or last is None or type_of(last[1]) == HAND:
             return found[0]
         self.means[kind] = last[0]
         self._mean(last[1])
         return f"put {name} {told_place(last[1])}"
-
-    def _both_back(self, found: re.Match[str]) -> str:
-        """Return where two things go back to that were moved last: "put them both back"."""
-        first: dict[str, str] = {}
-        for one in reversed(self._moves):
-            if one.before != HAND and one.object_id not in first and len(first) < _BOTH:
-                first[one.object_id] = one.before
-        if len(first) < _BOTH or not _goes_back(found):
-            return self._not_known(found[0])
-        for name, place in first.items():
-            self._mean(name)
-            self._mean(place)
-        told = (f"put the {name_of(name)} {told_place(place)}" for name, place in first.items())
-        return " and ".join(told)
-
-    def beside_it(self, found: re.Match[str]) -> str:
-        """Return "put the fork in the drawer" for "put the fork where the spoon is"."""
-        place = next((place for _, place in self._lying(found["thing"])), None)
-        if place is None or type_of(place) == FLOOR:
-            self._not_known(found[0][len(found["order"]) + 1 :])
-            return found[0]
-        self._mean(place)
-        told = found["order"].lower().endswith(f" {name_of(place)}")  # "open the drawer where ..."
-        return found["order"] if told else f"{found['order']} {told_place(place)}"
-
-    def swap(self, found: re.Match[str]) -> str:
-        """Return "put the fork in the drawer and the pen on the desk", where they lie so now."""
-        lying = [self._lying(found["one"]), self._lying(found["other"])]
-        places = [type_of(place) for things in lying for _, place in things]
-        if [len(things) for things in lying] != [1, 1] or len({*places}) < _BOTH or FLOOR in places:
-            return self._not_known(found[0])
-        (one, here), (other, there) = (things[0] for things in lying)
-        for name in (one, here, other, there):
-            self._mean(name)
-        second = f"the {name_of(other)} {told_place(here)}"
-        return f"put the {name_of(one)} {told_place(there)} and {second}"
-
-    def _lying(self, words: str) -> list[tuple[str, str]]:
-        """Return what was seen of what words name, and where, but for what is in the hand."""
-        kinds = _kinds_of(words, self._reader)
-        sights = ((name, place_of(one)) for name, one in self._seen.items())
-        return [
-            (name, place) for name, place in sights
-            if base_type(type_of(name)) in kinds and place not in (None, HAND)
-        ]  # fmt: skip
 
 
 def _kinds_of(words: str, reader: RequestReader) -> tuple[str, ...]:
@@ -474,29 +318,6 @@ def _kinds_of(words: str, reader: RequestReader) -> tuple[str, ...]:
         return ()
     found = reader.read(f"find {words}")
     return next((thing.types for one in found for thing in one.mentions if thing.types), ())
-
-
-def done_to(past: Sequence[PastRequest], deed: str, reader: RequestReader) -> dict[str, float]:
-    """Return the things that a deed was done to and when it was last; a search opens things, too.
-
-    What no action tells of was carried by an errand that asked for the deed.
-    """
-    done: dict[str, float] = {}
-    for errand in past:
-        asked = [one for one in deeds_in(errand, reader) if one.deed == deed and one.done]
-        for did, given in errand.actions if asked or deed == "open" else ():
-            name = str(given.get("objectId", ""))
-            kind = _kind_switched(name)
-            meant = deed == "open" or any(kind in one.things or not one.things for one in asked)
-            if did == _ACTIONS.get(deed, "PickupObject") and meant:
-                done[name] = errand.at_s
-    return done
-
-
-def _kind_switched(name: str) -> str:
-    """Return the type of a thing by which people speak of it: a knob's burner."""
-    kind = base_type(type_of(name))
-    return BURNER if kind == KNOB else kind
 
 
 def looked_into(past: Sequence[PastRequest]) -> set[str]:

@@ -4,7 +4,6 @@ What was seen is told with its age; what was not seen is not guessed, and the an
 Nothing is done for a question.
 """
 
-import math
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -16,19 +15,18 @@ from karma.assistant.replies import MemoryAnswer
 from karma.assistant.session_log import PLACE_TOLD, STATE_TOLD
 from karma.contracts import SeenObject
 from karma.household.containment import has_door
-from karma.household.ids import root_id, type_of
+from karma.household.ids import root_id
 from karma.household.pieces import base_type
-from karma.household.places import HAND, NEAR_M
+from karma.household.places import HAND
 from karma.household.saying import name_of, told_place
 from karma.household.states import NEEDS
 from karma.household.types import object_types
-from karma.household.uses import BASIN_OF, BASINS, BELOW_SINKS, without_basin
 from karma.plugins.rules.language.request import RequestReader
 from karma.plugins.rules.language.request_words import request_words
 from karma.plugins.rules.object_finder import is_so
 from karma.plugins.rules.talk import log_answers
 from karma.plugins.rules.talk.asking import ASKING, AskedQuestion, can_hold
-from karma.plugins.rules.talk.history import habits, looked_into, moves
+from karma.plugins.rules.talk.history import habits, looked_into
 from karma.plugins.rules.talk.remembering import (
     MOST,
     Remembering,
@@ -119,46 +117,17 @@ def _what_lies_there(q: AskedQuestion, *, counted: bool = False) -> MemoryAnswer
     if not (empty or whether or asks or counted) or q.has("state", "done", "do"):
         return None
     place = (q.at or q.about)[-1]
-    if q.under and {*place.types} & {*BASIN_OF, *BASINS}:
-        place = replace(place, text="cabinet under it", types=BELOW_SINKS)
-    elif q.under:
-        return unknown(f"I cannot see what is under the {place.text}.")
+    if q.beside:
+        return unknown(f"I do not keep what is under or beside the {place.text}.")
     known = q.knows.of(place)
-    if q.near:
-        lying, where = _beside(q, [sight for sight, _ in known]), f"near the {place.text}"
-    else:
-        at = (one for one in q.knows.sights.values() if q.knows.lies_at(one[0], [place]))
-        lying = [one for one in at if one[0].pickupable]
-        where = told_place(known[0][0].object_id if known else place.types[0])
-    if q.has("was", "were") and (left := _what_left(q, place, lying)):
-        now = few(last_first(lying), lambda one: _the(one[0])) or "nothing that I have seen"
-        return answer(f"{where[0].upper()}{where[1:]} I saw before: {left}. By now: {now}.")
+    at = (one for one in q.knows.sights.values() if q.knows.lies_at(one[0], [place]))
+    lying = [one for one in at if one[0].pickupable]
+    where = told_place(known[0][0].object_id if known else place.types[0])
     if not lying:
         return _nothing_there(q, place, where, empty=empty)
     told = few(last_first(lying), lambda one: f"{_the(one[0])} ({q.knows.seen(*one)})")
     lead = "No. " if empty else "Yes. " if whether else f"{len(lying)}. " if counted else ""
     return answer(f"{lead}{where[0].upper()}{where[1:]}: {told}.")
-
-
-def _what_left(q: AskedQuestion, place: Mention, lying: Sequence[Sight]) -> str:
-    """Return what was seen at a place and has been moved from there since, "" for nothing."""
-    kinds, there = {*map(without_basin, place.types)}, {one.object_id for one, _ in lying}
-    left = dict.fromkeys(
-        one.object_id for one in reversed(moves(q.knows.past))
-        if without_basin(type_of(one.before)) in kinds and one.object_id not in there
-    )  # fmt: skip
-    return few([*left], lambda name: f"the {name_of(name)}")
-
-
-def _beside(q: AskedQuestion, those: Sequence[SeenObject]) -> list[Sight]:
-    """Return what can be carried and was seen within reach of some things."""
-    ids = {one.object_id for one in those}
-    return [
-        (sight, when)
-        for sight, when in q.knows.sights.values()
-        if sight.pickupable and sight.object_id not in ids and place_of(sight) != HAND
-        if any(math.dist(sight.position_m, one.position_m) <= NEAR_M for one in those)
-    ]
 
 
 def _nothing_there(
@@ -175,19 +144,6 @@ def _nothing_there(
     if ids:
         return unknown(f"I have seen nothing {where}.{shut}")
     return unknown(f"I have seen nothing {where}.{shut} {_OFFER}", look=_looking(place))
-
-
-def _what_is_beside(q: AskedQuestion) -> MemoryAnswer | None:
-    """Answer "what is the mug next to?"."""
-    if not (q.hangs_near and len(q.about) == 1 and not q.at):
-        return None
-    if not (found := q.knows.of(q.about[0])):
-        return _not_seen(q)
-    sight, when = found[0]
-    names = dict.fromkeys(_the(one) for one, _ in _beside(q, [sight]))
-    near = f", near {', '.join([*names][:MOST])}" if names else ""
-    seen = q.knows.seen(sight, when)
-    return answer(f"The {name_of(sight.object_id)} is {_place(q, sight)}{near}; {seen}.")
 
 
 def _which_are_so(q: AskedQuestion) -> MemoryAnswer | None:
@@ -254,16 +210,6 @@ def _what_is_held(q: AskedQuestion) -> MemoryAnswer | None:
     return answer(f"{lead}I hold {_the(held[0])}.")
 
 
-def _which_it_was(q: AskedQuestion) -> MemoryAnswer | None:
-    """Answer "what was the first thing you moved?", which names that thing by now."""
-    asks = q.asks in ("what", "which") and q.words[1:2] in (["was"], ["is"])
-    if not asks or len(q.things) != 1 or q.has("state", "in", "on", "inside", "under", "with"):
-        return None
-    kinds = {*q.things[0].types}
-    mine = [m for m in moves(q.knows.past) if m.said and base_type(type_of(m.object_id)) in kinds]
-    return answer(f"The {name_of(mine[-1].object_id)}.") if mine else None
-
-
 def _whether(q: AskedQuestion) -> MemoryAnswer | None:
     left = q.first == "did" and q.has("leave", "left") and bool(q.state)  # "did you leave it open"
     had = q.says(r"^(?:do|have|has) (?:we|you|i) (?:still )?(?:have|got)\b")
@@ -278,71 +224,25 @@ def _whether(q: AskedQuestion) -> MemoryAnswer | None:
     thing, places = q.things[0], q.at if q.about else ()
     if poured and not q.about:  # "is there water in the vase?"
         return _state_told(q, thing, q.knows.of(thing), "filled") if q.knows.of(thing) else None
+    several = len(q.about) > 1 and "or" not in q.words
+    if places and (several or q.beside or q.first in ("was", "were")):
+        return None
     found = q.knows.of(thing)
     if not found:
         told = _told_last(q, thing, -1.0, STATE_TOLD) if q.state else ""
         return answer(told) if told else _not_seen(q)
-    there = [one for one in found if _is_there(q, one[0], places)]
-    if places and len(q.about) > 1 and "or" not in q.words:
-        return _whether_each(q, places)
+    there = [one for one in found if q.knows.lies_at(one[0], places)]
     if q.state and (there or not places):  # "is the mug on the table dirty?"
         return _state_told(q, thing, there if places else found)
     if "there" in q.words[:3] or places or had or q.has("here"):
-        if (thing.number or 0) > 1:
-            return _whether_so_many(q, thing.number or 0, len(there))
-        if q.first in ("was", "were") and (before := _where_before(q, found, places)):
-            return answer(*before)
+        if (thing.number or 0) > 1 or q.has("than"):
+            return answer(f"{len(there)} that I have seen.")
         sight, when = (there or found)[0]
         yes = "Yes" if there else "No, not that I saw"
         either = "or" in q.words and len(places) > 1 and bool(there)
         lead = f"The {name_of(sight.object_id)}" if either else f"{yes}: {_the(sight)}"
         return answer(f"{lead} is {_lies(q, sight, when)}.")
     return None
-
-
-def _whether_each(q: AskedQuestion, places: Sequence[Mention]) -> MemoryAnswer:
-    """Answer "are the clock and the phone in the drawer?"."""
-    lines, so = [], True
-    for thing in q.about:
-        found = q.knows.of(thing)
-        there = [one for one in found if _is_there(q, one[0], places)]
-        so = so and bool(there)
-        for sight, when in (there or found)[:1]:
-            lines.append(f"The {name_of(sight.object_id)} is {_lies(q, sight, when)}.")
-        if not found:
-            lines.append(f"I have not seen any {thing.text}.")
-    return answer("Yes." if so else "No, not that I saw.", *lines)
-
-
-def _where_before(q: AskedQuestion, found: Sequence[Sight], places: Sequence[Mention]) -> list[str]:
-    """Return where things were before they were moved last; [] where none was."""
-    kinds = {without_basin(kind) for place in places for kind in place.types}
-    lines = []
-    for sight, when in found[: MOST if q.things[0].every else 1]:
-        moved = [one for one in moves(q.knows.past) if one.object_id == sight.object_id]
-        carried = [one for one in moved if one.before != HAND]
-        if not (carried and kinds):
-            continue
-        was = carried[-1].before
-        yes = "Yes" if without_basin(type_of(was)) in kinds else "No"
-        now = f"it is {_lies(q, sight, when)}"
-        lines.append(f"{yes}: {_the(sight)} was {told_place(was)} before; {now}.")
-    return lines
-
-
-def _whether_so_many(q: AskedQuestion, number: int, count: int) -> MemoryAnswer:
-    """Answer "are there more than two pillows?"."""
-    fewer = q.says(r"\b(?:less|fewer) than\b")
-    enough = count < number if fewer else count > number if q.says(r"\bmore than\b") else None
-    enough = count >= number if enough is None else enough
-    return answer(f"{'Yes' if enough else 'No'}: {count} that I have seen.")
-
-
-def _is_there(q: AskedQuestion, sight: SeenObject, places: Sequence[Mention]) -> bool:
-    if not q.near or not places:
-        return q.knows.lies_at(sight, places)
-    those = [one for place in places for one, _ in q.knows.of(place)]
-    return any(one.object_id == sight.object_id for one, _ in _beside(q, those))
 
 
 def _state_told(
@@ -407,24 +307,9 @@ def _when(q: AskedQuestion) -> MemoryAnswer | None:
     return answer(f"I saw {_the(sight)} {q.knows.ago(when)}, {_place(q, sight)}.")
 
 
-def _which_place(q: AskedQuestion) -> MemoryAnswer | None:
-    """Answer "which cabinet has the plate?", "what drawer is it in?"."""
-    if q.asks not in ("which", "what") or len(q.about) != 1 or not q.at or q.near:
-        return None
-    known = q.knows.of(q.about[0])
-    there = [one for one in known if q.knows.lies_at(one[0], q.at)]
-    name, place = name_of(q.about[0].types[0]), name_of(q.at[0].types[0])
-    lines = [
-        f"The {name_of(one[0].object_id)} is {_lies(q, *one)}." for one in (there or known)[:2]
-    ]
-    if there:
-        return answer(*lines)
-    none = f"In no {place} that I have seen is a {name}."
-    return answer(none, *lines, known=False, look="" if known else _looking(q.about[0]))
-
-
 def _where(q: AskedQuestion) -> MemoryAnswer | None:
-    if q.asks != "where" and not q.has("seen", "see"):
+    which = q.asks in ("which", "what") and bool(q.about and q.at) and not q.beside
+    if q.asks != "where" and not which and not q.has("seen", "see"):
         return None
     if not q.things:
         return _not_seen(q) if q.unknown else None
@@ -447,9 +332,6 @@ def _where(q: AskedQuestion) -> MemoryAnswer | None:
             continue
         for sight, when in found[: MOST if several else 2]:
             lines.append(f"The {name_of(sight.object_id)} is {_lies(q, sight, when)}.")
-            moved = [m for m in moves(q.knows.past) if m.object_id == sight.object_id]
-            if q.has("was", "were") and moved:
-                lines.append(f"Before that it was {told_place(moved[-1].before)}.")
         on_map = [kind for kind in thing.types if kind in q.knows.furniture]
         if not found and on_map:
             lines.append(f"The {name_of(on_map[0])} is in this room; /map shows where.")
@@ -505,22 +387,13 @@ def _place(q: AskedQuestion, sight: SeenObject) -> str:
 _KINDS: tuple[Callable[[AskedQuestion], MemoryAnswer | None], ...] = (
     log_answers.what_it_can,
     log_answers.what_was_told,
-    _what_is_beside,
     log_answers.what_was_done,
-    log_answers.what_changed,
-    log_answers.not_looked_into,
     _what_is_held,
-    _which_it_was,
-    log_answers.how_often,
-    log_answers.how_long,
-    log_answers.whether_all_is_shut,
-    log_answers.which_it_was_done_to,
     _how_many,
     _what_is_here,
     _when,
     _which_are_so,
     _what_lies_there,
-    _which_place,
     _whether,
     log_answers.whether_it_was_done,
     _where,

@@ -13,21 +13,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from karma.contracts import Goal, MemoryUnit
+from karma.contracts import Goal
 from karma.household.ids import short_type
 from karma.household.pieces import base_type
 from karma.household.places import HAND
-from karma.household.types import object_types
-from karma.household.uses import KNIFE
 from karma.plugins.training.drawing.memories import (
     KnownRoom,
+    RequestHistory,
     Rng,
-    after,
     known_facts,
     names_of,
     pick,
     subject,
-    unit_of,
 )
 from karma.plugins.training.drawing.phrases import Book
 from karma.plugins.training.drawing.referring_expressions import Situation
@@ -55,7 +52,7 @@ class TaskDraft:
         self, rng: Rng, room: KnownRoom, book: Book, kinds: Mapping[str, float] = KINDS
     ) -> None:
         self._rng, self._room, self._book, self._kinds = rng, room, book, kinds
-        self._units: list[MemoryUnit] = []
+        self._history = RequestHistory()
         self.steps: list[DrawnRequest] = []
 
     def ask(self, *, vague: bool, about_known: bool) -> bool:
@@ -69,7 +66,7 @@ class TaskDraft:
             if (
                 ask is None
                 or self._pointless(ask)
-                or about_known != (self._known(subject(ask.goals[0])) is not None)
+                or about_known != (self._history.known(subject(ask.goals[0])) is not None)
             ):
                 continue
             text = wrapped(self._rng, self._book, ask.text)
@@ -77,27 +74,23 @@ class TaskDraft:
                 continue
             goals = tuple(dict.fromkeys((*map(_by_type, ask.goals), *self._same(ask))))
             self.steps.append(DrawnRequest(kind=kind, text=text, goals=goals))
-            self._do(ask)
+            self._history.apply(ask.goals)
             return True
         return False
 
     # ------------------------------------------------------------- parts
 
     def _situation(self, *, vague: bool) -> Situation:
-        held = next((unit for unit in self._units if unit.place_id == HAND), None)
-        facts = known_facts(self._room.areas, self._units, held)
+        facts = known_facts(self._room.areas, self._history.units, self._history.held)
         return Situation(
             room=self._room, facts=facts, names=names_of(facts), book=self._book,
             mapped=True, strict=True, vague=1.0 if vague else -1.0,
         )  # fmt: skip
 
-    def _known(self, name: str) -> MemoryUnit | None:
-        return next((u for u in self._units if base_type(u.object_type) == name), None)
-
     def _pointless(self, ask: Ask) -> bool:
         """Return whether it is done already, or about the knife that cuts."""
         for goal in ask.goals:
-            unit = self._known(subject(goal))
+            unit = self._history.known(subject(goal))
             if unit is None:
                 continue
             if goal.predicate == "HOLDON" and unit.place_id == HAND:
@@ -111,41 +104,12 @@ class TaskDraft:
 
     def _same(self, ask: Ask) -> Iterator[Goal]:
         """Yield what must still be true of a known thing, so that no other one will do."""
-        unit = self._known(subject(ask.goals[0]))
+        unit = self._history.known(subject(ask.goals[0]))
         if unit is None or any(goal.arguments[-1] == "broken" for goal in ask.goals):
             return
         for state, word in LASTING.items():
             if state in unit.states:
                 yield Goal(predicate="STATE", arguments=(base_type(unit.object_type), word))
-
-    def _do(self, ask: Ask) -> None:
-        """Write down what the request leaves behind; of two of a kind nothing can be said apart."""
-        for goal in ask.goals:
-            name = subject(goal)
-            if goal.count > 1 or "pickupable" not in object_types()[name].capabilities:
-                continue
-            self._change(name, goal)
-
-    def _change(self, name: str, goal: Goal) -> None:
-        unit = self._known(name) or unit_of(name, name, handled=True)
-        self._units = [one for one in self._units if one.object_id != unit.object_id]
-        changed = after(unit, goal)
-        if goal.predicate in ("ON", "INSIDE", "HOLDON") or changed.place_id == HAND:
-            self._empty_hand()
-        if changed.object_type != unit.object_type or goal.arguments[-1] == "sliced":
-            self._units = [one for one in self._units if one.object_type != KNIFE]
-            self._units.append(unit_of(KNIFE, KNIFE, place_id=HAND, handled=True))
-        if goal.arguments[-1] != "broken":
-            self._units.append(changed)
-        place = goal.arguments[-1]
-        into = goal.predicate in ("ON", "INSIDE") and self._known(place) is None
-        if into and "pickupable" in object_types()[place].capabilities:  # a dish
-            self._units.append(unit_of(place, place, handled=True))
-
-    def _empty_hand(self) -> None:
-        self._units = [
-            replace(one, place_id=None) if one.place_id == HAND else one for one in self._units
-        ]
 
 
 def _by_type(goal: Goal) -> Goal:

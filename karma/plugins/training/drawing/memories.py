@@ -1,7 +1,7 @@
 """What an agent may remember: rooms to be in, short-term memories drawn for them, and changes."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,7 +15,7 @@ from karma.household.pieces import base_type
 from karma.household.places import HAND, ROOMS, landmark_types
 from karma.household.states import END_STATES, OPPOSITES
 from karma.household.types import object_types
-from karma.household.uses import CHANGED_IN, FRIDGE
+from karma.household.uses import CHANGED_IN, FRIDGE, KNIFE
 from karma.memory.scene_graph import SceneGraph
 from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.seeds import stream
@@ -168,3 +168,47 @@ def after(unit: MemoryUnit, goal: Goal) -> MemoryUnit:
         place_id=FRIDGE if word == "cold" else CHANGED_IN.get(state, unit.place_id),
         handled=True,
     )
+
+
+class RequestHistory:
+    """What memory holds after requests were carried out: one unit of a type, the last used last."""
+
+    def __init__(self) -> None:
+        self.units: list[MemoryUnit] = []
+
+    @property
+    def held(self) -> MemoryUnit | None:
+        """The unit in the hand, if any."""
+        return next((unit for unit in self.units if unit.place_id == HAND), None)
+
+    def known(self, object_type: str) -> MemoryUnit | None:
+        """Return the unit of a type or of its pieces, or None."""
+        return next((u for u in self.units if base_type(u.object_type) == object_type), None)
+
+    def apply(self, goals: Iterable[Goal]) -> None:
+        """Record the effects of goals that were met; goals that count two leave no unit."""
+        for goal in goals:
+            name = subject(goal)
+            if goal.count == 1 and "pickupable" in object_types()[name].capabilities:
+                self._apply(name, goal)
+
+    def _apply(self, name: str, goal: Goal) -> None:
+        unit = self.known(name) or unit_of(name, name, handled=True)
+        self.units = [one for one in self.units if one.object_id != unit.object_id]
+        changed = after(unit, goal)
+        if goal.predicate in ("ON", "INSIDE", "HOLDON") or changed.place_id == HAND:
+            self._empty_hand()
+        if changed.object_type != unit.object_type or goal.arguments[-1] == "sliced":
+            self.units = [one for one in self.units if one.object_type != KNIFE]
+            self.units.append(unit_of(KNIFE, KNIFE, place_id=HAND, handled=True))
+        if goal.arguments[-1] != "broken":
+            self.units.append(changed)
+        place = goal.arguments[-1]
+        into = goal.predicate in ("ON", "INSIDE") and self.known(place) is None
+        if into and "pickupable" in object_types()[place].capabilities:  # a dish
+            self.units.append(unit_of(place, place, handled=True))
+
+    def _empty_hand(self) -> None:
+        self.units = [
+            replace(unit, place_id=None) if unit.place_id == HAND else unit for unit in self.units
+        ]

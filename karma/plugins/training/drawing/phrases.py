@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from karma.files import read_toml
-from karma.language.lexemes import (
+from karma.plugins.rules.language.lexemes import (
     Entry,
     held_out,
     lexicon,

@@ -11,7 +11,7 @@ from karma.contracts import MemoryUnit, PlanRequest
 from karma.household.pieces import base_type
 from karma.household.places import HAND
 from karma.household.saying import plural_of
-from karma.language.lexemes import (
+from karma.plugins.rules.language.lexemes import (
     every_word,
     pick_common,
     takes_article,

@@ -13,7 +13,7 @@ from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import LIKELY, landmark_types
 from karma.household.saying import plural_of
 from karma.household.types import object_types, types_with
-from karma.language.lexemes import every_word, lexicon, pick_common, types_called
+from karma.plugins.rules.language.lexemes import every_word, lexicon, pick_common, types_called
 from karma.plugins.training.drawing.memories import Rng, pick
 from karma.plugins.training.drawing.phrases import Book
 from karma.plugins.training.drawing.referring_expressions import (
@@ -35,6 +35,10 @@ NEEDS = {
     "clean": uses.SINK, "fill": uses.SINK, "heat": uses.MICROWAVE, "cook": uses.MICROWAVE,
     "cool": uses.FRIDGE, "toast": uses.TOASTER, "coffee": uses.COFFEE_MACHINE, "trash": uses.BIN,
 }  # what a room must have for it  # fmt: skip
+STATE_AFTER = {
+    "clean": "clean", "heat": "heated", "cook": "cooked", "cool": "cold", "slice": "sliced",
+    "toast": "cooked", "fill": "filled", "break": "broken",
+}  # kind of request -> state of a goal  # fmt: skip
 KINDS = {
     "place": 26, "trash": 5, "clean": 9, "clean_place": 4, "heat": 4, "cook": 4, "heat_place": 3,
     "cook_place": 3, "cool": 3, "cool_place": 3, "slice": 8, "slice_place": 4, "toast": 1.5,
@@ -146,10 +150,7 @@ def filled(template: str, slots: Mapping[str, str]) -> str | None:
 
 
 def _state_goals(kind: str, x: Ref) -> tuple[Goal, ...]:
-    state = {
-        "clean": "clean", "heat": "heated", "cook": "cooked", "cool": "cold", "slice": "sliced",
-        "toast": "cooked", "fill": "filled", "break": "broken",
-    }.get(kind.removesuffix("_place"))  # fmt: skip
+    state = STATE_AFTER.get(kind.removesuffix("_place"))
     if kind == "hold":
         return (_goal("HOLDON", "robot", x.name),)
     if kind == "coffee":
