@@ -152,7 +152,7 @@ class AgentSession:
         """Run one skill, `LOOK_OVER` or `SURVEY`; a search passes over the ids `aside`."""
         self.has_acted = True
         if call.skill == SURVEY:
-            call = SkillCall.of(SURVEY, self._memory.scene)
+            call = SkillCall.of("GoToObject", self._memory.scene)
             looks = tuple(self.skills.look_everywhere())
             actions = sum(look.actions for look in looks)
             searched = sum(look.explorations for look in looks)
