@@ -70,6 +70,12 @@ def test_what_ran_for_it_is_off_again(tmp_path):
     assert of(agent, "Mug")["isFilledWithLiquid"]
 
 
+def test_without_the_guard_all_is_left_as_the_program_leaves_it(tmp_path):
+    agent = agent_saying(tmp_path, [TAKE + OPENED], assistant="direct")
+    agent.do("put the apple in the fridge")
+    assert of(agent, "Fridge")["isOpen"]
+
+
 # ----------------------------------------------------------------- more than was named
 
 

@@ -149,6 +149,10 @@ def test_a_stubborn_planner_is_not_followed(tmp_path):
     assert not reply.parts[0].results
 
 
+def test_the_guard_can_be_left_out(tmp_path):
+    assert agent_saying(tmp_path, [STORE], assistant="direct").do("put the bowl in the fridge")
+
+
 def test_what_was_done_already_is_not_done_again(tmp_path):
     agent = agent_saying(tmp_path, [TAKE + WASH + STORE])
     reply = agent.do("wash the apple and put it in the fridge")
