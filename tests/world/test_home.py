@@ -95,26 +95,6 @@ def test_what_is_in_the_hand_is_put_onto_a_surface_and_not_in_the_way(twin):
     assert home.step("GetReachablePositions").metadata["actionReturn"] == cells
 
 
-def test_reset_brings_back_one_room_and_is_in_it(twin):
-    home = Home(EmbeddedWorld)
-    for room in (KITCHEN, twin):
-        home.enter(room)
-        change(home)
-    home.reset(KITCHEN)
-    assert (home.scene, one_of(home, "Fridge")["isOpen"]) == (KITCHEN, False)
-    home.enter(twin)
-    assert one_of(home, "Fridge")["isOpen"]
-
-
-def test_entering_the_room_one_is_in_changes_nothing():
-    home = Home(EmbeddedWorld)
-    home.enter(KITCHEN)
-    change(home)
-    before = home.last_event
-    assert home.enter(KITCHEN) is before
-    assert before.metadata["inventoryObjects"]
-
-
 def test_room_that_is_not_there_leaves_the_agent_where_it_is():
     home = Home(EmbeddedWorld)
     with pytest.raises(KarmaError, match="no room has been entered"):
@@ -267,14 +247,6 @@ def test_only_in_a_sequence_every_sub_task_is_judged_by_itself(karma, tmp_path, 
     record = run(karma([WASH, STILL]), sequence(wash, wash, kind=kind), tmp_path)
     assert record.subtasks[0].success
     assert len(record.subtasks[1].unmet) == unmet
-
-
-def test_expert_does_again_what_was_done_for_an_earlier_sub_task(tmp_path):
-    wash = (KITCHEN, "Wash the apple.", "INSIDE(Apple, Sink)", "STATE(Apple, cleaned)")
-    rest = (BEDROOM, "Open the drawer.", "OPEN(Drawer)")
-    record = run(ExpertMethod(), sequence(wash, wash, rest, wash), tmp_path)
-    assert record.success
-    assert all(sub.calls for sub in record.subtasks)
 
 
 def test_what_was_in_the_hand_is_remembered_as_put_down(karma, tmp_path):
