@@ -80,13 +80,14 @@ def test_mra_asks_for_the_things_that_an_earlier_sub_task_was_about():
     assert value([right], "retrieved") == 1
     assert value([right, wrong], "retrieved") == 0.5
     assert value([right, wrong, gone], "retrieved") == 1 / 3
+    assert value([right, wrong, gone], "retrieved_of_held") == 0.5  # what is gone cannot be found
 
 
 def test_mra_of_unrelated_tasks_and_of_rows_without_memory_is_undefined():
     unrelated = episode(sub(CUT, recalled=[KNIFE]), sub(HOLD, recalled=[APPLE]))
     assert value([unrelated], "retrieved") is None
     forgetful = episode(sub(CUT), sub(KEEP, queries=1))
-    for key in ("retrieved", "hits", "hits_later"):
+    for key in ("retrieved", "retrieved_of_held", "hits", "hits_later"):
         assert value([forgetful], key) is None
     expert = episode(sub(CUT, answers=[]), sub(KEEP, answers=[], queries=1))
     assert value([expert], "retrieved") is None

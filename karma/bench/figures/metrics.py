@@ -60,6 +60,11 @@ def types_of(object_ids: Iterable[str]) -> frozenset[str]:
     return frozenset(base_type(root_type(object_id)) for object_id in object_ids)
 
 
+def wanted_types(goals: tuple[str, ...]) -> tuple[str, ...]:
+    """Return every type that the goals allow, once: what a record's queries and hits count."""
+    return tuple(dict.fromkeys(kind for group in _loose(goals) for kind in group))
+
+
 @cache
 def _loose(goals: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
     """Return for each name in the goals its alternatives that can be carried, if it has any."""
@@ -146,6 +151,16 @@ def _retrieved(episode: TimedEpisode) -> Observations:
     ]
 
 
+def _retrieved_of_held(episode: TimedEpisode) -> Observations:
+    found = []
+    for sub in episode.record.subtasks:
+        if sub.answers and sub.hits:
+            kinds = types_of(sub.recalled)
+            there = sum(base_type(kind) in kinds for kind in wanted_types(sub.goals))
+            found.append(float(there >= sub.hits))
+    return found
+
+
 def _hits(subtasks: Iterable[SubTaskRecord]) -> Observations:
     """Return for each thing that a planner needed whether short-term memory held it."""
     asked = (sub for sub in subtasks if sub.answers)
@@ -225,6 +240,10 @@ METRICS = (
     Metric(
         key="retrieved", title="MRA", of=_retrieved, only=_remembers, is_rate=True,
         says="of the instructions that come back to a thing, those with its unit in the prompt",
+    ),
+    Metric(
+        key="retrieved_of_held", title="MRA of held", of=_retrieved_of_held, only=_remembers,
+        is_rate=True, says="the same where memory held something that was needed",
     ),
     Metric(
         key="hits", title="MHR cold", only=_remembers, is_rate=True,

@@ -251,7 +251,8 @@ def _costs(result: Result) -> Sheet:
     metrics = [
         one
         for one in METRICS
-        if one.key not in PUBLISHED_COLUMNS and _any_measured(result.figures, one.key)
+        if one.key not in (*PUBLISHED_COLUMNS, "retrieved_of_held")
+        and _any_measured(result.figures, one.key)
     ]
     return _by_kind(
         result.figures,
