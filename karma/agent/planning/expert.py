@@ -1,9 +1,8 @@
 """The expert's programs: goals and what is known -> skill calls.
 
-The nano planner learns from them, and the `expert` row (`karma.bench.methods.expert`) acts on them,
-which shows that every task can be solved. It knows the skill API and household sense, not the
-world: the view it is given may be one agent's memory or the whole truth. What the world refused
-stands in the view too, so that the next program goes another way.
+The nano planner learns from them, and the method `expert` (`karma.bench.methods.expert`) acts on
+them. It knows the skill API and household facts, not the world: its view may be one agent's memory
+or the whole truth, and holds what the world refused, so that the next program differs.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
