@@ -417,7 +417,6 @@ class PlanRequest:
     missing: Sequence[str] = ()  # what was searched for in vain: ids or types
     asked: Request | None = None  # what the words ask for; a program is held against it
     plain: str = ""  # the same in plain words, for a planner that did not understand
-    first: Sequence["SkillCall"] = ()  # the program that was carried out first: how it was read
     done: Sequence["SkillCall"] = ()  # what went well of the programs so far
     seen: Sequence[SeenObject] = ()  # in this room by now, as last seen, the first seen first
     named: Mapping[str, str] = field(default_factory=dict)  # furniture's names (-> id), which last

@@ -10,7 +10,7 @@ from karma.agent.body.afterwards import checked
 from karma.agent.body.refusals import NOT_FOUND
 from karma.agent.body.sightings import offset, shifted
 from karma.agent.body.skills import Skills
-from karma.agent.planning.first_program import left_undone, put_right
+from karma.agent.planning.first_program import left_undone
 from karma.agent.planning.planner import grounded
 from karma.agent.planning.program import PUTS
 from karma.agent.seeing.perceive import place_of
@@ -47,8 +47,7 @@ class Programs:
         """Take in a program that was carried out, as far as it went."""
         self.before += tuple(result for result in self.results if result.ok)
         self.calls, self.results = grounded(plan.calls, plan.names), results
-        if not self.first or put_right(self.first, self.calls, self.instruction):
-            self.first = self.calls
+        self.first = self.first or self.calls
 
     def go_on(self, result: SkillResult) -> None:
         """Take in one more call that went well."""
@@ -127,7 +126,6 @@ def after_run(request: PlanRequest, programs: Programs) -> PlanRequest:
         error=f"{result.call}: {result.reason}",
         failures=(*request.failures, failure),
         missing=(*request.missing, *missing),
-        first=programs.first,
         done=programs.done,
     )
 
