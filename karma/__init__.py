@@ -18,7 +18,7 @@ other: only `method` joins them.
 from importlib import import_module
 
 __all__ = ["Agent", "__version__"]
-__version__ = "0.3.0"
+__version__ = "0.4.0"
 
 
 def __getattr__(name: str) -> object:

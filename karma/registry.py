@@ -26,6 +26,7 @@ _CALLED: Mapping[str, Mapping[str, int]] = MappingProxyType(
     }
 )
 
+_PLUGINS = ("karma", "plugins")  # the folder of our own
 # the names that our own plug-ins register, by role: without its plug-in a name is still explained
 _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
     {
@@ -35,7 +36,7 @@ _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
             "alfred": ("world replay", "world import-trials"),
             "homes": ("home",),
             "rules": ("read",),
-            "thor_tools": ("world import", "world floors", "world replay-events"),
+            "thor_tools": ("world import", "world replay-events"),
             "training": ("models tune", "vlm"),
         },
         "assistants": {"rules": ("rules",)},
@@ -74,7 +75,10 @@ def load(role: str, name: str) -> Any:
         made = found[name].load()
     except (AttributeError, ModuleNotFoundError) as error:
         said = f"{_where(role, found[name])}: {error}"
-        raise UnknownNameError(f"{said}\n  To fix: {repair()}") from error
+        extra = _extra_without(error, found[name].module)
+        raise UnknownNameError(
+            f"{said}\n  {fix_of(extra) if extra else f'To fix: {repair()}'}"
+        ) from error
     except (Exception, SystemExit) as error:  # a package's module may do anything when imported
         said = f"{_where(role, found[name])}: importing it raised {type(error).__name__}: {error}"
         raise UnknownNameError(f"{said}\n  To fix: mend or uninstall that package") from error
@@ -95,6 +99,24 @@ def extra_of(role: str, name: str) -> str:
 def fix_of(extra: str) -> str:
     """Return the sentence that says how to install a plug-in of ours."""
     return f"To fix: pip install 'karma-offline[{extra}]'"
+
+
+def missing_package(error: BaseException) -> str:
+    """Return what is said of a package that a plug-in of ours lacks; "" of any other error."""
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        parts = Path(frame.filename).parts
+        if _PLUGINS in zip(parts, parts[1:], strict=False):
+            plugin = parts[len(parts) - parts[::-1].index("plugins")]
+            if extra := _extra_without(error, f"karma.plugins.{plugin}"):
+                return f"{error}\n  {fix_of(extra)}"
+    return ""
+
+
+def _extra_without(error: BaseException, module: str) -> str:
+    """Return the extra of our plug-in in which a foreign package was not found, else ""."""
+    foreign = isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] != "karma"
+    parts = module.split(".")
+    return parts[2] if foreign and tuple(parts[:2]) == _PLUGINS else ""
 
 
 def plug_in_of(error: BaseException) -> str:

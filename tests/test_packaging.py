@@ -162,9 +162,9 @@ def test_locks_cover_every_dependency_within_its_range():
     extras = PROJECT["optional-dependencies"]
     runs, more, all_ = locked(RUNS), locked(RUNS, EXTRAS), locked(RUNS, EXTRAS, DEVELOPS)
     for pins, texts in (
-        (runs, PROJECT["dependencies"]),
+        (runs, [*PROJECT["dependencies"], *extras["rules"]]),
         (more, [*extras["thor"], *extras["hosted"]]),
-        (all_, extras["dev"]),
+        (all_, [text for extra in extras.values() for text in extra]),
     ):
         for wanted in map(Requirement, texts):
             pin = pins.get(canonicalize_name(wanted.name))
@@ -176,7 +176,7 @@ def test_each_lock_holds_what_its_part_needs_and_nothing_else():
     """What only extras need is no part of a bundle, what only `dev` needs of neither."""
     extras = PROJECT["optional-dependencies"]
     server = "llama-cpp-python[server]"  # docs/plugins/hosted.md tries hosted models with it
-    base = needed(PROJECT["dependencies"])
+    base = needed([*PROJECT["dependencies"], *extras["rules"]])
     more = needed([*extras["thor"], *extras["hosted"], server])
     runs, added = (
         {name for name, r in locked(lock).items() if r.marker is None or r.marker.evaluate()}
@@ -187,6 +187,22 @@ def test_each_lock_holds_what_its_part_needs_and_nothing_else():
     assert added & base == set()
     assert set(locked(DEVELOPS)) & (base | more) == set()
     assert {"opencv-python", "botocore", "ai2thor", "openai"} <= added
+
+
+def test_every_plug_in_has_an_extra_and_its_packages_are_no_dependencies():
+    plugins = {one.name for one in (ROOT / "karma" / "plugins").iterdir() if one.is_dir()}
+    extras = PROJECT["optional-dependencies"]
+    assert plugins - {"__pycache__"} <= set(extras)
+    names = {Requirement(text).name for text in PROJECT["dependencies"]}
+    brought = {Requirement(t).name for one in plugins & set(extras) for t in extras[one]}
+    assert brought & names == set()
+    assert set(registry_names()) <= plugins
+
+
+def registry_names():
+    from karma.registry import _PLUGIN_NAMES
+
+    return {plugin for names in _PLUGIN_NAMES.values() for plugin in names}
 
 
 def test_nothing_of_ours_imports_networkx():

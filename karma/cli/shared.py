@@ -193,6 +193,8 @@ def _reason(error: Exception) -> str | None:
         return "there is not enough memory\n  To fix: take smaller models, or raise ulimit -v"
     if isinstance(error, OSError):  # of the machine: a full disk, no descriptors left
         return f"{error.filename}: " * bool(error.filename) + (error.strerror or str(error))
+    if missing := registry.missing_package(error):
+        return missing
     if not (named := registry.plug_in_of(error)):
         return None
     frames = traceback.extract_tb(error.__traceback__)[-4:]  # the innermost last

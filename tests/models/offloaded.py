@@ -4,20 +4,14 @@ The GPU is llama.cpp's RPC device on this machine, see `support.rpc_device`. Not
 `test_devices.py` runs these tests in a process of their own.
 """
 
-import json
-
 import numpy as np
 import pytest
-from support.paths import ROOT
 from support.rpc_device import rpc_device
 from support.sights import about
 from support.tiny import make_layers, opened
-from typer.testing import CliRunner
 
-from karma.cli import app
 from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.models.automaton import ProgramAutomaton
-from karma.models.llama import opening as devices
 from karma.models.llama.opening import LlamaOptions
 from karma.models.llama.vision import LlamaVision
 from karma.models.manifest import PicturePair
@@ -82,48 +76,6 @@ def test_offloaded_model_scores_and_grows(gpu, gguf):
     there.complete(Prompt(stable=long[0], changing=long[1]), max_tokens=4)
     assert there.gguf.n_ctx > 512
     there.close()
-
-
-def test_eval_on_a_device_records_it_and_names_it_in_the_header(gpu, tmp_path):
-    (tmp_path / "one.toml").write_text(
-        f'name = "one"\ntasks = "{ROOT}/eval/alfred_l/tasks.jsonl"\nonly = ["simple-02"]\n'
-        '[[rows]]\nname = "karma"\n'
-    )
-    command = ["eval", tmp_path / "one.toml", "--out", tmp_path / "run"]
-    done = CliRunner().invoke(app, [str(one) for one in [*command, "--workers", 1]])
-    assert done.exit_code == 0, done.output
-    (timing,) = map(json.loads, (tmp_path / "run" / "timings.jsonl").read_text().splitlines())
-    engines = [answer["engine"] for sub in timing["subtasks"] for answer in sub["answers"]]
-    assert {(one["device"][:3], one["gpu_layers"]) for one in engines} == {("RPC", 7)}
-    header = json.loads((tmp_path / "run" / "header.json").read_text())
-    assert any(one.startswith("CPU: ") for one in header["machine"]["devices"])
-    refused = CliRunner().invoke(app, [str(one) for one in [*command, "--gpu-layers", "x"]])
-    assert refused.exit_code == 1
-    assert "gpu_layers" in refused.output
-
-
-def planner_seen(tmp_path):
-    """What `karma doctor models` finds of our planner, and what it prints."""
-    out = tmp_path / "out.json"
-    done = CliRunner().invoke(app, ["doctor", "models", "--json", str(out)], env={"COLUMNS": "160"})
-    assert done.exit_code == 0, done.output
-    found = {one["role"]: one for one in json.loads(out.read_text(encoding="utf-8"))}
-    return found["planner"], done.output
-
-
-def test_planner_on_a_device_tells_its_layers_there(gpu, tmp_path):
-    found, _ = planner_seen(tmp_path)
-    assert found["device"].startswith("RPC")
-    assert found["how"] == "7 of 7 layers, f16 KV, flash attention on, 1 thread"
-    assert found["measured_mb"] is None  # this device counts nothing down
-
-
-def test_layers_that_do_not_fit_are_told_with_what_makes_room(gpu, monkeypatch, tmp_path):
-    monkeypatch.setattr(devices, "memory_mb", lambda _: (devices._SPARE_MB + 60, 1000.0))
-    found, text = planner_seen(tmp_path)
-    assert " of 7 layers, " in found["how"]
-    assert not found["how"].startswith("7")
-    assert "of 7 layers fit the GPU: a smaller file" in text
 
 
 def test_pictures_are_answered_with_the_same_words(gpu, tmp_path):

@@ -10,15 +10,10 @@ import shutil
 
 import numpy as np
 import pytest
-from PIL import Image
 from support import tiny_models
-from support.tiny import export_tiny
 from support.tiny_vision import save_family
 
-from karma.agent.loading.models import Models, load_resources
-from karma.contracts import MemoryUnit
 from karma.errors import ModelError, UnknownNameError
-from karma.memory.recall import MultimodalRecall
 from karma.models.checks import memory
 from karma.models.embed.clip import ClipEmbedder
 from karma.models.embed.sentence import SentenceEmbedder
@@ -122,50 +117,9 @@ def test_siglip_sees_words_without_case_and_punctuation_padded_to_the_end(models
     assert words.ids("apple " * 40)[-1] == words.ids("")[0] == 1
 
 
-class Opposed:
-    """It sees in a picture the opposite of what it reads in a text."""
-
-    name, dimension = "opposed", 2
-
-    def embed(self, texts):
-        return np.ones((len(texts), 2), np.float32)
-
-    def embed_images(self, frames):
-        return -np.ones((len(frames), 2), np.float32)
-
-
-def test_unit_vector_is_the_mean_of_text_and_picture_at_length_one(models, tmp_path):
-    clip = models["clip"]
-    Image.fromarray(FRAMES[0]).save(tmp_path / "apple.png")
-    row = MultimodalRecall(clip, folder=tmp_path)._row(("apple", "apple.png"))
-    assert np.isclose(np.linalg.norm(row), 1, atol=1e-6)
-    text, image = clip.embed(["apple"]), clip.embed_images([FRAMES[0]])
-    assert np.isclose((row @ text.T).item(), (row @ image.T).item())
-    with pytest.raises(ValueError, match="opposite"):
-        MultimodalRecall(Opposed(), folder=tmp_path)._row(("apple", "apple.png"))
-
-
 def test_sentence_embedder_agrees_with_the_batched_reference(models):
     expected = models["sentence"]._model.encode(TEXTS, batch_size=8, normalize_embeddings=True)
     assert np.abs(models["sentence"].embed(TEXTS) - expected).max() < 1e-5
-
-
-@pytest.mark.parametrize("kind", ["sentence", "clip"])
-def test_experiment_recalls_by_the_model_it_names(kind, folders, tmp_path):
-    planner = export_tiny(tmp_path / "tiny.gguf")
-    chosen = Models(planner=str(planner), embedder=f"{kind}:{folders[kind]}")
-    resources = load_resources(chosen, maps=None, seed=0)
-    units = [
-        MemoryUnit(object_id=name, object_type=name, position_m=(0, 0, 0))
-        for name in ("Mug", "Apple", "Sofa")
-    ]
-    found = resources.recall.recall("bring me the apple", units, 2)
-    assert len(found) == 2
-    assert found[0].similarity >= found[1].similarity
-    with pytest.raises(UnknownNameError, match="org/model"):
-        load_resources(
-            Models(planner=str(planner), embedder=f"{kind}:org/model"), maps=None, seed=0
-        )
 
 
 # ------------------------------------------------------------------------------ refusals
@@ -192,18 +146,6 @@ def test_wrong_architecture_is_named_before_weights_are_read(kind, copies, folde
         path.write_text(json.dumps({**config, "architectures": ["CLIPTextModel"]}))
         with pytest.raises(ModelError, match="architecture CLIPTextModel, this adapter opens"):
             opened(kind, copies[kind])
-
-
-@pytest.mark.parametrize(("kind", "file"), [
-    ("clip", "preprocessor_config.json"), ("clip", "tokenizer.json"), ("clip", "config.json"),
-    ("siglip", "tokenizer.json"), ("sentence", "tokenizer.json"), ("sentence", "modules.json"),
-    ("llava", "config.json"), ("llava", "tokenizer.json"), ("llava", "model.safetensors"),
-])  # fmt: skip
-def test_missing_file_is_named_with_the_way_to_bring_it(kind, file, copies, folders):
-    (copies[kind] / file).unlink()
-    with pytest.raises(ModelError, match=file.replace(".", r"\.")) as caught:
-        opened(kind, copies[kind])
-    assert "karma models add FOLDER" in str(caught.value)
 
 
 @pytest.mark.parametrize("kind", SAVE)
@@ -249,29 +191,6 @@ def test_too_little_memory_is_told_before_anything_is_loaded(
     assert "karma models list" in str(caught.value)
 
 
-@pytest.mark.parametrize(("kind", "file", "key"), [
-    ("clip", "config.json", "text_config"), ("siglip", "config.json", "text_config"),
-    ("clip", "preprocessor_config.json", "image_processor_type"),
-])  # fmt: skip
-@pytest.mark.parametrize("value", ["many", [1], -3])
-def test_nonsense_in_a_configuration_is_a_model_error(kind, file, key, value, copies, folders):
-    path = copies[kind] / file
-    path.write_text(json.dumps({**json.loads(path.read_text()), key: value}))
-    with pytest.raises(ModelError, match=r"config\.json|not a .* that opens"):
-        opened(kind, copies[kind])
-
-
-@pytest.mark.parametrize("kind", ["clip", "siglip"])
-@pytest.mark.parametrize("text", ["", "{", "[]", '"x"', "\x00", "{}"])
-def test_torn_file_of_a_folder_is_a_model_error_that_names_it(kind, text, copies, folders):
-    for file in ("config.json", "preprocessor_config.json", "tokenizer.json"):
-        before = (copies[kind] / file).read_text()
-        (copies[kind] / file).write_text(text)
-        with pytest.raises(ModelError, match=file.replace(".", r"\.")):
-            opened(kind, copies[kind])
-        (copies[kind] / file).write_text(before)
-
-
 @pytest.mark.parametrize("kind", SAVE)
 def test_code_beside_a_model_is_never_run(kind, copies, folders, tmp_path):
     """Neither remote code that a configuration asks for, nor a pickle beside the safetensors."""
@@ -300,22 +219,6 @@ class _Trap:
 
     def __reduce__(self):
         return open, (str(self._path), "w")
-
-
-def test_modules_json_cannot_have_other_code_imported(copies):
-    path = copies["sentence"] / "modules.json"
-    modules = json.loads(path.read_text())
-    for kind, reason in [("os.path.Transformer", "not imported"), (7, "no module")]:
-        path.write_text(json.dumps([{**modules[0], "type": kind}, *modules[1:]]))
-        with pytest.raises(ModelError, match=reason):
-            SentenceEmbedder(copies["sentence"])
-    path.write_text(json.dumps([{**modules[0], "path": "../elsewhere"}]))
-    with pytest.raises(ModelError, match="leaves the model's folder"):
-        SentenceEmbedder(copies["sentence"])
-    for text in ("{", "[" * 100_000, "5"):
-        path.write_text(text)
-        with pytest.raises(ModelError, match="not a list of modules"):
-            SentenceEmbedder(copies["sentence"])
 
 
 def test_module_with_pickled_weights_of_its_own_is_not_opened(copies):

@@ -253,25 +253,6 @@ def test_descending_equals_a_full_stable_sort(size, generator, coarse):
     assert list(descending(scores)) == np.argsort(-scores, kind="stable").tolist()
 
 
-def test_descending_leaves_out_impossible_scores():
-    assert list(descending(np.array([1, -np.inf, 2], np.float32))) == [2, 0]
-
-
-@given(generator=SEEDS, temperature=st.sampled_from([0.0, 1.0]))
-def test_whole_decodes_of_a_random_model_are_programs(generator, temperature):
-    state, text = AUTOMATON.start(), b""
-    for _ in range(2000):
-        logits = generator.normal(size=len(PIECES)).astype(np.float32)
-        scores = gumbel(logits, temperature, generator) if temperature else logits
-        token, state = choose_token(scores, AUTOMATON, state, TABLE)
-        if state is None:
-            break
-        text += PIECES[token]
-        if not AUTOMATON.next_bytes(state):
-            break
-    assert members(TOKEN_SPEC, without_closing(text.decode(errors="replace")))
-
-
 def test_choice_impossible_or_not_a_number_is_a_model_error():
     start = AUTOMATON.start()
     with pytest.raises(ModelError, match="damaged"):

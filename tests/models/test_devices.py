@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from support.paths import ROOT
-from support.tiny import make_layers, opened
 
 from karma.errors import ModelError
 from karma.models.checks.memory import Footprint
@@ -16,11 +15,6 @@ from karma.models.llama.opening import LlamaOptions, devices, memory_mb, place
 SIZE = Footprint(  # 1,600 MB with 8,000 tokens, and 100 to compute
     file_mb=800, blocks=8, token_mb=0.1, words_mb=0, layer_mb=0, scores_mb=0, logits_mb=88
 )
-
-
-@pytest.fixture(scope="module")
-def gguf(tmp_path_factory):
-    return make_layers(tmp_path_factory.mktemp("m"))
 
 
 # ----------------------------------------------------------------- found
@@ -63,20 +57,9 @@ def test_as_many_layers_go_on_the_gpu_as_fit_or_as_are_asked_for(
     assert (where.layers, where.name) == (layers, "CUDA0" if layers else "CPU")
 
 
-def test_several_gpus_are_used_together_and_an_integrated_one_only_alone(monkeypatch):
-    assert placed(monkeypatch, 9999, kinds=("gpu", "gpu")).name == "CUDA0+CUDA1"
-    assert placed(monkeypatch, 9999, kinds=("integrated", "gpu")).name == "CUDA1"
-    assert placed(monkeypatch, 9999, kinds=("integrated",)).name == "CUDA0"
-
-
 def test_layers_that_do_not_fit_are_refused_with_the_number_that_does(monkeypatch):
     with pytest.raises(ModelError, match=r"gpu_layers = 6 do not fit, but 4 of 9 do.*\n.*= 4"):
         placed(monkeypatch, 900, gpu_layers=6)
-
-
-def test_layers_asked_for_by_number_without_a_gpu_are_refused_with_how_to_build(gguf):
-    with pytest.raises(ModelError, match=r"knows no GPU, only CPU\n.*make setup CMAKE_ARGS="):
-        opened(gguf, gpu_layers=2)
 
 
 @pytest.mark.parametrize(

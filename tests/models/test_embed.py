@@ -10,14 +10,11 @@ import sys
 import numpy as np
 import pytest
 import threadpoolctl
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from karma.errors import ModelError
 from karma.language.hints import TYPE_WORDS
 from karma.models.embed.minilm import FILES, MiniLm
 from karma.models.embed.sentence import SentenceEmbedder
-from karma.models.manifest import file_paths, find_model
 
 TEXTS = ["apple", "red fruit", "a sofa in the living room", "", "apple", "ünïcödé 苹果", "x " * 600]
 
@@ -59,33 +56,9 @@ def test_embed_gives_the_vectors_of_sentence_transformers(minilm, reference):
     assert np.abs(minilm.embed(texts) - reference.embed(texts)).max() < 1e-6
 
 
-@given(st.text(max_size=400))
-@settings(max_examples=60, deadline=None)
-def test_embed_gives_the_vectors_of_sentence_transformers_for_any_text(minilm, reference, text):
-    text = text.encode("utf-8", "ignore").decode("utf-8")
-    assert np.abs(minilm.embed([text]) - reference.embed([text])).max() < 1e-6
-
-
-def test_text_that_is_no_unicode_is_refused_or_embedded_as_the_reference_does(minilm, reference):
-    for embedder in (minilm, reference):
-        with pytest.raises((UnicodeEncodeError, TypeError)):
-            embedder.embed(["\ud800"])
-
-
 def test_embed_is_semantic(minilm):
     apple, fruit, sofa = minilm.embed(TEXTS[:3])
     assert apple @ fruit > apple @ sofa
-
-
-def test_a_folder_by_path_gives_what_the_name_gives(minilm, reference):
-    folder = file_paths(find_model("minilm"))[0].parent
-    assert np.array_equal(SentenceEmbedder(folder).embed(TEXTS[:4]), reference.embed(TEXTS[:4]))
-
-
-def test_embed_leaves_the_threads_of_numpy_as_they_were(minilm):
-    before = threadpoolctl.threadpool_info()
-    minilm.embed(["one more text"])
-    assert threadpoolctl.threadpool_info() == before
 
 
 def test_embed_row_does_not_depend_on_the_number_of_cores(minilm):

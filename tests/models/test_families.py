@@ -1,28 +1,18 @@
 """The family table of docs/models.md: each cell is what made models of that family really do."""
 
-import hashlib
 import os
-import re
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
 import pytest
 from support import tiny
-from support.documents import ROOT
-from support.sights import about
 
 from karma.agent.planning.planner import program_spec
 from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import render, skills_of
-from karma.contracts import END, Area, MemoryUnit, PlanRequest, Prompt
-from karma.errors import ModelError
+from karma.contracts import Area, MemoryUnit, PlanRequest, Prompt
 from karma.models.automaton import ProgramAutomaton
-from karma.models.checks.gguf import read_header
-from karma.models.llama.opening import LlamaOptions
-from karma.models.llama.vision import LlamaVision
-from karma.models.manifest import PicturePair
-from karma.testing import FAMILIES, Size, make_picture_model, make_planner
+from karma.testing import FAMILIES, Size, make_planner
 
 PROGRAMS = int(os.environ.get("KARMA_PROGRAMS", "60"))  # drawn of each family
 REQUEST = PlanRequest(
@@ -41,21 +31,9 @@ SKILLS = skills_of("full")
 RENDERED = render("full", REQUEST)
 LONG = program_spec(REQUEST, RENDERED.names, SKILLS)
 SHORT, LONGER = (replace(LONG, max_calls=count) for count in (1, 5))
-CANDIDATES = (
-    *(f"GoToObject(robot, '{name}')\n" for name in ("Apple", "Fridge", "Mug")),
-    "PutObject(robot, 'Apple', 'Fridge')\n", "OpenObject(robot, 'Fridge')\n", END,
-)  # fmt: skip
-MESSAGES = {
-    (True, False): "system and user", (False, False): "user only",
-    (True, True): "system and user, in parts",
-}  # fmt: skip
 
 
 opened = partial(tiny.opened, chat=True)
-
-
-def sha(path):
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 @pytest.fixture(scope="module", params=FAMILIES)
@@ -80,65 +58,6 @@ def model(planner):
 # ----------------------------------------------------------------- the columns
 
 
-@pytest.fixture(scope="module")
-def prompt_cell(model):
-    model._template.halves(RENDERED.prompt)
-    return MESSAGES[model._template._form]
-
-
-@pytest.fixture(scope="module")
-def thinking_cell(planner, model):
-    try:
-        opened(planner, thinking="on", thinking_tokens=40).close()
-    except ModelError as error:
-        assert "its chat template knows no </think>" in str(error)
-        return "–"
-    asked = {switch: endings(model, switch)[-9:] for switch in (True, False)}
-    return "the template opens it" if asked[True] == asked[False] else "by a switch"
-
-
-def endings(model, switch):
-    messages = [{"role": "user", "content": "x"}]
-    return model._template._renderer(messages=messages, enable_thinking=switch).prompt
-
-
-@pytest.fixture(scope="module")
-def pictures_cell(family, tmp_path_factory):
-    """The kind of projector, where another picture is answered with other words."""
-    if family.projector is None:
-        return "–"
-    made = make_picture_model(tmp_path_factory.mktemp("pictures"), family.name)
-    chat = LlamaVision(
-        PicturePair(name="x", model=made.model, projector=made.projector, sha256=sha(made.model)),
-        llama_options=LlamaOptions(threads=1),
-    )
-    noise = np.random.default_rng(1).integers(0, 256, (2, 64, 64, 3), dtype=np.uint8)
-    first, other, again = (chat.answer(about(noise[n]), max_tokens=12) for n in (0, 1, 0))
-    chat.close()
-    kind = read_header(made.projector, sizes=())["clip.projector_type"]
-    return kind if first == again != other else "blind"
-
-
-@pytest.fixture(scope="module")
-def row(family, prompt_cell, thinking_cell, pictures_cell):
-    return (family.name, family.architecture, prompt_cell, thinking_cell, pictures_cell)
-
-
-def documented():
-    page = (ROOT / "docs/models.md").read_text(encoding="utf-8")
-    table = page.partition("## Model families")[2].partition("\n## ")[0]
-    rows = re.findall(r"^\| `(.+?)` \| (.+?) \|$", table, flags=re.M)
-    return {name: (name, *cells.split(" | ")) for name, cells in rows}
-
-
-def test_table_of_families_says_what_their_models_do(family, row):
-    assert documented()[family.name] == row
-
-
-def test_table_lists_every_family_that_is_made():
-    assert tuple(documented()) == tuple(FAMILIES)
-
-
 # ----------------------------------------------------------------- programs and lists
 
 
@@ -155,25 +74,6 @@ def test_every_program_that_is_drawn_is_legal(model):
         texts.add(found.text)
     assert len(texts) > PROGRAMS / 8  # they are drawn, not one and the same
     assert legal == PROGRAMS
-
-
-def test_best_of_a_list_is_that_of_the_definition_computed_text_by_text(model):
-    prompt = (RENDERED.prompt.stable, RENDERED.prompt.changing)
-    defined = np.array([log_probability(model.gguf, prompt, text) for text in CANDIDATES])
-    found = model.choose(prompt, CANDIDATES)
-    assert abs(found.score - defined.max()) < 0.05  # weights are F16, the cut another
-    assert found.number == int(np.argmax(defined))
-
-
-def log_probability(gguf, prompt, text):
-    before, after = gguf.tokens(prompt[0], begins=True), gguf.tokens(prompt[1])
-    gguf.evaluate(before, after)
-    total = 0.0
-    for token in [gguf.end_token] if text == END else gguf.tokens(text):
-        row = gguf.logits().astype(np.float64)
-        total += row[token] - row.max() - np.log(np.exp(row - row.max()).sum())
-        gguf.extend([token])
-    return total
 
 
 # ----------------------------------------------------------------- prompts
@@ -249,17 +149,3 @@ def test_a_thought_that_the_model_closes_itself_ends_there(thinker):
     assert 10 < found.completion_tokens < 5900
     assert said_after(model, SHORT_PROMPT).count("</think>\n\n") == 1
     assert parse_program(found.text, SKILLS)
-
-
-def test_thinking_takes_its_room_from_the_context_after_the_answer_s(thinker):
-    model = opened(thinker, thinking="on", n_ctx=128, thinking_tokens=9999)
-    found = model.complete(SHORT_PROMPT, spec=SHORT, temperature=1.0, max_tokens=40)
-    assert found.prompt_tokens + found.completion_tokens <= 128
-    assert parse_program(found.text, SKILLS)
-    with pytest.raises(ModelError, match=r"needs room for an answer, but x has a context of 128"):
-        model.complete(Prompt(stable="", changing="apple " * 120))
-
-
-def test_thinking_without_a_template_is_refused(thinker):
-    with pytest.raises(ModelError, match="thinking = 'on' needs its chat template"):
-        opened(thinker, thinking="on", chat=False)

@@ -1,12 +1,6 @@
 """Files that end in .gguf and are no language model, and models under other names than theirs."""
 
-import os
 import shutil
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import gguf as format
 import numpy as np
@@ -14,8 +8,8 @@ import pytest
 from support.paths import ROOT
 
 from karma.agent.loading.names import check_models
-from karma.errors import ModelError, UnknownNameError
-from karma.models.added import AddOptions, add_model
+from karma.errors import ModelError
+from karma.models.added import add_model
 from karma.models.checks.gguf import check_gguf
 from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.model import LlamaModel
@@ -85,24 +79,6 @@ def test_what_is_no_model_to_ask_says_what_it_is(manifest, tmp_path, architectur
     assert not read_local().models
 
 
-@pytest.mark.parametrize(
-    ("begins", "said"),
-    [
-        (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n", "git lfs pull"),
-        (b"<!doctype html><title>401</title>", "a page of the web"),
-        (b"PK\x03\x04" + bytes(60), "a zip archive"),
-        (b"\x1f\x8b\x08" + bytes(60), "a gzip archive"),
-        (b"tjgg" + bytes(60), "before GGUF"),
-        (b"anything else", "it begins with b'anyt'"),
-    ],
-)
-def test_first_bytes_tell_what_a_file_is(tmp_path, begins, said):
-    path = tmp_path / "file.gguf"
-    path.write_bytes(begins)
-    with pytest.raises(ModelError, match=said):
-        check_gguf(path)
-
-
 BOMBS = (
     "{{ 9**9**9 }}",
     "{% generation %}{{ 9**9**9 }}{% endgeneration %}",
@@ -138,15 +114,6 @@ def test_a_gguf_is_told_by_its_first_bytes_and_named_by_its_link(
     check_models({"planner": name})
 
 
-def test_name_of_a_model_goes_before_a_file_of_that_name(planner, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    shutil.copy(planner, tmp_path / "karma-nano")
-    assert resolve_planner("karma-nano").sha256 is not None
-    assert resolve_planner("./karma-nano").sha256 is None
-    with pytest.raises(UnknownNameError, match="nor such a file"):
-        check_models({"planner": "0f3d"})
-
-
 def test_one_letter_that_is_no_utf8_costs_no_template(planner, tmp_path):
     before = planner.read_bytes()
     place = before.index(b"Random weights")
@@ -155,41 +122,6 @@ def test_one_letter_that_is_no_utf8_costs_no_template(planner, tmp_path):
     model = LlamaModel(path)
     assert model.manner == "through its own chat template"
     model.close()
-
-
-def test_folder_of_two_quantisations_and_a_folder_without_its_opener_say_so(planner, tmp_path):
-    two = tmp_path / "two"
-    two.mkdir()
-    for name in ("a-Q4.gguf", "b-Q8.gguf"):
-        shutil.copy(planner, two / name)
-    with pytest.raises(ModelError, match=r"more than one model or part: a-Q4\.gguf, b-Q8\.gguf"):
-        add_model(two)
-    with pytest.raises(UnknownNameError, match=f"'clip:{two}' or 'sentence:{two}'"):
-        check_models({"embedder": str(two)})
-    with pytest.raises(UnknownNameError, match="what opens it stands before it"):
-        check_models({"vision": str(two)})
-
-
-def killed_while_it_is_tried(folder, *words):
-    """Start `models add`; kill it as soon as its trial runs."""
-    command = [sys.executable, "-P", "-m", "karma", "models", "add", *map(str, words)]
-    running = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)})
-    try:
-        children = Path(f"/proc/{running.pid}/task/{running.pid}/children")
-        while running.poll() is None and not children.read_text().strip():
-            time.sleep(0.005)
-        was_running = running.poll() is None
-    finally:
-        running.send_signal(signal.SIGKILL)
-        running.wait()
-    return was_running
-
-
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc")
-def test_model_whose_trial_was_killed_is_not_listed(manifest, planner):
-    assert killed_while_it_is_tried(manifest.parent, planner, "--name", "mine")
-    assert not read_local().models
-    assert add_model(planner, AddOptions(name="mine")).entry.name == "mine"
 
 
 def test_trial_that_fails_leaves_nothing_and_sees_the_entry_before_it_is_listed(manifest, planner):

@@ -153,15 +153,6 @@ def test_file_that_is_not_the_manifest_s_is_refused_by_name_before_it_is_parsed(
     assert everything(manifest.parent) == before
 
 
-def test_model_that_lacks_a_file_of_the_manifest_is_refused_by_that_name(manifest, clip, tmp_path):
-    known(manifest, clip)
-    shutil.copytree(clip, tmp_path / "part")
-    (tmp_path / "part/tokenizer.json").unlink()
-    with pytest.raises(ModelError, match=r"tokenizer\.json: missing"):
-        add_model(tmp_path / "part", AddOptions(name="clip"))
-    assert not read_local().models
-
-
 @pytest.mark.parametrize("name", ["m.bin", "m.pt", "m.onnx"])
 def test_pickle_is_refused_by_name_as_a_file_and_as_a_folder(manifest, tmp_path, name):
     folder = tmp_path / "bad"
@@ -195,27 +186,6 @@ def test_damaged_files_are_refused_and_leave_nothing(manifest, gguf, clip, tmp_p
     assert everything(manifest.parent) == before
 
 
-def test_parts_of_a_gguf_are_told_to_be_joined(manifest, gguf, tmp_path):
-    import gguf as format
-
-    part = tmp_path / "m-00001-of-00002.gguf"
-    writer = format.GGUFWriter(part, "llama")
-    for key in ("context_length", "embedding_length", "block_count", "attention.head_count"):
-        writer.add_uint32(f"llama.{key}", 4)
-    writer.add_uint16("split.count", 2)
-    writer.add_tensor("token_embd.weight", np.zeros((4, 4), np.float32))
-    writer.write_header_to_file()
-    writer.write_kv_data_to_file()
-    writer.write_tensors_to_file()
-    writer.close()
-    shutil.copy(gguf, tmp_path / "m-00002-of-00002.gguf")
-    for path in (part, tmp_path):
-        with pytest.raises(ModelError, match="llama-gguf-split --merge"):
-            add_model(path)
-    with pytest.raises(ModelError, match="one part of 2"):
-        LlamaModel(part)
-
-
 def test_names_do_not_collide_and_do_not_leave_the_folder(manifest, gguf):
     add_model(gguf)
     with pytest.raises(ModelError, match="was added before"):
@@ -225,15 +195,6 @@ def test_names_do_not_collide_and_do_not_leave_the_folder(manifest, gguf):
     for name in ("../up", ".hidden", "a/b", "a\nb"):
         with pytest.raises(ModelError, match="is not a name"):
             add_model(gguf, AddOptions(name=name))
-
-
-def test_folder_of_unknown_purpose_asks_for_a_role(manifest, clip, tmp_path):
-    shutil.copytree(clip, tmp_path / "odd")
-    (tmp_path / "odd/config.json").write_text('{"model_type": "strange"}')
-    with pytest.raises(ModelError, match="give --role"):
-        add_model(tmp_path / "odd")
-    entry = add_model(tmp_path / "odd", AddOptions(role="vlm")).entry
-    assert entry.role == "vlm"
 
 
 def test_remove_touches_only_what_was_added(manifest, gguf):
@@ -282,15 +243,6 @@ def test_commands_bring_in_show_verify_and_take_out(manifest, clip, monkeypatch,
     assert "hash not known" not in karma("models", "show", "clip", "--json", tmp_path / "x.json")
     assert "removed clip" in karma("models", "remove", "clip")
     assert "hash not known" in karma("models", "show", "clip")
-
-
-def test_verify_goes_on_after_a_wrong_file(manifest, gguf, monkeypatch):
-    add_model(gguf)
-    (manifest.parent / "ours.gguf").write_bytes(b"abd")
-    said = karma("models", "verify", code=1)
-    assert "✗ ours" in said and "ours.gguf: its SHA-256 is" in said
-    assert "karma models verify" in said
-    assert "✓ tiny-Q8" in said
 
 
 # ------------------------------------------------------------------------------ tried before

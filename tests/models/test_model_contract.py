@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from support import tiny
 from support.llama_export import export_llama, random_llama
-from support.sights import seen
 from support.tiny_models import save_clip, save_sentence
 
 from karma.contracts import (
@@ -25,10 +24,9 @@ from karma.errors import ModelError
 from karma.models.automaton import ProgramAutomaton
 from karma.models.checks import memory
 from karma.models.checks.gguf import check_gguf
-from karma.models.llama import gguf_model
 from karma.models.llama.gguf_files import new_tokenizer
 from karma.models.llama.model import LlamaModel
-from karma.models.scripted import MetadataVision, ScriptedModel
+from karma.models.scripted import ScriptedModel
 from karma.registry import load, names
 from karma.testing import make_llama
 
@@ -135,25 +133,6 @@ def test_constrained_answers_are_programs_however_long(model, temperature, max_t
             assert found.text.rstrip("\n").endswith(")")
 
 
-def test_seed_decides_sampled_answers(model):
-    def texts():
-        return [
-            model.complete(SCENE, max_tokens=12, temperature=1.0, seed=s).text for s in range(3)
-        ]
-
-    assert texts() == texts()
-    assert len(set(texts())) == 3
-
-
-def test_prompt_longer_than_context_names_both_numbers(gguf):
-    model = opened(gguf, n_ctx=64)
-    with pytest.raises(ModelError, match=r"the prompt has \d+ tokens .* context of 64"):
-        model.complete(SCENE)
-    assert model.complete(Prompt(stable="", changing="Go")).text  # and it works on
-    with pytest.raises(ModelError, match="empty"):
-        model.complete(Prompt(stable="", changing=""))
-
-
 def test_answer_ends_where_the_context_does(gguf):
     model = opened(gguf)
     assert model.gguf.n_ctx == model.gguf.limit == 512  # what it was trained for
@@ -205,14 +184,6 @@ def test_chat_without_system_role_puts_all_into_the_user_s_message(tmp_path):
 # -------------------------------------------------------------------- files that are not right
 
 
-def test_missing_file_is_named_with_hash_and_command(tmp_path):
-    for options in ({}, {"sha256": "ab" * 32}):
-        with pytest.raises(ModelError) as caught:
-            LlamaModel(tmp_path / "nope.gguf", **options)
-        for part in ("nope.gguf", "karma models verify", "make setup", *options.values()):
-            assert part in str(caught.value)
-
-
 def test_wrong_hash_is_refused_before_parsing(tmp_path):
     path = tmp_path / "x.gguf"
     path.write_bytes(b"not a model at all")
@@ -254,18 +225,6 @@ def test_header_with_flipped_bytes_is_refused_or_read_never_worse(gguf, tmp_path
             assert "bad.gguf" in str(error)
 
 
-def test_chat_without_template_is_a_model_error(tmp_path):
-    with pytest.raises(ModelError, match="no chat template"):
-        opened(export(tmp_path / "x.gguf"), chat=True)
-
-
-def test_answer_tells_the_threads_and_the_batch_that_made_it(gguf):
-    found = opened(gguf, threads=1, n_ctx=128).complete(OTHER, max_tokens=1)
-    assert (found.engine.threads, found.engine.batch) == (1, 128)
-    assert opened(gguf, threads=2).complete(OTHER, max_tokens=1).engine.batch == 512
-    assert ScriptedModel(["x"]).complete(OTHER).engine is None
-
-
 @pytest.fixture(scope="module")
 def long(tmp_path_factory):
     """A planner that was trained for more tokens than it is opened with."""
@@ -291,19 +250,6 @@ def test_context_grows_with_the_prompt_and_changes_no_bit(long):
     assert whole.gguf.engine.n_ctx == 4096
 
 
-def test_context_said_is_a_ceiling_and_one_not_said_what_it_was_trained_for(long):
-    prompt = Prompt(stable="#areas\nnode_1 Fridge Sink\n" * 30, changing="go")
-    small = opened(long, n_ctx=300)
-    with pytest.raises(ModelError, match=r"the prompt has \d+ tokens .* context of 300"):
-        small.complete(prompt)
-    with pytest.raises(
-        ModelError, match=r"301 tokens do not fit its context of 300, as n_ctx says"
-    ):
-        small.gguf.make_room(301)
-    with pytest.raises(ModelError, match=r"of 5000, as it was trained for"):
-        opened(long).gguf.make_room(5001)
-
-
 def test_context_that_would_not_fit_the_memory_is_refused_and_a_shorter_one_works(
     long, tmp_path, monkeypatch
 ):
@@ -317,26 +263,6 @@ def test_context_that_would_not_fit_the_memory_is_refused_and_a_shorter_one_work
     model.gguf.make_room(800)  # not the 1024 that would be wanted
     assert model.gguf.n_ctx == 800
     assert model.complete(OTHER, max_tokens=2).text
-
-
-def test_file_too_big_for_the_free_memory_is_refused_before_it_is_opened(
-    gguf, tmp_path, monkeypatch
-):
-    (tmp_path / "meminfo").write_text("MemAvailable: 1000 kB\n")
-    monkeypatch.setattr(memory, "MEMINFO", tmp_path / "meminfo")
-    monkeypatch.setattr(gguf_model, "open_gguf", None)  # not reached
-    with pytest.raises(ModelError, match=r"tiny\.gguf: needs about .* 1 MB are free") as caught:
-        opened(gguf)
-    assert "a context of 512 tokens" in str(caught.value)
-    assert "karma models list" in str(caught.value)
-
-
-def test_second_cache_too_big_for_the_free_memory_is_refused(gguf, tmp_path, monkeypatch):
-    model = opened(gguf)
-    (tmp_path / "meminfo").write_text("MemAvailable: 100 kB\n")
-    monkeypatch.setattr(memory, "MEMINFO", tmp_path / "meminfo")
-    with pytest.raises(ModelError, match=r"tiny: needs about 1 MB .*a second cache, of 5000 tok"):
-        model.gguf.sequences(2, cells=5000)
 
 
 def test_model_that_was_closed_fails_in_python_and_closing_again_does_nothing(gguf):
@@ -355,13 +281,6 @@ def test_damaged_weights_are_a_model_error_not_an_answer(tmp_path, spec, tempera
     export(tmp_path / "nan.gguf", model=weights)
     with pytest.raises(ModelError, match="best score of a token is nan: damaged weights"):
         opened(tmp_path / "nan.gguf").complete(SCENE, spec=spec, temperature=temperature)
-
-
-def test_machine_that_does_not_tell_its_memory_refuses_nothing(gguf, tmp_path, monkeypatch):
-    for name in ("MEMINFO", "CGROUP"):
-        monkeypatch.setattr(memory, name, tmp_path / "none")
-    assert memory.available_mb() is None
-    assert opened(gguf).name == "tiny"
 
 
 # ------------------------------------------------------------------------------ the other models
@@ -454,11 +373,3 @@ def test_scripted_model_says_its_script_and_then_fails():
     assert model.specs == [SPEC, None]
     with pytest.raises(ModelError, match="run out: 2 answers"):
         model.complete(SCENE)
-
-
-def test_metadata_vision_repeats_the_states_of_the_objects_given():
-    objects = [seen("a", states=("dirty", "off")), seen("b")]
-    assert MetadataVision().read_states(None, "clean it", objects) == {
-        "a": ("dirty", "off"),
-        "b": (),
-    }

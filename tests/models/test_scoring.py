@@ -18,7 +18,7 @@ from karma.errors import ModelError
 from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.model import LlamaModel
 from karma.models.llama.opening import LlamaOptions
-from karma.models.llama.scoring import SkillScorer, trie_of
+from karma.models.llama.scoring import SkillScorer
 
 NANO = ROOT / "models/nano/planner.gguf"
 PROMPT = ("#areas\nunknown\n", "#task put the apple in the fridge\n#memory\n#program\n")
@@ -118,29 +118,6 @@ def test_a_text_that_begins_another_scores_no_less(model, scorer):
     assert one > other
 
 
-def test_one_token_texts_need_no_run(model, scorer):
-    texts = [text for text in "abcdefgh" if len(model.tokens(text)) == 1]
-    found = every_score(scorer, PROMPT, texts)
-    assert found.run_tokens == 0
-    assert found.values == pytest.approx(naive(model, PROMPT, texts), abs=1e-3)
-    assert scorer.choose(PROMPT, texts).run_tokens == 0
-
-
-def test_equal_texts_score_the_same_and_the_first_is_the_best(scorer):
-    values = every_score(scorer, PROMPT, ["go go", "go", "go"]).values
-    assert values[1] == values[2]
-    assert scorer.choose(PROMPT, ["go go", "go", "go"]).number == 1
-
-
-def test_several_hundred_texts_are_scored_as_defined(model, scorer):
-    texts = [f"{a}{b}{c}x" for a in "abcdefghij" for b in "klmnopqrst" for c in "uvw"]
-    values = every_score(scorer, PROMPT, texts).values
-    some = list(range(0, 300, 23))
-    expected = naive(model, PROMPT, [texts[i] for i in some])
-    assert values[some] == pytest.approx(expected, abs=1e-5)
-    assert scorer.choose(PROMPT, texts).number == int(np.argmax(values))
-
-
 def test_shared_beginnings_run_once_and_last_tokens_not_at_all(model, scorer):
     lists = [tokens_of(model, text) for text in SKILLS]
     inner = {tuple(tokens[:n]) for tokens in lists for n in range(1, len(tokens))}
@@ -170,14 +147,6 @@ def test_best_runs_less_than_all(model, scorer):
     texts = [f"{a}{b}{c}{d}" for a in "abcdef" for b in "ghijkl" for c in "mnop" for d in "qrst"]
     all_of_them = every_score(scorer, PROMPT, texts).run_tokens
     assert scorer.choose(PROMPT, texts).run_tokens < all_of_them / 2
-
-
-def test_a_longer_text_never_wins_against_its_beginning_unless_averaged(model, scorer):
-    texts = ["go", "go go go go go go"]
-    assert model.tokens(texts[1])[: len(model.tokens("go"))] == model.tokens("go")
-    assert scorer.choose(PROMPT, texts).number == 0
-    averages = every_score(scorer, PROMPT, texts, scoring="average").values
-    assert scorer.choose(PROMPT, texts, scoring="average").number == int(averages.argmax())
 
 
 # ----------------------------------------------------------------- what is kept
@@ -223,40 +192,4 @@ def test_a_prompt_without_room_for_the_longest_text_is_refused(model, scorer):
     assert every_score(scorer, PROMPT, SKILLS).values.shape == (len(SKILLS),)
 
 
-def test_context_smaller_than_a_token_of_each_sequence(model, tmp_path):
-    small = LlamaModel(
-        export_tiny(tmp_path / "tiny.gguf"), options=LlamaOptions(n_ctx=16, threads=1)
-    )
-    scorer, texts = SkillScorer(small.gguf), ["a", "b c", "go go go go"]
-    values = every_score(scorer, ("#t\n",), texts).values
-    assert values == pytest.approx(naive(model, ("#t\n",), texts), abs=1e-4)
-    with pytest.raises(ModelError, match=r"needs a context of \d+, but tiny has 16"):
-        scorer.choose(PROMPT, SKILLS)
-    scorer.close()
-    small.close()
-
-
-@pytest.mark.parametrize(
-    "prompt, texts, words", [(PROMPT, [], "no continuation"), (("", ""), ["a"], "no prompt")]
-)
-def test_nothing_to_score_is_refused(scorer, prompt, texts, words):
-    with pytest.raises(ValueError, match=words):
-        every_score(scorer, prompt, texts)
-
-
-def test_trie_refuses_a_text_without_tokens():
-    for nothing in ([], [-1]):  # -1: a model without a token that ends
-        with pytest.raises(ValueError, match="continuation 1 has no token"):
-            trie_of([[1], nothing])
-
-
 # ----------------------------------------------------------------- the shipped planner
-
-
-@pytest.mark.model
-def test_shipped_planner_knows_the_first_step():
-    model = GgufModel(NANO, LlamaOptions(threads=1))
-    steps = [f"{skill}(robot, '{name}')\n" for skill in ("GoToObject", "OpenObject", "PickupObject")
-             for name in ("Apple", "Fridge", "Mug", "Potato", "CounterTop")]  # fmt: skip
-    assert SkillScorer(model).choose(PROMPT, [END, *steps, "人参\n"]).number == 1
-    model.close()

@@ -7,7 +7,7 @@ import pytest
 from support.sights import seen
 from support.tiny_vision import FAMILIES, save_family
 
-from karma.errors import FileError, KarmaError, ModelError
+from karma.errors import KarmaError
 from karma.models import transformers_vision
 from karma.models.picture_questions import LINE, cut
 from karma.models.transformers_vision import TransformersVision, VisionOptions
@@ -86,16 +86,6 @@ def test_a_model_with_crops_is_asked_about_one_thing_at_a_time(folders):
     assert model.pictures[0].shape == (120, 120, 3)
 
 
-@pytest.mark.parametrize(
-    "said", ["max_tokens: 0", "attempts: -1", "crop: 0", "crop: 1e9", "threads: 100000", "batch: 0"]
-)
-def test_number_out_of_range_in_karma_json_is_refused_with_the_file(copied, said):
-    key, value = said.split(": ")
-    (copied / "karma.json").write_text(f'{{"{key}": {value}}}')
-    with pytest.raises(FileError, match=rf"karma.json: Expected .*{key}"):
-        TransformersVision(copied)
-
-
 def test_karma_json_says_how_a_model_is_asked(copied):
     (copied / "karma.json").write_text('{"profile": "compact", "crop": 1.4, "max_tokens": 9}')
     assert TransformersVision(copied).options == VisionOptions(
@@ -106,27 +96,7 @@ def test_karma_json_says_how_a_model_is_asked(copied):
         TransformersVision(copied)
 
 
-def test_without_a_picture_it_does_not_guess(folders):
-    model = TransformersVision(folders["llava"], options=SHORT)
-    with pytest.raises(ModelError, match="there is none"):
-        model.read_states(None, "look", [MUG])
-    assert model.read_states(None, "look", []) == {}
-
-
 # ------------------------------------------------------------------ what is refused
-
-
-def test_missing_processor_files_are_named(copied):
-    for name in ("processor_config.json", "preprocessor_config.json"):
-        (copied / name).unlink()
-    with pytest.raises(ModelError, match=r"processor_config\.json nor preprocessor_config\.json"):
-        TransformersVision(copied)
-
-
-def test_a_missing_chat_template_is_told(copied):
-    (copied / "chat_template.jinja").unlink()
-    with pytest.raises(ModelError, match="no chat template"):
-        TransformersVision(copied)
 
 
 def test_a_large_model_that_is_stored_in_16_bits_stays_so(copied, monkeypatch):

@@ -5,7 +5,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.sights import seen
 
-from karma.household.pieces import base_type
 from karma.models.picture_questions import STATES, again, names_of, question, read_answer
 
 
@@ -26,22 +25,9 @@ def test_the_question_has_the_four_steps_the_task_and_the_objects():
     assert ", ".join(STATES) in text
 
 
-def test_the_compact_question_names_the_object_alone():
-    assert question("compact", "wash the mug", [APPLE]) == ("", "Apple")
-
-
-def test_boxes_are_told_in_words_when_asked_for():
-    _, text = question("full", "look", [MUG], boxes=True)
-    assert "Mug (at x 0-20, y 10-30)" in text
-
-
 def test_several_of_a_type_are_numbered_from_left_to_right():
     names = names_of([thing("Mug", 1, left=200), thing("Mug", 2, left=5), APPLE])
     assert names == {"Mug|2": "Mug 1", "Mug|1": "Mug 2", "AppleSliced|1": "Apple"}
-
-
-def test_what_tells_a_state_is_not_in_the_name():
-    assert {base_type(k) for k in ("BreadSliced", "EggCracked")} == {"Bread", "Egg"}
 
 
 @pytest.mark.parametrize(
@@ -82,16 +68,6 @@ def test_nothing_is_guessed(text, fault):
     if fault:
         assert fault in reading.faults[0]
         assert reading.faults[0].startswith("line ")
-
-
-@pytest.mark.parametrize("babble", ["Mug", "Mug: dirty: filled", "Mug:" + "* " * 50_000 + "x:"])
-def test_lines_without_exactly_one_colon_are_left_however_long(babble):
-    reading = read_answer(f"Mug: dirty\n{babble}", [MUG])
-    assert (reading.states, reading.faults) == ({"Mug|1": ("dirty",)}, ())
-
-
-def test_only_objects_of_interest_are_read():
-    assert set(read_answer("Mug: dirty\nPlate: dirty\nApple: sliced", [MUG]).states) == {"Mug|1"}
 
 
 @given(st.text())

@@ -1,9 +1,9 @@
-"""Hints in training examples: what an agent would have been told of words it does not know.
+"""Hints in training examples: likely meanings of unknown words.
 
-A share of the phrases that are known is treated as unknown, with hints from which every text with
-their word is left out: as good, and as bad, as those of a word that nobody has written down. In a
-smaller share a noun becomes a word that does not exist, with the noun's hints: only who reads the
-hints can answer. All vectors come from a cache: nothing is embedded while examples are drawn.
+A share of known phrases is treated as unknown, with hints that leave out every text with the
+phrase's word, so that they are no better than hints of a new word. In a smaller share a
+noun becomes an invented word with the noun's hints: only a model that reads hints can answer.
+Vectors come from a cache.
 """
 
 from collections import Counter
@@ -44,7 +44,7 @@ _ENDS = ("b", "ck", "d", "ft", "g", "l", "m", "n", "p", "rt", "sk", "t", "x", "z
 
 @dataclass(frozen=True, kw_only=True)
 class DrawnHints:
-    """Gives drawn examples their hints."""
+    """Adds hints to training examples."""
 
     words: Words  # texts, their vectors and known words
     vectors: Mapping[str, Vectors]  # phrase -> row; a phrase without one gets no hint
@@ -52,14 +52,14 @@ class DrawnHints:
     _given: dict[tuple[str, bool, tuple[str, ...]], Hint] = field(default_factory=dict)  # again
 
     def told(self, rng: Rng, example: TrainingExample) -> TrainingExample:
-        """Return an example with hints, and perhaps with a noun that does not exist."""
+        """Return an example with hints, and perhaps with an invented noun."""
         task, rest = example.changing.split("\n", 1)
         sentence, hints = self.hinted(rng, example.sentence)
         task = task.removesuffix(example.sentence) + sentence
         return replace(example, changing=f"{task}\n{compact_words(hints)}{rest}")
 
     def hinted(self, rng: Rng, sentence: str) -> tuple[str, Sequence[Hint]]:
-        """Return a sentence, perhaps with a noun that does not exist, and its hints."""
+        """Return a sentence, perhaps with an invented noun, and its hints."""
         roll = rng.random()
         asked = queries(sentence)
         hints: list[Hint] = []
@@ -84,7 +84,7 @@ class DrawnHints:
     def _invented(
         self, rng: Rng, sentence: str, asked: Sequence[Query], hints: list[Hint]
     ) -> tuple[str, list[Hint]]:
-        """Put a word that does not exist in place of one noun."""
+        """Replace a noun by an invented word."""
         nouns = [q for q in asked if not q.is_deed and q.start >= 0 and q.phrase in self.names]
         query = pick(rng, nouns) if nouns else None
         if query is None or query.phrase not in self.vectors:
@@ -92,20 +92,20 @@ class DrawnHints:
         (hint,) = self._hint(query, without=(query.head,))
         (full,) = self._hint(query, without=())
         if full.meanings[0].name not in {meaning.name for meaning in hint.meanings}:
-            hint = full  # nothing else could tell what is meant
+            hint = full  # without it the meaning cannot be found
         word, end = invented_word(rng), query.start + len(query.phrase)
-        others = [one for one in hints if one.phrase != query.phrase]
+        others = [other for other in hints if other.phrase != query.phrase]
         changed = sentence[: query.start] + word + sentence[end:]
         return changed, [replace(hint, phrase=word), *others]
 
 
 def invented_word(rng: Rng) -> str:
-    """Return a word of two syllables that does not exist."""
+    """Return an invented word of two syllables."""
     return "".join(pick(rng, part) for part in (_ONSETS, _VOWELS, _ENDS, _VOWELS, _ENDS))
 
 
 def called() -> tuple[str, ...]:
-    """Return what types are called on the training side, vaguer words and uses included."""
+    """Return all names of types on the training side, vague words and uses included."""
     return tuple(dict.fromkeys(text for entry in lexicon().values() for text in _texts(entry)))
 
 
@@ -116,9 +116,9 @@ def _texts(entry: Entry) -> Iterator[str]:
 
 
 def words_file(seen: Iterable[str]) -> WordFile:
-    """Return texts of types and deeds, and what is known to who has seen sentences.
+    """Return texts of types and actions, and the words known from sentences.
 
-    Words that fit many types are no texts: they are near to all of them.
+    Words that fit many types are left out: they are near to all of them.
     """
     ours, unseen = own_texts(), unseen_lexemes()
     types, deeds = (
@@ -156,7 +156,7 @@ class KeptRows:
                     self.rows = dict(zip(said["texts"].split("\n"), rows, strict=True))
 
     def embed(self, texts: Sequence[str]) -> Vectors:
-        """Return one row per text, shape (n, dimension)."""
+        """Return a row per text, shape (n, dimension)."""
         for text in texts:
             if text not in self.rows:
                 self.rows[text] = embed_texts(self._embedder, [text])[0]

@@ -1,7 +1,7 @@
-"""Moments of rooms to learn from and to be examined on: random states, random viewpoints.
+"""Views of rooms with random states from random viewpoints.
 
-A room comes from the generator or a scene file; what can be opened, switched, soiled, filled, used
-up, cooked, heated, cut or broken is so by lot; the agent stands near something and looks at it.
+States of objects (open, on, dirty, filled, used up, cooked, heated, sliced, broken) are random; the
+agent stands near an object and looks at it.
 """
 
 import math
@@ -41,7 +41,7 @@ _BARE = 0.3  # share kept of objects whose type knows no state at all
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sample:
-    """One object in one picture, and what the picture shows of its state."""
+    """An object in a frame and its visible states."""
 
     seen: SeenObject  # what a model may know of it: neither states nor places
     pixels: int  # of the picture that show it
@@ -54,9 +54,9 @@ def room(seed: int, number: int) -> Scene:
 
 
 def moments(scene: Scene, rng: _Lot, *, states: int, views: int) -> Iterator[WorldEvent]:
-    """Yield events of a room whose frames are worth asking about.
+    """Yield events of a room for questions about their frames.
 
-    States are dealt out so many times, each looked at from so many places.
+    `states` random states of the room, each seen from `views` viewpoints.
     """
     for _ in range(states):
         world = EmbeddedWorld(_dealt(scene, rng))
@@ -68,7 +68,7 @@ def moments(scene: Scene, rng: _Lot, *, states: int, views: int) -> Iterator[Wor
 
 
 def samples(event: WorldEvent) -> list[Sample]:
-    """Return what can be asked about a frame: what is in view or in the hand, and shows enough."""
+    """Return the objects in view or in the hand that show enough pixels."""
     rows = event.picture.rows
     counts = np.bincount(rows[rows >= 0], minlength=len(event.state.objects))
     shown = dict(zip(event.state.objects, counts.tolist(), strict=True))
@@ -78,11 +78,12 @@ def samples(event: WorldEvent) -> list[Sample]:
         pixels = shown[thing.object_id]
         if not (thing.visible or thing.object_id in truth.held_ids) or pixels < LEAST_PIXELS:
             continue
-        one = placed(thing, camera)
-        if one.region is not None:
+        shown_at = placed(thing, camera)
+        if shown_at.region is not None:
             seen = SeenObject(
-                object_id=one.object_id, object_type=one.object_type, region=one.region,
-                silhouette=one.silhouette, pickupable=False, position_m=_NOWHERE,
+                object_id=shown_at.object_id, object_type=shown_at.object_type,
+                region=shown_at.region,
+                silhouette=shown_at.silhouette, pickupable=False, position_m=_NOWHERE,
                 box_center_m=_NOWHERE, box_size_m=_NOWHERE,
             )  # fmt: skip
             found.append(Sample(seen=seen, pixels=pixels, states=shown_states(thing)))
@@ -90,8 +91,8 @@ def samples(event: WorldEvent) -> list[Sample]:
 
 
 def thinned(found: Sequence[Sample], rng: _Lot) -> list[Sample]:
-    """Leave out most of the objects of types that never show a state; they are everywhere."""
-    return [one for one in found if one.states != ("none",) or rng.random() < _BARE]
+    """Leave out most objects whose types never show a state."""
+    return [sample for sample in found if sample.states != ("none",) or rng.random() < _BARE]
 
 
 # ------------------------------------------------------------------ states by lot
@@ -116,7 +117,7 @@ def _dealt(scene: Scene, rng: _Lot) -> Scene:
 
 
 def _changed(thing: SceneObject, rng: _Lot) -> SceneObject:
-    """Return an object in a state by lot."""
+    """Return an object in a random state."""
     happens = {name: bool(rng.random() < odds) for name, odds in _ODDS.items()}
     has = {name for name, does in happens.items() if does and name in thing.capabilities}
     level, heat, liquid = rng.random(), rng.random(), str(rng.choice(_LIQUIDS))
@@ -195,5 +196,5 @@ def _tells(thing: SceneObject) -> bool:
 
 
 def generator(seed: int, *use: str) -> _Lot:
-    """Return the stream of one use in this package."""
+    """Return the random stream of a use."""
     return stream(seed, "vision", *use)

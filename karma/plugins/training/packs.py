@@ -1,10 +1,8 @@
-"""What a planner is tuned on: packs of examples over one scene.
+"""Sample training packs: examples of a planner in the same scene.
 
-A pack is several (memory, instruction, program) examples of one scene, with or without its map.
-
-A sentence written by hand says how people ask; which things they ask about is drawn: a thing's name
-gives way to that of another which its goals allow. "Pop the apple in the fridge" teaches "pop", and
-not apples.
+A pack has (memory, instruction, program) examples of a scene, with or without its map. In sentences
+written by hand, names of objects are exchanged for others that the goals allow: "pop the apple in
+the fridge" teaches "pop", not apples.
 """
 
 import re
@@ -47,7 +45,7 @@ from karma.seeds import stream
 
 @dataclass(frozen=True, kw_only=True)
 class Unseen:
-    """What examples may not say, besides held-out lexemes."""
+    """Sentences that examples may not repeat, besides held-out lexemes."""
 
     sentences: frozenset[str] = frozenset()  # as `plain` has them
 
@@ -58,7 +56,7 @@ class Unseen:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannerRecipe:
-    """All that decides what is drawn, besides the data."""
+    """Sampling parameters."""
 
     seed: int = 0
     examples: int = 4  # per pack with long-term memory; half as many more without it
@@ -82,11 +80,11 @@ class Data:
     alfred: Sequence[Sentence] = ()
     steps: Sequence[StepSentence] = ()
     written: Sequence[SaidRequest] = ()
-    hints: DrawnHints | None = None  # what is told of words that are not known
+    hints: DrawnHints | None = None  # hints of unknown words
 
     @cached_property
     def recorded(self) -> Sequence[KnownRoom]:
-        """The rooms in which a sentence of ALFRED's was said."""
+        """The rooms of ALFRED's sentences."""
         return tuple(room for room in self.rooms if self.said(room))
 
     def said(self, room: KnownRoom) -> Sequence[Sentence]:
@@ -102,7 +100,7 @@ class Data:
 
 
 def draw_pack(recipe: PlannerRecipe, data: Data, *name: str) -> list[TrainingExample]:
-    """Draw one pack; equal names give equal packs."""
+    """Sample a pack; equal names give equal packs."""
     rng = stream(recipe.seed, "planner", *name)
     mapped = bool(rng.random() < recipe.mapped)
     recorded = data.recorded if mapped and rng.random() < recipe.plans else ()
@@ -119,7 +117,7 @@ def draw_pack(recipe: PlannerRecipe, data: Data, *name: str) -> list[TrainingExa
 def _draw_one(
     rng: Rng, recipe: PlannerRecipe, data: Data, room: KnownRoom, *, mapped: bool
 ) -> TrainingExample | None:
-    """Draw one example in a room, None where what was drawn cannot be."""
+    """Sample an example in a room; return None if the sample is impossible."""
     if data.written and rng.random() < recipe.written:
         return draw_written(rng, room, data.written, mapped=mapped)
     if (roll := rng.random()) < recipe.refused:
@@ -146,7 +144,7 @@ _ABLE |= {"OPEN": "openable", "CLOSED": "openable"}
 def draw_written(
     rng: Rng, room: KnownRoom, sentences: Sequence[SaidRequest], *, mapped: bool
 ) -> TrainingExample | None:
-    """Draw one example with a written sentence, None where the room has none of its places."""
+    """Sample an example with a written sentence; return None if the room lacks its receptacle."""
     said = pick(rng, sentences)
     text, goals = said.text, said.wanted
     if goals and rng.random() < OTHER_THINGS:
@@ -167,7 +165,7 @@ def draw_written(
 
 
 def _without(rng: Rng, facts: PlanRequest, about: frozenset[str]) -> PlanRequest:
-    """Return what is known without what the sentence is about: it goes by its type's name then."""
+    """Return the knowledge without the sentence's objects, which go by their types then."""
     if rng.random() < EMPTY:
         return replace(facts, units=(), held_id=None, held_type=None)
 
@@ -178,10 +176,7 @@ def _without(rng: Rng, facts: PlanRequest, about: frozenset[str]) -> PlanRequest
 
 
 def _in_room(goals: Sequence[Goal], landmarks: Sequence[str]) -> tuple[Goal, ...] | None:
-    """Return goals with what a room has in place of what it lacks; None where nothing is like it.
-
-    Who is asked for a desk where there is none uses the likest thing.
-    """
+    """Return goals with the nearest fixtures of a room; None if a fixture has no stand-in."""
     here: dict[str, str | None] = {
         name: likest(name, landmarks)
         for goal in goals
@@ -199,7 +194,7 @@ def _in_room(goals: Sequence[Goal], landmarks: Sequence[str]) -> tuple[Goal, ...
 def with_other_things(
     rng: Rng, text: str, goals: Sequence[Goal], landmarks: Sequence[str] = ()
 ) -> tuple[str, tuple[Goal, ...]]:
-    """Put other things' names into a sentence and its goals, where the goals allow it.
+    """Exchange objects in a sentence and its goals where the goals allow it.
 
     `landmarks`: what the room has; () for all.
     """
@@ -220,14 +215,14 @@ def with_other_things(
         other = pick(rng, others)
         text = named.sub(pick_common(rng, lexicon()[other].names), text)
         goals = tuple(
-            replace(g, arguments=tuple(other if one == kind else one for one in g.arguments))
+            replace(g, arguments=tuple(other if name == kind else name for name in g.arguments))
             for g in goals
         )
     return text, goals
 
 
 def _name_pattern(text: str, kind: str) -> re.Pattern[str] | None:
-    """Return what finds a type's name in a sentence, the longest that stands there."""
+    """Return the pattern of a type's longest name in a sentence, or None."""
     names = sorted(lexicon()[kind].names, key=len, reverse=True)
     for name in names:
         pattern = re.compile(rf"\b{re.escape(name)}\b", re.IGNORECASE)
@@ -238,7 +233,7 @@ def _name_pattern(text: str, kind: str) -> re.Pattern[str] | None:
 
 @cache
 def _alike(kind: str) -> tuple[str, ...]:
-    """Return the types that may take a type's place: carried or not as it is, and no pieces."""
+    """Return the types that may replace a type: movable as it is, and no pieces."""
     movable = "pickupable" in object_types()[kind].capabilities
     return tuple(
         other
@@ -254,9 +249,9 @@ def _alike(kind: str) -> tuple[str, ...]:
 def _allows(goal: Goal, kind: str, other: str) -> bool:
     """Return whether a goal about a type can be met with another in its place."""
     if kind not in goal.arguments:
-        return not any(is_piece(one) and base_type(one) == kind for one in goal.arguments)
+        return not any(is_piece(name) and base_type(name) == kind for name in goal.arguments)
     if goal.predicate in ("ON", "INSIDE"):
-        thing, place = (other if one == kind else one for one in goal.arguments)
+        thing, place = (other if name == kind else name for name in goal.arguments)
         return goes_in(thing, place)
     if goal.predicate == "STATE":
         state = deed_for(goal.arguments[1]) or ""

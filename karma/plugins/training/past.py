@@ -1,9 +1,8 @@
-"""What examples tell of the past: short-term memories, and what an earlier program failed on.
+"""The past in training examples: short-term memories and failures of earlier programs.
 
-Memories are as they come about: a few requests done, and things seen on the way. No simulator runs:
-what a request leaves behind is written down by rule. Failures are in the agent's words, those of
-`karma.agent` (reach, search, handling, inspector) for small planners, with the program that goes on
-from there.
+A memory is the result of a few requests and of objects seen on the way; rules record effects, no
+simulator runs. Failures are in the words of `karma.agent` (reach, search, handling, inspector),
+with the program that continues from there.
 """
 
 from collections.abc import Callable, Sequence
@@ -92,8 +91,8 @@ def _goals(rng: Rng, room: KnownRoom, history: RequestHistory, kind: str) -> Seq
     if kind in NEEDS and NEEDS[kind] not in room.landmarks:
         return ()
     able = {"switch": "toggleable", "door": "openable"}.get(kind, "pickupable")
-    name = _object(rng, room, history, lambda one: able in object_types()[one].capabilities
-                   and suits(kind, one))  # fmt: skip
+    name = _object(rng, room, history, lambda name: able in object_types()[name].capabilities
+                   and suits(kind, name))  # fmt: skip
     if name is None:
         return ()
     if kind in STATE_AFTER:
@@ -108,7 +107,7 @@ def _goals(rng: Rng, room: KnownRoom, history: RequestHistory, kind: str) -> Seq
         return (_goal("INSIDE", name, uses.BIN),)
     dish = None
     if kind == "stack":
-        dish = _object(rng, room, history, lambda one: one != name and goes_in(name, one))
+        dish = _object(rng, room, history, lambda other: other != name and goes_in(name, other))
     place = dish or _receptacle(rng, room, name)
     return (_goal("ON", name, place),) if place else ()
 
@@ -119,7 +118,7 @@ PREDICATES = {"switch": ("TOGGLEON", "TOGGLEOFF"), "door": ("OPEN", "CLOSED")}
 def _object(
     rng: Rng, room: KnownRoom, history: RequestHistory, fits: Callable[[str], bool]
 ) -> str | None:
-    """Sample a type for a request: a known one, more often a new one; None if none fits."""
+    """Sample a type for a request: known, more often new; return None if no type fits."""
     known = [base_type(unit.object_type) for unit in history.units]
     fitting = [name for name in known if fits(name)]
     if fitting and rng.random() < KNOWN_SHARE:
@@ -140,7 +139,7 @@ def _in_place(rng: Rng, room: KnownRoom, unit: MemoryUnit, *, is_held: bool) -> 
 
 
 def with_twins(rng: Rng, room: KnownRoom, units: tuple[MemoryUnit, ...]) -> tuple[MemoryUnit, ...]:
-    """Return a memory with one or two more of a thing in it, elsewhere and in other states."""
+    """Add one or two objects of a remembered type, elsewhere and in other states."""
     loose = [unit for unit in units if not is_piece(unit.object_type)]
     if not loose or len(units) >= CAPACITY:
         return units
@@ -166,12 +165,12 @@ def with_twins(rng: Rng, room: KnownRoom, units: tuple[MemoryUnit, ...]) -> tupl
 FAILED = 0.08  # share of prompts that tell of a failure
 SORTS = {"lost": 3, "missed": 2, "shut": 3, "full hand": 0.0, "empty hand": 0.5, "wrong": 4}
 HELD = 12.0  # weight of a full hand where something is held
-ALIKE = 8  # types that one may be taken for
+ALIKE = 8  # types that another may be taken for
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawnFailure:
-    """What the next prompt says, and the program to answer with."""
+    """Error of the next prompt, and the program that answers it."""
 
     error: str
     calls: tuple[SkillCall, ...]
@@ -180,10 +179,9 @@ class DrawnFailure:
 def draw_failure(
     rng: Rng, scene: Situation, calls: tuple[SkillCall, ...], *, wanted: frozenset[str]
 ) -> DrawnFailure:
-    """Draw what went wrong before a program; mostly nothing did.
+    """Sample a failure before a program; mostly none.
 
-    `calls`: the program of one to whom nothing has happened; `wanted`: types that the request
-    is about, which were not the mistake.
+    `calls`: the program without a failure; `wanted`: the request's types, which are no mistake.
     """
     if rng.random() > FAILED:
         return DrawnFailure(error="", calls=calls)
@@ -197,7 +195,7 @@ def draw_failure(
 
 
 def _lost(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> DrawnFailure:
-    """Tell of a thing whose place was not known, or not that any more: it is searched for."""
+    """Report an object at no known place: the program searches for it."""
     name = pick(rng, [call.objects[0] for call in calls])
     kind = short_type(name)
     words, skill = f"no {name} is known; Explore(robot, '{name}') first", "GoToObject"
@@ -208,7 +206,7 @@ def _lost(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> DrawnFail
 
 
 def _missed(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> DrawnFailure:
-    """Tell of something that may go well the next time."""
+    """Report a failure that may not happen again."""
     call = pick(rng, calls)
     name, spent = call.objects[-1], int(rng.integers(40, 900))
     words = (
@@ -222,20 +220,20 @@ def _missed(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> DrawnFa
 
 
 def _shut_in(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> DrawnFailure | None:
-    """Tell of a thing that is shut in: what it is in is opened, and closed when it is out."""
+    """Report an object in a closed receptacle: the program opens and closes it."""
     taken = [n for n, call in enumerate(calls) if call.skill == "PickupObject" and n]
     if not taken or calls[taken[0] - 1].skill != "GoToObject":
         return None
     at = taken[0]
     name = calls[at].objects[0]
-    unit = next((one for one in scene.units if scene.names[one.object_id] == name), None)
+    unit = next((unit for unit in scene.units if scene.names[unit.object_id] == name), None)
     place = place_type(scene.units, unit.place_id) if unit and unit.place_id else ""
     kind = object_types()[short_type(name)]
     if place == HAND:
         return None
     if not place:
-        places = [one for one in scene.room.landmarks if kind.fits(object_types()[one])]
-        places = [one for one in places if object_types()[one].must_be_open]
+        places = [place for place in scene.room.landmarks if kind.fits(object_types()[place])]
+        places = [place for place in places if object_types()[place].must_be_open]
         place = pick(rng, places) if places else ""
     if place not in landmark_types() or not object_types()[place].must_be_open:
         return None
@@ -250,7 +248,7 @@ def _shut_in(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> DrawnF
 
 
 def _full_hand(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> DrawnFailure | None:
-    """Tell of what is in the hand: it is put down before another thing is taken."""
+    """Report a full hand: the program puts the held object down first."""
     held = base_type(scene.facts.held_type or "")
     first = next((call.objects[0] for call in calls if call.skill == "PickupObject"), "")
     if not held or not first or base_type(short_type(first)) == held:
@@ -268,7 +266,7 @@ def _full_hand(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> Draw
 
 
 def _empty_hand(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> DrawnFailure | None:
-    """Tell of a thing that was to be put down and had not been picked up."""
+    """Report an empty hand at a PutObject."""
     put = next((call for call in calls if call.skill == "PutObject"), None)
     if put is None:
         return None
@@ -279,11 +277,11 @@ def _empty_hand(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> Dra
 def _mistaken(
     rng: Rng, scene: Situation, calls: tuple[SkillCall, ...], wanted: frozenset[str]
 ) -> DrawnFailure | None:
-    """Tell of another type that the words were taken for, which it cannot have been."""
+    """Report a wrong type that the words were mistaken for."""
     call = pick(rng, calls)
     at = int(rng.integers(len(call.objects)))
     kind = short_type(call.objects[at])
-    others = [one for one in _taken_for(kind) if one not in wanted]
+    others = [other for other in _taken_for(kind) if other not in wanted]
     if not others:
         return None
     other = pick(rng, others)
@@ -307,7 +305,7 @@ def _mistaken(
 
 @cache
 def _taken_for(kind: str) -> Sequence[str]:
-    """Return the types that are most like one: they go to the same places, and can the same."""
+    """Return the types most like a type: by receptacles and capabilities."""
     kinds = object_types()
     info = kinds[kind]
     able = frozenset(info.capabilities)
@@ -318,7 +316,9 @@ def _taken_for(kind: str) -> Sequence[str]:
         places = frozenset(info.goes_in or ()) ^ frozenset(kinds[other].goes_in or ())
         return len(places) + 3 * len(able ^ frozenset(kinds[other].capabilities)), other
 
-    return sorted((one for one in pool if base_type(one) != base_type(kind)), key=unlike)[:ALIKE]
+    return sorted((other for other in pool if base_type(other) != base_type(kind)), key=unlike)[
+        :ALIKE
+    ]
 
 
 def _call(skill: str, *objects: str) -> SkillCall:

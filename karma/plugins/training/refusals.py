@@ -1,8 +1,8 @@
-"""Requests that are refused, and near misses that are not, drawn for training.
+"""Sample requests to refuse, and near misses to carry out.
 
-Most are made of the same sentences and things as requests that are carried out, so that no form of
-words and no politeness tells them apart: a thing that no home has in the place of one, a deed that
-its type does not allow, a "do not" before it. The rest is talk, other languages and nonsense.
+Most use the sentences and objects of requests to carry out, so that no wording tells them apart: an
+object that no home has, an action that the type does not allow, a "do not". The rest is talk, other
+languages and nonsense.
 """
 
 import re
@@ -44,14 +44,14 @@ TRIES = 20
 
 
 class RefusedPhrases(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Patterns and words of `refusals.toml`, by what they are for."""
+    """Patterns and words of `refusals.toml` by use."""
 
     words: Mapping[str, tuple[str, ...]]  # "verbs": that a request may begin with
     near: Mapping[str, tuple[str, ...]]  # templates of the phrase book, by kind of request
 
 
 class OtherLanguage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Sentences of another language, and what fills them."""
+    """Sentences of another language and their slot fillers."""
 
     x: tuple[str, ...]
     r: tuple[str, ...]
@@ -61,9 +61,9 @@ class OtherLanguage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @cache
 def phrases() -> RefusedPhrases:
-    """Return the words; things and places without those that the lexicon has a meaning for.
+    """Return the words; objects and places that the lexicon knows are left out.
 
-    What ends in a name is that thing: a baby bottle is a bottle.
+    Words that end in a name mean that object: a baby bottle is a bottle.
     """
     found = read_toml(HERE / "refusals.toml", RefusedPhrases)
     foreign = {name: tuple(filter(_is_foreign, found.words[name])) for name in ("things", "places")}
@@ -83,7 +83,7 @@ def _is_foreign(words: str) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Group:
-    """Refused requests of one making."""
+    """A way of sampling requests to refuse."""
 
     kind: RefusalKind
     weight: float
@@ -123,7 +123,7 @@ def draw_near_miss(
     *,
     mapped: bool,
 ) -> TrainingExample:
-    """Draw one request that sounds like one to refuse and is carried out; see `samples.draw`."""
+    """Sample a request that sounds like a refusal and is carried out; see `samples.draw`."""
     if rng.random() < WHOLE:
         book = replace(book, templates={**book.templates, **_near()}, spoken={})
         return draw(rng, room, book, mapped=mapped)
@@ -133,11 +133,13 @@ def draw_near_miss(
 @cache
 def _near() -> Mapping[str, tuple[str, ...]]:
     near = phrases().near
-    return {kind: tuple(one for text in near[kind] for one in expand(text)) for kind in near}
+    return {
+        kind: tuple(text for template in near[kind] for text in expand(template)) for kind in near
+    }
 
 
 def _heeded(rng: Rng, scene: Situation, text: str) -> str:
-    """Put words round a request that do not change what is asked."""
+    """Add words around a request that do not change it."""
     for _ in range(TRIES):
         pattern = pick(rng, phrases().words["heeded"])
         if "{ask}" in pattern and text.split()[0] not in phrases().words["verbs"]:
@@ -149,25 +151,25 @@ def _heeded(rng: Rng, scene: Situation, text: str) -> str:
 
 
 class _Slots(dict[str, str]):
-    """What fills a pattern: drawn anew for every slot."""
+    """Slot fillers, sampled anew for every slot."""
 
     def __init__(self, rng: Rng, scene: Situation, request: str | None = None) -> None:
         self._rng, self._scene, self._request = rng, scene, request
 
     def fill(self, pattern: str) -> str | None:
-        """Return what a pattern says; None where there is nothing to say."""
+        """Fill a pattern; return None if a slot has no filler."""
         try:
             return one_of(self._rng, pattern).format_map(self)
         except LookupError:
             return None
 
     def __missing__(self, slot: str) -> str:
-        """Draw what a slot stands for; LookupError where there is nothing."""
+        """Sample the filler of a slot; LookupError if there is none."""
         return _DRAWN[slot](self._rng, self._scene, self._request)
 
 
 def _from(group: str) -> Drawer:
-    """Return what draws one of a group's patterns."""
+    """Return the sampler of a group's patterns."""
     return lambda rng, scene: _Slots(rng, scene).fill(pick(rng, phrases().words[group]))
 
 
@@ -175,11 +177,11 @@ def _from(group: str) -> Drawer:
 
 
 def _any_type(rng: Rng, scene: Situation) -> str:
-    """Draw a type: one that is remembered, one of the room, or any."""
+    """Sample a type: remembered, of the room, or any."""
     remembered = [base_type(unit.object_type) for unit in scene.units]
     here = (*scene.room.movables, *scene.room.landmarks)
     pool = pick(rng, (remembered, here, here, tuple(scene.book.things)))
-    named = [one for one in pool or here if one in scene.book.things]
+    named = [name for name in pool or here if name in scene.book.things]
     if not named:
         raise LookupError("a thing to name")
     return pick(rng, named)
@@ -204,7 +206,7 @@ def _foreign_thing(rng: Rng) -> str:
 
 
 def _request(rng: Rng, scene: Situation) -> str:
-    """Draw a request that could be carried out and begins with a verb."""
+    """Sample a request to carry out that begins with a verb."""
     for _ in range(TRIES):
         ask = one_ask(rng, scene, pick_kind(rng))
         if ask is not None and ask.text.split()[0] in phrases().words["verbs"]:
@@ -213,7 +215,7 @@ def _request(rng: Rng, scene: Situation) -> str:
 
 
 def _other(rng: Rng, scene: Situation, request: str | None) -> str:
-    """Draw a thing that a request does not speak of."""
+    """Sample an object that a request does not mention."""
     for _ in range(TRIES):
         word = _name(rng, scene, _any_type(rng, scene))
         if not set(word.split()) & set(re.findall(r"\w+", request or "")):
@@ -261,7 +263,7 @@ _INTO = {"clean": uses.SINK, "heat": uses.MICROWAVE, "cool": uses.FRIDGE, "trash
 
 
 def _template(rng: Rng, scene: Situation, kind: str, x: str, r: str) -> str | None:
-    """Fill a template of the phrase book with a thing and a place that it was not made for."""
+    """Fill a template of the phrase book with unrelated words."""
     bare = x.partition(" ")[2]
     slots = {"x": x, "x0": bare, "x2": "it", "s": x, "s0": bare, "s2": "it", "r": r, "r0": r[4:]}
     try:
@@ -281,18 +283,18 @@ def _no_such_place(rng: Rng, scene: Situation) -> str | None:
 
 
 def _impossible(rng: Rng, scene: Situation) -> str | None:
-    """Ask for what the types of its things do not allow, whichever types the words mean."""
+    """Ask for an action that no type of the words allows."""
     kind = weighted(rng, _CANNOT)
     word = _name(rng, scene, _any_type(rng, scene))
     place = _name(rng, scene, _INTO.get(kind) or _place(rng, scene))
     places = types_called(place) if kind not in _INTO else (_INTO[kind],)
-    if not all(_cannot(kind, one, r) for one, r in product(types_called(word), places)):
+    if not all(_cannot(kind, thing, r) for thing, r in product(types_called(word), places)):
         return None
     return _template(rng, scene, kind, f"the {word}", f"the {place}")
 
 
 def _cannot(kind: str, thing: str, place: str) -> bool:
-    """Return whether the table of types does not allow a deed."""
+    """Return whether the table of types forbids a request."""
     if is_piece(thing):
         return False
     if kind in _ACTS:

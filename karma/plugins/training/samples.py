@@ -1,7 +1,7 @@
-"""Training examples: a room, a memory and a request, drawn from one seed -> a plain program.
+"""Sample training examples: a room, a memory and a request, with the expert's program.
 
-No simulator runs here: what is drawn is what an agent would know (area nodes, recalled units, what
-is in its hand), rendered by the same `karma.agent.planning.prompt` that plans with it.
+No simulator runs: the samples are an agent's knowledge (area nodes, recalled units, held
+object), rendered by `karma.agent.planning.prompt` as for planning.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,7 +34,7 @@ RECALLED = 0.75  # share of prompts with a few units, as recall leaves them, not
 FEW = 3  # units then
 ALIKE = 0.5  # share of those in which the other ones are as like it as can be
 FRESH = 0.2  # share of prompts with a map in which nothing is remembered
-TWINS = 0.2  # share of memories with a second or third one of something
+TWINS = 0.2  # share of memories with a second or third object of a type
 VAGUE = 0.7  # share of draws in which a remembered thing is mostly not called by its name
 TYPOS = 0.04  # share of sentences with a letter wrong
 LONGEST = 40  # lines of a program
@@ -42,7 +42,7 @@ LONGEST = 40  # lines of a program
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrainingExample:
-    """One (memory, instruction) -> program pair, as text."""
+    """A (memory, instruction) -> program pair as text."""
 
     kind: str
     stable: str
@@ -52,7 +52,7 @@ class TrainingExample:
 
     @property
     def sentence(self) -> str:
-        """What was asked."""
+        """The instruction."""
         return self.changing.partition("\n")[0].removeprefix("#task ")
 
 
@@ -64,9 +64,9 @@ def draw(
     mapped: bool,
     told: Callable[[Rng, Situation, str], str] | None = None,
 ) -> TrainingExample:
-    """Draw one example.
+    """Sample an example.
 
-    `told` puts the sentence in other words of the same meaning.
+    `told` rewords the sentence.
     """
     while True:
         facts, held = draw_facts(rng, room, mapped=mapped)
@@ -90,28 +90,28 @@ def draw(
 
 
 def _recalled(rng: Rng, scene: Situation, ask: Ask) -> PlanRequest:
-    """Return the facts with what the request means and a few other units, as a recall leaves them.
+    """Return the facts with the request's units and a few others, as recall does.
 
-    Everything stays where a unit would go by another name among the few.
+    All units stay if a unit would get another name among the few.
     """
     named = {argument for goal in ask.goals for argument in goal.arguments}
     meant = [unit for unit in scene.units if scene.names[unit.object_id] in named]
     others = [unit for unit in scene.units if unit not in meant]
     rng.shuffle(others)
     if meant and rng.random() < ALIKE:
-        others.sort(key=lambda unit: -max(_likeness(unit, one) for one in meant))
+        others.sort(key=lambda unit: -max(_likeness(unit, other) for other in meant))
     kept = {unit.object_id for unit in (*meant, *others[: max(FEW - len(meant), 0)])}
     few = replace(scene.facts, units=tuple(unit for unit in scene.units if unit.object_id in kept))
     names = names_of(few)
-    return few if all(names[one] == scene.names[one] for one in kept) else scene.facts
+    return few if all(names[kept_id] == scene.names[kept_id] for kept_id in kept) else scene.facts
 
 
 def _likeness(unit: MemoryUnit, other: MemoryUnit) -> int:
-    """Return how easily a unit is taken for another: by type, use, place, states and history."""
-    one, two = (object_types()[base_type(u.object_type)] for u in (unit, other))
+    """Return the likeness of two units: type, receptacles, location, states and history."""
+    first, second = (object_types()[base_type(u.object_type)] for u in (unit, other))
     return (
-        3 * (one.name == two.name)
-        + (one.goes_in == two.goes_in)
+        3 * (first.name == second.name)
+        + (first.goes_in == second.goes_in)
         + (unit.place_id == other.place_id)
         + len({*unit.states} & {*other.states})
         + (unit.handled == other.handled)
@@ -119,9 +119,9 @@ def _likeness(unit: MemoryUnit, other: MemoryUnit) -> int:
 
 
 def draw_step(rng: Rng, room: KnownRoom, steps: Sequence[StepSentence]) -> TrainingExample | None:
-    """Draw one example with what an annotator said of one step, None if it cannot be.
+    """Sample an example with an annotator's sentence of a single step, or return None.
 
-    What is put down is in the hand, and in memory; it goes by whatever the annotator called it.
+    The object to put down is in the hand and in memory.
     """
     step = pick(rng, steps)
     facts, _ = draw_facts(rng, room, mapped=False)
@@ -145,11 +145,11 @@ def draw_step(rng: Rng, room: KnownRoom, steps: Sequence[StepSentence]) -> Train
 def draw_alfred(
     rng: Rng, room: KnownRoom, sentences: Sequence[Sentence], *, mapped: bool
 ) -> TrainingExample | None:
-    """Draw one example with a sentence of ALFRED's annotators, None where the room has no place.
+    """Sample an example with a sentence of ALFRED; return None if the room has no such place.
 
     Short-term memory is mostly empty: the prompt holds the sentence, and the map if there is one.
 
-    With long-term memory (`mapped`) the room should be the one that the sentences were said in.
+    With long-term memory (`mapped`) the room should be the one of the sentences.
     """
     sentence = pick(rng, sentences)
     wanted = sentence.facts
@@ -180,7 +180,7 @@ def program_text(calls: Sequence[SkillCall]) -> str:
 
 
 def example_of(kind: str, facts: PlanRequest, program: str) -> TrainingExample:
-    """Return the example of what the agent knows and what it is to answer."""
+    """Return the example of some knowledge and its answer."""
     prompt = compact(facts).prompt
     return TrainingExample(
         kind=kind, stable=prompt.stable, changing=prompt.changing, program=program, facts=facts
@@ -188,7 +188,7 @@ def example_of(kind: str, facts: PlanRequest, program: str) -> TrainingExample:
 
 
 def draw_facts(rng: Rng, room: KnownRoom, *, mapped: bool) -> tuple[PlanRequest, MemoryUnit | None]:
-    """Draw what an agent knows, as yet without an instruction, and what is in its hand."""
+    """Sample an agent's knowledge without an instruction, and the held unit."""
     units, held = live_memory(rng, room)
     if rng.random() < TWINS:
         units = with_twins(rng, room, units)
@@ -209,14 +209,14 @@ def situation(
     *,
     mapped: bool,
 ) -> Situation:
-    """Return the situation in which a request is drawn."""
+    """Return the situation for sampling a request."""
     vague = 1.0 if rng.random() < VAGUE else 0.0
     names = names_of(facts)
     return Situation(room=room, facts=facts, names=names, book=book, mapped=mapped, vague=vague)
 
 
 def misspelt(rng: Rng, text: str) -> str:
-    """Drop, double or swap one letter of a longer word."""
+    """Drop, double or swap a letter of a longer word."""
     words = text.split(" ")
     long = [number for number, word in enumerate(words) if len(word) > 4]
     if not long:

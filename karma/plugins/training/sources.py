@@ -1,13 +1,13 @@
-"""Where the planner's examples come from, and what stays out of them.
+"""Sources of training examples, and what training excludes.
 
 Rooms come from the generator (seeds of their own) and, where the reference data lies at hand, from
 AI2-THOR floor plans; phrases from our phrase book and ALFRED's annotators.
 
-No planner is trained on the following; everything that feeds training asks here.
+Training excludes the following; everything that feeds training asks here.
 
-* Lexemes: words for things, states and deeds, in `held_out.toml`, which says where the rule is.
+* Lexemes: words for objects, states and actions in `held_out.toml`, which names the rule.
 * Sentence forms: about one template in twelve, by `Book.is_held_out`.
-* Sentences: what the test tasks and requests say, word for word.
+* Sentences: those of test tasks and test requests, word for word.
 * Rooms: those that figures are taken in have seeds of their own; of AI2-THOR's floor plans, those
   of the authors' tasks.
 
@@ -56,17 +56,17 @@ DEVELOPMENT = Path("eval") / "alfred_l" / "tasks.jsonl"
 TRAINED_ROOMS, WATCHED_ROOMS, DRAWN_ROOMS = 77, 78, 79  # added to a seed for rooms of each sort
 SAMPLED = 1500  # packs whose sentences say which words are known
 EMBEDDED = 9_000  # phrases of sentences, at most
-WATCHED = 25  # one of so many of ALFRED's trials is kept out of training, to watch it
+WATCHED = 25  # every n-th trial of ALFRED is kept out of training, to watch it
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sources:
-    """Folders that are read, and the one that keeps what is made once."""
+    """Input folders, and the folder that caches derived data."""
 
     folder: Path  # keeps rooms and known words
     shared: Path  # the reference data; what is missing there is done without
     tests: tuple[Path, ...]  # task files of which training must not say a sentence
-    said: tuple[Path, ...] = ()  # requests, of which training must not say one either
+    said: tuple[Path, ...] = ()  # requests that training must not repeat either
     written: Path | None = None  # the sentences that were written by hand
     generated: int = 300  # rooms to make
     say: Callable[[str], None] = lambda line: None  # what is being made or is missing
@@ -78,7 +78,7 @@ class Sources:
 
     @property
     def floor_plans(self) -> tuple[Path, Path]:
-        """AI2-THOR's dumps, and where one can stand in them."""
+        """AI2-THOR's dumps and their reachable positions."""
         data = self.shared / "data"
         return data / "thor5" / "scenes.jsonl.gz", data / "alfred" / "layouts.json.gz"
 
@@ -99,7 +99,7 @@ class Sources:
         )
 
     def hints(self, recipe: PlannerRecipe, data: Data) -> DrawnHints:
-        """Return what gives examples their hints: words file and vectors, made once."""
+        """Return the hints: words file and vectors, cached."""
         path, asked = self.folder / WORDS, self.folder / "phrases.json"
         rows = KeptRows(registry.load("embedders", "minilm")(), self.folder / "rows.safetensors")
         if not asked.exists():
@@ -109,7 +109,10 @@ class Sources:
                 for number in range(SAMPLED)
                 for example in draw_pack(recipe, data, "words", str(number))
             ]
-            said = [*(one.text for one in data.alfred), *(one.text for one in data.steps)]
+            said = [
+                *(sentence.text for sentence in data.alfred),
+                *(sentence.text for sentence in data.steps),
+            ]
             spoken = dict.fromkeys((*phrases_to_embed(seen), *phrases_to_embed(said)))
             phrases = sorted({*called(), *islice(spoken, EMBEDDED)})
             write_words(path, words_file(seen), rows)
@@ -139,29 +142,29 @@ class Sources:
         return found
 
     def sentences(self, *, held_out: bool) -> tuple[Sentence, ...]:
-        """Return ALFRED's goal sentences of one side; () where they are missing."""
+        """Return ALFRED's goal sentences of a side of the split; () if they are missing."""
         if not self.demonstrations.exists():
             return ()
         every = filter(names_its_place, read_sentences(self.demonstrations))
         return tuple(s for n, s in enumerate(every) if (n // 3 % WATCHED == 0) == held_out)
 
     def steps(self) -> tuple[StepSentence, ...]:
-        """Return what ALFRED's annotators said of single steps; () where they are missing."""
+        """Return ALFRED's sentences of single steps; () if they are missing."""
         return read_steps(self.demonstrations) if self.demonstrations.exists() else ()
 
     def unseen(self) -> Unseen:
-        """Return what examples may not say or ask for."""
+        """Return the sentences that examples may not repeat."""
         return unseen_of(self.tests, said=self.said, shared=self.shared)
 
     def known_plans(self) -> dict[str, KnownRoom]:
-        """Return floor plan -> what an agent knows of it that overlooked nothing."""
+        """Return floor plan -> complete knowledge of the room."""
         dumps, layouts = self.floor_plans
         scenes = import_dump(dumps, layouts=layouts)
         return {scene.name: room_of(scene, scene.name, keep=1.0) for scene in scenes}
 
 
 def unseen_of(tests: Iterable[Path], *, said: Iterable[Path], shared: Path) -> Unseen:
-    """Return what training may not know of the tests.
+    """Return the sentences of tests, which training excludes.
 
     Of the authors' tasks in `shared`, what is missing is done without.
     """

@@ -1,7 +1,7 @@
-"""Task files drawn afresh, in rooms that training never sees or in AI2-THOR's floor plans.
+"""Sample task files in new rooms or in AI2-THOR's floor plans.
 
-Each task is done once by the expert, or none is: then all that the types allow are kept. What is
-left out is counted by its reason.
+The expert carries out each task once, or all tasks that the types allow are kept. Tasks left out
+are counted by reason.
 """
 
 from collections import Counter
@@ -37,7 +37,7 @@ NOT_DONE = "the expert did not do it"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drawing:
-    """What came of drawing tasks."""
+    """Counts of sampled tasks."""
 
     tasks: int
     rooms: int
@@ -61,10 +61,10 @@ def draw_tasks(
     kinds: Mapping[str, float] = KINDS,
     unseen: bool = False,
 ) -> Drawing:
-    """Draw tasks of every kind; writes tasks.jsonl and scenes/ into a folder.
+    """Sample tasks of every kind; writes tasks.jsonl and scenes/ into a folder.
 
-    `filtered`: only what the expert does in the world is kept, else all that anybody could do
-    in it; `unseen`: only what has a held-out lexeme in it.
+    `filtered`: keep tasks that the expert carries out, else all that are possible; `unseen`: keep
+    tasks with a held-out lexeme.
     """
     world = registry.load("worlds", "embedded")()
     known = [room_of(scene, scene.name, keep=1.0) for scene in scenes]
@@ -117,9 +117,9 @@ def _task_line(name: str, kind: str, scene: Path, steps: Sequence[DrawnRequest])
 
 
 def _reason(line: dict[str, Any], folder: Path, judge: World | Possible) -> str:
-    """Return why a task is left out, "" if it is kept.
+    """Return why a task is left out, or "" if it is kept.
 
-    The judge is a world that the expert has to do it in, or says whether anybody could.
+    The judge is a world for the expert, or a check of what is possible.
     """
     path = folder / "one.jsonl"
     write_atomic(path, to_json(line))

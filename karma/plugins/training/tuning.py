@@ -28,7 +28,7 @@ ADAPTER, ADAPTER_CONFIG = "adapter_model.safetensors", "adapter_config.json"  # 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TuningRecipe:
-    """All that decides the adapter, besides weights and examples."""
+    """Parameters of the adapter and its training."""
 
     seed: int = 0
     rank: int = 24  # of the update of each matrix; 24 of SmolLM2-135M are 14.7 MB
@@ -43,7 +43,7 @@ class TuningRecipe:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncodedExample:
-    """One example as tokens: prompt, answer, and what ends it."""
+    """An example as tokens: prompt, answer and end token."""
 
     tokens: tuple[int, ...]
     prompt: int  # so many of them are the prompt
@@ -83,7 +83,7 @@ def end_token(weights: Path) -> int:
 
 
 def read_examples(path: Path) -> Iterator[tuple[str, str, str]]:
-    """Yield what stays the same in a room, what changes, and the answer, of a JSONL file.
+    """Yield (stable prompt, changing prompt, answer) of each line of a JSONL file.
 
     A line is `{"prompt": [STABLE, CHANGING], "answer": TEXT}`; other keys are left alone.
     FileError if it is missing, or a line is not so; names the line.
@@ -121,34 +121,34 @@ def batches_of(
 ) -> list[Sequence[EncodedExample]]:
     """Return examples in batches of like length, padded to at most so many tokens, shuffled."""
     draw = random.Random(seed)
-    ordered = sorted(examples, key=lambda one: (len(one.tokens), draw.random()))
+    ordered = sorted(examples, key=lambda example: (len(example.tokens), draw.random()))
     batches: list[Sequence[EncodedExample]] = []
     batch: list[EncodedExample] = []
-    for one in ordered:
-        if batch and (len(batch) + 1) * len(one.tokens) > tokens:
+    for example in ordered:
+        if batch and (len(batch) + 1) * len(example.tokens) > tokens:
             batches.append(batch)
             batch = []
-        batch.append(one)
+        batch.append(example)
     batches.append(batch)
     draw.shuffle(batches)
     return batches
 
 
 def collate(batch: Sequence[EncodedExample]) -> dict[str, Any]:
-    """Return one batch as tensors, padded on the right, where nothing looks at what comes after.
+    """Return a batch as tensors, padded on the right, where causal attention ignores it.
 
     Logits are wanted, and labels given, from where the first answer begins: a vocabulary of 49,152
     is most of what a step of a small model costs.
     """
     import torch
 
-    width = max(len(one.tokens) for one in batch)
-    first = min(one.prompt for one in batch) - 1
+    width = max(len(example.tokens) for example in batch)
+    first = min(example.prompt for example in batch) - 1
     tokens = np.zeros((len(batch), width), np.int64)
     labels = np.full((len(batch), width), _IGNORED, np.int64)
-    for row, one in enumerate(batch):
-        tokens[row, : len(one.tokens)] = one.tokens
-        labels[row, one.prompt : len(one.tokens)] = one.tokens[one.prompt :]
+    for row, example in enumerate(batch):
+        tokens[row, : len(example.tokens)] = example.tokens
+        labels[row, example.prompt : len(example.tokens)] = example.tokens[example.prompt :]
     return {
         "input_ids": torch.from_numpy(tokens),
         "labels": torch.from_numpy(labels[:, first:]),
@@ -171,7 +171,7 @@ def base_model(path: Path) -> Any:
     except (OSError, ValueError, KeyError) as error:
         raise ModelError(f"{path}: transformers cannot read it: {error}") from error
     config = {k: v for k, v in read.config.to_dict().items() if k != "quantization_config"}
-    model = type(read)(type(read.config).from_dict(config))  # a plain one, which can be trained
+    model = type(read)(type(read.config).from_dict(config))  # a plain model, which can be trained
     model.load_state_dict(read.state_dict())
     model.tie_weights()
     return model

@@ -5,7 +5,6 @@ import subprocess
 import sys
 
 import pytest
-from hypothesis import strategies as st
 
 from karma.errors import FileError
 from karma.plugins.hosted.cassette import (
@@ -14,13 +13,6 @@ from karma.plugins.hosted.cassette import (
     CassetteError,
     Reply,
 )
-
-VALUES = st.recursive(
-    st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.text()
-    | st.floats(allow_nan=False, allow_infinity=False),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
-    max_leaves=8,
-)  # fmt: skip
 
 
 def request(prompt, **more):

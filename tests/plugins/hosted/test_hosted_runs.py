@@ -3,7 +3,6 @@
 import http.client
 import json
 import re
-import shutil
 import urllib.parse
 from pathlib import Path
 
@@ -11,12 +10,8 @@ import msgspec
 import pytest
 from support.hosted_server import (
     KEY,
-    REMOTE,
-    echo,
-    endpoint,
     llama_server,
     plant_key,
-    wire_server,
 )
 from support.needs import need_models
 from support.paths import ROOT
@@ -24,12 +19,10 @@ from typer.testing import CliRunner
 
 from karma.agent.journal.records import read_records
 from karma.agent.journal.run_folder import read_run
-from karma.agent.loading.models import Models
 from karma.bench.engine.run import Run
 from karma.cli import app
-from karma.errors import FileError, KarmaError
 from karma.files import to_json
-from karma.models.endpoint import Endpoint, Hosted
+from karma.models.endpoint import Endpoint
 from karma.plugins.hosted.cassette import Begin, Cassette, line_key_of
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
@@ -162,25 +155,6 @@ def test_replay_of_another_experiment_ends_the_run_and_shows_the_difference(expe
 
 
 @pytest.mark.model
-def test_failing_server_is_recorded_as_the_episode_s_error_and_replayed(experiment, tmp_path):
-    tape = tmp_path / "tape"
-    shutil.rmtree(tape, ignore_errors=True)
-    with wire_server(echo(400, b'{"error": {"message": "no model for KEY."}}')) as (
-        url,
-        _,
-    ):
-        run = Run(experiment(only=["simple-12"], url=url), tmp_path / "run",
-                  cassette=Cassette(tape, "record"))  # fmt: skip
-        (record,) = run.episodes()
-    assert "HTTP 400" in record.error
-    assert KEY not in to_json(record).decode()
-    assert [one.failures for one in record.hosted] == [1]
-    replayed = Run(experiment(only=["simple-12"], url=url), tmp_path / "again",
-                   cassette=Cassette(tape, "replay"))  # fmt: skip
-    assert list(replayed.episodes()) == [record]
-
-
-@pytest.mark.model
 def test_run_command_takes_a_hosted_planner_and_prints_its_bill(server, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shared = ("run", "Open the fridge.", "--planner", "openai", "--model", "nano-chat",
@@ -193,49 +167,6 @@ def test_run_command_takes_a_hosted_planner_and_prints_its_bill(server, tmp_path
     assert one.pop("run") != two.pop("run")
     assert one == two
     assert one["hosted"][0]["requests"] >= 1
-
-
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        (("--planner", "openai"), "--planner openai, --base-url and --model go together"),
-        (("--model", "x"), "go together"),
-        (("--planner", "openai", "--base-url", "x", "--model", "y"), "is no http"),
-        (
-            ("--planner", "openai", "--base-url", REMOTE, "--model", "y"),
-            "--allow-network",
-        ),
-        (("--cassette-mode", "play"), "no cassette mode 'play'; there are record, replay, off"),
-        (("--cassette-mode", "record"), "add --cassette DIR"),
-        (("--cassette", "none"), "there is no such cassette"),
-    ],
-)
-def test_run_command_refuses_half_of_a_hosted_model(options, named, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert named in karma("run", "Open the fridge.", *options, code=1)
-
-
-def test_eval_refuses_a_role_without_a_place_and_a_place_without_a_role(tmp_path):
-    path = tmp_path / "x.toml"
-    start = f'name = "x"\ntasks = "{TASKS}"\n[[rows]]\nname = "x"\n'
-    for models in (
-        '[models]\nplanner = "openai"\n',
-        '[models.hosted.embedder]\nbase_url = "http://127.0.0.1/v1"\nmodel = "m"\n',
-    ):
-        path.write_text(start + models)
-        with pytest.raises(FileError, match=r"\[models\.hosted\.\w+\] go together"):
-            Run(path, tmp_path / "run")
-    path.write_text(start)
-    with pytest.raises(KarmaError, match="no role has a hosted model"):
-        Run(path, tmp_path / "run", base_url="http://127.0.0.1/v1")
-
-
-def test_hosted_models_can_be_moved_but_not_to_where_none_is():
-    here = Hosted(planner=endpoint("http://127.0.0.1:1/v1"))
-    models = Models(planner="openai", hosted=here.at("http://127.0.0.1:2/v1"))
-    assert models.hosted.planner.base_url == "http://127.0.0.1:2/v1"
-    with pytest.raises(KarmaError, match="is no http"):
-        here.at("elsewhere")
 
 
 def test_documents_name_every_field_of_an_endpoint():

@@ -11,16 +11,14 @@ from io import BytesIO
 import numpy as np
 import pytest
 from PIL import Image
-from support.hosted_server import chat, endpoint, plant_key, wire_server
+from support.hosted_server import chat, endpoint, wire_server
 from support.needs import need_models
 from support.paths import ROOT
 from support.sights import seen as seen_object
 
-from karma import registry
 from karma.bench.engine.run import Run
-from karma.errors import ModelError
 from karma.models.session import Session
-from karma.plugins.hosted.cassette import Cassette, CassetteError
+from karma.plugins.hosted.cassette import Cassette
 from karma.plugins.hosted.model import HostedVision
 
 MUG = seen_object("Mug|1")
@@ -62,29 +60,6 @@ def test_vision_asks_once_more_about_what_could_not_be_read():
     assert "about: Apple. These could not be used: line 2: 'rotten'" in second[3]["content"]
 
 
-def test_vision_of_another_picture_is_another_request(tmp_path):
-    frame, mug = picture(), [MUG]
-    with wire_server(lambda *_: chat("Mug: dirty")) as (url, _):
-        eyes = HostedVision(endpoint(url, "eyes"), session=Session(Cassette(tmp_path, "record")))
-        eyes.read_states(frame, "x", mug)
-    again = HostedVision(endpoint(url, "eyes"), session=Session(Cassette(tmp_path, "replay")))
-    assert again.read_states(frame.copy(), "x", mug) == {"Mug|1": ("dirty",)}
-    frame[0, 0, 0] ^= 1
-    with pytest.raises(CassetteError, match="picture"):
-        again.read_states(frame, "x", mug)
-
-
-def test_vision_without_a_picture_or_without_chat_is_refused():
-    eyes = HostedVision(endpoint("http://127.0.0.1:9/v1"))
-    assert eyes.read_states(None, "x", []) == {}
-    with pytest.raises(ModelError, match="there is none"):
-        eyes.read_states(None, "x", [MUG])
-    with pytest.raises(ModelError, match="pictures need api"):
-        registry.load("vision_models", "openai")(
-            endpoint("http://127.0.0.1:9/v1", api="completions")
-        )
-
-
 def dirty(path, body, headers):
     """Says of every object that it is asked about that it is dirty."""
     text = body["messages"][1]["content"][1]["text"]
@@ -115,10 +90,3 @@ def test_run_that_looks_through_a_host_replays_the_same_bytes(tmp_path):
         for folder in (tmp_path / "record", tmp_path / "replay")
     ]
     assert files[0] == files[1]
-
-
-@pytest.mark.model
-def test_server_takes_the_request_and_nonsense_is_read_as_nothing(server, monkeypatch):
-    plant_key(monkeypatch)
-    eyes = HostedVision(endpoint(server, "nano-chat"))
-    assert eyes.read_states(picture(), "wash the mug", [MUG]) == {}

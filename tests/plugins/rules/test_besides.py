@@ -7,8 +7,8 @@ from support.talking import STORE, TAKE, agent_saying
 from karma.agent.planning.program import parse_program
 from karma.files import to_json
 from karma.plugins.rules.language.clauses import completed
+from karma.plugins.rules.method import reader_of
 from karma.plugins.rules.request_checker import Guard
-from karma.plugins.rules.request_executor import reader_of
 from karma.plugins.rules.talk.offers import is_no, is_yes
 
 HERE = ("Apple", "Bowl", "CounterTop", "DiningTable", "Fridge", "Mug", "Sink", "Faucet")
@@ -71,7 +71,7 @@ def test_what_ran_for_it_is_off_again(tmp_path):
 
 
 def test_without_the_guard_all_is_left_as_the_program_leaves_it(tmp_path):
-    agent = agent_saying(tmp_path, [TAKE + OPENED], guard=False)
+    agent = agent_saying(tmp_path, [TAKE + OPENED], assistant="direct")
     agent.do("put the apple in the fridge")
     assert of(agent, "Fridge")["isOpen"]
 

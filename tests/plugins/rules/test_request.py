@@ -1,17 +1,14 @@
 """What requests ask for, from the words alone: real parser, sentences of our own."""
 
 import hashlib
-import random
-from collections import Counter
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.paths import ROOT
 
 from karma.models.embed.minilm import MiniLm
 from karma.plugins.rules.language.clauses import clauses_of, completed, context_left_out, plainly
-from karma.plugins.rules.language.clock import time_words
 from karma.plugins.rules.language.lexicon import Lexicon
 from karma.plugins.rules.language.request import RequestReader, asked_last
 from karma.plugins.rules.language.slips import as_meant, in_order, spelt
@@ -48,72 +45,51 @@ def deeds(request):
 @pytest.mark.parametrize(
     ("text", "wanted"),
     [
-        ("lamp off", ["off DeskLamp/FloorLamp"]),
-        ("phone on the shelf, lamp off", ["put CellPhone > Shelf", "off DeskLamp/FloorLamp"]),
-        ("lights off, then the mug in the sink", ["off LightSwitch", "put Mug > Sink"]),
-        ("wash the mug, lamp off", ["wash Mug", "off DeskLamp/FloorLamp"]),
-        ("turn the lamp on, the tv off", ["on DeskLamp/FloorLamp", "off Television"]),
-        ("turn the lamp, the tv off", ["off DeskLamp/FloorLamp, Television"]),
-        ("lamp and tv off", ["off DeskLamp/FloorLamp, Television"]),
-        ("the kettle ought to be on the stove", ["put Kettle > StoveBurner/StoveKnob"]),
-        ("put the mug in the sink or on the shelf", ["put Mug > Sink/Shelf"]),
-        ("give that pan a good scrub, then dry land it on the counter", None),
-        ("turn the telly off and the floor lamp on", None),
+        # verbs and particles
         ("rinse the spoon and pop it in the drawer", ["wash Spoon", "put Spoon > Drawer"]),
+        ("turn the lamp on", ["on DeskLamp/FloorLamp"]),
+        ("lights off", ["off LightSwitch"]),
+        ("close the tap", ["off Faucet"]),
+        ("push the laptop shut", ["close Laptop"]),
+        ("put water in the bowl", ["fill Bowl"]),
+        ("cut the bread into slices", ["slice Bread"]),
+        ("boil the egg, toast bread, wash pot", ["cook Egg", "toast Bread", "wash Pot"]),
+        ("on the bed put the cloth", ["put Cloth > Bed"]),
+        # wishes, needs, courtesy
         ("could you possibly fetch me my watch", ["take Watch"]),
         ("I'd love the curtains closed", ["close Curtains"]),
-        ("my remote belongs on the sofa, put it there",
-         ["put RemoteControl > Sofa", "put RemoteControl > Sofa"]),
-        ("put the spud on the plate and the biro in the mug", None),
-        ("whip the pillow onto the chair... the armchair I mean", ["put Pillow > ArmChair"]),
-        ("put the book on the desk... actually the shelf", ["put Book > Shelf"]),
-        ("I want to read, turn on the desk lamp", ["on DeskLamp"]),
-        ("bring the newspaper over here", ["take Newspaper"]),
-        ("pour the water out of the bowl", ["empty Bowl"]),
-        ("run a bath", ["fill Bathtub"]),  # which no tap of ours does: refused, not walked to
-        ("sponge on the counter", ["put DishSponge > CounterTop"]),
-        ("watch in the box", ["put Watch > Box"]),
         ("the kettle should sit on the stove", ["put Kettle > StoveBurner/StoveKnob"]),
-        ("make sure the laptop ends up on the desk", ["put Laptop > Desk"]),
-        ("could the plunger be put back into the cupboard", ["put Plunger > Cabinet"]),
-        ("sit the teddy bear on the desk", ["put TeddyBear > Desk"]),
-        ("grab hold of the plunger", ["take Plunger"]),
-        ("get the microwave running", ["on Microwave"]),
-        ("power up the laptop", ["on Laptop"]),
-        ("lights out", ["off LightSwitch"]),
-        ("close the tap", ["off Faucet"]),
-        ("run the tap", ["on Faucet"]),
-        ("put the toilet lid down", ["close Toilet"]),
-        ("pull back the shower curtain", ["open ShowerCurtain"]),
-        ("slide a drawer out", ["open Drawer"]),
-        ("put water in the bowl", ["fill Bowl"]),
-        ("the potato has gone off, throw it away", ["throw Potato"]),
-        ("open the drawer and put the spoon in", ["open Drawer", "put Spoon > Drawer"]),
-        ("slide the laptop next to the vase", ["put Laptop near Vase"]),
-        ("empty the bottle into the sink", None),
-        ("all lamps out", None),
-        ("lights off", ["off LightSwitch"]),
-        ("before you slice the loaf, rinse the knife", ["wash Knife", "slice Bread"]),
-        ("close the drawer once you have put the keys in it",
-         ["put KeyChain > Drawer", "close Drawer"]),
-        ("Dr. Moss's phone goes on the desk", ["put CellPhone > Desk"]),
-        ("1. open the box 2. put the pen in it 3. shut it",
-         ["open Box", "put Pen > Box", "close Box"]),
-        ("the plate: scrub it", ["wash Plate"]),
+        ("Mary wants the mug washed", ["wash Mug"]),
+        ("somebody left the faucet running", ["off Faucet"]),
+        ("sponge on the counter", ["put DishSponge > CounterTop"]),
+        ("get the tomato hot and the apple cold", ["heat Tomato", "cool Apple"]),
+        ("bring me a cold apple", ["cool Apple", "take Apple"]),
+        # lists, numbers, alternatives
+        ("put the mug in the sink or on the shelf", ["put Mug > Sink/Shelf"]),
         ("toss every newspaper in the bin", ["put Newspaper all > GarbageCan"]),
         ("bring four plates to the dining table", ["put Plate x4 > DiningTable"]),
         ("clear the shelf, everything on it goes in the box", ["put * all > Box"]),
+        ("set one vase on the shelf and the other on the desk",
+         ["put Vase x1 > Shelf", "put Vase > Desk"]),
+        # places, and what says which object is meant
+        ("slide the laptop next to the vase", ["put Laptop near Vase"]),
+        ("put the lettuce on the middle shelf of the fridge", ["put Lettuce > Fridge"]),
+        ("stick the pan in the cabinet below the sink", ["put Pan > Cabinet"]),
+        ("carry the mug that you rinsed and dried to the desk", ["put Mug > Desk"]),
+        # order, corrections, remarks
+        ("before you slice the loaf, rinse the knife", ["wash Knife", "slice Bread"]),
+        ("1. open the box 2. put the pen in it 3. shut it",
+         ["open Box", "put Pen > Box", "close Box"]),
+        ("put the book on the desk... actually the shelf", ["put Book > Shelf"]),
+        ("While you tidy up, put a fork in the drawer. It's where they live.",
+         ["put Fork > Drawer"]),
+        ("I can't bear that lamp, switch it off", ["off DeskLamp/FloorLamp"]),
     ],
 )  # fmt: skip
-def test_deeds_are_read(reader, text, wanted):
+def test_deeds_are_parsed(reader, text, wanted):
     requests = reader.read(text)
-    found = [one for request in requests for one in deeds(request)]
-    if wanted is not None:
-        assert found == wanted
-        assert not any(request.unread for request in requests)
-    for request in requests:  # what is not read is told, or every deed is known
-        known = request.form == "errand" and all(one.deed for one in request.deeds)
-        assert known or request.unread or request.lacking or request.form != "errand"
+    assert [one for request in requests for one in deeds(request)] == wanted
+    assert not any(request.unread for request in requests)
 
 
 @pytest.mark.parametrize(
@@ -143,22 +119,15 @@ def test_what_is_ruled_out_is_read_and_is_no_part_of_the_errand(reader, text, fo
     ("text", "form"),
     [
         ("where did the ladle go?", "question"),
-        ("has anybody fed the plant", "question"),
         ("which of the bowls is clean", "question"),
         ("my son broke the vase", "statement"),
-        ("the tap drips", "statement"),
         ("pans always live under the sink", "teaching"),
-        ("the green towel is mine", "teaching"),
-        ("good morning", "talk"),
         ("thanks", "talk"),
         ("put the kettle on the", "incomplete"),
         ("wash", "incomplete"),
-        ("lay the tray", "incomplete"),
         ("the spatula", "incomplete"),
-        ("fetch that", "incomplete"),
         ("why don't you wash the pan", "errand"),
         ("would you mind closing the drawer?", "errand"),
-        ("the plant needs some water", "errand"),
     ],
 )
 def test_forms_are_told_apart(reader, text, form):
@@ -237,22 +206,6 @@ def test_a_drawer_is_where_it_goes_or_where_it_lies(reader, text, at, place):
     assert deed.place.at == (("Desk",) if "desk" in text else ())
 
 
-@pytest.mark.parametrize(
-    ("text", "whole"),
-    [
-        ("open the desk drawer", ("Desk",)),
-        ("close the drawers of the dresser", ("Dresser",)),
-        ("open the side table's drawer", ("SideTable",)),
-        ("open the kitchen cabinet", ()),
-        ("open the fridge drawer", ("Fridge",)),
-    ],
-)
-def test_a_part_is_told_by_its_furniture(reader, text, whole):
-    (request,) = reader.read(text)
-    (deed,) = request.deeds
-    assert deed.things[0].at == whole
-
-
 def test_words_that_no_field_holds_are_kept(reader):
     for text, word in (
         ("polish the mug with the toothbrush", "toothbrush"),
@@ -286,18 +239,6 @@ def test_other_languages_are_told(reader):
 )
 def test_slips_are_left_out(said, meant):
     assert as_meant(said) == meant
-
-
-def test_nothing_is_added_to_what_was_said():
-    words = ["put", "wash", "the", "a", "mug", "on", "sink", "no", "wait", "sorry", "uh", ",", "it"]
-    draw = random.Random(5)
-    for _ in range(300):
-        said = " ".join(draw.choices(words, k=draw.randint(1, 14)))
-        assert (
-            not Counter(as_meant(said).replace(",", " ").split())
-            - Counter(said.split())
-            - Counter({"then": 9})
-        )
 
 
 def test_spelling_is_mended_by_one_slip_only():
@@ -360,18 +301,12 @@ def test_what_is_only_told_beside_an_errand_is_context(reader):
     ("text", "unread"),
     [
         ("put the book under the bed", ("under bed",)),
-        ("tuck the book under the pillow", ("under pillow",)),
         ("put the mug under the sink", ()),
-        ("put the mug under the coffee machine", ()),
-        ("put half of the tomato in the bowl", ("half of",)),
         ("put the cup upside down in the sink", ("upside down",)),
         ("cut the tomato in half", ()),
         ("if the lamp is on turn it off, otherwise turn it on", ("otherwise",)),
-        ("close the curtains a bit", ("halfway",)),
-        ("put the racket on the bed under the pillow", ("under pillow",)),
         ("put the pepper between the plate and the potato", ("between",)),
         ("put the books on the shelf except one", ("except one",)),
-        ("close all of the drawers but the first", ("but the first",)),
         ("put all but one of the eggs in the bowl", ("all but one",)),
         ("read the newspaper to me", ("read",)),
     ],
@@ -386,12 +321,7 @@ def test_what_the_world_has_no_way_for_is_not_passed_over(reader, text, unread):
     [
         ("close everything that is open", ("opened",)),
         ("turn off whatever is on", ("on",)),
-        ("turn off all the lights that are still on", ("on",)),
         ("wash the plates that aren't clean", ("dirty",)),
-        ("wash the cup that isn't dirty", ("clean",)),
-        ("close the drawers that are not closed", ("opened",)),
-        ("switch off anything that's on", ("on",)),
-        ("close what is open", ("opened",)),
         ("turn off the lamp that is on the desk", ()),
     ],
 )
@@ -401,29 +331,6 @@ def test_states_that_things_are_told_by_are_no_deeds(reader, text, states):
     assert request.deeds[0].deed in ("close", "off", "wash")
     assert request.deeds[0].things[0].states == states
     assert request.unread == ()
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["switch the lamp off if it is on and on if it is off",
-     "turn the lamp off if it's on, if it isn't turn it on"],
-)  # fmt: skip
-def test_more_than_a_condition_is_not_understood_as_one(reader, text):
-    (request,) = reader.read(text)
-    assert "" in [one.state for one in request.conditions]
-
-
-def test_one_that_is_told_otherwise_is_another(reader):
-    (request,) = reader.read("put the clean plate on the shelf and the dirty one in the sink")
-    assert [(one.things[0].text, one.things[0].other) for one in request.deeds] == [
-        ("clean plate", False), ("dirty plate", True),
-    ]  # fmt: skip
-    (listed,) = reader.read("put the red book on the bed, the blue one on the desk")
-    assert deeds(listed) == ["put Book > Bed", "put Book > Desk"]
-    (added,) = reader.read("slice the apple, the green one")
-    assert deeds(added) == ["slice Apple"]
-    (dishes,) = reader.read("wash the dishes")
-    assert dishes.deeds[0].things[0].every
 
 
 @pytest.mark.parametrize(
@@ -450,7 +357,6 @@ def test_what_is_left_out_may_be_told_by_its_place_or_state(reader, text, left_o
         ("open the cabinet on the right", ("right",)),
         ("wash the red mug", ("red",)),
         ("put everything in the left drawer on the desk", ("left",)),
-        ("wash a mug, the one near the toaster", ("near toaster",)),
         ("put the spoon in the drawer", ()),
         ("put the bowl on the coffee table", ()),
     ],
@@ -459,25 +365,6 @@ def test_words_that_no_look_shows_are_kept_with_what_they_tell_of(reader, text, 
     (request,) = reader.read(text)
     named = [word for one in request.mentions for word in one.marks]
     assert tuple(dict.fromkeys(named)) == marks
-
-
-@pytest.mark.parametrize(
-    ("text", "wanted"),
-    [
-        ("Mary wants the mug washed", ["wash Mug"]),
-        ("my wife would like the mug on the desk", ["put Mug > Desk"]),
-        ("she said the egg should be in the fridge", ["put Egg > Fridge"]),
-        ("could the cup be washed?", ["wash Cup"]),
-        ("go and stand by the window", ["go Window"]),
-        ("put the apple in the bowl, sorry, I meant the tomato", ["put Tomato > Bowl"]),
-        ("put one watch on the desk and keep the other one", ["put Watch x1 > Desk"]),
-        ("put the plates in the sink, the dirty ones only", ["put Plate all > Sink"]),
-    ],
-)
-def test_what_others_want_and_what_is_corrected_is_an_errand(reader, text, wanted):
-    (request,) = reader.read(text)
-    assert deeds(request) == wanted
-    assert not request.unread
 
 
 def test_it_may_stand_for_what_was_said_before(reader):
@@ -500,13 +387,8 @@ def test_it_may_stand_for_what_was_said_before(reader):
         (["put the pen in the mug", "put them on the desk"], ["put Pen, Mug > Desk"]),
         (["take the pen", "and the pencil", "put both of them on the desk"],
          ["put Pen, Pencil > Desk"]),
-        (["take the pen", "put both of them on the desk"], ["put Pen x2 > Desk"]),
         (["put the pen in the box", "take it out"], ["take Pen"]),
-        (["open the box", "put the pen back in and close it"], ["put Pen > Box", "close Box"]),
         (["put both pillows on the sofa", "put one of them on the bed"], ["put Pillow x1 > Bed"]),
-        (["put the eggs in the bowl", "put two of them in the fridge"], ["put Egg x2 > Fridge"]),
-        (["put the eggs in the bowl", "throw one of these away"], ["throw Egg x1"]),
-        (["wash the cups", "put one on the shelf"], ["put Cup x1 > Shelf"]),
         (["wash the cups", "put both on the shelf"], ["put Cup x2 > Shelf"]),
         (["put the apple in the fridge", "where is it?", "and the bread"], ["put Bread > Fridge"]),
         (["put the pen on the desk; wash the mug", "and the spoon"], ["wash Spoon"]),
@@ -521,12 +403,6 @@ def test_what_is_said_goes_on_from_the_turn_before(reader, turns, wanted):
         for request in read:
             last = asked_last(request, last)
     assert deeds(read[-1]) == wanted
-
-
-def test_what_asks_for_the_same_again_is_planned_by_whole_words(reader):
-    (first,) = reader.read("could you please put the apple on the wooden table")
-    (again,) = reader.read("and the bread", first.mentions, first.deeds)
-    assert [text for text, _ in clauses_of(again)] == ["put the bread on the wooden table"]
 
 
 @pytest.mark.parametrize(
@@ -574,31 +450,10 @@ def test_an_answer_completes_what_was_asked_back(asked, answer, whole):
     assert completed(asked, answer) == whole
 
 
-def test_times_are_words_of_time():
-    assert [time_words(text) for text in ("the evening dress", "the news on the shelf")] == [(), ()]
-
-
 def test_locked_requests_are_those_that_were_written_before():
-    folder = Path(__file__).parents[2] / "eval/requests"
+    folder = ROOT / "eval/requests"
     for name, wanted in (("asked_locked", LOCKED), ("asked_open", OPEN)):
         assert hashlib.sha256((folder / f"{name}.jsonl").read_bytes()).hexdigest() == wanted
-
-
-@pytest.mark.parametrize(
-    ("text", "deeds"),
-    [
-        ("could you put the apple in the fridge, I'd like it cold",
-         [("put", ("Apple",), ("Fridge",)), ("cool", ("Apple",), None)]),
-        ("would you wash the cup, I need it", [("wash", ("Cup",), None)]),
-        ("turn the telly off", [("off", ("Television",), None)]),
-        ("bung the cloth in the sink", [("put", ("Cloth",), ("Sink",))]),
-    ],
-)  # fmt: skip
-def test_deeds_of_sentences_that_a_transcript_lost(reader, text, deeds):
-    (request,) = reader.read(text)
-    assert request.form == "errand"
-    found = [(d.deed, d.things[0].types, d.place and d.place.types) for d in request.deeds]
-    assert found[: len(deeds)] == deeds
 
 
 @pytest.mark.parametrize(
@@ -627,47 +482,6 @@ def test_there_is_a_place_that_was_named_and_can_hold(reader, text, place):
 def test_what_may_rule_something_out_is_no_remark_that_is_left_out(reader, text):
     (request,) = reader.read(text)
     assert request.unread or request.exclusions or request.conditions or request.times
-
-
-def test_order_to_look_whether_something_is_so_is_a_question(reader):
-    for text in ("can you check if the stove is off", "see whether there is any bread"):
-        (request,) = reader.read(text)
-        assert (request.form, request.deeds) == ("question", ())
-
-
-def test_verb_that_is_unknown_is_one_although_its_sentence_parses_as_a_name(reader):
-    (request,) = reader.read("flush the toilet")
-    assert request.form == "errand"
-    assert "flush" in request.unread
-
-
-@pytest.mark.parametrize(
-    ("text", "deeds"),
-    [
-        ("hide the keys in the safe and lock it", ["put", ""]),
-        ("turn on the tv and sit on the sofa", ["on", ""]),
-        ("lock the keys in the safe", ["put"]),
-        ("rinse the mug and stand it on the shelf", ["wash", "put"]),
-        ("close the blinds and switch on the desk lamp", ["close", "on"]),
-        ("turn on whatever lamp is off", ["on"]),
-    ],
-)
-def test_a_verb_of_putting_without_its_thing_or_place_puts_nothing(reader, text, deeds):
-    assert [deed.deed for one in reader.read(text) for deed in one.deeds] == deeds
-
-
-@pytest.mark.parametrize(
-    ("text", "place", "near", "at"),
-    [
-        ("put the salt with the pepper", ("PepperShaker",), True, ()),
-        ("put the spoon with the forks on the desk", ("Desk",), False, ()),
-        ("move the books on the desk elsewhere", (), False, ("Desk",)),
-        ("put everything on the desk somewhere else", (), False, ("Desk",)),
-    ],
-)
-def test_with_and_elsewhere_say_where_a_thing_goes(reader, text, place, near, at):
-    (deed,) = (deed for one in reader.read(text) for deed in one.deeds)
-    assert (deed.place.types, deed.near, deed.things[0].at) == (place, near, at)
 
 
 @pytest.mark.parametrize(
@@ -701,12 +515,3 @@ def test_a_condition_is_of_so_many(reader, text, of, holds):
     assert (condition.of, condition.holds) == (of, holds)
     assert condition.state
     assert [one.deed for one in request.deeds] == [request.deeds[0].deed]
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["if I left anything on the floor, open the fridge", "if the soup is hot, open the fridge"],
-)
-def test_a_condition_of_what_no_type_is_called_by_is_not_guessed_at(reader, text):
-    (request,) = reader.read(text)
-    assert [one.state for one in request.conditions] == [""]

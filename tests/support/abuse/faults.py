@@ -169,16 +169,6 @@ def _lines(folder: Path) -> list[bytes]:
     return path.read_bytes().split(b"\n")[:-1] if path.exists() else []
 
 
-def _killed_run(place: Path, rng: random.Random, *options: str) -> None:
-    folder, path = place / "run", _whole()[0]
-    for _ in range(2):
-        wanted = rng.randrange(EPISODES_IN_ALL)
-        child = Child(evaluate, path, folder, *options)
-        child.kill_after(rng.uniform(0, 0.4), lambda: lines_in(folder / EPISODES) >= wanted)  # noqa: B023
-    until_free(folder)
-    _goes_on(folder, _lines(folder))
-
-
 def until_free(folder: Path) -> None:
     """Wait until a killed run's workers are gone, which hold its lock no longer than they live."""
     from karma.agent.journal.owned_folder import locked
@@ -224,10 +214,6 @@ def _limited_run(place: Path, limits: Limits) -> None:
     _goes_on(folder, _lines(folder))
 
 
-def _run_on_full_disk(place: Path, rng: random.Random) -> None:
-    _limited_run(place, Limits(most={resource.RLIMIT_FSIZE: rng.randrange(200, 12_000)}))
-
-
 def _run_of_few_descriptors(place: Path, rng: random.Random) -> None:
     _limited_run(place, Limits(most={resource.RLIMIT_NOFILE: rng.randrange(8, 40)}))
 
@@ -239,22 +225,6 @@ def _two_runs(place: Path, rng: random.Random) -> None:
     assert 0 in [code for code, _ in ends], ends
     for code, said in ends:
         assert code == 0 or "another run is at work" in said, said[-400:]
-    _goes_on(folder, _lines(folder))
-
-
-def _read_while_it_runs(place: Path, rng: random.Random) -> None:
-    from karma.agent.journal.owned_folder import HEADER
-    from karma.agent.journal.run_folder import read_run
-
-    folder, path = place / "run", _whole()[0]
-    child, most = Child(evaluate, path, folder), 0
-    while child.process.is_alive():
-        if (folder / HEADER).exists():
-            found = len(read_run(folder).records)
-            assert found >= most, "an episode went away"
-            most = found
-        time.sleep(0.02)
-    assert child.ended()[0] == 0
     _goes_on(folder, _lines(folder))
 
 
@@ -323,55 +293,6 @@ def _killed_recording(place: Path, rng: random.Random) -> None:
 
 def _recording_on_full_disk(place: Path, rng: random.Random) -> None:
     _recording(place, rng, Limits(most={resource.RLIMIT_FSIZE: rng.randrange(500, 200_000)}))
-
-
-def draw_maps(path: Path, acknowledged: Path, count: int) -> None:
-    """Write one map after the other in one place, each of another floor."""
-    from karma.memory.scene_graph import SceneGraph
-
-    sink = os.open(acknowledged, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    for number in range(count):
-        SceneGraph([], floor=f"{number:06}").save(path)
-        os.write(sink, b".")
-
-
-def _floor(path: Path) -> int:
-    return int(json.loads(path.read_bytes())["floor"]["name"])
-
-
-def _killed_map(place: Path, rng: random.Random) -> None:
-    from karma.memory.scene_graph import SceneGraph
-
-    path, acks = place / "map.json", place / "acks"
-    child, wanted = Child(draw_maps, path, acks, 5000), rng.randrange(1, 150)
-    assert child.kill_after(rng.uniform(0, 0.02), lambda: _size(acks) >= wanted)
-    SceneGraph.load(path)
-    assert _floor(path) >= _size(acks) - 1, "a map that was saved is lost"
-
-
-def _two_maps(place: Path, rng: random.Random) -> None:
-    from karma.memory.scene_graph import SceneGraph
-
-    path = place / "map.json"
-    children = [Child(draw_maps, path, place / f"acks{n}", 120) for n in range(2)]
-    while any(child.process.is_alive() for child in children):
-        if path.exists():
-            SceneGraph.load(path)
-    assert [child.ended()[0] for child in children] == [0, 0]
-    assert _floor(path) == 119
-    assert sorted(one.name for one in place.iterdir()) == ["acks0", "acks1", "map.json"]
-
-
-def _map_on_full_disk(place: Path, rng: random.Random) -> None:
-    path, acks = place / "map.json", place / "acks"
-    draw_maps(path, acks, 1)
-    before = path.read_bytes()
-    limits = Limits(most={resource.RLIMIT_FSIZE: rng.randrange(1, len(before))})
-    code, said = Child(draw_maps, path, acks, 2, limits=limits).ended()
-    assert code == 1, said[-300:]
-    assert "map.json: cannot write" in said, said[-300:]
-    assert path.read_bytes() == before
-    assert sorted(one.name for one in place.iterdir()) == ["acks", "map.json"]
 
 
 OUTPUTS: tuple[tuple[str, ...], ...] = (
@@ -449,68 +370,14 @@ def small_bundle() -> Path:
     return path
 
 
-def set_up(bundle: Path, into: Path) -> None:
-    """Install as `install.py` does."""
-    from karma.plugins.airgap.install import main
-
-    sys.exit(main([str(bundle), "--into", str(into), "--no-smoke"]))
-
-
-def _installed(place: Path, rng: random.Random, limits: Limits | None) -> None:
-    bundle, into = small_bundle(), place / "there"
-    child = Child(set_up, bundle, into, limits=limits)
-    if limits is None:
-        count = rng.choice((rng.randrange(34), 40))  # among its own files, or Python's
-        child.kill_after(rng.uniform(0, 1.5), lambda: _entries(into) >= count)
-    else:
-        code, said = child.ended()
-        assert code == 1, said[-300:]
-        assert "error: " in said, said[-300:]
-        assert "Traceback" not in said, said[-600:]
-    assert not (into / "karma").exists() or child.process.exitcode == 0
-    code, said = Child(set_up, bundle, into).ended()
-    assert code == 0, said[-600:]
-    assert (into / "karma").exists()
-    for number in range(30):
-        data = f"n = {number}\n".encode() * 20_000
-        assert (into / "eval" / f"{number}.toml").read_bytes() == data
-    left = [one.name for one in into.iterdir() if one.name == ".karma-part"]
-    assert not left, left
-
-
-def _entries(folder: Path) -> int:
-    return sum(len(inside) + len(names) for _, inside, names in os.walk(folder))
-
-
-def _killed_install(place: Path, rng: random.Random) -> None:
-    _installed(place, rng, None)
-
-
-def _install_on_full_disk(place: Path, rng: random.Random) -> None:
-    _installed(place, rng, Limits(most={resource.RLIMIT_FSIZE: rng.randrange(100, 150_000)}))
-
-
-def _shared_out(place: Path, rng: random.Random) -> None:
-    _killed_run(place, rng, "--workers", "2")
-
-
 FAULTS: dict[str, Callable[[Path, random.Random], None]] = {
-    "map killed": _killed_map,
     "recording killed": _killed_recording,
-    "run killed": _killed_run,
-    "run of two workers killed": _shared_out,
     "worker killed": _killed_worker,
-    "installation killed": _killed_install,
-    "map, disk full": _map_on_full_disk,
     "recording, disk full": _recording_on_full_disk,
-    "run, disk full": _run_on_full_disk,
-    "installation, disk full": _install_on_full_disk,
     "output, disk full": _output_on_full_disk,
     "output, folder read-only": _output_where_nothing_may_be_written,
     "run, folder read-only": _run_where_nothing_may_be_written,
     "run, few descriptors": _run_of_few_descriptors,
     "command, little memory": _little_memory,
     "two runs at once": _two_runs,
-    "run read while it runs": _read_while_it_runs,
-    "two maps at once": _two_maps,
 }

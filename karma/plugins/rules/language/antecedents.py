@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from karma.contracts import Mention, SaidDeed
 from karma.household.deeds import able_to, deed_kind
-from karma.household.saying import spoken
 from karma.household.types import Capability, types_with
 from karma.plugins.rules.language.pairs import DONE_AT_PLACES
 from karma.plugins.rules.language.request_words import request_words
+from karma.plugins.rules.types import Mention, SaidDeed
 
 
 def sharing(deeds: Sequence[SaidDeed]) -> list[SaidDeed]:
@@ -130,9 +129,6 @@ def _meant_by(
     if one.types and one.text.split()[-1] in request_words().pieces:  # "the slices": of what?
         whole = [thing.types for thing in named if set(thing.types) < set(one.types)]
         return [replace(one, types=whole[-1])] if whole else [one]
-    *told, head = one.text.split() or [""]
-    if one.vague and told and head in ("one", "ones") and not one.other and named:
-        return [_told_otherwise(named[-1], told, every=head == "ones")]
     pronoun = one.vague and (one.text in ("it", "this", "that", "one") or one.other)
     if not (pronoun and named):
         return [one]
@@ -156,17 +152,6 @@ def _meant_by(
 def _can(one: Mention, capability: Capability) -> bool:
     """Return whether any of what a mention may mean has a capability."""
     return not types_with(capability).isdisjoint(one.types)
-
-
-def _told_otherwise(meant: Mention, told: Sequence[str], *, every: bool) -> Mention:
-    """Return a thing of the same name that is told otherwise: "the clean plate, the dirty one"."""
-    names = (spoken(kind).lower() for kind in meant.types)
-    name = next((one for one in names if meant.text.endswith(one)), meant.text.split()[-1])
-    return replace(
-        meant, text=" ".join((*told, name)), start=-1, end=-1, at=(), states=(), number=None,
-        every=every, other=meant.start >= 0 and not every,
-        marks=tuple(one for one in told if one in request_words().marks),
-    )  # fmt: skip
 
 
 def _both(one: Mention, named: Sequence[Mention], last: Sequence[Mention]) -> list[Mention]:

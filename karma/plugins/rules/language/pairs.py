@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from karma.contracts import Mention
 from karma.household.places import HAND
 from karma.household.saying import preposition
 from karma.household.types import types_with
@@ -27,6 +26,7 @@ from karma.language.words import word_lists
 from karma.plugins.rules.language.nouns import Nouns
 from karma.plugins.rules.language.request_words import deed_states, deed_verbs, request_words
 from karma.plugins.rules.language.sentence import SaidSentence
+from karma.plugins.rules.types import Mention
 
 _TOOLS = {
     "slice": frozenset(KNIVES),
@@ -61,7 +61,6 @@ class _PairGroup:
     places: list[Mention] = field(default_factory=list)
     near: bool = False
     at: tuple[str, ...] = ()  # of things that are named afterwards
-    told: bool = False  # what follows says which thing is meant: "the one between ..."
     held: bool = False  # "in it" says what was just said: "with a pen in it"
 
     def tell(self, *, states: Sequence[str] = (), marks: Sequence[str] = (), **more: Any) -> None:
@@ -120,31 +119,18 @@ class Pairs:
         table, after = deed_verbs(), self._s.low(number + 1)
         for lemma in self._s.lemmas(number):
             text = f"{lemma} {after}"
-            if text in table and self._is_particle(number, lemma, after, table[text]):
+            if text in table and self._is_particle(number, after, table[text]):
                 return table[text], text, 2
         for lemma in self._s.lemmas(number):
             if lemma in table:
                 return table[lemma], lemma, 1
         return "", self._s.words[number].lemma, 1
 
-    def _is_particle(self, number: int, lemma: str, after: str, deed: str) -> bool:
+    def _is_particle(self, number: int, after: str, deed: str) -> bool:
         """Return whether a word behind a verb belongs to it, and leads to no place."""
         if not self._s.begins_noun(number + 2):
             return True
-        if deed == "put" and after not in ("down", "back", "away", "over"):
-            return False
-        return not (
-            after in ("on", "in") and lemma in ("put", "set", "get") and self._place_at(number + 2)
-        )
-
-    def _place_at(self, number: int) -> bool:
-        """Return whether what begins here is a place, so that "on" is no particle."""
-        kept = set(self._s.taken)
-        found = self._nouns.all_of(range(number, self._nouns.run_end(number)))
-        self._s.taken.clear()
-        self._s.taken.update(kept)
-        places = types_with("receptacle") - types_with("toggleable")
-        return any(kind in places for one in found for kind in one.types)
+        return deed != "put" or after in ("down", "back", "away", "over")
 
     def particle_later(self, number: int, end: int) -> tuple[str, str] | None:
         """Return deed and verb of "turn the lamp on": the particle stands behind its object."""
@@ -204,12 +190,9 @@ class Pairs:
             return True
         if low in ("you", "i", "we"):
             return True
-        if before in words.tools or (group.held and before == ""):
-            if self._is_held_along(number, one, before, group):
-                return True
-            if before in words.tools:
-                self._read_with(number, one, deed, group)
-                return True
+        if before in words.tools:
+            self._read_with(number, one, deed, group)
+            return True
         if before in words.passed_over and before != "of" and group.things:
             if before in ("as", "like", "than"):
                 self._s.unread.append(one.text)
@@ -219,14 +202,6 @@ class Pairs:
             return True  # "into slices"
         helps = deed in ("wash", "fill") and bool(group.things)
         return helps and one.text in ("water", "soap") and not one.at
-
-    def _is_held_along(self, number: int, one: Mention, before: str, group: _PairGroup) -> bool:
-        """Read one more of what lies in a thing: "the pot with the apple and the knife"."""
-        if before or group.places or not self._is_listed(number) or not group.things[-1].holding:
-            return False
-        holding = (*group.things[-1].holding, *one.types, *one.besides)
-        group.tell(holding=holding, end=one.end)
-        return True
 
     def _read_with(self, number: int, one: Mention, deed: str, group: _PairGroup) -> None:
         """Read "with the salt": a name, what lies in a thing, or what something is done with."""
@@ -240,16 +215,8 @@ class Pairs:
         if self._holds(group, deed):
             group.tell(holding=(*one.types, *one.besides), end=one.end)
             group.held = True
-        elif deed == "put" and group.things and self._is_joined(number, one):
-            group.places, group.near = [one], True  # "put the salt with the pepper"
         else:
             self._read_tool(one, deed)
-
-    def _is_joined(self, number: int, one: Mention) -> bool:
-        """Return whether something is put to a thing, and nowhere else."""
-        behind = range(number + 1, self._s.order_end(number))
-        carried = bool(one.types) and types_with("pickupable").issuperset(one.types)
-        return carried and not self.has_place(behind)
 
     def _is_region(self, number: int, one: Mention, group: _PairGroup) -> bool:
         """Return whether a phrase only says where at a place: "the back of", "in the corner"."""
@@ -287,7 +254,7 @@ class Pairs:
         self, number: int, one: Mention, before: str, deed: str, found: list[_PairGroup], least: int
     ) -> None:
         group, words = found[-1], request_words()
-        if self._goes_with(number, one, before, group):
+        if self._is_alternative(number, one, before, group):
             return
         if self._tells_of_place(number, one, before, group):
             return
@@ -336,39 +303,17 @@ class Pairs:
         last = group.places[-1].types if group.places else ()
         return bool(last) and PARTS_OF_FURNITURE.issuperset(last)
 
-    def _goes_with(self, number: int, one: Mention, before: str, group: _PairGroup) -> bool:
-        """Return whether a phrase only adds to one before it: "the tall one", "or a pencil"."""
-        joint, (*said, head) = self._s.low(number - 1), one.text.split()
-        only = joint == "," or (self._s.low(number) == "the" and not (before or one.other))
-        ends = self._nouns.end(number, len(self._s.words))
-        goes_on = bool(group.places) and self.has_place((ends,))  # "the blue one on the desk"
-        adds = only and joint not in ("and", "or", "but") and bool(group.things) and not goes_on
-        if one.vague and head in ("one", "ones") and adds:
-            group.told = not said  # "the tall one" is whole, "the one" goes on
-            seen = filter(None, (request_words().seen.get(word) for word in said))
-            marks = (word for word in said if word in request_words().marks)
-            group.tell(states=tuple(seen), marks=tuple(marks))
-            return True
-        if group.told and before and one.types:
-            group.told = before == "between"
-            near = before in request_words().near | request_words().beside
-            if near and group.things:  # no look tells which is near what
-                group.tell(marks=(f"{before} {one.text}",))
-            else:
-                group.told_by(one, "")
-            return True
+    def _is_alternative(self, number: int, one: Mention, before: str, group: _PairGroup) -> bool:
+        """Return whether a phrase is an alternative to the one before it: "or a pencil"."""
+        joint = self._s.low(number - 1)
         if before and joint == before and self._s.low(number - 2) == "or" and group.places:
             joint, before = "or", ""  # "in the sink or in the tub"
-        if joint == "or" and one.types and not before and (group.places or group.things):
-            either = group.places or group.things  # any of them will do
-            types = dict.fromkeys((*either[-1].types, *one.types))
-            either[-1] = replace(either[-1], types=tuple(types))
-            return True
-        listed = self._is_listed(number)
-        if group.told and not before and listed and one.types:
-            group.told = joint == "and"  # "between the door and the lamp"
-            return True
-        return group.told
+        either = group.places or group.things  # any of them will do
+        if joint != "or" or before or not (one.types and either):
+            return False
+        types = dict.fromkeys((*either[-1].types, *one.types))
+        either[-1] = replace(either[-1], types=tuple(types))
+        return True
 
     def _beyond(self, number: int, one: Mention, before: str) -> list[str]:
         """Return what is said of a place and cannot be served: "on top of the fridge"."""
@@ -390,8 +335,8 @@ class Pairs:
 
     def _somewhere(self, body: range, deed: str, group: _PairGroup) -> None:
         """Read "there" and "where the newspaper is" as the place of a thing."""
-        if group.places and group.things and deed == "put":
-            self._elsewhere(body, group)
+        if group.places and deed == "put":  # "move the books on the desk elsewhere"
+            self._s.unread += {"elsewhere", "somewhere"}.intersection(map(self._s.low, body))
         if group.places or deed not in ("put", "take"):
             return
         ends = (".", "!", "?", ",", ";", "and", "then")
@@ -414,17 +359,6 @@ class Pairs:
                     return  # "from where it is"
                 place = Mention(text=text, start=start, end=start + len(text), told=True)
                 group.places.append(place)
-                return
-
-    def _elsewhere(self, body: range, group: _PairGroup) -> None:
-        """Read "the books on the desk elsewhere": the desk is where they are, not where they go."""
-        for number in body:
-            low = self._s.low(number)
-            if low in ("elsewhere", "somewhere") and number not in self._s.taken:
-                word = self._s.words[number]
-                self._s.taken.update((number, number + (self._s.low(number + 1) == "else")))
-                group.tell(at=group.places.pop().types)
-                group.places[:] = [Mention(text=low, start=word.start, end=word.end, vague=True)]
                 return
 
     def _is_listed(self, number: int) -> bool:

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 
-from karma.contracts import Condition, Form, Mention, Parser, Request, SaidDeed, Word
 from karma.errors import KarmaError
 from karma.household.deeds import able_to
 from karma.household.states import NEEDS, lacking
@@ -24,7 +23,6 @@ from karma.plugins.rules.language.nouns import Nouns
 from karma.plugins.rules.language.pairs import Pairs
 from karma.plugins.rules.language.request_words import (
     base_of_deed,
-    deed_states,
     deed_verbs,
     is_deed,
     request_words,
@@ -41,6 +39,7 @@ from karma.plugins.rules.language.slips import (
     without_lead,
     without_remarks,
 )
+from karma.plugins.rules.types import Condition, Form, Mention, Parser, Request, SaidDeed, Word
 
 _LONGEST = 4000  # characters; reading takes a second then
 _ENDS = (".", "!", "?", ";", "...")
@@ -149,7 +148,6 @@ class RequestReader:
             replace(word, head=min(max(word.head - first, 0), ends), tag=self._tag(words, number))
             for number, word in enumerate(words)
         ]
-        _begin(moved)
         named = [one for one in before if one.types]
         deed = last[-1] if last else None
         return _read(SaidSentence(text, moved, self._lexicon, named, deed, older))
@@ -255,24 +253,6 @@ class RequestReader:
     @cached_property
     def _vocabulary_set(self) -> frozenset[str]:
         return frozenset(self._vocabulary)
-
-
-def _begin(words: list[Word]) -> None:
-    """Let an order begin with its verb, and no order with a state.
-
-    "Stow rinsed ladle in drawer", "put a fork and washed plate away".
-    """
-    for number, word in enumerate(words[1:-1], 1):
-        joined = words[number - 1].text.lower() == "and" and word.tag in ("VBD", "VBN")
-        noun = words[number + 1].tag[:2] in ("NN", "JJ")
-        if joined and noun and word.text.lower() in deed_states():
-            words[number] = replace(word, tag="JJ", dep="amod", head=number + 1)
-    if len(words) < 3 or words[1].tag not in ("VBD", "VBN") or words[2].tag[:2] not in ("NN", "JJ"):
-        return
-    first, second = words[0].text.lower(), words[1].text.lower()
-    if first in request_words().needs_place and second in deed_states():
-        words[0] = replace(words[0], tag="VB", dep="ROOT", lemma=first, head=0)
-        words[1] = replace(words[1], tag="JJ", dep="amod", head=2)
 
 
 def _going_on(request: Request, last: Sequence[SaidDeed]) -> Request:

@@ -3,9 +3,7 @@
 import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
-from karma.contracts import Form, Mention, SaidDeed
 from karma.household.containment import hangs_on
 from karma.household.types import types_with
 from karma.household.uses import BIN, FAUCET, LAMPS, TAPS
@@ -14,13 +12,12 @@ from karma.plugins.rules.language.asides import Asides
 from karma.plugins.rules.language.nouns import HOLDERS, Nouns
 from karma.plugins.rules.language.pairs import Pair, Pairs
 from karma.plugins.rules.language.request_words import (
-    base_of_deed,
     deed_states,
-    deed_verbs,
     is_usual,
     request_words,
 )
 from karma.plugins.rules.language.sentence import SaidSentence
+from karma.plugins.rules.types import Form, Mention, SaidDeed
 
 _LEFT_ALONE = re.compile(
     r"\b(?:alone|as (?:it|they) (?:is|are)|where (?:it|they) (?:is|are)|be|in peace|untouched"
@@ -28,11 +25,11 @@ _LEFT_ALONE = re.compile(
 )
 _MODALS = frozenset(("should", "must", "can", "could", "ought", "may", "might"))
 _ASKED_OF_YOU = ("could", "can", "would", "will")
-_SWITCHES = frozenset(("turn", "switch", "flip", "flick", "get", "have", "power"))
 _IS_SOMEWHERE = ("be", "go", "belong", "stand", "sit", "lie", "live", "rest", "end")
 _PERSONS = ("i", "we", "you", "he", "she", "they")
 _FINDS = ("find", "locate", "look for", "search for", "show", "hunt")
 _ON_OFF = ("on", "off")
+_SWITCHES = frozenset(("turn", "switch", "flip", "flick", "get", "have", "power"))
 
 
 @dataclass(slots=True)
@@ -55,9 +52,7 @@ class SentenceDeeds:
             if number in self.s.taken:
                 continue
             kept = set(self.s.taken)
-            own = self._own_end(number, end)
-            found = self._deeds(number, own)
-            found += self._part(range(own + 1, end)) if own < end else []
+            found = self._deeds(number, end)
             if not found:  # nothing was made of it, so what it speaks of is not read yet
                 self.s.taken.intersection_update(kept | self.s.gone)
             deeds += found
@@ -102,7 +97,7 @@ class SentenceDeeds:
         low, lists = word.text.lower(), request_words()
         if number in s.taken or not (low[0].isalpha() or low in lists.be) or low == "lights":
             return False
-        if self._is_switched(number) or (number == 0 and self._is_put_there(low)):
+        if number == 0 and self._is_put_there(low):
             return False
         if (word.tag, word.dep) == ("JJ", "amod") and s.low(number - 1) == "and":
             return False  # "a fork and washed plate"
@@ -530,8 +525,6 @@ class SentenceDeeds:
         if "do" in self.s.lows(body.start, body.stop)[:1]:
             self.s.unread.append("do")
         kept = set(self.s.taken)
-        if deeds := self._part_by_part(body):
-            return "errand", deeds
         if body and self._is_unknown_verb(body.start):
             low = self.s.low(body.start)
             self.s.unread.append(low)
@@ -555,51 +548,6 @@ class SentenceDeeds:
             return "errand", [_deed_of_pair("put", "put", start, pair) for pair in pairs]
         self.s.alone = found
         return "incomplete", []
-
-    def _part_by_part(self, body: range) -> list[SaidDeed]:
-        """Read "phone on the shelf, lamp off"; nothing where one of the parts is no errand."""
-        s, kept, unread = self.s, set(self.s.taken), list(self.s.unread)
-        cuts = [n for n in body if s.low(n) in (",", ";", "and", "then")]
-        edges = pairwise((body.start - 1, *cuts, body.stop))
-        parts = [range(one + 1, other) for one, other in edges if other > one + 1]
-        deeds = [self._part(part) for part in parts]
-        switched = any(one.deed in _ON_OFF for found in deeds for one in found)
-        if len(parts) > 1 and all(deeds) and switched:
-            s.taken.update(body)
-            return [one for found in deeds for one in found]
-        s.taken, s.unread = kept, unread
-        return []
-
-    def _part(self, part: range) -> list[SaidDeed]:
-        """Read "lamp off" or "phone on the shelf"; nothing where it is neither."""
-        start, words = self.s.words[part.start].start, [n for n in part if n in self.s.left()]
-        deed = self.s.low(words[-1]) if words else ""
-        if deed in _ON_OFF:
-            pairs = [Pair(things=tuple(self.nouns.all_of(part)))]
-            self.s.taken.add(words[-1])
-        else:
-            deed, pairs = "put", self.pairs.read(part, "put")
-        whole = all(one.things and (one.place or deed in _ON_OFF) for one in pairs)
-        return [_deed_of_pair(deed, deed, start, one) for one in pairs] if whole else []
-
-    def _own_end(self, verb: int, end: int) -> int:
-        """Return where a verb's own words end: before ", lamp off", which is one by itself."""
-        s = self.s
-        words = [n for n in s.left() if verb < n < end]
-        commas = [n for n in range(verb + 1, end) if s.low(n) in (",", ";")]
-        if not commas or not words or s.low(words[-1]) not in _ON_OFF or words[-2:][0] < commas[-1]:
-            return end
-        switches = deed_verbs().get(f"{s.words[verb].lemma} {s.low(words[-1])}") in _ON_OFF
-        done = any(s.low(n) in _ON_OFF for n in range(verb, commas[-1]))
-        named = s.lexicon.named(" ".join(s.lows(commas[-1] + 1, words[-1])).removeprefix("the "))
-        return commas[-1] if named and (done or not switches) else end
-
-    def _is_switched(self, number: int) -> bool:
-        """Return whether a word is the thing of a part such as "lamp off", and no verb."""
-        low, after = self.s.low(number), self.s.low(number + 2)
-        ends = after in ("", ".", "!", ",", ";", "and", "then", "please")
-        switched = ends and self.s.low(number + 1) in _ON_OFF
-        return switched and not base_of_deed(low) and bool(self.s.lexicon.named(low))
 
     def _is_unknown_verb(self, number: int) -> bool:
         """Return whether a word is ahead of its thing as a verb is: "flush the toilet"."""

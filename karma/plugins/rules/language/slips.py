@@ -106,22 +106,7 @@ def as_meant(text: str, holds: Callable[[str], bool] = bool) -> str:
     said = re.sub(r"([.;])(?:\s*[.,;])+", r"\1", said)
     if len(said.split()) > 3:
         said = _TAG_QUESTION.sub("", said)
-    said = re.sub(r"[\s,]+(?:and|but)([.!?]*)$", r"\1", said).strip(" ,;-")
-    return _beforehand(said)
-
-
-def _beforehand(text: str) -> str:
-    """Return "bring me the mug; I want it washed first" in the order in which it is to be done."""
-    found = re.fullmatch(
-        r"(?P<then>[^.;!?]+)[.;,]\s*(?P<first>[^.;!?,]+?),? (?:beforehand|before that|first)[.!]*",
-        text, re.IGNORECASE,
-    )  # fmt: skip
-    if found is None:
-        return text
-    thing = _NAMED.search(found["then"])
-    first = found["first"]
-    first = re.sub(r"\b(?:it|them)\b", thing[0], first, count=1) if thing else first
-    return f"{first}, then {found['then'][0].lower()}{found['then'][1:]}"
+    return re.sub(r"[\s,]+(?:and|but)([.!?]*)$", r"\1", said).strip(" ,;-")
 
 
 def _corrected(text: str, holds: Callable[[str], bool]) -> str:

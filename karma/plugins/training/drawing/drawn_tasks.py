@@ -1,12 +1,11 @@
-"""Tasks drawn for the world: requests of our own task grammar, one after another in one room.
+"""Sample tasks: sequences of requests in a room, from our task grammar.
 
-* simple: one request that names its things.
-* composite: two to four requests about the same few things, which are named or "it".
-* complex: three to five requests, the later ones about earlier things in vague words that only the
-  memory of what was done can resolve (KARMA section 4: "unspecific object references").
+* simple: a request that names its objects.
+* composite: two to four requests about the same few objects, named or "it".
+* complex: three to five requests; later requests describe earlier objects in vague words that only
+  short-term memory can resolve (KARMA section 4: "unspecific object references").
 
-What a request leaves behind is written down by rule; whether a task can be done at all is for the
-expert to show in the world.
+Rules record the effects of a request; the expert shows in the world whether a task can be done.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -38,7 +37,7 @@ TRIES = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawnRequest:
-    """One sub-task: what is said and what must hold then."""
+    """Sub-task: a sentence and its goals."""
 
     kind: str
     text: str
@@ -46,7 +45,7 @@ class DrawnRequest:
 
 
 class TaskDraft:
-    """A task being drawn: what was asked so far, and what that left in memory."""
+    """Task under construction: its requests and the memory after them."""
 
     def __init__(
         self, rng: Rng, room: KnownRoom, book: Book, kinds: Mapping[str, float] = KINDS
@@ -56,9 +55,9 @@ class TaskDraft:
         self.steps: list[DrawnRequest] = []
 
     def ask(self, *, vague: bool, about_known: bool) -> bool:
-        """Add a request; False when none was found.
+        """Add a request; return False if none was found.
 
-        `vague`: known things are called by kind, state, place or what was done to them.
+        `vague`: known objects are described by kind, state, location or history.
         """
         for _ in range(TRIES):
             kind = pick(self._rng, FOLLOW_UPS) if about_known else pick_kind(self._rng, self._kinds)
@@ -88,7 +87,7 @@ class TaskDraft:
         )  # fmt: skip
 
     def _pointless(self, ask: Ask) -> bool:
-        """Return whether it is done already, or about the knife that cuts."""
+        """Return whether a goal already holds."""
         for goal in ask.goals:
             unit = self._history.known(subject(goal))
             if unit is None:
@@ -103,7 +102,7 @@ class TaskDraft:
         return False
 
     def _same(self, ask: Ask) -> Iterator[Goal]:
-        """Yield what must still be true of a known thing, so that no other one will do."""
+        """Yield the lasting states of a known object, which rule out another of its type."""
         unit = self._history.known(subject(ask.goals[0]))
         if unit is None or any(goal.arguments[-1] == "broken" for goal in ask.goals):
             return
@@ -113,14 +112,14 @@ class TaskDraft:
 
 
 def _by_type(goal: Goal) -> Goal:
-    """Return a goal with types for the expert's `Apple_2`; Sinks hold in their basins."""
+    """Return a goal with object types in place of names."""
     return replace(goal, arguments=tuple(short_type(word) for word in goal.arguments))
 
 
 def draw_task(
     rng: Rng, room: KnownRoom, book: Book, kind: Kind, kinds: Mapping[str, float] = KINDS
 ) -> Sequence[DrawnRequest] | None:
-    """Draw one task; None when the room gave out.
+    """Sample a task; return None if the room offers too few requests.
 
     `kinds` of requests have weights; `WITH_PAIRS` has two of a kind among them.
     """

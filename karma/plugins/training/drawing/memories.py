@@ -1,4 +1,4 @@
-"""What an agent may remember: rooms to be in, short-term memories drawn for them, and changes."""
+"""Rooms as an agent knows them, and short-term memory after requests."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -29,7 +29,7 @@ CAPACITY = 10
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownRoom:
-    """What a request can be about: area nodes and the types of the movable things around."""
+    """Room knowledge for sampling: area nodes and the types of movable objects."""
 
     name: str
     areas: tuple[Area, ...]
@@ -38,17 +38,17 @@ class KnownRoom:
 
     @property
     def landmarks(self) -> tuple[str, ...]:
-        """Return the immovable types worth a word, sorted."""
+        """Return the immovable types that requests can name, sorted."""
         return tuple(sorted({k for a in self.areas for k in a.contains} & landmark_types()))
 
 
 def pick(rng: Rng, items: Sequence[T]) -> T:
-    """Draw one item; `rng.choice` would copy the sequence into an array each time."""
+    """Sample an item; `rng.choice` would copy the sequence into an array."""
     return items[int(rng.integers(len(items)))]
 
 
 def weighted(rng: Rng, odds: Mapping[str, float]) -> str:
-    """Draw a key by its weight."""
+    """Sample a key by its weight."""
     roll = rng.random() * sum(odds.values())
     for name, weight in odds.items():
         roll -= weight
@@ -58,7 +58,7 @@ def weighted(rng: Rng, odds: Mapping[str, float]) -> str:
 
 
 def unit_of(object_id: str, object_type: str, **said: Any) -> MemoryUnit:
-    """Return a unit whose position does not matter."""
+    """Return a unit at the origin."""
     return MemoryUnit(
         object_id=object_id, object_type=object_type, position_m=(0.0, 0.0, 0.0), **said
     )
@@ -67,7 +67,7 @@ def unit_of(object_id: str, object_type: str, **said: Any) -> MemoryUnit:
 def known_facts(
     areas: Sequence[Area], units: Sequence[MemoryUnit], held: MemoryUnit | None, said: str = ""
 ) -> PlanRequest:
-    """Return what an agent knows, and what it is asked."""
+    """Return the planning request of an agent with this knowledge."""
     return PlanRequest(
         instruction=said,
         areas=tuple(areas),
@@ -78,12 +78,12 @@ def known_facts(
 
 
 def names_of(facts: PlanRequest) -> dict[str, str]:
-    """Return what remembered things are called in a prompt, by id."""
+    """Return the prompt's names of remembered objects by id."""
     return {object_id: name for name, object_id in compact(facts).names.items()}
 
 
 def place_type(units: Sequence[MemoryUnit], place: str) -> str:
-    """Return the type of a place: a remembered unit's, or the one its id speaks of."""
+    """Return a receptacle's type, from its unit or from its id."""
     return next((u.object_type for u in units if u.object_id == place), type_of(place))
 
 
@@ -92,7 +92,7 @@ AUTHORS_PLANS = frozenset({1, 11, 14, 16, 19, 22, 23, 27, 28, 201, 203, 207, 224
 
 
 def room_of(scene: Scene, name: str, *, keep: float = 0.93, seed: int = 0) -> KnownRoom:
-    """Return what an agent that explored the scene knows of it, a few things overlooked.
+    """Return the knowledge of an agent that explored a scene and missed a few objects.
 
     `name` names the random stream; `keep` is the chance that an immovable thing was noticed.
     """
@@ -122,7 +122,7 @@ def room_of(scene: Scene, name: str, *, keep: float = 0.93, seed: int = 0) -> Kn
 
 
 def generated_rooms(count: int, seed: int) -> Iterator[KnownRoom]:
-    """Yield rooms of the generator, none of them a shipped scene (their seeds differ)."""
+    """Yield generated rooms; no seed is that of a shipped scene."""
     order = [ROOMS[0]] * KITCHEN_SHARE + list(ROOMS[1:])
     for number in range(count):
         kind = order[number % len(order)]
@@ -138,17 +138,17 @@ def imported_rooms(dumps: Path, layouts: Path | None, seed: int) -> Iterator[Kno
 
 
 def is_authors_plan(name: str) -> bool:
-    """Return whether a floor plan is one of the authors' tasks, which no training sees."""
+    """Return whether the authors' tasks use a floor plan; training excludes these."""
     return int(name.removeprefix("FloorPlan").split("_")[0]) in AUTHORS_PLANS
 
 
 def subject(goal: Goal) -> str:
-    """Return the type of what a goal is about."""
+    """Return the type of a goal's object."""
     return base_type(goal.arguments[1] if goal.predicate == "HOLDON" else goal.arguments[0])
 
 
 def after(unit: MemoryUnit, goal: Goal) -> MemoryUnit:
-    """Return a thing once a goal about it is met."""
+    """Return a unit after a goal about its object is met."""
     word = goal.arguments[-1]
     if goal.predicate in ("ON", "INSIDE"):
         return replace(unit, place_id=word)
@@ -171,7 +171,7 @@ def after(unit: MemoryUnit, goal: Goal) -> MemoryUnit:
 
 
 class RequestHistory:
-    """What memory holds after requests were carried out: one unit of a type, the last used last."""
+    """Short-term memory after requests: a unit per object type, the last used last."""
 
     def __init__(self) -> None:
         self.units: list[MemoryUnit] = []
@@ -194,12 +194,12 @@ class RequestHistory:
 
     def _apply(self, name: str, goal: Goal) -> None:
         unit = self.known(name) or unit_of(name, name, handled=True)
-        self.units = [one for one in self.units if one.object_id != unit.object_id]
+        self.units = [other for other in self.units if other.object_id != unit.object_id]
         changed = after(unit, goal)
         if goal.predicate in ("ON", "INSIDE", "HOLDON") or changed.place_id == HAND:
             self._empty_hand()
         if changed.object_type != unit.object_type or goal.arguments[-1] == "sliced":
-            self.units = [one for one in self.units if one.object_type != KNIFE]
+            self.units = [other for other in self.units if other.object_type != KNIFE]
             self.units.append(unit_of(KNIFE, KNIFE, place_id=HAND, handled=True))
         if goal.arguments[-1] != "broken":
             self.units.append(changed)

@@ -34,7 +34,7 @@ Verbs = Mapping[str, Mapping[str, tuple[str, ...]]]  # kind of deed -> word -> i
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Book:
-    """Templates per kind of request, and words for states and for what was done before.
+    """Templates per kind of request, and words for states and past actions.
 
     `spoken` are patterns with their alternatives still in them, and `<clean>` for a phrase of
     `verbs`. Either side of the split has all that a pattern stands for, or nothing of it.
@@ -51,7 +51,7 @@ class Book:
     vague: float = 0.12  # share of things not remembered and of places that go by no name
 
     def part(self, *, held_out: bool) -> "Book":
-        """Return one side of the fixed split of the templates (about one in twelve held out).
+        """Return a side of the fixed split of templates; about 8 % are held out.
 
         Neither side has lexemes that are held out (see `with_unseen_words`).
         """
@@ -69,7 +69,7 @@ class Book:
         return replace(known, spoken=side(known.spoken), templates=templates)
 
     def with_unseen_words(self) -> "Book":
-        """Return the held-out templates, with held-out words for things, states and deeds."""
+        """Return the held-out templates with held-out words for objects, states and actions."""
         part, words = self.part(held_out=True), held_out()
         deeds = self.with_verbs(words.verbs, held_out=True)
         only = {kind: tuple(filter(_DEED.search, texts)) for kind, texts in deeds.templates.items()}
@@ -92,7 +92,7 @@ class Book:
         )
 
     def _with_known_words(self) -> "Book":
-        """Return the book without what has a held-out lexeme in it."""
+        """Return the book without texts that contain a held-out lexeme."""
 
         def known(book: Texts) -> dict[str, tuple[str, ...]]:
             return {
@@ -111,7 +111,7 @@ class Book:
 
     @staticmethod
     def is_held_out(template: str) -> bool:
-        """Return the side of a template; it stays as it is, as weights were trained on one."""
+        """Return whether a template is held out. Weights depend on this split: never change it."""
         return blake2b(template.encode(), digest_size=1).digest()[0] < 21
 
     def pick(self, rng: np.random.Generator, kind: str) -> str:
@@ -122,14 +122,14 @@ class Book:
         return self.say(rng, self.templates[kind])
 
     def stated(self, pattern: str) -> Iterator[str]:
-        """Yield every template that a pattern stands for."""
+        """Yield every expansion of a pattern."""
         deed = _DEED.search(pattern)
         phrases = [text for texts in self.verbs[deed[1]].values() for text in texts] if deed else ()
         whole = [_DEED.sub(phrase, pattern) for phrase in phrases] if deed else [pattern]
-        return (text for one in whole for text in expand(one))
+        return (text for template in whole for text in expand(template))
 
     def with_verbs(self, words: Collection[str], *, held_out: bool) -> "Book":
-        """Return the book without some words of `verbs`, or with no deeds but theirs.
+        """Return the book without some verbs, or with no other verbs.
 
         `held_out`: keep those and, where a kind of request has one, no others.
         """
@@ -149,7 +149,7 @@ class Book:
         return replace(self, verbs=verbs, templates=templates, spoken={})
 
     def say(self, rng: np.random.Generator, patterns: Sequence[str]) -> str:
-        """Draw one of the templates that some patterns stand for."""
+        """Sample an expansion of one of the patterns."""
         pattern = _drawn_text(rng, patterns)
         while found := _DEED.search(pattern):
             phrases = [text for texts in self.verbs[found[1]].values() for text in texts]
@@ -158,7 +158,7 @@ class Book:
 
 
 def one_of(rng: np.random.Generator, pattern: str) -> str:
-    """Draw one of the texts that a pattern with alternatives stands for."""
+    """Sample an expansion of a pattern with alternatives."""
     return _tidy(_CHOICE.sub(lambda match: _drawn_text(rng, match[1].split("|")), pattern))
 
 
@@ -195,7 +195,7 @@ def disjoint_book() -> Book:
 def _read_book(path: Path) -> Book:
     raw = read_toml(path, dict[str, Any])
     templates = {
-        kind: tuple(dict.fromkeys(one for text in texts for one in expand(text)))
+        kind: tuple(dict.fromkeys(text for template in texts for text in expand(template)))
         for kind, texts in raw.items()
         if isinstance(texts, list)
     }
@@ -204,7 +204,7 @@ def _read_book(path: Path) -> Book:
 
 
 def expand(text: str) -> Iterator[str]:
-    """Yield every text that a template with alternatives stands for.
+    """Yield every expansion of a template with alternatives.
 
     >>> list(expand("(open|shut) {s}"))
     ['open {s}', 'shut {s}']

@@ -1,7 +1,7 @@
-"""Words for things: a remembered unit by name, kind, states, place, what was done to it, or "it".
+"""Referring expressions: an object by name, kind, state, location, history, or "it".
 
-Words are put together from a noun and qualifiers, and kept only if they mean the unit: of the units
-that fit them, the one handled last, or else the one seen last.
+A noun and qualifiers are kept only if they mean the unit: the last handled unit that fits, else the
+last seen.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,7 +28,7 @@ NAMED = {"name": 0.85, "kind": 0.0, "anything": 0.0, "pronoun": 0.15}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:
-    """One draw: what is known, and what a request may name."""
+    """Knowledge and options of sampling a request."""
 
     room: KnownRoom
     facts: PlanRequest  # without the instruction
@@ -67,7 +67,7 @@ class _Said:
 
 
 def refer(rng: Rng, scene: Situation, unit: MemoryUnit) -> Ref | None:
-    """Draw words that mean this unit and no other; None after a few tries."""
+    """Sample words that mean this unit only; return None after five tries."""
     bare = pick_common(rng, scene.book.things[base_type(unit.object_type)].names)
     weights = NAMED if scene.vague < 0 else VAGUE if rng.random() < scene.vague else WEIGHTS
     for _ in range(5):
@@ -87,9 +87,9 @@ def refer(rng: Rng, scene: Situation, unit: MemoryUnit) -> Ref | None:
 
 
 def meaning(scene: Situation, *tests: Fits) -> MemoryUnit | None:
-    """Return the unit that fits: the one handled last, else the one seen last.
+    """Return the last handled unit that fits, else the last seen.
 
-    In a strict scene None unless exactly one handled unit fits.
+    In a strict situation return None unless exactly one handled unit fits.
     """
     fitting = [unit for unit in scene.units if all(test(unit) for test in tests)]
     handled = [unit for unit in fitting if unit.handled]
@@ -115,7 +115,7 @@ def _of_kind(word: str) -> Fits:
 def _described(
     rng: Rng, scene: Situation, unit: MemoryUnit, form: str, bare: str
 ) -> tuple[str, MemoryUnit | None]:
-    """Return a noun with qualifiers, and what it means."""
+    """Return a noun with qualifiers, and the unit that they mean."""
     noun, tests = _noun(rng, scene, unit, form, bare)
     if not noun:
         return "", None
@@ -144,7 +144,7 @@ def _described(
 def _noun(
     rng: Rng, scene: Situation, unit: MemoryUnit, form: str, bare: str
 ) -> tuple[str, list[Fits]]:
-    """Return a noun, "" if there is none of that form, and what it tells of the unit."""
+    """Return a noun of a form (or "") and its tests of a unit."""
     if form == "name":
         return bare, [_by_name(bare)]
     if form == "anything":
@@ -154,7 +154,7 @@ def _noun(
 
 
 def _qualifier(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
-    """Draw what is said of a unit besides a noun: a state, what was done, its place, its cargo."""
+    """Sample a qualifier: a state, a past action, a location, or contents."""
     if rng.random() < 0.5 and (contrast := _contrast_said(rng, scene, unit)) is not None:
         return contrast
     options = [_state_said, _done_said, _place_said, _cargo_said]
@@ -165,7 +165,7 @@ def _qualifier(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
 
 
 def _contrast_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
-    """Draw what sets a unit apart from others of its type, None where there are none."""
+    """Sample a contrast with other units of the type; return None if there are none."""
     kind = base_type(unit.object_type)
     rivals = [u for u in scene.units if base_type(u.object_type) == kind and u is not unit]
     if not rivals:
@@ -175,11 +175,11 @@ def _contrast_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None
         options.append(
             _Said(before=pick(rng, ("other", "second")), fits=lambda other: other is unit)
         )
-    states = [state for one in rivals for state in one.states if state not in unit.states]
+    states = [state for rival in rivals for state in rival.states if state not in unit.states]
     if states and (words := scene.book.adjectives.get(states[0].replace(" ", "_"))):
         text = f"that is {pick(rng, ('not', 'not yet', 'not'))} {pick(rng, words)}"
         options.append(_Said(after=text, fits=lambda other: states[0] not in other.states))
-    handled = [one for one in scene.units if one.handled]
+    handled = [other for other in scene.units if other.handled]
     if handled and handled[0] is unit and not scene.strict:
         text = f"you {pick(rng, scene.book.just['moved'])} first"
         options.append(_Said(after=text, fits=lambda other: other is unit))
@@ -244,7 +244,7 @@ def _cargo_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Description:
-    """A vaguer word than a name, and how it is said."""
+    """A word vaguer than a name, and its phrase."""
 
     word: str  # of the lexicon
     text: str  # without article: "thing to write with"
@@ -260,7 +260,7 @@ def vaguely(scene: Situation, kind: str, most: int = 99) -> Sequence[str]:
 
 
 def describe(rng: Rng, scene: Situation, words: Sequence[str]) -> Description | None:
-    """Draw one of some vaguer words; what a thing is for goes into a phrase; None without words."""
+    """Sample a vague word and its phrase; return None without words."""
     if not words:
         return None
     word = pick(rng, words)
@@ -271,7 +271,7 @@ def describe(rng: Rng, scene: Situation, words: Sequence[str]) -> Description | 
 
 
 def call(rng: Rng, scene: Situation, kind: str) -> Ref:
-    """Name a thing that memory does not hold, by words that fit no other type."""
+    """Name an object that memory lacks, by words that fit no other type."""
     said = (
         describe(rng, scene, vaguely(scene, kind, 1)) if rng.random() < scene.book.vague else None
     )
@@ -286,7 +286,7 @@ def call(rng: Rng, scene: Situation, kind: str) -> Ref:
 
 
 def with_article(rng: Rng, words: str, article: str = "") -> str:
-    """Put an article before a name, a drawn one unless it is given."""
+    """Put an article before a name; sample it unless given."""
     if not takes_article(words):
         return words
     if not article:

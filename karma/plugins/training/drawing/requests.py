@@ -1,4 +1,4 @@
-"""Requests: which things one is about, the goals it means, and its sentence."""
+"""Sample a request: its objects, goals and sentence."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -46,13 +46,13 @@ KINDS = {
     "look": 4, "break": 2, "stack": 4,
 }  # fmt: skip
 FITS = 3  # types that a vague word for a place or an unknown thing may fit
-PAIR = "pair"  # two of a kind to one place; drawn only where it is asked for
+PAIR = "pair"  # two objects of a type to the same receptacle; sampled only on demand
 WITH_PAIRS = {**KINDS, PAIR: 5}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ask:
-    """A request being put together."""
+    """A sampled request."""
 
     kind: str
     text: str
@@ -60,7 +60,7 @@ class Ask:
 
 
 def wrapped(rng: Rng, book: Book, text: str) -> str:
-    """Add words that mean nothing, before or after."""
+    """Add filler words before or after."""
     if rng.random() < 0.2:
         text = f"{pick(rng, book.around['before'])} {text}"
     if rng.random() < 0.15:
@@ -69,20 +69,20 @@ def wrapped(rng: Rng, book: Book, text: str) -> str:
 
 
 def pick_kind(rng: Rng, kinds: Mapping[str, float] = KINDS) -> str:
-    """Draw a kind of request by its weight."""
+    """Sample a kind of request by its weight."""
     weights = np.array(list(kinds.values()))
     return tuple(kinds)[int(np.searchsorted(np.cumsum(weights), rng.random() * weights.sum()))]
 
 
 def one_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
-    """Draw the objects for a kind of request and its sentence; None if the room offers none."""
+    """Sample a request of a kind; return None if the room offers none."""
     if kind in ("switch_on", "switch_off", "open", "close"):
         return _switch_ask(rng, scene, kind)
     return _pair_ask(rng, scene) if kind == PAIR else _thing_ask(rng, scene, kind)
 
 
 def _thing_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
-    """Ask for something to be done with one thing that can be carried."""
+    """Ask for an action on a movable object."""
     needed = NEEDS.get(kind.removesuffix("_place"))
     if scene.mapped and needed is not None and needed not in scene.room.landmarks:
         return None
@@ -114,7 +114,7 @@ def _thing_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
 
 
 def _pair_ask(rng: Rng, scene: Situation) -> Ask | None:
-    """Ask for two things of a type that memory holds none of, in one place."""
+    """Ask for two objects of a type that memory lacks, in the same receptacle."""
     here = set(scene.room.several if scene.strict else scene.room.movables) - _remembered(scene)
     pool = [name for name in sorted(here) if name in lexicon()]
     if not pool:
@@ -123,7 +123,7 @@ def _pair_ask(rng: Rng, scene: Situation) -> Ask | None:
     word = pick_common(rng, scene.book.things[name].names)
     x = Ref(name=name, object_type=name, words=with_article(rng, word, "a"), bare=word)
     r = _draw_receptacle(rng, scene, x, movable=False)
-    if r is None or r.name not in LIKELY:  # what takes one thing only is not among them
+    if r is None or r.name not in LIKELY:  # these hold more than one object
         return None
     slots = {**_slots("x", x), **_slots("r", r), "xs": plural_of(word)}
     text = filled(scene.book.pick(rng, PAIR), slots)
@@ -137,12 +137,12 @@ def _remembered(scene: Situation) -> set[str]:
 
 
 def _slots(slot: str, ref: Ref) -> dict[str, str]:
-    """Return the words for one slot; the bare form only where it means the same object."""
+    """Return the words of a slot; the bare form only if it means the same object."""
     return {slot: ref.words} | ({f"{slot}0": ref.bare} if ref.plain else {})
 
 
 def filled(template: str, slots: Mapping[str, str]) -> str | None:
-    """Fill a template; None when it needs words that are not there."""
+    """Fill a template; return None if a slot has no words."""
     try:
         return template.format(**slots)
     except KeyError:
@@ -163,7 +163,7 @@ def _state_goals(kind: str, x: Ref) -> tuple[Goal, ...]:
 def _placement(
     rng: Rng, scene: Situation, kind: str, x: Ref, slots: dict[str, str]
 ) -> list[Goal] | None:
-    """Draw where to put it; fills the slots; None if nothing fits."""
+    """Sample where to put it; fills the slots; None if nothing fits."""
     goals: list[Goal] = []
     top = x
     if kind == "stack":
@@ -209,7 +209,7 @@ def _switch_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
 
 
 def _carried(scene: Situation, capability: str) -> tuple[str, ...]:
-    """Return types that can be carried, and opened or switched, of which memory holds none."""
+    """Return movable types with a capability that memory lacks."""
     remembered = _remembered(scene)
     return tuple(
         name
@@ -220,7 +220,7 @@ def _carried(scene: Situation, capability: str) -> tuple[str, ...]:
 
 
 def _draw_ref(rng: Rng, scene: Situation, kind: str) -> Ref | None:
-    """Draw the object of a request: from memory, from the room, or from anywhere."""
+    """Sample the object of a request: from memory, the room, or all types."""
     known = [u for u in scene.units if suits(kind, u.object_type)]
     if known and rng.random() < 0.75:
         return refer(rng, scene, known[int(rng.integers(len(known)))])
@@ -280,10 +280,10 @@ def suits(kind: str, object_type: str) -> bool:
 
 
 def _draw_receptacle(rng: Rng, scene: Situation, x: Ref, *, movable: bool) -> Ref | None:
-    """Draw what a thing is put into: a landmark, or a dish from memory or the room.
+    """Sample a receptacle: a landmark, or a movable one from memory or the room.
 
-    Half of the time anything that holds things will do, sensible or not: a model that can guess the
-    place from the thing never learns to read it.
+    Half of the samples take any receptacle, sensible or not: a model that can guess the receptacle
+    from the object never learns to read it.
     """
     info = object_types()[x.object_type]
     anything = rng.random() < 0.5 and not scene.strict
@@ -307,7 +307,7 @@ def _draw_receptacle(rng: Rng, scene: Situation, x: Ref, *, movable: bool) -> Re
 
 
 def _pick_landmark(rng: Rng, scene: Situation, allowed: tuple[str, ...]) -> Ref | None:
-    """Pick an immovable thing and a name that means no other one in the room."""
+    """Sample a fixture and a name that means no other fixture in the room."""
     allowed = tuple(kind for kind in allowed if kind in lexicon())
     if not allowed:
         return None
@@ -349,7 +349,7 @@ SWITCHED = (
 
 
 def _decorated(rng: Rng, kind: str, word: str) -> str:
-    """Say more of a fixed thing than its name, none of which matters."""
+    """Add a qualifier to a fixture's name that changes nothing."""
     if "toggleable" in object_types()[kind].capabilities and rng.random() < 0.5:
         return f"{pick(rng, ('the', 'that'))} {word} {pick(rng, SWITCHED)}"
     if rng.random() < 0.5:

@@ -30,7 +30,7 @@ rows = [
     { name = "expert", design = "expert" },
 ]
 """
-HOUSES = Path(__file__).parents[3] / "eval/lived/houses"
+HOUSES = Path(__file__).parents[4] / "eval/lived/houses"
 
 
 def played(folder, workers=1, text=SMALL):

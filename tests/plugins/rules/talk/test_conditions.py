@@ -1,7 +1,7 @@
 """What a request hangs on is looked for where it would be, inside too, and of each thing."""
 
 import pytest
-from support.talking import STORE, TAKE, WASH, agent_saying
+from support.talking import STORE, TAKE, agent_saying
 
 from karma.agent.seeing.perceive import place_of
 from karma.household.places import HAND
@@ -75,28 +75,3 @@ def test_a_condition_of_more_than_one_thing_or_place_is_not_guessed_at(tmp_path,
     agent = agent_saying(tmp_path, [])
     assert agent.do(text).status in ("refused", "asked")
     assert held(agent) == []
-
-
-def test_what_was_done_is_asked_about_and_done_something_else_to(tmp_path):
-    put = "PickupObject(robot, 'Apple')\nPutObject(robot, 'Apple', 'DiningTable')\n"
-    agent = agent_saying(tmp_path, [TAKE + WASH, put])
-    assert str(agent.do("did you break anything?")).endswith("No, not that I remember.")
-    assert agent.do("put everything you washed on the table").status == "asked"
-    assert agent.do("I appreciate everything you do").status != "asked"
-    assert agent.do("wash the apple").status == "done"
-    assert "Yes: the apple." in str(agent.do("did you wash anything?"))
-    reply = agent.do("put everything you washed on the table")
-    assert reply.status == "done"
-    assert "the apple is on the dining table: seen" in str(reply)
-
-
-def test_two_things_are_swapped_where_both_were_seen(tmp_path):
-    away = "PickupObject(robot, 'Apple')\nPutObject(robot, 'Apple', 'CounterTop')\n"
-    there = "PickupObject(robot, 'Mug')\nPutObject(robot, 'Mug', 'DiningTable')\n"
-    agent = agent_saying(tmp_path, [away, there])
-    assert agent.do("swap the apple and the mug").status == "refused"  # nobody knows where they are
-    assert agent.do("find the apple").status == "done"
-    assert agent.do("find the mug").status == "done"
-    assert agent.do("swap the apple and the mug").status == "done"
-    assert "on the counter top" in str(agent.do("where is the apple?"))
-    assert "on the dining table" in str(agent.do("where is the mug?"))
