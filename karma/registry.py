@@ -36,7 +36,7 @@ _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
             "alfred": ("world replay", "world import-trials"),
             "homes": ("home",),
             "rules": ("read",),
-            "thor_tools": ("world import", "world floors", "world replay-events"),
+            "thor_tools": ("world import", "world replay-events"),
             "training": ("models tune", "vlm"),
         },
         "assistants": {"rules": ("rules",)},

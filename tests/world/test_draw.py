@@ -1,10 +1,8 @@
 """The picture of a room from above."""
 
-import pytest
 from matplotlib import pyplot
 from matplotlib.image import imread
 
-from karma.errors import FileError
 from karma.world.core.scene import load
 from karma.world.render.top_down import draw_top_down
 
@@ -23,9 +21,3 @@ def test_draw_top_down_same_scene_gives_same_bytes(tmp_path):
     for name in ("a.png", "b.png"):
         draw_top_down(load("bathroom_2"), tmp_path / name)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-
-
-def test_draw_top_down_where_a_file_is_the_folder_says_so(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(FileError, match="cannot write"):
-        draw_top_down(load("bathroom_1"), tmp_path / "file" / "room.png")

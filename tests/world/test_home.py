@@ -95,26 +95,6 @@ def test_what_is_in_the_hand_is_put_onto_a_surface_and_not_in_the_way(twin):
     assert home.step("GetReachablePositions").metadata["actionReturn"] == cells
 
 
-def test_reset_brings_back_one_room_and_is_in_it(twin):
-    home = Home(EmbeddedWorld)
-    for room in (KITCHEN, twin):
-        home.enter(room)
-        change(home)
-    home.reset(KITCHEN)
-    assert (home.scene, one_of(home, "Fridge")["isOpen"]) == (KITCHEN, False)
-    home.enter(twin)
-    assert one_of(home, "Fridge")["isOpen"]
-
-
-def test_entering_the_room_one_is_in_changes_nothing():
-    home = Home(EmbeddedWorld)
-    home.enter(KITCHEN)
-    change(home)
-    before = home.last_event
-    assert home.enter(KITCHEN) is before
-    assert before.metadata["inventoryObjects"]
-
-
 def test_room_that_is_not_there_leaves_the_agent_where_it_is():
     home = Home(EmbeddedWorld)
     with pytest.raises(KarmaError, match="no room has been entered"):
@@ -200,9 +180,9 @@ def karma(recall):
     """A function that makes a KARMA agent whose model says the given answers."""
 
     def make(answers, **settings):
-        usual = {"seen_kept": 0, "attempts": 1, **settings}
+        usual = {"seen_kept": 0, **settings}
         planner = Planner(ScriptedModel(answers), "compact")
-        return Kept(planner, recall, MetadataVision(), KarmaSettings(**usual))
+        return Kept(planner, recall, MetadataVision(), KarmaSettings(**usual), attempts=1)
 
     return make
 
@@ -269,14 +249,6 @@ def test_only_in_a_sequence_every_sub_task_is_judged_by_itself(karma, tmp_path, 
     assert len(record.subtasks[1].unmet) == unmet
 
 
-def test_expert_does_again_what_was_done_for_an_earlier_sub_task(tmp_path):
-    wash = (KITCHEN, "Wash the apple.", "INSIDE(Apple, Sink)", "STATE(Apple, cleaned)")
-    rest = (BEDROOM, "Open the drawer.", "OPEN(Drawer)")
-    record = run(ExpertMethod(), sequence(wash, wash, rest, wash), tmp_path)
-    assert record.success
-    assert all(sub.calls for sub in record.subtasks)
-
-
 def test_what_was_in_the_hand_is_remembered_as_put_down(karma, tmp_path):
     task = sequence(
         (KITCHEN, "Bring the apple.", "HOLDON(robot, Apple)"),
@@ -288,10 +260,10 @@ def test_what_was_in_the_hand_is_remembered_as_put_down(karma, tmp_path):
     assert [sub.success for sub in record.subtasks] == [True, True, True]
     assert sum(call.explorations for call in record.subtasks[2].calls) == 0
     episode = method.episode
-    assert "Fridge" in {node.type for node in episode.graph.objects()}
+    assert "Fridge" in {node.type for node in episode.memory.graph.objects()}
     episode.enter(SceneRef.of(BEDROOM))
-    assert "Bed" in {node.type for node in episode.graph.objects()}
-    assert {unit.place_id for unit in episode.short_term.units(KITCHEN)} == {None}
+    assert "Bed" in {node.type for node in episode.memory.graph.objects()}
+    assert {unit.place_id for unit in episode.memory.short_term.units(KITCHEN)} == {None}
 
 
 @pytest.mark.parametrize(("kind", "told"), [("sequence", False), ("composite", True)])

@@ -1,8 +1,8 @@
 """The spy that proves a method honest is honest itself, and catches who is not."""
 
 import pytest
-from support.household import find, kitchen
-from support.spy_world import FAR_M, SpyWorld
+from support.household import kitchen
+from support.spy_world import SpyWorld
 
 from karma.files import to_json
 from karma.world.sim import EmbeddedWorld
@@ -47,17 +47,6 @@ def test_spy_shows_what_was_in_view_as_it_was_then(worlds):
         assert not told["visible"]
 
 
-def test_spy_hides_what_a_closed_fridge_holds(worlds):
-    true, spy = worlds
-    fridge, egg = find(true, "Fridge"), find(true, "Egg")
-    for _ in range(4):
-        spy.step("RotateRight")
-        told = account(spy, fridge)
-        if told["visible"]:
-            assert told["receptacleObjectIds"] == []
-    assert account(spy, egg)["position"]["x"] > FAR_M / 2
-
-
 @pytest.mark.parametrize(
     ("action", "arguments"),
     [
@@ -71,8 +60,3 @@ def test_spy_takes_note_of_what_no_robot_could_do(worlds, action, arguments):
     _, spy = worlds
     spy.step(action, **arguments)
     assert any(offence.startswith(action) for offence in spy.offences)
-
-
-def test_spy_that_does_not_lie_shows_the_true_metadata(worlds):
-    true, _ = worlds
-    assert SpyWorld(true, lies=False).last_event.metadata == true.last_event.metadata

@@ -49,15 +49,6 @@ def test_initialize_keeps_the_picture_s_size_and_the_household(world):
     assert look(world, fridge)["isOpen"]
 
 
-def test_grid_size_0_means_a_quarter_metre(world):
-    world.step("Initialize", gridSize=0)
-    assert world.state.settings.grid_m == 0.25
-
-
-def test_unknown_visibility_scheme_is_taken_for_the_usual_one(world):
-    assert world.step("Initialize", visibilityScheme="Sonar")
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -81,11 +72,6 @@ def test_initialize_refuses_what_the_world_cannot_be(world, arguments, message):
     event = world.step("Initialize", **arguments)
     assert message in event.message
     assert world.state is before
-
-
-def test_turns_of_45_degrees_need_no_grid(world):
-    assert world.step("Initialize", rotateStepDegrees=45, snapToGrid=False)
-    assert world.step("RotateRight").metadata["agent"]["rotation"]["y"] == 45.0
 
 
 def test_resolution_changes_and_impossible_sizes_are_refused(world):

@@ -138,59 +138,6 @@ def test_a_listed_object_may_be_changed_without_changing_the_world(world):
 # ----------------------------------------------------------------- pictures
 
 
-def test_frames_are_as_large_as_asked_for_and_can_be_written_to(world):
-    event = world.last_event
-    assert event.frame.shape == event.instance_segmentation_frame.shape == (300, 300, 3)
-    assert event.depth_frame.shape == (300, 300)
-    assert event.depth_frame.dtype == np.float32
-    assert event.frame.flags.c_contiguous
-    assert event.normals_frame is None
-    assert event.semantic_segmentation_frame is None
-
-
-def test_masks_name_what_the_colour_table_names(world):
-    event = world.last_event
-    assert event.instance_masks
-    for name, mask in event.instance_masks.items():
-        color = event.object_id_to_color[name]
-        assert np.array_equal(mask, (event.instance_segmentation_frame == color).all(axis=2))
-        x0, y0, x1, y1 = event.instance_detections2D[name]
-        assert mask[y0 : y1 + 1, x0 : x1 + 1].sum() == mask.sum()
-    assert all(event.color_to_object_id[c] == n for n, c in event.object_id_to_color.items())
-
-
-def test_one_step_may_ask_for_other_pictures_than_usual(world):
-    event = world.step("Pass", renderImage=False)
-    assert event.frame is None
-    assert event.depth_frame is None
-    assert event.metadata["thirdPartyCameras"] is None
-    assert event.metadata["colors"] is None
-    event = world.step("Pass", renderSemanticSegmentation=True, renderDepthImage=False)
-    assert event.semantic_segmentation_frame.shape == (300, 300, 3)
-    assert event.depth_frame is None
-    assert world.step("Pass").depth_frame is not None
-
-
 def test_an_unknown_render_flag_is_refused():
     with pytest.raises(TypeError, match="renderSmell"):
         EmbeddedWorld(renderSmell=True)
-
-
-def test_a_refusal_shows_the_picture_of_the_moment_before(world):
-    first = world.step("Pass")
-    assert world.step("DropHeldObject").frame is first.frame
-
-
-def test_a_camera_posed_like_the_agent_sees_the_same(world):
-    world.step("LookDown")
-    event = world.step("RotateRight")
-    camera = event.metadata["cameraPosition"]
-    agent = event.metadata["agent"]
-    rotation = {"x": agent["cameraHorizon"], "y": agent["rotation"]["y"], "z": 0}
-    event = world.step("AddThirdPartyCamera", position=camera, rotation=rotation, fieldOfView=90)
-    assert event.metadata["thirdPartyCameras"][0]["rotation"]["y"] == 90
-    assert np.array_equal(event.third_party_camera_frames[0], event.frame)
-    assert np.array_equal(event.third_party_depth_frames[0], event.depth_frame)
-    mine, other = event.instance_masks, event.third_party_instance_masks[0]
-    assert set(mine) == set(other)
-    assert all(np.array_equal(mine[name], other[name]) for name in mine)

@@ -13,8 +13,6 @@ import pytest
 from support.household import bring, find, kitchen, look, on, reach, thing
 
 from karma.contracts import Pose
-from karma.errors import FileError
-from karma.world.core import scene
 from karma.world.core.hiding import holes
 from karma.world.core.objects import Objects
 from karma.world.core.rules import rules
@@ -253,12 +251,6 @@ def test_slicing_keeps_the_source_inert_and_makes_slices_in_its_place(world):
     assert not world.step("PickupObject", objectId=apple, forceAction=True)
     assert world.step("SliceObject", objectId=apple)  # a second time: silently nothing
     assert len(world.last_event.objects) == len(kitchen().objects) + 3
-
-
-def test_slicing_what_is_in_the_hand_is_refused(world):
-    apple = reach(world, "Apple")
-    world.step("PickupObject", objectId=apple)
-    assert "in the agent's hand" in world.step("SliceObject", objectId=apple).message
 
 
 @pytest.mark.parametrize("action", ["SliceObject", "BreakObject"])
@@ -621,23 +613,6 @@ def _agent_place(rows):
 
 
 # ----------------------------------------------------------------- scene files
-
-
-def test_scene_with_a_loop_of_three_is_refused():
-    one, two, three = (thing("Box", (float(i), 0.0, 0.0)) for i in range(3))
-    loop = [
-        msgspec.structs.replace(one, parents=(two.id,)),
-        msgspec.structs.replace(two, parents=(three.id,)),
-        msgspec.structs.replace(three, parents=(one.id,)),
-    ]
-    broken = msgspec.structs.replace(kitchen(), objects=tuple(loop))
-    with pytest.raises(FileError, match="contain each other"):
-        scene.check(broken, "here")
-
-
-def test_scene_that_does_not_exist_is_named():
-    with pytest.raises(FileError, match="no scene named 'palace'"):
-        EmbeddedWorld().reset("palace")
 
 
 def test_opened_by_the_old_name_of_openness(world):

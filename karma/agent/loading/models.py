@@ -14,7 +14,6 @@ from karma import registry
 from karma.agent.loading.names import MODELS, check_models, whole_name
 from karma.agent.loading.planner_files import (
     EXAMPLES,
-    doubt_of,
     examples_for,
     hints_for,
     may_refuse,
@@ -51,13 +50,7 @@ PRESETS = {
     "": Preset(recall="stateful"),  # what the tables measure
     "paper": Preset(  # §3.5; it gives no K, so all units
         recall="cosine:listing",
-        options={
-            "recall_k": 10,
-            "query": "instruction",
-            "whole_memory": False,
-            "map_form": "paper",
-            "seen_listed": False,
-        },
+        options={"recall_k": 10, "paper_prompt": True},
     ),
 }
 
@@ -92,8 +85,6 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
             raise ValueError(f"answer_seconds = {self.answer_seconds:g}: more than 0, or left out")
         if self.vision:
             force_setattr(self, "vision", whole_name("vision", self.vision))
-        if self.preset and self.method != "karma":
-            raise ValueError(f"preset = {self.preset!r} is for rows of method 'karma'")
         if self.vision.partition(":")[0] == OPENAI:
             raise ValueError(f"a row's vision = {OPENAI!r}: it stands in [models]")
 
@@ -193,7 +184,6 @@ def load_resources(
         decoding=decoding,
         hints=None if is_hosted else hints_for(models.planner, embedder),
         examples=examples_for(count, embedder, goals=goals),
-        doubt=doubt_of(models.planner) if refusing and not is_hosted else None,
         recall=_recall(models.recall, embedder, maps),
         vision=filled("vision_models", models.vision, models.hosted.vision, session, models),
         maps=maps,

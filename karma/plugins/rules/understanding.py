@@ -83,10 +83,6 @@ def sureness(plan: Plan) -> str:
     >>> sureness(plan)
     '0.91 is the chance of the whole answer by the planner (not calibrated)'
     """
-    if plan.doubt is not None:
-        chance = plan.doubt if plan.refused else 1 - plan.doubt
-        what = "refused" if plan.refused else "done"
-        return f"{chance:.2f} that this should be {what} (calibrated)"
     certainty, tokens = plan.completion.certainty, plan.completion.completion_tokens
     if certainty is None:
         return ""

@@ -1,7 +1,6 @@
 """`karma world import`, `floors` and `replay-events`: what AI2-THOR recorded."""
 
 from pathlib import Path
-from statistics import mean
 from typing import Annotated, Any
 
 import msgspec
@@ -10,10 +9,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from karma.agent.journal.formats import figure_text
-from karma.cli.commands import argument, option
+from karma.cli.commands import option
 from karma.cli.progress import track
 from karma.cli.shared import Json, console, tell, write_json
-from karma.errors import FileError
 from karma.files import below, to_json, write_atomic
 
 Files = Annotated[list[Path], typer.Argument(help="Files, also gzipped.")]
@@ -38,31 +36,6 @@ def world_import(
     rows = [row for path in files for row in _import_dump(path, layouts, assets, only, out)]
     console.print(escape(f"{len(rows)} scenes in {out}"))
     write_json(json, rows)
-
-
-def world_floors(
-    dump: Path = argument(..., "AI2-THOR's rooms at reset, also gzipped."),
-    layouts: Path = option(..., "ALFRED's reachable cells."),
-    json: Json = None,
-) -> None:
-    """Hold the floor that importing works out from boxes against recorded cells."""
-    from karma.plugins.thor_tools.importing.scenes import floor_scores
-
-    scores = list(track(floor_scores(dump, layouts), "rooms"))
-    table = Table("scene", "computed", "recorded", "both", "precision", "recall")
-    for one in scores:
-        shares = (figure_text(one.precision), figure_text(one.recall))
-        table.add_row(one.scene, *map(str, (one.computed, one.recorded, one.both)), *shares)
-    console.print(table)
-    if not scores:
-        raise FileError(dump, f"no room has cells in {layouts}", fix="give it other layouts")
-    precision, recall = (mean(getattr(one, n) for one in scores) for n in ("precision", "recall"))
-    worst = min(scores, key=lambda one: one.precision * one.recall)
-    console.print(
-        f"{len(scores)} rooms: precision {precision:.3f}, recall {recall:.3f}; worst: {worst.scene}"
-        f" ({worst.precision:.2f}, {worst.recall:.2f})"
-    )
-    write_json(json, scores)
 
 
 def _import_dump(

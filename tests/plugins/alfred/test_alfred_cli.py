@@ -1,6 +1,5 @@
 """`karma world import-trials` and `karma world replay`: lines, files, refusals."""
 
-import gzip
 import json
 
 import pytest
@@ -50,43 +49,6 @@ def test_replay_with_workers_and_several_files_says_the_same(trials):
     one = karma("world", "replay", trials, trials)
     assert one == karma("world", "replay", trials, trials, "--workers", 2)
     assert one.splitlines()[-1] == "trials 6, ok 4"
-
-
-@pytest.mark.parametrize("form", [["ours_2", "ours_0"], {"ids": ["ours_0", "ours_2"]}])
-def test_replay_of_some_ids_or_the_first_few(trials, tmp_path, form):
-    ids = tmp_path / "ids.json"
-    ids.write_text(json.dumps(form))
-    assert karma("world", "replay", trials, "--ids", ids).splitlines()[-1] == "trials 2, ok 2"
-    assert karma("world", "replay", trials, "--limit", 2).splitlines()[-1] == "trials 2, ok 1"
-    only = karma("world", "replay", trials, "--only", "ours_1").splitlines()
-    assert only[-1] == "trials 1, ok 0"
-
-
-def test_replay_mutated_counts_what_was_caught_and_repeats_itself(trials, tmp_path):
-    out = tmp_path / "out.json"
-    text = karma("world", "replay", trials, "--mutate", 3, "--json", out)
-    assert text == karma("world", "replay", trials, "--mutate", 3)
-    report = json.loads(out.read_text())
-    caught = sum(not row["ok"] for row in report["results"])
-    assert text.splitlines()[-1] == f"trials 3, caught {caught}"
-    assert report["caught"] == caught
-    assert all(row["deleted"] is not None for row in report["results"])
-
-
-def test_replay_takes_side_files_or_none(trials, tmp_path):
-    dump = ours.write(tmp_path / "dump.jsonl", ours.dump())
-    layouts = ours.write(tmp_path / "layouts.json", ours.layout())
-    given = karma("world", "replay", trials, "--dumps", dump, "--layouts", layouts)
-    bare = karma("world", "replay", trials, "--dumps", "none", "--layouts", "none")
-    assert given.splitlines()[-1] == bare.splitlines()[-1] == "trials 3, ok 2"
-
-
-def test_replay_of_side_files_that_lie_in_the_usual_place(trials, tmp_path, monkeypatch):
-    folder = tmp_path / "ref/data/alfred"
-    folder.mkdir(parents=True)
-    (folder / "layouts.json.gz").write_bytes(gzip.compress(b"torn")[:-3])
-    monkeypatch.setenv("KARMA_SHARED", str(tmp_path / "ref"))
-    assert "layouts.json.gz: torn gzip" in karma("world", "replay", trials, code=1)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ import json
 import pytest
 from support import alfred_kitchen as ours
 from support.paths import ROOT, SHARED
-from support.run_files import files
 from typer.testing import CliRunner
 
 from karma.agent.goals.goals import GoalTracker
@@ -111,11 +110,6 @@ def test_sentences_of_the_training_data_are_told_apart_whatever_their_case_and_m
         assert [task.trained for task in tasks_of(write(training)).values()] == [None, None]
 
 
-def test_one_list_is_counted_by_types_of_task(write):
-    tasks = tasks_of(write('lists = "lists.json"\nnames = ["bare"]'))
-    assert [task.group for task in tasks.values()] == ["pick_and_place_simple"] * 3
-
-
 # ----------------------------------------------------------------- runs
 
 
@@ -135,16 +129,6 @@ def test_expert_solves_what_can_be_asked_and_what_cannot_is_named_and_failed(wri
     assert "our skills, another protocol" in shown.output
     written = (tmp_path / "run" / "table.md").read_text()
     assert all(name in written for name in ("bare/1", "bare/2"))
-
-
-def test_runs_by_one_and_two_workers_are_equal_to_the_byte(write, tmp_path):
-    rows = ROWS + '[[rows]]\nname = "babble"\noptions = { attempts = 1 }\n'
-    path = write(rows=rows)
-    assert len(list(Run(path, tmp_path / "one").episodes())) == 12
-    list(Run(path, tmp_path / "two").episodes(workers=2))
-    assert files(tmp_path / "one") == files(tmp_path / "two")
-    again = Run(path, tmp_path / "one")
-    assert (again.left, list(again.episodes())) == (0, [])
 
 
 # ----------------------------------------------------------------- bad input
@@ -169,15 +153,6 @@ def test_runs_by_one_and_two_workers_are_equal_to_the_byte(write, tmp_path):
 def test_wrong_source_of_tasks_is_named(write, alfred, top, said):
     with pytest.raises(FileError, match=said):
         loaded(write(alfred, top=top))
-
-
-@pytest.mark.parametrize("name", ["trials", "train"])
-def test_torn_file_is_named(write, name, tmp_path):
-    path = write('training = "train.jsonl.gz"')
-    place = tmp_path / f"{name}.jsonl.gz"
-    place.write_bytes(place.read_bytes()[:-20])
-    with pytest.raises(FileError, match=rf"{name}\.jsonl\.gz"):
-        loaded(path)
 
 
 # ----------------------------------------------------------------- the reference data

@@ -1,6 +1,5 @@
 """Lists of ALFRED's tasks as others publish them, and what people said of demonstrations."""
 
-import gzip
 import json
 
 import pytest
@@ -59,26 +58,9 @@ def test_torn_or_wrong_lists_are_named(tmp_path, text, names, said):
     assert str(path) in str(caught.value)
 
 
-@pytest.mark.parametrize("form", [SAID, {"anns": SAID}])
-def test_trial_keeps_what_people_said_in_either_form(tmp_path, form):
-    trial = ours.read(tmp_path, {**ours.trial(), "turk_annotations": form})
-    assert [one.task_desc for one in trial.annotations] == [one["task_desc"] for one in SAID]
-    assert ours.read(tmp_path, ours.trial()).annotations == ()
-
-
 def test_sentences_of_goals_and_steps_are_known_whatever_their_case_and_marks(tmp_path):
     path = ours.write(tmp_path / "t.jsonl.gz", {**ours.trial(), "turk_annotations": SAID})
     known = sentences_in(path)
     assert plain("put the APPLE, in the fridge") in known
     assert plain("take the apple") in known
     assert plain("take the apples") not in known
-
-
-def test_torn_demonstrations_are_named(tmp_path):
-    path = ours.write(tmp_path / "t.jsonl.gz", {**ours.trial(), "turk_annotations": SAID})
-    path.write_bytes(path.read_bytes()[:-9])
-    with pytest.raises(FileError, match=r"t\.jsonl\.gz.*near line"):
-        sentences_in(path)
-    path.write_bytes(gzip.compress(b'{"id": "x"}\n'))
-    with pytest.raises(FileError, match="turk_annotations"):
-        sentences_in(path)

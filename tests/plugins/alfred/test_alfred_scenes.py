@@ -69,14 +69,6 @@ def test_build_a_moved_object_has_its_shape_and_a_renamed_one_its_box(tmp_path, 
     assert TABLE not in by_id
 
 
-def test_build_without_a_dump_stands_things_on_the_floor_and_round_what_lay_there(tmp_path):
-    by_id = scene_of(tmp_path, ours.trial())
-    fridge, table = by_id[FRIDGE], by_id[TABLE]
-    assert fridge.center[1] - fridge.size[1] / 2 >= 0.0
-    assert table.center[1] + table.size[1] / 2 == pytest.approx(0.81)
-    assert any(thing.type == "Floor" for thing in by_id.values())
-
-
 def test_build_turns_a_models_box_as_the_trial_has_it_also_on_end(tmp_path, side):
     trial = ours.trial()
     (knife,) = [t for t in trial["scene"]["object_poses"] if t["objectName"] == "Knife_1"]
@@ -107,20 +99,6 @@ def test_build_a_sink_is_inferred_from_its_basin_unless_the_rooms_types_lack_it(
         assert whole.grown(0.01, 0.01, 0.01).overlaps(Box.around(basin.center, basin.size))
 
 
-def test_build_a_recorded_sink_is_not_inferred_again(tmp_path, side):
-    row, sink = ours.dump(), "Sink|+00.10|+00.90|+01.15"
-    basin = next(one for one in row["objects"] if one["objectType"] == "SinkBasin")
-    whole = {**basin, "objectId": sink, "objectType": "Sink", "name": "Sink_1"}
-    basin["objectId"] = f"{sink}|SinkBasin"
-    files = Files(
-        dumps=ours.write(tmp_path / "with.jsonl", {**row, "objects": [*row["objects"], whole]})
-    )
-    trial = ours.trial()
-    trial["plan"]["low_actions"] += ours.low(4, ours.put(APPLE, f"{sink}|SinkBasin"))
-    sinks = [one for one in scene_of(tmp_path, trial, files).values() if one.type == "Sink"]
-    assert [one.inferred for one in sinks] == [False]
-
-
 def test_build_dirty_and_empty_and_toggles_are_the_trials(tmp_path, side):
     trial = ours.trial()
     trial["scene"]["dirty_and_empty"] = True
@@ -140,15 +118,6 @@ def test_build_old_types_get_new_names_and_unknown_ones_are_left_out(tmp_path, s
     by_id = scene_of(tmp_path, trial, side)
     assert by_id["Glassbottle|-00.40|+00.90|+01.05"].type == "Bottle"
     assert not [one for one in by_id if one.startswith("Gizmo")]
-
-
-def test_build_copies_with_one_name_get_names_of_their_own(tmp_path, side):
-    trial = ours.trial()
-    trial["scene"]["object_poses"] += [
-        ours.pose("Apple_1", (1.5, 0.81, 0.0)), ours.pose("Apple_1", (1.5, 0.81, 0.0)),
-    ]  # fmt: skip
-    apples = [t for t in scene_of(tmp_path, trial, side).values() if t.type == "Apple"]
-    assert len(apples) == len({apple.name for apple in apples}) == 2
 
 
 # ----------------------------------------------------------------- what lies in what
@@ -202,10 +171,3 @@ def test_contained_labels_of_other_trials_vote(tmp_path, side):
     assert "Microwave|-01.20|+01.05|+01.25" in known
     files = Files(dumps=side.dumps, spots=path)
     assert guessed(tmp_path, trial, files)["Cup|+01.02|+00.90|+01.00"] == spots[0][3]
-
-
-def test_contained_a_burner_is_filled_by_label_only(tmp_path, side):
-    trial = ours.trial()
-    trial["scene"]["object_poses"].append(ours.pose("Pot_1", (0.8, 0.92, 1.15)))
-    burner = next(o for o in ours.dump()["objects"] if o["objectType"] == "StoveBurner")
-    assert guessed(tmp_path, trial, side).get("Pot|+00.80|+00.92|+01.15") != burner["objectId"]

@@ -6,12 +6,9 @@ import msgspec
 import pytest
 from support.made_events import event, thing
 from support.paths import SHARED
-from support.written_tasks import write_tasks
 
-from karma.agent.goals.files import load_tasks
 from karma.agent.goals.goals import GoalTracker
-from karma.contracts import SceneRef
-from karma.plugins.alfred.published_tasks import goals_of, task_of
+from karma.plugins.alfred.published_tasks import goals_of
 from karma.plugins.alfred.replay.facts import gather, side_files
 from karma.plugins.alfred.replay.goal import Deeds, conditions, noteworthy
 from karma.plugins.alfred.replay.replay import FOV_DEG, REACH_M, fitted
@@ -68,22 +65,6 @@ def trial(kind, thing_, **targets):
 def test_goals_of_a_trial_say_what_its_kind_of_task_asks_for(kind, targets, meant):
     found = goals_of(trial(kind, targets.pop("object_target"), **targets))
     assert "; ".join(str(goal).removesuffix(": 1") for goal in found) == meant
-
-
-def test_task_of_a_trial_is_one_whole_instruction_in_its_room():
-    given = trial("pick_and_place_simple", "Pen", parent_target="Desk")
-    task = task_of(given, "Put a pen on the desk.")
-    assert (task.id, task.scene.name, len(task.subtasks)) == ("t", "FloorPlan1", 1)
-    assert task.subtasks[0].is_whole
-    other = task_of(given, "Do.", scene=SceneRef.of("bedroom_1"), id="base/3")
-    assert (other.id, other.scene.name) == ("base/3", "bedroom_1")
-
-
-def test_task_of_a_trial_can_be_written_and_read(tmp_path):
-    given = trial("pick_two_obj_and_place", "Pencil", parent_target="Desk")
-    task = task_of(given, "Put two pencils on the desk.", scene=SceneRef.of("bedroom_1"))
-    write_tasks(tmp_path / "tasks.jsonl", [task])
-    assert load_tasks(tmp_path / "tasks.jsonl") == (task,)
 
 
 # ----------------------------------------------------------------- beside ALFRED's conditions

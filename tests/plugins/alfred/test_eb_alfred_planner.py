@@ -13,7 +13,6 @@ from karma.plugins.alfred.published_tasks import ListedTask
 from karma.plugins.alfred.suites.benchmark import AlfredStage, play
 from karma.plugins.alfred.suites.eb_planner import (
     PromptOptions,
-    examples,
     read_answer,
     render_prompt,
 )
@@ -97,24 +96,11 @@ def test_plan_is_read_out_of_a_damaged_answer_and_counted_as_mended(text):
     assert read_answer(text, 20, mend=False).no_json
 
 
-def test_answer_is_not_mended_when_strict():
-    assert read_answer(f"Sure: {plan_text(1)}", 20, mend=False).no_json
-    assert read_answer(plan_text(1), 20, mend=False).plan == (1,)
-    assert read_answer('{"executable_plan": [{"action_id": "1"}]}', 20, mend=False).no_json
-
-
 @given(text=st.text(max_size=300) | st.text('{}[]",:0123456789ab\\ ', max_size=300))
 def test_answer_any_text_is_a_plan_within_the_list_or_an_error(text):
     found = read_answer('{"executable_plan": ' + text, 20)
     assert all(0 <= number < 20 for number in found.plan)
     assert not (found.plan and found.error)
-
-
-@given(cut=st.integers(0, 200), numbers=st.lists(st.integers(0, 19), min_size=1, max_size=5))
-def test_answer_cut_off_anywhere_keeps_the_beginning_of_its_plan(cut, numbers):
-    text = plan_text(*numbers)
-    found = read_answer(text[: min(cut, len(text))], 20)
-    assert list(found.plan) == numbers[: len(found.plan)]
 
 
 # ----------------------------------------------------------------- the prompt
@@ -144,14 +130,6 @@ def test_prompt_tells_what_was_done_and_how_it_went_unless_told_not_to(tmp_path)
     assert "Done." not in bare
 
 
-def test_prompt_of_long_horizon_has_seven_examples_of_its_own(tmp_path):
-    env = eb.environment(tmp_path)
-    text = render_prompt(env, "x", "long_horizon", OPTIONS).stable
-    assert "## Example 7" in text
-    assert "## Example 8" not in text
-    assert "slice" in examples("long")[0].plan[3]
-
-
 def test_prompt_with_pictures_shows_the_last_views_and_asks_what_they_show(tmp_path):
     env = eb.environment(tmp_path)
     eb.say(env, "find a Fridge")
@@ -164,18 +142,6 @@ def test_prompt_with_pictures_shows_the_last_views_and_asks_what_they_show(tmp_p
     bare = render_prompt(env, "x", "base", OPTIONS)
     assert (bare.pictures, env.pictures(0)) == ((), ())
     assert "visual_state_description" not in bare.stable + bare.changing
-
-
-def test_examples_in_the_prompt_say_why_before_they_say_what(tmp_path):
-    text = render_prompt(eb.environment(tmp_path), "x", "base", OPTIONS).stable
-    first = text[text.index("## Example 1") :]
-    assert first.index("reasoning_and_reflection") < first.index("executable_plan")
-
-
-def test_prompt_is_one_message_when_strict(tmp_path):
-    prompt = render_prompt(eb.environment(tmp_path, strict=True), "x", "base", OPTIONS)
-    assert prompt.stable == ""
-    assert "## Rules" in prompt.changing
 
 
 # ----------------------------------------------------------------- at play
@@ -224,11 +190,3 @@ def test_empty_plan_keeps_its_progress_unless_strict(tmp_path):
         task = {"task": "pick_cool_then_place_in_recep", "strict": strict}
         record, _ = played(tmp_path, done, plan_text(), **task)
         assert (record.end, record.progress) == ("empty plan", progress)
-
-
-def test_dialogue_tells_earlier_answers(tmp_path):
-    options = PromptOptions(dialogue=True)
-    first = plan_text(*numbers_of(tmp_path, "find a Apple"))
-    _, model = played(tmp_path, first, plan_text(), options=options)
-    assert first in model.prompts[1].changing
-    assert first not in model.prompts[0].changing

@@ -7,7 +7,7 @@ from support.eb_alfred import finished
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
-from karma.agent.journal.header import EPISODES, TABLE
+from karma.agent.journal.header import TABLE
 from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import FileError
@@ -19,28 +19,6 @@ def test_run_gives_equal_bytes_twice_and_with_two_workers(experiment, tmp_path):
     assert len(records) == 12
     assert finished(path, tmp_path / "b")[1] == first
     assert finished(path, tmp_path / "c", workers=2)[1] == first
-
-
-def test_run_that_was_stopped_goes_on_and_gives_the_same(experiment, tmp_path):
-    path = experiment()
-    _, whole = finished(path, tmp_path / "a")
-    stopped = Run(path, tmp_path / "b").episodes()
-    for _ in range(6):  # in the middle of a chain of the strict row
-        next(stopped)
-    stopped.close()
-    with (tmp_path / "b" / EPISODES).open("ab") as file:
-        file.write(b'{"torn":')
-    records, files = finished(path, tmp_path / "b")
-    assert files == whole
-    assert len(records) < 12  # whole chains are not done again
-
-
-def test_run_refuses_the_folder_of_another(experiment, tmp_path):
-    finished(experiment(), tmp_path / "a")
-    path = experiment(subsets=["base"])
-    with pytest.raises(FileError, match="a run of something else"):
-        Run(path, tmp_path / "a")
-    assert Run(path, tmp_path / "a", fresh=True).total == 6
 
 
 @pytest.mark.parametrize(
@@ -83,18 +61,6 @@ def test_table_command_writes_the_table_of_a_run_also_of_one_that_is_not_finishe
     (out / TABLE).unlink()
     assert CliRunner().invoke(app, ["table", str(out)]).exit_code == 0
     assert (out / TABLE).read_bytes() == whole
-
-
-@pytest.mark.parametrize("command", ["report", "compare"])
-def test_commands_that_cannot_read_a_benchmarks_run_say_what_to_do(experiment, tmp_path, command):
-    finished(experiment(), tmp_path / "run")
-    folder = str(tmp_path / "run")
-    more = [folder] if command == "compare" else []
-    done = CliRunner().invoke(app, [command, folder, *more])
-    assert done.exit_code == 1
-    said = " ".join(done.output.split())
-    assert "a run of the benchmark eb_alfred" in said
-    assert f"karma table {folder}" in said
 
 
 TINY = """

@@ -26,7 +26,6 @@ from karma.plugins.alfred.suites.experiment import LotaRow, draw_tasks
 from karma.plugins.alfred.suites.lota_planner import (
     LotaPromptOptions,
     followed,
-    list_prompt,
     read_list,
     score_prompt,
 )
@@ -59,23 +58,6 @@ def numbers_of(*names):
 )
 def test_list_is_read_however_it_is_written(text):
     assert read_list(text, NAMES) == (*numbers_of(*FETCH), 0)
-
-
-def test_list_that_is_strict_is_split_at_commas_alone():
-    said = "Robot: 1. find an apple, 2. find the apple, 3. pick up the apple\n4. done"
-    found = read_list(said, NAMES, mend=False)
-    assert found == (*numbers_of("find an apple"), "find the apple", "pick up the apple\n4. done")
-
-
-def test_list_keeps_what_is_no_skill_as_it_was_said():
-    found = read_list("Sure! 1. find an apple, 2. wave, 3. find a dragon", NAMES)
-    assert found == ("Sure!", *numbers_of("find an apple"), "wave", "find a dragon")
-
-
-def test_list_puts_down_whatever_is_named():
-    for mend in (True, False):
-        found = read_list("put down the apple in the fridge, put down the dragon", NAMES, mend=mend)
-        assert [NAMES[one] for one in found] == ["put down the apple"] * 2
 
 
 def test_list_ends_with_done_and_is_bounded():
@@ -119,13 +101,6 @@ def test_score_prompt_tells_failures_only_when_asked(tmp_path):
         " pick up the egg (this action failed: the egg is out of sight, it is in fridge), 4.",
     )
     assert told[0].count("(this action failed: ") == 3
-
-
-def test_list_prompt_names_every_skill_and_ends_with_the_request():
-    prompt = list_prompt("wash it", NAMES, OPTIONS)
-    assert ", ".join(NAMES) in prompt.stable
-    assert prompt.stable.count("Human:") == 6
-    assert prompt.changing == "The request: wash it\n"
 
 
 # ----------------------------------------------------------------- draws
@@ -201,11 +176,6 @@ def test_generated_list_is_asked_for_once_and_judged_where_it_ends(tmp_path):
     assert (record.success, record.end, record.steps) == (False, "empty plan", ())
 
 
-def test_generated_list_of_500_steps_ends_after_25(tmp_path):
-    record, _ = played(tmp_path, "find an egg, " * 500)
-    assert (record.end, len(record.steps), record.answers[0].named) == ("steps", 25, 500)
-
-
 def test_generated_text_of_ten_megabytes_is_counted_and_kept_short(tmp_path):
     record, _ = played(tmp_path, "x" * 10_000_000)
     assert (record.end, record.unknown, record.failed) == ("plan over", 1, 1)
@@ -261,9 +231,3 @@ def test_task_that_cannot_be_begun_is_not_run(tmp_path, task, message):
     found, _ = played(tmp_path, task=task)
     assert isinstance(found, NotRun)
     assert (found.reason, found.alone) == (message, True)
-
-
-def test_task_with_a_sentence_of_its_own_is_asked_in_that(tmp_path):
-    record, model = played(tmp_path, "done", task=listed(instruction="Cool it.", repeat=9))
-    assert "Cool it." in model.prompts[0].changing
-    assert record.end == "done"

@@ -10,7 +10,6 @@ import sys
 
 import msgspec
 import pytest
-from export_thor_scenes import chosen
 from support import fake_player
 from support.household import kitchen, thing
 from support.paths import ROOT
@@ -121,31 +120,6 @@ def test_recorded_actions_replay_without_a_difference(export, tmp_path, scenes):
     assert report.changes.compared > 5
 
 
-def test_second_run_goes_on_where_the_first_was_cut_off(export, tmp_path):
-    path = tmp_path / "out" / "scenes.jsonl"
-    export("--only", "FloorPlan1")
-    first = path.read_bytes()
-    path.write_bytes(first + b'{"scene": "FloorPlan12", "obj')  # torn
-    export("--only", "FloorPlan*")
-    assert path.read_bytes().startswith(first)
-    assert [row["scene"] for row in rows(path)] == ["FloorPlan1", "FloorPlan12"]
-    layouts = json.loads((tmp_path / "out" / "layouts.json").read_text())
-    assert sorted(layouts) == ["FloorPlan1", "FloorPlan12"]
-    whole = path.read_bytes()
-    export("--only", "FloorPlan*")
-    assert path.read_bytes() == whole
-
-
-def test_recording_that_is_there_is_not_done_again(export, tmp_path):
-    script = tmp_path / "look.json"
-    script.write_text(json.dumps({"scene": "FloorPlan1", "actions": [{"action": "LookUp"}]}))
-    export("--record", script)
-    path = tmp_path / "out" / "events" / "look.jsonl"
-    path.write_text("kept")
-    assert "is there already" in export("--record", script).stdout
-    assert path.read_text() == "kept"
-
-
 def test_player_that_dies_in_one_scene_is_started_again_for_it(tmp_path, export):
     dying = fake_player.command("die@GetReachablePositions", once=tmp_path / "once")
     done = export(executable=dying)
@@ -155,38 +129,3 @@ def test_player_that_dies_in_one_scene_is_started_again_for_it(tmp_path, export)
     assert export(executable=dying).returncode == 0
     names = [row["scene"] for row in rows(tmp_path / "out" / "scenes.jsonl")]
     assert names == ["FloorPlan2", "FloorPlan1"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["--only", "FloorPlan77"], "no such scene"),
-        (["--record", "/no/such/script.json"], "No such file"),
-        (["--executable", "/no/such/build"], "no such executable"),
-    ],
-)
-def test_what_cannot_be_is_told(arguments, said, tmp_path, scenes):
-    words = [sys.executable, SCRIPT, tmp_path / "out", "--executable", command(scenes), *arguments]
-    done = subprocess.run(list(map(str, words)), capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert said in done.stderr
-    assert "Traceback" not in done.stderr
-
-
-@pytest.mark.parametrize(
-    "text", ["[]", "{", '{"scene": "FloorPlan1"}', '{"scene": "FloorPlan1", "actions": [{}]}']
-)
-def test_script_of_the_wrong_form_is_refused_with_its_name(text, tmp_path, export):
-    script = tmp_path / "wrong.json"
-    script.write_text(text)
-    done = export("--record", script)
-    assert done.returncode == 1
-    assert "wrong.json" in done.stderr
-
-
-def test_scenes_of_other_robots_are_left_out_unless_named():
-    names = ["FloorPlan10_physics", "FloorPlan2_physics", "FloorPlan_Train1_1", "Procedural"]
-    assert chosen(names, None) == ["FloorPlan2_physics", "FloorPlan10_physics"]
-    assert chosen(names, ["FloorPlan_Train*", "FloorPlan2"]) == [
-        "FloorPlan2_physics", "FloorPlan_Train1_1"
-    ]  # fmt: skip

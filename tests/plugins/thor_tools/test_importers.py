@@ -11,7 +11,7 @@ from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
 from karma.plugins.thor_tools.importing.scenes import floor_scores, import_dump, scene_from_dump
 from karma.world.core.ground import parts
-from karma.world.core.scene import AgentPose, Scene, check, load
+from karma.world.core.scene import AgentPose, Scene, check
 from karma.world.generation.generate import object_id
 
 DUMPS = SHARED / "data/thor5/scenes.jsonl.gz"
@@ -126,13 +126,6 @@ def test_scene_from_dump_starts_where_all_distances_meet():
     assert (-0.6, 0.4) in scene.reachable
 
 
-def test_scene_from_dump_distances_that_contradict_each_other_tell_no_start():
-    clock = thor("Television", (1.2, 1.5, -1.7), (0.4, 0.4, 0.1))
-    objects = from_where([*room(), clock], (-0.6, 0.95, 0.4))
-    objects[1] |= {"distance": objects[1]["distance"] + 0.5}
-    assert scene_from_dump("FloorPlan1", objects).agent.position[1] == pytest.approx(0.9)
-
-
 CELLS = [(x / 4, -0.75) for x in range(-5, 6)]
 
 
@@ -192,22 +185,6 @@ def test_scene_from_dump_behind_a_light_switch_is_no_floor():
     assert (-0.75, 0.0) in scene.reachable
 
 
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [("FloorPlan30_physics", "Kitchen"), ("FloorPlan201", "LivingRoom"),
-     ("FloorPlan330", "Bedroom"), ("FloorPlan401", "Bathroom")],
-)  # fmt: skip
-def test_scene_from_dump_room_follows_the_number(name, said):
-    assert scene_from_dump(name, room()).room == said
-
-
-def test_scene_from_dump_lists_that_disagree_are_joined():
-    objects = room()
-    objects[2]["parentReceptacles"] = None
-    scene = scene_from_dump("FloorPlan1", objects)
-    assert scene.objects[2].parents == (objects[1]["objectId"],)
-
-
 def test_scene_from_dump_parents_stand_nearest_first_and_floor_last():
     objects = room()
     floor, table = objects[0]["objectId"], objects[1]["objectId"]
@@ -238,12 +215,6 @@ def test_scene_from_dump_circle_of_three_is_opened():
     assert sorted(len(one.parents) for one in scene.objects[4:]) == [0, 1, 1]
 
 
-def test_scene_from_dump_unknown_parent_is_dropped():
-    objects = room()
-    objects[2]["parentReceptacles"] = ["Shelf|1|1|1", objects[2]["objectId"]]
-    assert scene_from_dump("FloorPlan1", objects).objects[2].parents == (objects[1]["objectId"],)
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -260,30 +231,6 @@ def test_scene_from_dump_wrong_field_is_named(change, said):
     objects[2] |= change
     with pytest.raises(FileError, match=said):
         scene_from_dump("FloorPlan1", objects)
-
-
-@pytest.mark.parametrize("key", ["name", "objectId", "isCooked", "axisAlignedBoundingBox"])
-def test_scene_from_dump_missing_field_is_named(key):
-    objects = room()
-    del objects[1][key]
-    with pytest.raises(FileError, match=f"`{key}`"):
-        scene_from_dump("FloorPlan1", objects)
-
-
-def test_scene_from_dump_twice_the_same_id_is_refused():
-    objects = room()
-    with pytest.raises(FileError, match="stands twice"):
-        scene_from_dump("FloorPlan1", [*objects, objects[2]])
-
-
-@pytest.mark.parametrize("name", ["FloorPlan_Train1_1", "kitchen", "FloorPlan130"])
-def test_scene_from_dump_name_without_a_room_is_told_by_its_things(name):
-    things = room()
-    assert scene_from_dump(name, things).room == "Kitchen"
-    bath = [row for row in things if row["objectType"] == "Floor"]
-    bath.append(thor("Toilet", (1.5, 0.4, 1.5), (0.4, 0.8, 0.6)))
-    bath.append(thor("HandTowelHolder", (-1.5, 1.4, -1.5), (0.2, 0.1, 0.1)))
-    assert scene_from_dump(name, bath).room == "Bathroom"
 
 
 def test_import_dump_takes_agent_and_cells_from_an_export(tmp_path):
@@ -305,27 +252,7 @@ def test_import_dump_takes_agent_and_cells_from_an_export(tmp_path):
         list(import_dump(path))
 
 
-def test_scene_from_dump_without_objects_or_free_cells_is_refused():
-    with pytest.raises(FileError, match="there are none"):
-        scene_from_dump("FloorPlan1", [])
-    block = thor("Bed", (0, 0.5, 0), (9, 1, 9), receptacle=True)
-    with pytest.raises(FileError, match="nowhere to stand"):
-        scene_from_dump("FloorPlan1", [*room(), block])
-
-
 # ----------------------------------------------------------------- files
-
-
-def test_import_dump_reads_lines_arrays_and_single_objects(tmp_path):
-    rows = [{"scene": "FloorPlan1", "objects": room()}, {"scene": "FloorPlan2", "objects": room()}]
-    lines = write(tmp_path / "a.jsonl", *rows)
-    array = write(tmp_path / "b.json", rows)
-    single = write(tmp_path / "c.json", rows[0])
-    zipped = tmp_path / "d.jsonl.gz"
-    zipped.write_bytes(gzip.compress(lines.read_bytes()))
-    assert [scene.name for scene in import_dump(lines)] == ["FloorPlan1", "FloorPlan2"]
-    assert list(import_dump(array)) == list(import_dump(lines)) == list(import_dump(zipped))
-    assert list(import_dump(single)) == list(import_dump(lines))[:1]
 
 
 def test_import_dump_takes_cells_from_layouts_and_only_what_is_asked(tmp_path):
@@ -336,13 +263,6 @@ def test_import_dump_takes_cells_from_layouts_and_only_what_is_asked(tmp_path):
     assert scene.reachable == ((-0.5, -0.5),)
     with pytest.raises(FileError, match="no scene named 'FloorPlan9'"):
         list(import_dump(path, only=["FloorPlan9"]))
-
-
-def test_import_dump_scene_written_loads_again(tmp_path):
-    path = write(tmp_path / "a.jsonl", {"scene": "FloorPlan1", "objects": room()})
-    (scene,) = import_dump(path)
-    write_atomic(tmp_path / "FloorPlan1.json", to_json(scene))
-    assert load(tmp_path / "FloorPlan1.json") == scene
 
 
 @pytest.mark.parametrize(
@@ -377,14 +297,6 @@ def test_import_dump_torn_or_empty_file_is_named(tmp_path):
         assert caught.value.path == path
     with pytest.raises(FileError, match="No such file"):
         list(import_dump(tmp_path / "missing.json"))
-
-
-def test_import_dump_bad_layouts_are_named(tmp_path):
-    path = write(tmp_path / "a.jsonl", {"scene": "FloorPlan1", "objects": room()})
-    layouts = write(tmp_path / "l.json", {"FloorPlan1": {"reachable": [[1]]}})
-    with pytest.raises(FileError, match="reachable") as caught:
-        list(import_dump(path, layouts=layouts))
-    assert caught.value.path == layouts
 
 
 # ----------------------------------------------------------------- the real rooms

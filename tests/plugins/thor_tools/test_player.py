@@ -29,10 +29,8 @@ from karma.plugins.thor_tools.player.player import (
     MalformedError,
     Player,
     catalogue,
-    folders,
     read_action,
 )
-from karma.world.sim import EmbeddedWorld
 
 KINDS = st.sampled_from([kind for kind in FieldType if kind is not FieldType.END])
 FIELDS = st.lists(st.builds(Field, KINDS, st.binary(max_size=40)), max_size=5)
@@ -62,14 +60,6 @@ def test_messages_read_in_any_pieces_are_those_written(messages, sizes):
     for source in (Pieces(data, iter(sizes)), io.BufferedReader(Pieces(data, iter(sizes)))):
         assert [read_message(source) for _ in messages] == messages
         assert read_message(source) is None
-
-
-@given(fields=FIELDS, data=st.data())
-def test_torn_message_is_refused_and_says_where(fields, data):
-    whole = encode(fields)
-    torn = whole[: data.draw(st.integers(1, len(whole) - 1))]
-    with pytest.raises(WireError, match=r"^field \d+.*the pipe ended"):
-        read_message(io.BytesIO(torn))
 
 
 @given(data=st.binary(max_size=64))
@@ -125,15 +115,6 @@ def test_player_speaks_first_with_number_0_and_all_fields(tmp_path):
     assert message["agents"][0]["thirdPartyCameras"] is None
 
 
-def test_reset_answers_with_number_0_and_steps_with_their_own(player):
-    _, message, _ = ask(player, action="Reset", sceneName="kitchen_1", sequenceId=0)
-    assert (message["sequenceId"], message["agents"][0]["sceneName"]) == (0, "kitchen_1")
-    _, message, _ = ask(player, action="RotateRight", sequenceId=41)
-    assert message["sequenceId"] == 41
-    _, message, _ = ask(player, action="RotateRight")
-    assert message["sequenceId"] == 42
-
-
 MALFORMED = [
     (b"", "the action is not JSON"),
     (b"{", "the action is not JSON"),
@@ -164,19 +145,6 @@ def test_malformed_action_is_answered_and_costs_nothing(player, body, reason):
     assert agent["objects"] == before["agents"][0]["objects"]
     _, message, _ = ask(player, action="RotateRight", sequenceId=9)
     assert message["agents"][0]["lastActionSuccess"]
-
-
-@pytest.mark.parametrize(
-    "fields",
-    [
-        [],
-        [Field(FieldType.METADATA, b"{}")],
-        [Field(FieldType.ACTION, b'{"action": "Pass"}')] * 2,
-    ],
-)
-def test_message_that_is_no_action_is_answered(player, fields):
-    _, message, _ = said(player.answer(fields))
-    assert "expected one ACTION field" in message["agents"][0]["errorMessage"]
 
 
 JSON = st.recursive(
@@ -218,16 +186,6 @@ def test_fault_of_our_own_is_answered_and_the_player_lives_on(caplog):
     assert "Traceback" in caplog.text
     _, message, _ = ask(player, action="Reset", sceneName="kitchen_1", sequenceId=0)
     assert message["agents"][0]["lastActionSuccess"]
-
-
-def test_scene_that_cannot_be_read_is_refused_by_reset_and_what_follows(tmp_path):
-    (tmp_path / "torn.json").write_text("{")
-    player = Player(catalogue([tmp_path]), images=False)
-    player.hello()
-    _, message, _ = ask(player, action="Reset", sceneName="torn", sequenceId=0)
-    assert not message["agents"][0]["lastActionSuccess"]
-    _, message, _ = ask(player, action="Initialize", sequenceId=1)
-    assert "torn.json" in message["agents"][0]["errorMessage"]
 
 
 @pytest.mark.parametrize("name", ["Procedural", "FloorPlan1_physics", None, 3, {}])
@@ -273,12 +231,6 @@ def test_scene_folder_that_is_missing_or_empty_is_refused(tmp_path):
         catalogue([tmp_path / "nowhere"])
     with pytest.raises(FileError, match="holds no scene file"):
         catalogue([tmp_path])
-
-
-def test_scene_folders_given_stand_before_those_of_the_environment(tmp_path):
-    both = {"KARMA_SCENES": f"{tmp_path}{os.pathsep}other"}
-    assert [str(folder) for folder in folders([], both)] == [str(tmp_path), "other"]
-    assert folders(["given"], both) == folders(["given"], {})
 
 
 def test_command_is_split_by_the_client_as_it_was_meant(tmp_path):
@@ -378,30 +330,6 @@ def test_client_loads_our_rooms_by_name_and_refuses_others(fronts):
     front.reset()
 
 
-def test_client_without_pictures_gets_none(tmp_path):
-    with (
-        at_home(tmp_path),
-        controller(command(), scene="kitchen_1", headless=True) as made,
-    ):
-        event = made.step("RotateRight")
-        assert event.frame is None
-        assert event.metadata["thirdPartyCameras"] is None
-        assert made.step("GetReachablePositions").metadata["actionReturn"]
-
-
-def test_client_takes_a_floor_plan_by_its_short_name(tmp_path):
-    (tmp_path / "FloorPlan28.json").write_bytes(
-        to_json(msgspec.structs.replace(kitchen(), name="FloorPlan28"))
-    )
-    with at_home(tmp_path) as patch:
-        patch.setenv("KARMA_SCENES", str(tmp_path))
-        with controller(command(), scene="FloorPlan28", headless=True) as made:
-            assert made.last_event.metadata["sceneName"] == "FloorPlan28_physics"
-            assert made.scene == "FloorPlan28_physics"
-        with controller(command(), headless=True) as made:  # AI2-THOR's rooms come first
-            assert made.scene == "FloorPlan28_physics"
-
-
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
@@ -469,50 +397,11 @@ def test_player_ends_when_the_client_dies_before_it_ever_wrote(tmp_path):
         assert process.wait(10) == 0
 
 
-def test_player_tells_the_client_what_ended_it(tmp_path):
-    with talking(tmp_path) as (process, source, sink):
-        sink.write(b"GET / HTTP/1.1\r\n")
-        sink.flush()
-        _, message, _ = said(source.read())
-        assert "no field type has the number 71" in message["sequenceId"]
-        assert process.wait(10) == 1
-
-
 def test_player_is_not_ended_by_the_clients_ctrl_c(tmp_path):
     with talking(tmp_path) as (process, source, sink):
         for _ in range(2):
             ask_for_scenes(source, sink)
             process.send_signal(signal.SIGINT)
-
-
-PARENT = """
-import subprocess, sys
-subprocess.Popen([sys.executable, "-c", sys.argv[1], sys.argv[2]])
-sys.stdin.read()
-"""
-CHILD = """
-import os, sys
-from karma.plugins.thor_tools.player.main import ClientGoneError, open_sink
-parent = os.getppid()
-print("waiting", flush=True)
-try:
-    open_sink(sys.argv[1], parent)
-except ClientGoneError as error:
-    print(error, flush=True)
-"""
-
-
-def test_player_waits_for_no_client_whose_process_is_gone(tmp_path):
-    os.mkfifo(tmp_path / "server.pipe")
-    parent = subprocess.Popen(
-        [sys.executable, "-c", PARENT, CHILD, str(tmp_path / "server.pipe")],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-    )
-    assert parent.stdout.readline() == b"waiting\n"
-    parent.kill()
-    said_last, _ = parent.communicate(timeout=20)  # ends when the child does
-    assert b"the client is gone" in said_last
 
 
 def run(words, **more):
@@ -539,9 +428,3 @@ def test_player_loads_neither_models_nor_drawing_before_it_must():
     )
     done = run([sys.executable, "-c", code])
     assert done.stdout.strip() == "[]", done.stderr
-
-
-def test_embedded_world_and_player_start_in_the_same_moment(player):
-    _, message, _ = ask(player, action="Reset", sceneName="kitchen_1", sequenceId=0)
-    inside = EmbeddedWorld("kitchen_1", renderImage=False).last_event
-    assert message["agents"][0] == json.loads(json.dumps(inside.metadata))

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 
-from karma.contracts import Condition, Form, Mention, Parser, Request, SaidDeed, Word
 from karma.errors import KarmaError
 from karma.household.deeds import able_to
 from karma.household.states import NEEDS, lacking
@@ -40,6 +39,7 @@ from karma.plugins.rules.language.slips import (
     without_lead,
     without_remarks,
 )
+from karma.plugins.rules.types import Condition, Form, Mention, Parser, Request, SaidDeed, Word
 
 _LONGEST = 4000  # characters; reading takes a second then
 _ENDS = (".", "!", "?", ";", "...")

@@ -1,7 +1,7 @@
 """Work out where an agent can walk in a room of which only the objects are known.
 
 Metadata has no walls. What hangs on them tells where they are; what stands or lies about tells the
-rest. `karma world floors` holds the result against recorded cells.
+rest. `tests/plugins/thor_tools/test_importers.py` holds the result against recorded cells.
 """
 
 from collections.abc import Collection, Iterable, Sequence

@@ -1,19 +1,16 @@
 """Houses on the first day: ids of all forms, types told by assets' names, starts, ids that stay."""
 
 import random
-from copy import deepcopy
 from itertools import pairwise
 
 import pytest
-from support.tiny_house import TABLE, tiny_house, xyz
+from support.tiny_house import tiny_house, xyz
 
 from karma.errors import FileError
-from karma.files import read_json, to_json
-from karma.household.ids import names_part, root_id, type_of, whole_id
+from karma.household.ids import type_of
 from karma.household.types import object_types
 from karma.plugins.thor_tools.importing.house_things import type_in
 from karma.plugins.thor_tools.importing.procthor import house_scene
-from karma.world.sim import EmbeddedWorld
 
 KINDS = ("Apple", "Mug", "ButterKnife", "SaltShaker", "CellPhone", "ToiletPaper", "CD", "TVStand",
          "CoffeeMachine", "Dresser", "Painting", "Pencil", "DishSponge", "AlarmClock")  # fmt: skip
@@ -67,20 +64,6 @@ def test_each_thing_of_a_generated_house_is_there_with_its_type(seed):
             assert one.id == one.name  # what tasks and trajectories of the house call it
 
 
-def test_house_at_hand_comes_in_whole(shared):
-    path = shared / "data/cases/sim/house-ids-without-type/house.json"
-    if not path.exists():
-        pytest.skip(f"needs {path}")
-    scene = house_scene(read_json(path, dict), name="house")
-    kinds = sorted(one.type for one in scene.objects)
-    assert kinds == ["Apple", "ButterKnife", "CoffeeMachine", "CounterTop", "Floor", "Fridge"]
-
-
-@pytest.mark.parametrize("name", ["bedside_lamp_2", "Thing_3", "", "12", "Penholder_1", "_"])
-def test_asset_that_tells_no_type_is_of_none(name):
-    assert type_in(name) == ""
-
-
 @pytest.mark.parametrize(
     ("unknown", "known", "fails"), [(1, 2, False), (2, 2, False), (3, 2, True)]
 )
@@ -110,34 +93,6 @@ def test_told_start_stays_and_the_rooms_that_it_does_not_lead_to_are_named():
         assert f"nobody can walk to {missed}" in scene.source
     del house["metadata"]["agent"]
     assert "nobody can walk to" in house_scene(house, name="apart").source
-
-
-def test_ids_of_a_house_work_in_the_world_and_pieces_have_theirs(tmp_path):
-    house = tiny_house()
-    table = deepcopy(TABLE)
-    table["id"] = "DiningTable|2|0"
-    table["children"] = [
-        {"id": "Bread|surface|2|1", "assetId": "Bread_1", "position": xyz(1.5, 0.95, 1.5)},
-        {"id": "Knife|2|0|0", "assetId": "Knife_1", "position": xyz(1.3, 0.85, 1.5)},
-        {"id": "Bread|surface|2|1", "assetId": "Bread_2", "position": xyz(1.8, 0.95, 1.5)},
-    ]
-    house["objects"] = [table]
-    with pytest.raises(FileError, match="stands twice"):
-        house_scene(house, name="twice")
-    table["children"].pop()
-    scene = house_scene(house, name="made")
-    assert {"DiningTable|2|0", "Bread|surface|2|1", "Knife|2|0|0"} <= {o.id for o in scene.objects}
-    (tmp_path / "made.json").write_bytes(to_json(scene))
-    world = EmbeddedWorld(str(tmp_path / "made.json"))
-    world.reset(str(tmp_path / "made.json"))
-    for action, thing in (("PickupObject", "Knife|2|0|0"), ("SliceObject", "Bread|surface|2|1")):
-        event = world.step(action, objectId=thing, forceAction=True)
-        assert event.metadata["lastActionSuccess"], event.metadata["errorMessage"]
-    pieces = [o["objectId"] for o in event.metadata["objects"] if o["objectType"] == "BreadSliced"]
-    assert pieces
-    for piece in pieces:
-        assert type_of(piece) == "BreadSliced" and names_part(piece)
-        assert root_id(piece) == whole_id(piece) == "Bread|surface|2|1"
 
 
 def test_all_types_are_told_by_their_own_names():
