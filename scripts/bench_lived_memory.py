@@ -40,7 +40,7 @@ PLACES = {place.place_id: place for place in map(_place, range(60))}
 
 
 def drawn_moments(units: int, objects: int, days: float, seed: int) -> Iterator[HomeMoment]:
-    """Yield moments in which some thing has come to another place, spread over days."""
+    """Yield moments of moved objects, spread over days."""
     rng, places = stream(seed, "bench", "lived", str(units), str(objects)), list(PLACES.values())
     for number in range(units):
         which = int(rng.integers(objects)) if number >= objects else number
@@ -83,7 +83,7 @@ def _question(at: int) -> HomeQuestion:
 
 
 def _text_query(at: int, size: str) -> EpisodeQuery:
-    """Return a query whose text no other size has asked for: MiniLM keeps what it has embedded."""
+    """Return a query with new text for each size: MiniLM caches its embeddings."""
     after = at % 25
     return EpisodeQuery(
         text=f"something soft to wash up with, number {at} of {size}",
@@ -92,7 +92,7 @@ def _text_query(at: int, size: str) -> EpisodeQuery:
 
 
 def main(most: int = 20_000, sizes: int = len(SIZES)) -> None:
-    """Print a table of the first sizes, and what a year with a budget of episodes comes to."""
+    """Print a table of the first sizes, and the figures of a year with a budget of episodes."""
     embedder = MiniLm()
     table(
         "units | objects | inserted/s | question, ms | text, ms | MiniLM alone, ms | MB",
