@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, Self
 
-from karma.agent.planning.first_program import astray
 from karma.agent.planning.goal_lines import program_for
 from karma.agent.planning.inspector import mend, narrowed, objection
 from karma.agent.planning.program import SKILLS
@@ -61,9 +60,8 @@ class Planner:
     def plan(self, request: PlanRequest) -> Iterator[Plan]:
         """Ask until an answer parses and could work, at most `attempts` times; yields every answer.
 
-        The last answer is only asked to parse, and not to go astray from the first program that was
-        carried out: the world may know better than the type table. But where every answer ended in
-        the same impossible action, a planner that may refuse does.
+        The last answer only has to parse: the world may know better than the type table. But where
+        every answer ended in the same impossible action, a planner that may refuse does.
         """
         request = self._prepared(request)
         refusing = self.decoding.refusing
@@ -171,10 +169,6 @@ def inspected(answer: Plan, request: PlanRequest) -> tuple[Plan, str]:
         known=known, shut=shut, cut=cut, running=running, held=held, areas=request.areas,
     )  # fmt: skip
     answer = replace(answer, calls=calls)
-    if (wrong := astray(request.first, calls, request.instruction, request.done)) is not None:
-        line, reason = wrong
-        answer = _objected(answer, line, reason, f"{calls[line]}: {reason}")
-        return replace(answer, calls=()), ""
     found = objection(calls, held=held, known=known)
     if found is None:
         return answer, ""
