@@ -4,29 +4,19 @@ import pytest
 from support.experiences import experience, sight
 from support.household import kitchen
 
-from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
 from karma.bench.methods.baseline import BaselineSettings, likely_places
 from karma.bench.methods.capeam import ANYWHERE, CapeamMethod, EnvironmentMemory
 from karma.bench.methods.capeam_frames import ProgramReader, SubGoal, expand
 from karma.contracts import (
-    Outcome,
     Plan,
     SceneRef,
-    SkillCall,
     SkillResult,
     SubTask,
 )
 from karma.files import to_json
 from karma.models.scripted import ScriptedModel
-from karma.plugins.training.goal_sentences import (
-    GoalFacts,
-    Sentence,
-    facts_of,
-    goals_of,
-    program_of,
-)
 from karma.world.sim import EmbeddedWorld
 
 
@@ -93,36 +83,6 @@ def test_program_is_read_as_frames(case):
     assert frames(*lines) == wanted
 
 
-def test_hand_that_is_full_at_the_start_is_freed():
-    assert frames(*FETCH_APPLE, held="Pan") == [("Put", "Pan", ""), TAKE]
-
-
-@pytest.mark.parametrize(
-    ("lines", "unsupported"),
-    [
-        (("OpenObject(robot, 'Laptop')",), ["OpenObject"]),
-        (("BreakObject(robot, 'Vase')",), ["BreakObject"]),
-        (("CloseObject(robot, 'Laptop')", *FETCH_APPLE), ["CloseObject"]),
-        (("OpenObject(robot, 'Fridge')", *FETCH_APPLE, "CloseObject(robot, 'Fridge')"), []),
-    ],
-)
-def test_what_no_frame_says_is_reported(lines, unsupported):
-    assert [call.skill for call in ProgramReader(program(*lines)).unsupported] == unsupported
-
-
-@pytest.mark.parametrize("task", ["look", "simple", "stack", "clean", "cool", "heat", "two"])
-@pytest.mark.parametrize("sliced", [False, True])
-def test_facts_of_an_experts_program_are_the_sentences(task, sliced):
-    place = {"look": "DeskLamp", "cool": "DiningTable", "stack": "CounterTop"}.get(
-        task, "SideTable"
-    )
-    movable = "Plate" if task == "stack" else ""
-    truth = GoalFacts(task=task, thing="Tomato", movable=movable, place=place, sliced=sliced)
-    calls = program_of(Sentence(text="do it", facts=truth), ExpertView())
-    assert facts_of(calls) == truth
-    assert goals_of(truth, "Tomato", "do it")
-
-
 # ----------------------------------------------------------------- the table
 
 
@@ -152,20 +112,6 @@ def test_table_expands_what_changes_a_thing(action, place, steps):
     assert skills(*expand(SubGoal(action=action, thing="Egg", place=place))) == steps
 
 
-def test_taking_out_is_wrapped_only_when_the_thing_is_shut_in():
-    taken = SubGoal(action="Pickup", thing="Egg")
-    assert expand(taken) == (SkillCall(skill="PickupObject", objects=("Egg",)),)
-    assert skills(*expand(taken, shut_in="Fridge")) == [
-        ("Open", "Fridge"), ("Pickup", "Egg"), ("Close", "Fridge")
-    ]  # fmt: skip
-
-
-def test_putting_is_wrapped_where_the_type_must_be_open():
-    box = expand(SubGoal(action="Put", thing="Fork", place="Drawer"))
-    assert [step.skill for step in box] == ["OpenObject", "PutObject", "CloseObject"]
-    assert len(expand(SubGoal(action="Put", thing="Fork", place="DiningTable"))) == 1
-
-
 # ----------------------------------------------------------------- memory and prior
 
 
@@ -184,29 +130,6 @@ def test_what_was_put_somewhere_is_passed_over_when_the_same_is_asked_again():
     assert memory.best("Fork") == near
 
 
-def test_failed_things_are_passed_over_until_the_next_subgoal():
-    memory = remembering(near := sight("Mug", 1.0))
-    memory.masked.add(near.object_id)
-    assert memory.best("Mug") is None
-    memory.begin_subgoal()
-    assert memory.best("Mug") == near
-
-
-def test_pieces_are_looked_for_where_the_cut_was():
-    memory = remembering(
-        sight("Apple", 0.5), sight("AppleSliced", 1.0), there := sight("AppleSliced", 3.0)
-    )
-    memory.sliced_at["Apple"] = (3.1, 0.9, 0.0)
-    assert memory.best("Apple") == there
-
-
-def test_areas_by_likely_furniture_weigh_more():
-    memory = remembering(sight("Fridge", 5.0, states=("closed",)))
-    areas = [type("A", (), {"position_m": (x, 0.0, 0.0)}) for x in (0.0, 5.0)]
-    far, by_fridge = memory.weights("Egg", areas)
-    assert by_fridge > far > 0
-
-
 def test_closed_receptacles_that_can_hold_a_type_are_drawn_too_the_likely_ones_more():
     closed = ("closed",)
     memory = remembering(
@@ -220,14 +143,6 @@ def test_closed_receptacles_that_can_hold_a_type_are_drawn_too_the_likely_ones_m
     few, many = pytest.approx(ANYWHERE / 2), pytest.approx(ANYWHERE + shares["Fridge"])
     assert weights == [("Cabinet", few), ("Cabinet", few), ("Fridge", many)]
     assert memory.closed("Safe") == []
-
-
-def test_prior_is_a_distribution_over_furniture():
-    for kind in ("Egg", "Fork", "TomatoSliced"):
-        shares = likely_places(kind)
-        assert sum(shares.values()) == pytest.approx(1.0, abs=0.05)
-        assert list(shares.values()) == sorted(shares.values(), reverse=True)
-    assert likely_places("Faucet") == {}
 
 
 # ----------------------------------------------------------------- in a kitchen
@@ -302,14 +217,6 @@ def test_unsupported_sub_goal_is_a_refusal_and_the_rest_is_done(start):
     assert (refused.ok, refused.reason) == (False, "CAPEAM has no sub-goal for it")
     assert texts(moments)[-1] == ("PickupObject", "Apple")
     assert not moments[-1].finished
-
-
-def test_answer_that_never_parses_ends_unfinished(start):
-    episode, _ = start(["I would rather not."] * 4)
-    *plans, outcome = do(episode, "go")
-    assert all(isinstance(plan, Plan) for plan in plans)
-    assert isinstance(outcome, Outcome)
-    assert not outcome.finished
 
 
 def test_what_is_nowhere_is_given_up_when_everything_was_looked_at_once(start):

@@ -11,9 +11,8 @@ from support.made_records import answer, episode, plain, sub, write_run
 from support.paths import ROOT
 from support.run_files import karma
 
-from karma.agent.journal.header import RESULTS
 from karma.agent.journal.records import EpisodeTiming, SubTaskTiming
-from karma.bench.figures.compare import Arm, compare, compare_kinds
+from karma.bench.figures.compare import Arm, compare
 from karma.bench.figures.metrics import episodes_of
 from karma.errors import KarmaError
 
@@ -62,23 +61,6 @@ def test_comparison_keeps_a_task_s_seeds_together():
     assert found.p == 2 / 2**30
     assert found.p_tasks == 2 / 2**6
     assert line(found, "success").detectable == pytest.approx(2 * 0.8 ** (1 / 6) - 1, abs=1e-3)
-
-
-def test_comparison_pairs_only_what_both_have():
-    first = [*outcomes({"t1": "+", "t2": "+"}), plain(True, task="t1", seed=9)]
-    found = compare(arm("A", first), arm("B", outcomes({"t1": "-", "t2": "-"})))
-    assert (found.pairs, found.seeds) == (2, (0,))
-    assert line(found, "success").first.value == 1
-
-
-def test_comparison_of_kinds_gives_all_and_each():
-    records = [
-        *outcomes({"t1": "+", "t2": "-"}, kind="simple"), *outcomes({"t3": "+"}, kind="complex")
-    ]  # fmt: skip
-    found = compare_kinds(arm("A", records), arm("B", records))
-    assert [(one.kind, one.pairs) for one in found] == [("all", 3), ("simple", 2), ("complex", 1)]
-    one = compare_kinds(arm("A", records[:2]), arm("B", records[:2]))
-    assert [(part.kind, part.pairs) for part in one] == [("simple", 2)]
 
 
 def test_comparison_puts_tokens_seconds_and_programs_side_by_side():
@@ -154,18 +136,6 @@ def test_tasks_of_one_name_that_ask_something_else_are_refused(changed):
         compare(arm("A", [first]), arm("B", [second]))
 
 
-def test_an_episode_that_an_error_cut_short_asks_the_same_as_far_as_it_got():
-    full = episode(sub("OPEN(Fridge): 1"), sub("HOLDON(robot, Apple): 1"))
-    torn = episode(sub("OPEN(Fridge): 1"), error="ModelError: x")
-    found = compare(arm("A", [full]), arm("B", [torn]))
-    assert (found.pairs, line(found, "success").second.value) == (1, 0)
-
-
-def test_arms_without_a_common_seed_are_refused_with_their_seeds():
-    with pytest.raises(KarmaError, match=r"\[0\] against \[4\]"):
-        compare(arm("A", [plain(True)]), arm("B", [plain(True, seed=4)]))
-
-
 # ----------------------------------------------------------------- the command
 
 
@@ -192,12 +162,6 @@ def test_compare_command_sets_rows_of_one_name_side_by_side(folders):
     assert first["difference"]["value"] == 0.75
     for word in ("McNemar", "16 pairs", "8 tasks", "seeds 0, 1", "+0.75 [", "t0 (seed 1)"):
         assert word in text
-
-
-def test_compare_command_compares_rows_of_one_run(folders):
-    text = karma("compare", f"{folders / 'local'}:KARMA", f"{folders / 'local'}:memory off")
-    assert "1.00 [" in text
-    assert "0.25 [" in text
 
 
 @pytest.mark.parametrize(
@@ -229,13 +193,6 @@ def test_compare_command_names_what_sets_the_runs_apart_and_refuses_other_rooms(
     refused = karma("compare", tmp_path / "a", tmp_path / "c", code=1)
     assert "kitchen_1 is not the same room" in refused
     assert "To fix: karma eval" in refused
-
-
-def test_compare_command_says_which_run_is_not_finished(folders):
-    (folders / "hosted" / RESULTS).write_text("[]")
-    text = karma("compare", folders / "local", folders / "hosted")
-    assert "local: not finished, the figures are of the 32 episodes that are done" in text
-    assert "hosted: not finished" not in text
 
 
 # ----------------------------------------------------------------- what the clock cut off

@@ -1,30 +1,18 @@
 """The expert in the world: one object for all goals of a name, and another way after a refusal."""
 
 from math import dist
-from pathlib import Path
 
 import msgspec
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from karma.agent.goals.files import load_tasks
 from karma.agent.goals.goals import GoalTracker, parse_goal
 from karma.agent.seeing.perceive import truth_of
-from karma.bench.engine.episode import run_episode
 from karma.bench.engine.task_check import OUT_OF_REACH, TAKES_NONE, TOO_BIG, Possible
-from karma.bench.methods.expert import ExpertEpisode, ExpertMethod
+from karma.bench.methods.expert import ExpertEpisode
 from karma.bench.methods.expert_choices import Chooser, Lessons, Surroundings, left
 from karma.contracts import Outcome, SceneRef, SubTask
-from karma.files import to_json
 from karma.household.places import NEAR_M
-from karma.plugins.alfred.published_tasks import task_of
-from karma.plugins.alfred.replay.facts import gather, side_files
-from karma.plugins.alfred.replay.replay import fitted
-from karma.plugins.alfred.replay.trial import read_trials
-from karma.plugins.thor_tools.importing.scenes import import_dump
-from karma.plugins.training.drawing.phrases import our_book
-from karma.plugins.training.task_files import draw_tasks
 from karma.world.core.scene import load
 from karma.world.sim import EmbeddedWorld
 
@@ -83,25 +71,7 @@ def test_expert_is_not_led_astray_by_another_thing_that_meets_part_of_the_goals(
     assert len({line for line in said if line.startswith("PickupObject")}) == 1
 
 
-def test_expert_fills_a_dish_before_it_goes_to_its_place():
-    world = EmbeddedWorld("kitchen_1")
-    _, refused = done(world, "ON(Bowl, Fridge)", "ON(Apple, Bowl)", "STATE(Bowl, cleaned)")
-    assert refused == []
-
-
-def test_expert_holds_at_the_end_what_is_to_be_held():
-    world = EmbeddedWorld("kitchen_1")
-    done(world, "HOLDON(robot, Mug)", "ON(Apple, DiningTable)", "TOGGLEON(LightSwitch)")
-
-
 # ----------------------------------------------------------------- shut in, full, hidden
-
-
-def test_expert_takes_what_lies_in_a_bowl_in_a_closed_fridge():
-    world = EmbeddedWorld("kitchen_1")
-    done(world, "ON(Apple, Bowl)", "INSIDE(Bowl, Fridge)", "CLOSED(Fridge)")
-    _, refused = done(world, "ON(Apple, DiningTable)")
-    assert refused == []
 
 
 def test_expert_slices_what_is_in_a_closed_cabinet():
@@ -121,15 +91,6 @@ def test_expert_empties_vessels_of_water_and_of_things():
     assert not any(line.startswith("EmptyObject") for line in said)
 
 
-def test_expert_takes_another_burner_where_one_is_taken():
-    world = EmbeddedWorld("kitchen_1")
-    before = {place for pan in (*ids(world, "Pan"), *ids(world, "Pot")) for place in on(world, pan)}
-    done(world, "ON(Kettle, StoveBurner)", "TOGGLEON(StoveBurner)")
-    (kettle,) = ids(world, "Kettle")
-    assert len(before) == 2
-    assert not before & on(world, kettle)
-
-
 def test_expert_makes_room_where_the_only_place_is_taken():
     world = EmbeddedWorld("kitchen_1")
     first, second = ids(world, "Mug")
@@ -147,13 +108,6 @@ def test_expert_gives_up_what_nobody_can_do():
 
 
 # ----------------------------------------------------------------- near
-
-
-@pytest.mark.parametrize("goal", ["ON(Apple, Statue)", "ON(Spoon, Bread)", "ON(Cup, CellPhone)"])
-def test_expert_puts_things_near_what_holds_nothing(goal):
-    world = EmbeddedWorld("kitchen_1")
-    said, _ = done(world, goal)
-    assert any(line.startswith("PutNear") for line in said)
 
 
 def test_expert_puts_a_thing_near_a_place_in_metres():
@@ -223,37 +177,3 @@ def test_possible_says_what_nobody_could_do():
     wide = Possible(msgspec.structs.replace(scene, objects=tuple(huge)))
     assert wide.refusal([parse_goal("INSIDE(Plate, Microwave)")]) == TOO_BIG
     assert Possible(scene).refusal([parse_goal("INSIDE(Plate, Microwave)")]) == ""
-
-
-# ----------------------------------------------------------------- rooms that others made
-
-
-@pytest.mark.shared
-def test_expert_does_unfiltered_tasks_in_dumped_rooms(shared, tmp_path):
-    dumps, layouts = shared / "data/thor5/scenes.jsonl.gz", shared / "data/alfred/layouts.json.gz"
-    scenes = [one for n, one in enumerate(import_dump(dumps, layouts=layouts)) if n % 13 == 0]
-    book = our_book().part(held_out=True)
-    draw_tasks(tmp_path, book, scenes=scenes, each=6, seed=5, filtered=False)
-    tasks = load_tasks(tmp_path / "tasks.jsonl")
-    failed = [task.id for task in tasks if not is_done(task, tmp_path)]
-    assert len(failed) <= 1, failed
-
-
-@pytest.mark.shared
-def test_expert_does_tasks_of_alfreds_trials(shared, tmp_path):
-    trials = list(read_trials(shared / "data/alfred/valid_seen.jsonl.gz"))[::18]
-    facts = gather(trials, side_files())
-    failed = []
-    for trial in trials:
-        path = tmp_path / f"{trial.id}.json"
-        path.write_bytes(to_json(fitted(trial, facts[trial.scene.floor_plan])))
-        task = task_of(trial, "do it", scene=SceneRef(name=trial.id, path=str(path)))
-        if not is_done(task, tmp_path):
-            failed.append(trial.id)
-    assert len(trials) >= 10
-    assert failed == []
-
-
-def is_done(task, folder: Path):
-    record = run_episode(ExpertMethod(), EmbeddedWorld(), task, row="expert", seed=0, folder=folder)
-    return not record.error and not any(sub.unmet for sub in record.subtasks)

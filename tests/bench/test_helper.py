@@ -18,15 +18,12 @@ from karma.bench.methods.helper_memory import (
     without_object,
 )
 from karma.contracts import (
-    Outcome,
     Plan,
-    Resources,
     SceneRef,
     SkillResult,
     SubTask,
     WorkedExample,
 )
-from karma.errors import KarmaError
 from karma.files import to_json
 from karma.models.scripted import ScriptedModel
 from karma.world.sim import EmbeddedWorld
@@ -82,11 +79,6 @@ def test_example_that_is_added_to_a_copy_is_found_there_only():
     assert new not in seeds.nearest("smell the roses", 3)
 
 
-def test_equally_near_examples_keep_their_age():
-    first, second = examples_of("a b", "b a")
-    assert ExampleMemory(Words(), [first, second]).nearest("a b", 2) == (first, second)
-
-
 # ----------------------------------------------------------------- object memory
 
 
@@ -100,11 +92,6 @@ def test_memory_prefers_what_was_put_down_then_the_nearest():
     assert [one.object_id for one in memory.of("Mug")] == ["Mug|2.0", "Mug|3.0", "Mug|1.0"]
 
 
-def test_memory_means_the_held_thing_first():
-    memory = remembering(sight("Mug", 1.0), sight("Mug", 2.0), held="Mug|2.0")
-    assert memory.best("Mug").object_id == "Mug|2.0"
-
-
 def test_memory_lets_everything_be_used_again_by_the_next_instruction():
     memory = remembering(sight("Fork"))
     memory.finish("Fork|1.0")
@@ -113,11 +100,6 @@ def test_memory_lets_everything_be_used_again_by_the_next_instruction():
     memory.begin_instruction()
     assert memory.best("Fork") is not None
     assert memory.could_not_find == set()
-
-
-def test_memory_forgets_what_is_gone():
-    memory = remembering(sight("Mug"), gone=["Mug|1.0"])
-    assert memory.where("Mug") is None
 
 
 def test_memory_knows_pieces_and_basins_by_the_wholes_name():
@@ -162,13 +144,6 @@ def test_closed_receptacle_is_opened_before_putting_and_taking():
         assert skills(with_object(deed, memory)) == [("OpenObject", "Fridge|1.0")]
     opened = remembering(sight("Fridge", states=("opened",)), egg)
     assert [with_object(deed, opened) for deed in (put, take)] == [[], []]
-
-
-def test_open_microwave_is_closed_before_it_runs():
-    memory = remembering(sight("Microwave", states=("opened",)))
-    assert skills(with_object(call("ToggleOn(robot, 'Microwave|1.0')"), memory)) == [
-        ("CloseObject", "Microwave|1.0")
-    ]
 
 
 def test_opening_and_closing_what_cannot_be_or_is_so_already_is_dropped():
@@ -241,15 +216,6 @@ def test_home_is_looked_round_once_within_the_budget_and_counts_as_exploration(s
     )
 
 
-def test_what_was_seen_needs_no_search(start):
-    episode, _ = start([APPLE])
-    moments = do(episode, "take the apple")
-    assert [m.call.skill for m in results(moments)][-2:] == ["GoToObject", "PickupObject"]
-    assert "Explore" not in {m.call.skill for m in results(moments)}
-    assert moments[-1].finished
-    assert moments[-1].resident == ()
-
-
 def test_what_is_shut_in_is_searched_where_it_is_likely_and_taken(start):
     episode, _ = start(["PickupObject(robot, 'Egg')"])
     moments = do(episode, "fetch the egg")
@@ -319,17 +285,3 @@ def test_full_profile_shows_the_examples_and_the_compact_one_has_no_room(start):
     assert "ToggleOn(robot, 'CoffeeMachine')" in texts["full"]
     assert texts["full"].index("Make coffee in the mug.") < texts["full"].index("Make some coffee.")
     assert "CoffeeMachine" not in texts["compact"]
-
-
-def test_answer_that_never_parses_ends_unfinished(start):
-    episode, _ = start(["I would rather not."] * 4)
-    moments = do(episode, "go")
-    assert [isinstance(m, Plan) for m in moments].count(True) == 4
-    assert isinstance(moments[-1], Outcome)
-    assert not moments[-1].finished
-
-
-def test_build_without_an_embedder_says_what_is_missing():
-    resources = Resources(model=ScriptedModel(), profile="compact", recall=None, vision=None)
-    with pytest.raises(KarmaError, match="embedder"):
-        HelperMethod.build(resources, {})

@@ -11,17 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from karma import registry
-from karma.bench.policies.simulate import Trace, best, simulate, simulate_with
+from karma.bench.policies.simulate import Trace, best, simulate
 from karma.bench.policies.sweep import (
     Resampler,
-    block_interval,
     run_rows,
     size_of,
     sized,
     sweep_of,
 )
 from karma.errors import KarmaError, UnknownNameError
-from karma.memory.policies import Fifo
 from karma.seeds import stream
 
 REAL = ("alfred_rooms_m_seq0", "alfred_type_r4_seq0")
@@ -99,28 +97,6 @@ def test_hits_equal_those_of_libcachesim(kind, name, size):
         assert found == library_hits(kind, keys, size), seed
 
 
-@pytest.mark.parametrize("size", [1, 2, 5, 10, 25])
-def test_belady_of_libcachesim_must_take_every_newcomer_and_hits_less(size):
-    keys = zipf_keys(800)
-    must = library_hits("Belady", keys, size)
-    assert must == hits_of_min_without_refusal(keys, size)
-    assert must <= best(single(keys), size).hits
-
-
-def hits_of_min_without_refusal(keys, size):
-    """Belady's rule where the newcomer cannot be refused, searched anew each time."""
-    held, hits = set(), 0
-    for index, key in enumerate(keys):
-        if key in held:
-            hits += 1
-            continue
-        if len(held) == size:
-            rest = keys[index + 1 :]
-            held.remove(max(held, key=lambda o: rest.index(o) if o in rest else len(keys)))
-        held.add(key)
-    return hits
-
-
 # ----------------------------------------------------------------- the bound
 
 
@@ -161,15 +137,6 @@ def test_no_policy_hits_more_than_the_bound_of_tasks(name, tasks, capacity):
     assert simulate(f"{name}[{capacity}]", trace).hits <= best(trace, capacity).hits
 
 
-@given(tasks=TASKS, capacity=st.integers(0, 6))
-def test_bound_grows_with_the_memory_up_to_every_repeat(tasks, capacity):
-    trace = Trace.of(tasks)
-    assert best(trace, capacity).hits <= best(trace, capacity + 1).hits
-    assert best(trace, len(trace.keys)).hits == trace.requests - len(trace.keys)
-    with pytest.raises(ValueError, match="negative"):
-        best(trace, -1)
-
-
 # ----------------------------------------------------------------- what holds of all (note, 6)
 
 
@@ -183,16 +150,6 @@ def test_outcome_of_a_known_trace():
     assert (found.requests, found.hits, found.left, found.warm_task) == (8, 4, 2, 1)
     assert (found.rate(), found.rate(3)) == (4 / 8, 2 / 3)
     assert found.between(1, 3) == (2, 3)
-
-
-def test_rates_of_nothing_are_undefined():
-    found = simulate("lru[2]", Trace.of([[], []]))
-    assert (found.rate(), found.rate(1)) == (None, None)
-    assert found.warm_task is None
-
-
-def test_units_named_twice_in_a_task_count_once():
-    assert Trace.of(["aab"]).tasks == ((0, 1),)
 
 
 # ----------------------------------------------------------------- names and sizes
@@ -223,15 +180,6 @@ def test_policies_that_are_none_are_refused():
 # ----------------------------------------------------------------- intervals
 
 
-def test_interval_over_sequences_covers_the_mean_and_shrinks():
-    rng = stream(3, "lab-tests", "normal")
-    few, many = rng.normal(5, 1, 20).tolist(), rng.normal(5, 1, 2000).tolist()
-    small, large = Resampler(20, 0).mean(few), Resampler(2000, 0).mean(many)
-    assert small.low < small.value < small.high
-    assert large.high - large.low < (small.high - small.low) / 5
-    assert large.high - large.low == pytest.approx(2 * 1.96 / 2000**0.5, rel=0.1)
-
-
 def test_interval_covers_the_truth_about_as_often_as_it_says():
     rng = stream(4, "lab-tests", "cover")
     resampler = Resampler(40, 0)
@@ -239,26 +187,11 @@ def test_interval_covers_the_truth_about_as_often_as_it_says():
     assert 0.88 <= covered / 300 <= 0.98
 
 
-def test_difference_of_equal_policies_has_no_width():
-    resampler = Resampler(10, 0)
-    assert resampler.mean([0.0] * 10) == resampler.ratio([0.0] * 10, [2.0] * 10)
-    ratio = resampler.ratio([2.0 * n for n in range(1, 11)], [float(n) for n in range(1, 11)])
-    assert (ratio.low, ratio.value, ratio.high) == (2, 2, 2)
-
-
 def test_correlation_of_a_line_is_one_and_of_a_constant_undefined():
     x = [float(n) for n in range(10)]
     found = Resampler(10, 0).correlation(x, [3 * one - 1 for one in x])
     assert (found.low, found.value, found.high) == (1, 1, 1)
     assert Resampler(10, 0).correlation(x, [1.0] * 10) is None
-
-
-def test_one_sequence_has_blocks_and_nothing_asked_no_interval():
-    found = block_interval([0, 1] * 50, [1] * 100, 0)
-    assert found.value == 0.5
-    assert found.low <= 0.5 <= found.high
-    assert block_interval([0], [0], 0) is None
-    assert Resampler(1, 0).mean([0.5]).low is None
 
 
 @pytest.mark.parametrize("count", [2, 5, 6])
@@ -279,7 +212,3 @@ def test_rows_have_the_hits_of_each_sequence():
     assert rows[0].curve[-1].rate == rows[0].cold
     assert (found.requests, found.steady_requests) == ([300] * 3, [150] * 3)
     assert (rows[1].left, rows[1].warm_task, rows[1].warm) == (None, None, None)
-
-
-def test_key_with_another_line_in_the_queue_has_not_left():
-    assert simulate_with(Fifo(2), single("aab")).left == 0

@@ -1,93 +1,37 @@
 """The laboratory's tasks and workloads.
 
-Covered: units of tasks in ALFRED's form, the rules of each workload, agreement with the figures
-that others measured on ALFRED.
+Covered: the tasks of our grammar, and the rules of each workload.
 """
 
-import gzip
-import json
 import os
 import subprocess
 import sys
 from collections import Counter
-from dataclasses import replace
 from itertools import groupby
 
 import pytest
-from support.lab_trials import many_trials, trial, write_trials
 
-from karma.bench.policies.simulate import simulate
 from karma.bench.policies.tasks import (
     DAY,
     DAYS,
     STAY,
-    UNIT_SETS,
     WORKLOADS,
     Errand,
     Finds,
     Pool,
-    costs_of,
     draw_errands,
     grammar_pool,
-    trace_of,
 )
-from karma.errors import FileError, KarmaError
 from karma.household.places import ROOMS
-from karma.plugins.alfred.task_pool import alfred_pool
 from karma.seeds import stream
 
 
 @pytest.fixture(scope="module")
-def pool(tmp_path_factory):
-    return alfred_pool([write_trials(tmp_path_factory.mktemp("t") / "t.jsonl.gz", many_trials())])
-
-
-@pytest.fixture(scope="module")
-def real(request):
-    shared = request.getfixturevalue("shared")
-    return alfred_pool([shared / "data" / "alfred" / "train.jsonl.gz"])
+def pool():
+    return grammar_pool(7, scenes=3, tasks=25)
 
 
 # ----------------------------------------------------------------- tasks
-
-
-def test_units_of_tasks_in_alfreds_form(tmp_path):
-    path = write_trials(
-        tmp_path / "t.jsonl.gz",
-        [
-            trial(5, "Apple", "Fridge", movable="Bowl", sliced=True,
-                  picked=[("ButterKnife", "Drawer"), ("Apple", "Sink"), ("ButterKnife", "Sink")]),
-            trial(301, "CD", "", toggle="DeskLamp", picked=[("CD", "Desk")]),
-            trial(405, "BreadSliced", "Bread", picked=[("Knife", "Desk")]),
-        ],
-    )  # fmt: skip
-    first, second, third = alfred_pool([path]).errands
-    assert first == Errand(
-        scene="FloorPlan5", room="kitchen", r4=("Apple", "Bowl", "Fridge"),
-        m=("Apple", "Bowl", "ButterKnife"), subjects=("Apple", "Bowl"),
-    )  # fmt: skip
-    assert (second.room, second.r4, second.m) == ("bedroom", ("CD", "DeskLamp"), ("CD",))
-    assert (third.r4, third.m) == (("Bread",), ("Bread",))
-
-
-@pytest.mark.parametrize(
-    "data, says",
-    [
-        (b"", "no demonstrations"),
-        (gzip.compress(b'{"pddl_params": {}}\n'), "line 1"),
-        (gzip.compress(json.dumps(trial(1, "Mug", "Sink")).encode() + b"\n{"), "line 2"),
-        (gzip.compress(json.dumps(trial("X", "Mug", "Sink")).encode()), "no floor plan"),
-        (gzip.compress(b"{}" * 99)[:-5], "not ALFRED"),
-        (b"{}", "not ALFRED"),
-    ],
-    ids=["empty", "no fields", "second line", "no plan", "torn", "plain text"],  # gzip has a clock
-)
-def test_files_that_are_not_alfreds_are_refused(tmp_path, data, says):
-    path = tmp_path / "t.jsonl.gz"
-    path.write_bytes(data)
-    with pytest.raises(FileError, match=says) as caught:
-        alfred_pool([path])
-    assert str(path) in str(caught.value)
 
 
 def test_search_visits_the_likeliest_receptacles_first():
@@ -97,14 +41,6 @@ def test_search_visits_the_likeliest_receptacles_first():
     assert finds.stops("A", "kitchen", "Mug") == pytest.approx(shelf * 1.5 + drawer * (2 + 2))
     assert finds.stops("A", "kitchen", "Pan") == pytest.approx(0.5 * 2 + 0.5 * (3 + 1.5))
     assert finds.stops("B", "kitchen", "Mug") is None
-
-
-def test_only_what_can_be_carried_is_searched_for(pool):
-    errand = pool.errands[0]
-    assert pool.cost(errand, "Fridge") == 1
-    assert pool.cost(errand, errand.m[0]) > 1
-    units = [unit for one in pool.errands[:9] for unit in one.units("r4")]
-    assert len(costs_of(pool.errands[:9], "r4", pool)) == len(units)
 
 
 def test_requests_of_our_grammar_are_tasks_of_every_room():
@@ -135,14 +71,6 @@ def test_house_has_one_room_of_each_kind(pool, workload):
     drawn = draw_errands(pool, workload, 600, 5, 0)
     assert len({errand.scene for errand in drawn}) == 4
     assert {errand.room for errand in drawn} == set(ROOMS)
-
-
-def test_type_draws_evenly_from_all_tasks(pool):
-    drawn = Counter(map(id, draw_errands(pool, "type", 30_000, 5, 0)))
-    mean = 30_000 / len(pool.errands)
-    chi2 = sum((drawn[id(errand)] - mean) ** 2 / mean for errand in pool.errands)
-    freedom = len(pool.errands) - 1
-    assert abs(chi2 - freedom) < 4 * (2 * freedom) ** 0.5
 
 
 def test_rooms_are_left_after_eight_tasks_on_average(pool):
@@ -211,25 +139,10 @@ def real_like_chain():
     return draw_errands(pool, "chain", 4000, 5, 0), len(errands)
 
 
-def test_unit_is_a_type_or_a_type_in_its_room(pool):
-    drawn = draw_errands(pool, "type", 50, 5, 0)
-    assert set(trace_of(drawn, "type", "r4").keys) == {u for e in drawn for u in e.r4}
-    keys = trace_of(drawn, "house", "m").keys
-    assert set(keys) == {f"{e.scene}/{u}" for e in drawn for u in e.m}
-
-
-def test_pool_without_a_kind_of_room_makes_no_house(pool):
-    few = replace(pool, errands=tuple(e for e in pool.errands if e.room != "bedroom"))
-    with pytest.raises(KarmaError, match="bedroom"):
-        draw_errands(few, "house", 5, 0, 0)
-
-
-def test_sequences_do_not_depend_on_the_hash_seed(tmp_path):
-    write_trials(tmp_path / "t.jsonl.gz", many_trials(60))
+def test_sequences_do_not_depend_on_the_hash_seed():
     code = (
-        "import sys; from pathlib import Path; from karma.bench.policies.tasks import *\n"
-        "from karma.plugins.alfred.task_pool import alfred_pool\n"
-        "pool = alfred_pool([Path(sys.argv[1])])\n"
+        "from karma.bench.policies.tasks import *\n"
+        "pool = grammar_pool(1, scenes=1, tasks=9)\n"
         "for work in WORKLOADS:\n"
         "    drawn = draw_errands(pool, work, 60, 1, 0)\n"
         "    print(trace_of(drawn, work, 'r4').named(), costs_of(drawn, 'm', pool))\n"
@@ -237,44 +150,10 @@ def test_sequences_do_not_depend_on_the_hash_seed(tmp_path):
     )
     printed = {
         subprocess.run(
-            [sys.executable, "-c", code, str(tmp_path / "t.jsonl.gz")],
+            [sys.executable, "-c", code],
             env={**os.environ, "PYTHONHASHSEED": seed},
             capture_output=True, text=True, check=True,
         ).stdout
         for seed in ("0", "7")
     }  # fmt: skip
     assert len(printed) == 1
-
-
-# ----------------------------------------------------------------- what others measured
-
-
-@pytest.mark.shared
-def test_real_tasks_have_the_known_units(real):
-    assert len(real.errands) == 6574
-    kinds = {units: {u for e in real.errands for u in e.units(units)} for units in UNIT_SETS}
-    assert {units: len(found) for units, found in kinds.items()} == {"r4": 79, "m": 53}
-    for units, mean in (("r4", 2.149), ("m", 1.287)):
-        asked = sum(len(errand.units(units)) for errand in real.errands)
-        assert asked / len(real.errands) == pytest.approx(mean, abs=0.003)
-
-
-@pytest.mark.shared
-@pytest.mark.parametrize(
-    "workload, units, policy, rate",
-    [
-        ("type", "r4", "wtinylfu-karma[9,1] W=20", 19.8),
-        ("type", "r4", "wtinylfu-karma[9,1]", 25.0),
-        ("type", "r4", "wtinylfu-karma[9,1] W=500", 29.1),
-        ("type", "r4", "wtinylfu-karma[9,1] W=inf", 30.1),
-        ("rooms", "m", "wtinylfu-karma[9,1] W=20", 55.9),
-        ("rooms", "m", "wtinylfu-karma[9,1]", 50.8),
-    ],
-)
-def test_hit_rates_are_those_that_were_measured_before(real, workload, units, policy, rate):
-    """By others, on sequences of their own from 506 more tasks; rooms vary most from each other."""
-    drawn = [draw_errands(real, workload, 1000, 0, number) for number in range(12)]
-    rates = [100 * simulate(policy, trace_of(one, workload, units)).rate() for one in drawn]
-    mean = sum(rates) / len(rates)
-    error = (sum((one - mean) ** 2 for one in rates) / (len(rates) - 1) / len(rates)) ** 0.5
-    assert abs(mean - rate) < 4 * error + 0.3

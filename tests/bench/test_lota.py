@@ -20,7 +20,6 @@ from karma.bench.methods.lota import (
     Past,
     chooser_of,
     code_prompt,
-    lines_prompt,
     named_types,
     smart_skills,
     steps_in_lines,
@@ -94,34 +93,6 @@ def test_no_step_begins_another_and_one_ends(listed, end):
     assert [text for text, call in steps.items() if call is None] == [end]
 
 
-def test_words_list_names_what_the_types_allow():
-    steps = steps_in_words()
-    assert str(steps[" find an apple,"]) == "Explore(robot, 'Apple')"
-    assert str(steps[" turn on the cell phone,"]) == "ToggleOn(robot, 'CellPhone')"
-    for never in (
-        " pick up the fridge,",
-        " open the apple,",
-        " slice the mug,",
-        " find an egg cracked,",
-    ):
-        assert never not in steps
-
-
-def test_lines_are_the_calls_that_they_say():
-    for text, call in steps_in_lines().items():
-        if call is not None:
-            (parsed,) = parse_program(text)
-            assert (parsed.skill, parsed.objects) == (call.skill, call.objects)
-
-
-def test_lines_pair_things_with_places_that_take_them():
-    lines = steps_in_lines()
-    assert "PutObject(robot, 'Apple', 'Sink')\n" in lines
-    assert "PutObject(robot, 'Bread', 'Toaster')\n" in lines
-    assert "PutObject(robot, 'Apple', 'Apple')\n" not in lines
-    assert "PutObject(robot, 'Apple', 'Faucet')\n" not in lines
-
-
 # ----------------------------------------------------------------- prompts
 
 
@@ -132,29 +103,6 @@ def test_every_step_of_the_examples_is_on_the_list():
     for line in said:
         for step in re.split(r"(?<=,) \d+\.", line):
             assert step in steps_in_words()
-
-
-def test_words_prompt_is_the_dialogue_so_far():
-    past = Past(instruction="open the fridge", steps=(" find a fridge,", " open the fridge,", DONE))
-    segments = words_prompt((past,), "take the mug", (" find a mug,",))
-    assert "".join(segments[1:]) == (
-        "Human: Open the fridge.\nRobot: 1. find a fridge, 2. open the fridge, 3. done.\n"
-        "Human: Take the mug.\nRobot: 1. find a mug, 2."
-    )
-
-
-def test_words_prompt_only_grows_by_segments_within_an_instruction():
-    before = words_prompt((), "take the mug", (" find a mug,",))
-    after = words_prompt((), "take the mug", (" find a mug,", " pick up the mug,"))
-    assert after[: len(before)] == before
-
-
-def test_lines_prompt_is_the_compact_profile_without_memory():
-    assert lines_prompt("Take the mug.", None, ("GoToObject(robot, 'Mug')\n",)) == (
-        "#areas\nunknown\n",
-        "#task take the mug\n#memory\n#program\n",
-        "GoToObject(robot, 'Mug')\n",
-    )
 
 
 def test_code_prompt_shows_skills_types_examples_and_earlier_plans_but_no_place():
@@ -195,15 +143,6 @@ def test_score_stops_at_the_step_limit_of_each_instruction(score):
         assert not outcome.finished
 
 
-def test_score_keeps_the_steps_of_earlier_instructions_in_the_prompt(score):
-    method = score([PICK + DONE, " find a fridge,\n" + DONE])
-    do(method)
-    plans, _, _ = do(method, "go to the fridge")
-    said = "find an apple, 2. pick up the apple, 3. done.\nHuman: Go to the fridge.\nRobot: 1."
-    assert said in plans[0].prompt.changing
-    assert plans[1].prompt.changing.endswith("Robot: 1. find a fridge, 2.")
-
-
 def test_score_refusal_is_counted_and_the_step_stays_in_the_history(score):
     method = score([" pick up the apple,\n find an apple,\n pick up the apple,\n" + DONE])
     plans, results, outcome = do(method)
@@ -211,12 +150,6 @@ def test_score_refusal_is_counted_and_the_step_stays_in_the_history(score):
     assert "no Apple is known" in results[0].reason
     assert "pick up the apple, 2. find an apple, 3." in plans[-1].prompt.changing
     assert outcome.finished
-
-
-def test_score_counts_explorations_of_find(score):
-    _, results, _ = do(score([" find an egg,\n find a watch,\n" + DONE]))
-    assert [result.ok for result in results] == [True, False]
-    assert all(result.explorations > 0 for result in results)
 
 
 def test_put_down_goes_where_the_last_find_was(score, world):
@@ -248,14 +181,6 @@ def test_score_in_lines_searches_what_was_not_seen_and_frees_the_hand(score, wor
     assert all(result.ok for result in results)
     assert outcome.finished
     assert held(world) == "Mug"
-
-
-def test_score_says_in_its_name_which_form_was_used():
-    for form in ("words", "compact"):
-        assert (
-            LotaScore(ScriptedModel(), form, LotaScoreSettings()).name
-            == f"LoTa-Bench (modified: scored, {form})"
-        )
 
 
 def test_score_with_a_model_that_tells_no_probabilities_is_refused():
@@ -314,23 +239,6 @@ def test_generate_with_an_answer_that_is_no_plan_does_nothing(generate, answer, 
     assert (results, outcome.finished) == ([], False)
 
 
-def test_generate_asks_only_for_what_smart_llm_has(generate):
-    model = ScriptedModel(["GoToObject(robot, 'Mug')\n"])
-    do(generate(model))
-    (spec,) = model.specs
-    assert {skill.name for skill in spec.skills} == {skill.name for skill in smart_skills()}
-    assert (spec.objects, spec.positions) == (named_types(), ())
-
-
-def test_generate_keeps_earlier_plans_in_the_prompt(generate):
-    method = generate(["GoToObject(robot, 'Mug')\n", "GoToObject(robot, 'Fridge')\n"])
-    do(method, "go to the mug")
-    plans, _, _ = do(method, "go to the fridge")
-    assert plans[0].prompt.changing.startswith(
-        "# Task Description: Go to the mug.\nGoToObject(robot, 'Mug')\n"
-    )
-
-
 @pytest.mark.parametrize("inspected, first", [(True, "Explore"), (False, "GoToObject")])
 def test_generate_in_the_compact_profile_is_mended_as_for_karma(generate, inspected, first):
     method = generate(["GoToObject(robot, 'Apple')\n"], profile="compact", inspected=inspected)
@@ -341,22 +249,3 @@ def test_generate_in_the_compact_profile_is_mended_as_for_karma(generate, inspec
 
 
 # ----------------------------------------------------------------- the scripted model
-
-
-def test_scripted_model_passes_over_what_is_not_on_the_list():
-    model = ScriptedModel(["a\nx\nb\n", "y"])
-    chosen = [model.choose(("p",), ["b", "a\n", END]).number for _ in range(4)]
-    assert chosen == [1, 0, 2, 2]
-    with pytest.raises(ModelError, match="run out"):
-        model.choose(("p",), ["b"])
-
-
-def test_scripted_model_passes_over_what_is_no_longer_on_the_list():
-    model = ScriptedModel(["a\nb\nc\n"])
-    assert model.choose(("p",), ["a\n", "b\n", "c\n"]).number == 0
-    assert model.choose(("p",), ["a\n", "c\n"]).number == 1
-
-
-def test_scripted_model_without_a_line_on_the_list_says_so():
-    with pytest.raises(ModelError, match="no line to choose: 'z'"):
-        ScriptedModel(["z"]).choose(("p",), ["b"])

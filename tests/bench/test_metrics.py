@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from support.made_records import (
     APPLE,
     KNIFE,
-    MUG,
     answer,
     call,
     episode,
@@ -18,19 +17,14 @@ from support.made_records import (
     write_run,
 )
 
-from karma.agent.journal.records import AnswerTiming, EpisodeTiming, SubTaskTiming
 from karma.agent.journal.run_folder import read_run
 from karma.agent.journal.steps import Ended, Enter, Instruction, Start
-from karma.bench.figures.columns import LOTA_ROW, OFF_ROW, figures, paired, reduced, reductions
+from karma.bench.figures.columns import LOTA_ROW, OFF_ROW, figures, reductions
 from karma.bench.figures.columns import plain as plain_figures
 from karma.bench.figures.failures import CAUSES, count, failures
 from karma.bench.figures.metrics import (
     METRICS,
-    actions,
     episodes_of,
-    explorations,
-    needs,
-    related_needs,
 )
 from karma.bench.figures.results import result_of
 from karma.contracts import MemoryUnit, RefusedRequest, Tour
@@ -75,18 +69,7 @@ def test_errors_stay_in_every_denominator_with_what_was_never_tried():
     assert value(records, "planner_calls") == 1.5
 
 
-def test_goals_are_counted_one_by_one():
-    records = [episode(sub(CUT, KEEP, HOLD, TAP, unmet=[HOLD]))]
-    assert value(records, "goals_met") == 0.75
-    assert value(records, "success") == 0
-
-
 # ----------------------------------------------------------------- memory
-
-
-def test_needs_are_things_that_can_be_carried_with_their_alternatives():
-    goals = (KEEP, "ON(Apple/Tomato, Plate): 1", TAP, "ON(AppleSliced, CounterTop): 1")
-    assert needs(goals) == ({"Apple"}, {"Apple", "Tomato"}, {"Plate"})
 
 
 def test_mra_asks_for_the_things_that_an_earlier_sub_task_was_about():
@@ -98,16 +81,6 @@ def test_mra_asks_for_the_things_that_an_earlier_sub_task_was_about():
     assert value([right, wrong], "retrieved") == 0.5
     assert value([right, wrong, gone], "retrieved") == 1 / 3
     assert value([right, wrong, gone], "retrieved_of_held") == 0.5  # what is gone cannot be found
-
-
-def test_mra_of_several_things_wants_them_all_and_any_alternative():
-    first = sub(CUT, HOLD)
-    both = sub("ON(Apple, Fridge): 1", HOLD, recalled=[MUG, f"{APPLE}|AppleSliced_1"])
-    one = sub("ON(Apple, Fridge): 1", HOLD, recalled=[APPLE])
-    either = sub("HOLDON(robot, Apple/Mug): 1", recalled=[MUG])
-    assert value([episode(first, both)], "retrieved") == 1
-    assert value([episode(first, one)], "retrieved") == 0
-    assert value([episode(first, either)], "retrieved") == 1
 
 
 def test_mra_of_unrelated_tasks_and_of_rows_without_memory_is_undefined():
@@ -143,18 +116,6 @@ def test_amounts_are_means_per_episode_and_unknown_ones_stay_unknown():
     assert value([known, unknown], "prompt_tokens") == 100
     assert value([unknown], "prompt_tokens") is None
     assert value([known], "cost") is None
-
-
-def test_seconds_come_from_timings_alone():
-    record = episode(sub(CUT))
-    one = AnswerTiming(first_token_s=0.1, total_s=0.5, reused_tokens=3)
-    timing = EpisodeTiming(
-        row="KARMA", task="t1", seed=0, subtasks=(SubTaskTiming(seconds=2.0, answers=(one,)),)
-    )
-    assert value([record], "seconds") is None
-    assert value([record], "seconds", timings={timing.key: timing}) == 2.0
-    assert value([record], "answer_s", timings={timing.key: timing}) == 0.5
-    assert value([record], "first_token_s", timings={timing.key: timing}) == 0.1
 
 
 def test_an_episode_that_dies_before_its_first_prompt_asked_the_planner_nothing(tmp_path):
@@ -232,21 +193,6 @@ def test_reduction_is_what_the_twin_spent_less_what_the_row_spent():
     assert line.values["rt_clock"].value is None  # nobody timed it
 
 
-def test_rt_by_the_clock_needs_the_time_of_every_pair():
-    records = twins(("t1", 0, 5, 10), ("t2", 0, 5, 10))
-    took = {
-        one.key: EpisodeTiming(
-            row=one.row, task=one.task, seed=one.seed,
-            subtasks=(SubTaskTiming(seconds=4.0 if one.row == OFF_ROW else 3.0),),
-        )
-        for one in records
-    }  # fmt: skip
-    assert value(records, "rt_clock", timings=took) == pytest.approx(0.25)
-    assert value(records, "rt", timings=took) == pytest.approx(0.5)
-    del took[records[0].key]
-    assert value(records, "rt_clock", timings=took) is None
-
-
 TOUR = Tour(scene="kitchen_1", places=12, actions=120)
 
 
@@ -264,24 +210,6 @@ def test_the_first_tour_is_spread_over_what_was_asked_in_the_room():
     assert value(records, "rt_toured") == pytest.approx(1 - (150 + 120) / 300)
     assert value(records, "re_toured_10") == pytest.approx(1 - (15 + 3 * 12 / 10) / 30)
     assert value(records, "re_toured_40") == pytest.approx(1 - (15 + 3 * 12 / 40) / 30)
-
-
-def test_a_tour_is_counted_once_for_each_room_of_each_row():
-    """Also for an episode that broke off before it could tell of the map that it used."""
-    first, second = (replace(TOUR, scene=name, places=n) for name, n in (("a", 6), ("b", 4)))
-    looked = call("Explore(robot, 'Apple')", explorations=5)
-    parts = [replace(sub(CUT, calls=[looked]), scene=name) for name in ("a", "b", "a")]
-    home = replace(episode(*parts), tours=(first, second))
-    broken = replace(home, seed=1, error="WorldLost: gone", subtasks=home.subtasks[:1], tours=())
-    twin = [replace(one, row=OFF_ROW, tours=()) for one in (home, replace(home, seed=1))]
-    assert value([home, broken, *twin], "re_toured") == pytest.approx(1 - (20 + 10) / 30)
-
-
-def test_reduction_below_0_is_said_and_of_nothing_undefined():
-    worse = next(one for one in saved(twins(("t1", 0, 6, 4))) if one.kind == "all")
-    assert worse.values["re"].value == pytest.approx(-0.5)
-    nothing = next(one for one in saved(twins(("t1", 0, 0, 0))) if one.kind == "all")
-    assert nothing.values["re"].value is None
 
 
 def test_reduction_pairs_by_task_and_seed_whatever_else_is_there():
@@ -324,19 +252,6 @@ def test_a_known_reduction_is_recovered_inside_its_interval(places):
     line = next(one for one in saved(records) if one.kind == "all")
     assert line.values["re"].value in line.values["re"].interval
     assert 0.6 - 1e-9 <= line.values["re"].value <= 0.8 + 1e-9
-
-
-@given(amounts=st.lists(st.integers(0, 30), min_size=2, max_size=20))
-@settings(max_examples=10)
-def test_identical_arms_save_nothing(amounts):
-    records = twins(*((f"t{number}", 0, one, one) for number, one in enumerate(amounts)))
-    episodes = episodes_of(records)
-    rows = [[e for e in episodes if e.record.row == row] for row in ("KARMA", OFF_ROW)]
-    for amount in (explorations, actions):
-        found = reduced(amount, paired(*rows))
-        assert found.value == (0 if any(amounts) else None)
-        if found.interval is not None:
-            assert 0 in found.interval
 
 
 # ----------------------------------------------------------------- causes
@@ -440,12 +355,6 @@ def test_only_what_memory_held_of_the_room_concerned_was_held(room, expected):
     assert cause(sub(CUT), elsewhere, NEVER_NAMED, steps=steps) == [expected]
 
 
-def test_nothing_is_come_back_to_in_another_room():
-    elsewhere = replace(sub(CUT), scene="bedroom")
-    assert related_needs(episode(elsewhere, NEVER_NAMED)) == [(), ()]
-    assert related_needs(episode(sub(CUT), elsewhere, NEVER_NAMED)) == [(), (), ({"Apple"},)]
-
-
 @pytest.mark.parametrize(
     ("text", "reason", "expected"),
     [
@@ -521,11 +430,3 @@ def test_tasks_that_nobody_is_judged_by_are_in_no_figure_but_named():
         assert line.unjudged == {"t4": "the scene has no Book"}
     assert plain_figures(figures(apart()))[0]["unjudged"] == {"t4": "the scene has no Book"}
     assert "unjudged" not in plain_figures(figures(apart()[:3]))[0]
-
-
-def test_success_is_told_apart_for_tasks_with_something_to_do():
-    (line, _) = figures(apart())
-    assert line.values["success"].value == pytest.approx(2 / 3)
-    assert line.values["success_to_do"].value == 0.5
-    (line, _) = figures(apart()[:2])
-    assert line.values["success_to_do"].value is None

@@ -4,15 +4,12 @@ import numpy as np
 import pytest
 
 from karma import registry
-from karma.errors import FileError
 from karma.household.types import object_types
 from karma.language.hints import (
     Hinter,
     WordFile,
-    known_words,
     load_words,
     own_texts,
-    queries,
     write_words,
 )
 
@@ -51,20 +48,11 @@ def test_unknown_noun_comes_nearest_to_the_type_that_it_means(hinter):
     }
 
 
-def test_unknown_verb_comes_nearest_to_the_deed_that_it_means(hinter):
-    assert told(hinter, "microwave the red glass")["microwave"] == "heat"
-
-
 @pytest.mark.parametrize(
     "text", ["put the red knife in the fridge", "put the glasses in the fridge", "put it there", ""]
 )
 def test_phrases_that_the_planner_knows_get_no_hint(hinter, text):
     assert hinter.hints(text) == ()
-
-
-def test_words_of_state_before_a_noun_are_no_part_of_its_query():
-    asked = [query.phrase for query in queries("put the freshly washed old beaker by the stove")]
-    assert asked == ["beaker", "stove", "put"]
 
 
 def test_texts_with_a_word_that_is_left_out_are_as_if_never_written(hinter, minilm):
@@ -74,11 +62,6 @@ def test_texts_with_a_word_that_is_left_out_are_as_if_never_written(hinter, mini
     assert full[0].name == "Cup"
     assert full[0].similarity == pytest.approx(1.0, abs=1e-3)
     assert {meaning.name: meaning.similarity for meaning in less}["Cup"] < 0.7
-
-
-def test_known_phrases_and_words_are_those_that_occur_often_enough():
-    seen = ["put the red mug on it", "put the jug on it", "wash the red mug"]
-    assert known_words(seen, 2) == ({"put", "red mug"}, {"put", "red", "mug"})
 
 
 @pytest.mark.parametrize(
@@ -130,11 +113,6 @@ def test_vectors_that_do_not_fit_are_made_anew_with_the_same_result(minilm, tmp_
     read = load_words(path, embedder)
     assert embedder.asked == len(read.texts)
     np.testing.assert_array_equal(read.vectors, made.vectors)
-
-
-def test_missing_words_file_is_named(minilm, tmp_path):
-    with pytest.raises(FileError, match=r"words\.json"):
-        load_words(tmp_path / "words.json", minilm)
 
 
 def test_every_type_with_texts_of_ours_is_a_type_of_the_table():

@@ -102,22 +102,6 @@ def test_head_of_a_phrase_is_the_word_that_says_what_it_is(text, head):
     assert phrases_of(text).nouns[0].head == head
 
 
-def test_pronouns_are_found_with_their_places_in_the_text():
-    text = "Take the cup, wash it and put that on the shelf"
-    found = phrases_of(text).pronouns
-    assert [text[one.start : one.end] for one in found] == ["it", "that"]
-
-
-@pytest.mark.parametrize("text", ["don't open the safe", "never open the safe", "do not open it"])
-def test_verb_behind_a_negation_is_negated(text):
-    assert [verb.negated for verb in phrases_of(text).verbs] == [True]
-
-
-def test_verb_that_must_not_be_forgotten_is_not_negated():
-    (verb,) = phrases_of("please don't forget to close the fridge").verbs
-    assert (verb.text, verb.negated) == ("close", False)
-
-
 SOME_WORDS = sorted({"mug", "nuke", "red", "that", "you", "to", ",", "the", "with", "of"}
                     | word_lists().destinations | word_lists().particles
                     | {"put", "washed", "washing", "is", "something"})  # fmt: skip

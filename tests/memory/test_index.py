@@ -142,11 +142,3 @@ def test_index_holds_the_rows_of_what_is_remembered_and_no_others():
         kept.follow(units)
         kinds = {one.object_type for one in units}
         assert len(kept) == sum(len(rows_of(kind)) for kind in kinds)
-
-
-def test_order_of_the_units_counts_though_none_came_or_went():
-    kept = index()
-    twins = [unit(1, "Kind1"), unit(2, "Kind1")]
-    for units in (twins, twins[::-1], twins):
-        kept.follow(units)
-        assert [one.place for one in kept.best(rows_of("question")[:1], 2)] == [1, 0]

@@ -140,15 +140,6 @@ def test_karma_rule_answers_as_its_slow_telling(keys, sizes, period):
     assert answers(policy, keys) == list(slow_karma(keys, *sizes, period))
 
 
-@given(keys=KEYS, capacity=SIZES)
-def test_lru_of_more_lines_holds_what_fewer_hold(keys, capacity):
-    small, large = Lru(capacity), Lru(capacity + 1)
-    for key in keys:
-        small.touch(key)
-        large.touch(key)
-        assert set(small) <= set(large)
-
-
 # ----------------------------------------------------------------- W-TinyLFU
 
 
@@ -173,35 +164,6 @@ def test_segments_add_up_and_keep_their_sizes(kind, keys, sizes, sketch):
         before = len(policy)
 
 
-@given(keys=KEYS, capacity=SIZES)
-def test_caffeine_with_nothing_but_a_window_is_lru(keys, capacity):
-    policy = segmented(CaffeineWTinyLfu, capacity, 0)
-    for key in keys:
-        challenger = next(iter(policy)) if len(policy) == capacity and key not in policy else None
-        assert policy.touch(key) == challenger
-    assert list(policy) == list(_after(Lru(capacity), keys))
-
-
-def _after(policy, keys):
-    for key in keys:
-        policy.touch(key)
-    return policy
-
-
-@given(keys=KEYS, window=st.integers(0, 6))
-def test_karma_that_never_ages_nor_protects_is_perfect_lfu_with_admission(keys, window):
-    policy = segmented(KarmaWTinyLfu, window, 1, period=None)
-    count, last, held = {}, {}, set()
-    for now, key in enumerate(keys):
-        count[key], last[key] = count.get(key, 0) + 1, now
-        held.add(key)
-        left = None
-        if len(held) > window + 1:
-            left = min(held, key=lambda other: (count[other], last[other]))
-            held.remove(left)
-        assert policy.touch(key) == left
-
-
 def test_sizes_default_to_each_sources_own():
     caffeine, karma = CaffeineWTinyLfu(10), KarmaWTinyLfu(10)
     assert (caffeine.window_size, caffeine.protected_size) == (1, 7)
@@ -209,13 +171,6 @@ def test_sizes_default_to_each_sources_own():
     assert CaffeineWTinyLfu(1).window_size == KarmaWTinyLfu(1).window_size == 1
     with pytest.raises(ValueError, match="window"):
         KarmaWTinyLfu(10, window=11)
-
-
-def test_karma_newcomer_may_be_refused_and_is_gone():
-    policy = segmented(KarmaWTinyLfu, 1, 1)
-    assert answers(policy, "aabb") == [None] * 4
-    assert policy.touch("c") == "c"
-    assert "c" not in policy
 
 
 def test_caffeine_challenger_must_be_used_strictly_more_often():
@@ -260,23 +215,6 @@ def test_sketch_halves_every_estimate_rounding_down(keys, capacity):
         if sketch.uses < uses:  # the use may have raised a shared counter before the halving
             for other, count in others.items():
                 assert count // 2 <= sketch.estimate(other) <= (count + 1) // 2
-
-
-def test_saturated_uses_age_only_when_told_to():
-    silent, told = ExactCounts(20, cap=3), ExactCounts(20, cap=3, count_saturated=True)
-    for _ in range(25):
-        silent.add("a")
-        told.add("a")
-    assert (silent.uses, told.uses) == (3, 15)
-
-
-@pytest.mark.parametrize("period", [0, -5])
-def test_period_below_one_is_refused(period):
-    for make in (lambda: ExactCounts(period), lambda: CountMin4(4, period=period)):
-        with pytest.raises(ValueError, match="period"):
-            make()
-    with pytest.raises(ValueError, match="capacity"):
-        CountMin4(0)
 
 
 # ----------------------------------------------------------------- names and statistics

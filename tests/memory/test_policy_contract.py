@@ -61,14 +61,6 @@ def test_asking_and_listing_change_nothing(name, keys, capacity):
 
 
 @given(keys=KEYS, capacity=st.integers(1, 6))
-def test_room_for_all_keys_misses_first_uses_only(name, keys, capacity):
-    roomy = made(name, max(1, len(keys)))
-    assert hits(roomy, keys) == repeats(keys)
-    if name in ONE_LINE_EACH:
-        assert hits(made(name, 7), keys) == repeats(keys)
-
-
-@given(keys=KEYS, capacity=st.integers(1, 6))
 def test_no_policy_beats_the_clairvoyant_one(name, keys, capacity):
     bound = repeats(keys) if name == "unbounded" else best(single(keys), capacity).hits
     assert hits(made(name, capacity), keys) <= bound
@@ -97,12 +89,6 @@ def test_discard_frees_lines_and_leaves_the_rest(name, keys, more, gone, capacit
         left = policy.touch(key)
         resident = (resident | {key}) - {left}
         assert set(policy) == resident
-
-
-@given(keys=st.text("0123456", max_size=50), capacity=st.integers(1, 6))
-def test_integer_keys_run_too(name, keys, capacity):
-    by_text = simulate_with(made(name, capacity), single(keys))
-    assert simulate_with(made(name, capacity), single(map(int, keys))) == by_text
 
 
 @pytest.mark.parametrize("capacity", [0, -1])

@@ -1,6 +1,5 @@
 """Recall returns the nearest units by cosine, in a fixed order, whatever FAISS does with ties."""
 
-import json
 from dataclasses import replace
 from hashlib import blake2b
 
@@ -108,22 +107,6 @@ def test_unit_is_embedded_once_for_as_long_as_it_is_remembered():
     assert embedder.asked == [
         unit_text(apple), *question, unit_text(pear), *question * 2, unit_text(apple), *question
     ]  # fmt: skip
-
-
-def test_query_without_any_known_word_finds_all_units_the_last_used_first():
-    units = [unit("Apple"), unit("Pear")]
-    found = CosineRecall(HashingEmbedder()).recall("", units, 2)
-    assert [(one.unit, one.similarity) for one in found] == [(units[1], 0.0), (units[0], 0.0)]
-
-
-def test_unit_text_is_listing_1():
-    apple = replace(unit("Apple", states=("cleaned",)), image="images/Apple.jpg", place_id="Sink")
-    assert json.loads(unit_text(apple)) == {
-        "objectType": "Apple",
-        "position": {"x": 1.0, "y": 2.5, "z": -0.1},
-        "objectId": "Apple|1",
-        "imagePath": "images/Apple.jpg",
-    }
 
 
 @pytest.mark.parametrize(

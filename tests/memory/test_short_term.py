@@ -11,7 +11,6 @@ from karma import registry
 from karma.contracts import MemoryUnit, State
 from karma.memory.policies import Fifo, Lru
 from karma.memory.short_term import ShortTermMemory, merged_states
-from karma.memory.wtinylfu import KarmaWTinyLfu
 
 STATES = get_args(State)
 
@@ -61,12 +60,6 @@ def test_history_is_a_set_without_opposites(looks):
         assert not look or look[-1] in history or look[-1] == "none"
 
 
-def test_first_look_is_cleaned_up_too():
-    memory = ShortTermMemory(Lru(2))
-    memory.remember(unit("Apple", states=("none", "dirty", "cleaned")))
-    assert memory.units()[0].states == ("cleaned",)
-
-
 @pytest.mark.parametrize("name", registry.names("policies"))
 @given(touches=st.text("abcdef", max_size=30))
 def test_lines_are_those_of_the_policy_by_last_touch(name, touches):
@@ -81,14 +74,6 @@ def test_lines_are_those_of_the_policy_by_last_touch(name, touches):
 
 
 POLICIES = {name: registry.load("policies", name) for name in registry.names("policies")}
-
-
-def test_refused_newcomer_is_returned_and_not_kept():
-    memory = ShortTermMemory(KarmaWTinyLfu(2, window=1))
-    for letter in "aabb":
-        assert memory.remember(unit(letter)) is None
-    assert memory.remember(unit("c")) == unit("c")
-    assert [line.object_type for line in memory.units()] == ["a", "b"]
 
 
 def test_forgotten_unit_frees_its_line():

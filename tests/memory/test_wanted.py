@@ -42,11 +42,6 @@ def test_destination_is_no_place_of_what_goes_there_and_comes_after_it():
     assert (bowl.text, bowl.is_destination) == ("bowl", True)
 
 
-def test_tool_of_a_deed_is_a_thing_of_its_own():
-    texts = [one.text for one in question_of("slice the bread with the big knife").things]
-    assert texts == ["bread", "big knife"]
-
-
 @pytest.mark.parametrize(
     ("text", "referents"),
     [
@@ -65,8 +60,3 @@ def test_text_without_a_name_asks_for_anything(text):
     question = question_of(text)
     assert [one.text for one in question.things] in ([""], [text])
     assert question.referents == 0
-
-
-def test_two_spaces_in_a_name_are_one():
-    (pot,) = question_of("find the coffee  pot with a lid").things
-    assert pot.text.endswith("coffee pot with a lid")

@@ -71,21 +71,6 @@ class Resampler:
         return Bootstrapped(value=value, low=low, high=high)
 
 
-def block_interval(hits: Sequence[int], requests: Sequence[int], seed: int) -> Bootstrapped | None:
-    """Return the hit rate of one sequence with an interval over blocks of its tasks.
-
-    Neighbouring tasks need the same things, so whole blocks of about the square root of their
-    number are drawn again. None where nothing was asked.
-    """
-    if not sum(requests):
-        return None
-    size = max(1, round(len(hits) ** 0.5))
-    starts = range(0, len(hits), size)
-    parts = [(sum(hits[at : at + size]), sum(requests[at : at + size])) for at in starts]
-    parts = [part for part in parts if part[1]]
-    return Resampler(len(parts), seed).ratio([a for a, _ in parts], [b for _, b in parts])
-
-
 def _correlation(sums: Floats) -> Floats:
     """Return Pearson's r from sums of 1, a, b, their squares and their product."""
     number, a, b, aa, bb, ab = sums.T
@@ -226,11 +211,11 @@ def run_rows(
 
     `checkpoints`: numbers of tasks for `PolicyRow.curve`.
     """
-    rates = _Rates(len(traces), seed)
+    resampler = Resampler(len(traces), seed)
     for policy in policies:
         run = simulator(policy)
         outcomes = [run(trace) for trace in traces]
-        yield _row(policy, outcomes, rates, checkpoints)
+        yield _row(policy, outcomes, resampler, checkpoints)
 
 
 def sweep_of(traces: Sequence[Trace], rows: Iterable[PolicyRow]) -> Sweep:
@@ -247,36 +232,22 @@ def sweep_of(traces: Sequence[Trace], rows: Iterable[PolicyRow]) -> Sweep:
 
 def _over(traces: Sequence[Trace]) -> str:
     """Return what the intervals are over, or why there are none."""
-    if len(traces) == 1:
-        return "bootstrap over blocks of tasks; they speak of this sequence only"
     if len(traces) < FEWEST_TASKS:
         return f"none: {len(traces)} sequences say little of others, it takes {FEWEST_TASKS}"
     return "bootstrap over sequences"
 
 
-class _Rates:
-    """Mean hit rates over sequences, or of one sequence over its blocks."""
-
-    def __init__(self, count: int, seed: int) -> None:
-        self._resampler = Resampler(count, seed)
-        self._seed = seed
-
-    def of(
-        self, outcomes: Sequence[TraceReplay], spans: Sequence[tuple[int, int]]
-    ) -> Bootstrapped | None:
-        """Return the rate over some tasks of each outcome; None where one asked nothing."""
-        if len(outcomes) == 1:
-            first, last = spans[0]
-            tasks = range(first, min(last, outcomes[0].tasks))
-            counts = [outcomes[0].between(task, task + 1) for task in tasks]
-            return block_interval([a for a, _ in counts], [b for _, b in counts], self._seed)
-        rates = [one.rate(*span) for one, span in zip(outcomes, spans, strict=True)]
-        known = [rate for rate in rates if rate is not None]
-        return self._resampler.mean(known) if len(known) == len(rates) else None
+def _rate_over(
+    outcomes: Sequence[TraceReplay], spans: Sequence[tuple[int, int]], resampler: Resampler
+) -> Bootstrapped | None:
+    """Return the mean rate over some tasks of each outcome; None where one asked nothing."""
+    rates = [one.rate(*span) for one, span in zip(outcomes, spans, strict=True)]
+    known = [rate for rate in rates if rate is not None]
+    return resampler.mean(known) if len(known) == len(rates) else None
 
 
 def _row(
-    policy: str, outcomes: list[TraceReplay], rates: _Rates, checkpoints: Sequence[int]
+    policy: str, outcomes: list[TraceReplay], resampler: Resampler, checkpoints: Sequence[int]
 ) -> PolicyRow:
     every = [(0, one.tasks) for one in outcomes]
     halves = [(one.tasks // 2, one.tasks) for one in outcomes]
@@ -288,15 +259,15 @@ def _row(
         Point(tasks=tasks, rate=rate)
         for tasks in checkpoints
         if tasks <= max(one.tasks for one in outcomes)
-        if (rate := rates.of(outcomes, [(0, tasks)] * len(outcomes))) is not None
+        if (rate := _rate_over(outcomes, [(0, tasks)] * len(outcomes), resampler)) is not None
     ]
     return PolicyRow(
         policy=policy,
         size=size_of(policy),
-        cold=rates.of(outcomes, every),
-        first=rates.of(outcomes, [(0, FIRST_TASKS)] * len(outcomes)),
-        steady=rates.of(outcomes, halves),
-        warm=rates.of(outcomes, after) if filled else None,
+        cold=_rate_over(outcomes, every, resampler),
+        first=_rate_over(outcomes, [(0, FIRST_TASKS)] * len(outcomes), resampler),
+        steady=_rate_over(outcomes, halves, resampler),
+        warm=_rate_over(outcomes, after, resampler) if filled else None,
         hits=[one.hits for one in outcomes],
         steady_hits=[one.between(*span)[0] for one, span in zip(outcomes, halves, strict=True)],
         left=round(sum(left) / len(left), 3) if left else None,

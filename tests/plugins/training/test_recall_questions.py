@@ -19,7 +19,7 @@ from karma.household.pieces import base_type
 from karma.language.hints import TYPE_WORDS, WordFile
 from karma.plugins.rules.language.lexemes import held_out, lexicon, unseen_lexemes
 
-OURS = Path(__file__).parents[2] / "eval" / "recall" / "questions.jsonl"
+OURS = Path(__file__).parents[3] / "eval" / "recall" / "questions.jsonl"
 
 
 @pytest.fixture(scope="module")
