@@ -302,101 +302,14 @@ class Hint:
     meanings: tuple[Meaning, ...]  # the nearest first
 
 
-# ----------------------------------------------------------------- what was asked
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Word:
-    """A word of a sentence as a parser has it (Penn tags, ClearNLP's dependencies)."""
+class Advice:
+    """What an assistant knows of an instruction besides its words."""
 
-    text: str
-    start: int  # in characters of the text
-    lemma: str
-    tag: str
-    dep: str
-    head: int  # number of the word that it hangs on; its own for a root
-
-    @property
-    def end(self) -> int:
-        """Where it ends, in characters of the text."""
-        return self.start + len(self.text)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mention:
-    """A thing or place that words name."""
-
-    text: str  # without its determiner: "blue plate"
-    start: int  # in characters of the text, with its determiner
-    end: int
-    types: tuple[str, ...] = ()  # object types that it may mean; () no thing is called so
-    number: int | None = None  # that was said: "two", "both"
-    every: bool = False  # all that there are: "every", "all", a plural
-    vague: bool = False  # it names nothing by itself: "it", "that thing"
-    anything: bool = False  # whatever is at its place: "everything on the table"
-    told: bool = False  # known by what was done or is elsewhere: "the thing you just closed"
-    at: tuple[str, ...] = ()  # types of the place that it is told by: "on the side table"
-    other: bool = False  # not the one that was meant before: "the other one"
-    besides: tuple[str, ...] = ()  # types that are called so where none of `types` is at hand
-    holding: tuple[str, ...] = ()  # types of what lies in or on it: "the plate with the potato"
-    states: tuple[str, ...] = ()  # of `household.states`, that it is told by: "that is open"
-    marks: tuple[str, ...] = ()  # words it is told by and that no look shows: "red", "second"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SaidDeed:
-    """Something that is to be done, as words say it."""
-
-    verb: str  # "switch off"
-    deed: str  # of `household.deeds`; "" no skill is called so
-    start: int
-    things: tuple[Mention, ...] = ()
-    place: Mention | None = None
-    near: bool = False  # beside the place, not in or on it
-
-
-Quantity = Literal["one", "any", "each", "all"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Condition:
-    """What has to be so for a request to be carried out."""
-
-    text: str  # "if the plate is dirty"
-    thing: Mention | None = None
-    state: str = ""  # of `household.states`, or "there"; "" it was not understood
-    at: tuple[str, ...] = ()  # types of the place where a thing that is to be "there" is
-    holds: bool = True  # False: where it is not so
-    of: Quantity = "one"  # of several: "either", "they", "both"
-
-
-Form = Literal["errand", "question", "statement", "teaching", "talk", "incomplete"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
-    """What was asked, from the words alone, before any planner: nothing of it is guessed."""
-
-    text: str  # as it was said, one sentence
-    form: Form
-    whole: str = ""  # all sentences; the places of words are counted in it
-    errand: str = ""  # the words to plan by: without times, conditions, exclusions and slips
-    deeds: tuple[SaidDeed, ...] = ()  # in their order
-    forbidden: tuple[SaidDeed, ...] = ()  # deeds that it says not to do
-    exclusions: tuple[Mention, ...] = ()  # things and places that it rules out
-    times: tuple[str, ...] = ()  # when, and for how long
-    conditions: tuple[Condition, ...] = ()
-    unread: tuple[str, ...] = ()  # words that no field holds
-    lacking: str = ""  # what an incomplete request lacks: "what", "where"
-    alone: tuple[Mention, ...] = ()  # things that are spoken of without any deed
-    english: bool = True  # enough of its words are
-    rest: tuple[SaidDeed, ...] = ()  # deeds of the same sentence that may be done as well
-
-    @property
-    def mentions(self) -> tuple[Mention, ...]:
-        """All things and places of its deeds."""
-        named = (one for deed in self.deeds for one in (*deed.things, deed.place))
-        return tuple(one for one in named if one is not None)
+    plain: str = ""  # the instruction in plain words, for a planner that did not understand
+    actions: Sequence[str] = ()  # what a parser found in it, line by line, for the full prompt
+    checker: "AnswerChecker | None" = None  # of the planner's answers
+    only: Mapping[str, str] = field(default_factory=dict)  # type -> id of the only object meant
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -415,9 +328,7 @@ class PlanRequest:
     failures: Sequence[FailedProgram] = ()  # of this instruction so far, the last one last
     examples: Sequence[WorkedExample] = ()  # for the instruction; the compact profile has no room
     missing: Sequence[str] = ()  # what was searched for in vain: ids or types
-    asked: Request | None = None  # what the words ask for; a program is held against it
-    plain: str = ""  # the same in plain words, for a planner that did not understand
-    first: Sequence["SkillCall"] = ()  # the program that was carried out first: how it was read
+    advice: Advice = field(default_factory=Advice)
     done: Sequence["SkillCall"] = ()  # what went well of the programs so far
     seen: Sequence[SeenObject] = ()  # in this room by now, as last seen, the first seen first
     named: Mapping[str, str] = field(default_factory=dict)  # furniture's names (-> id), which last
@@ -466,7 +377,7 @@ class RefusedRequest:
     """A request that is not carried out, and why; it stands in place of a program."""
 
     kind: RefusalKind
-    by: Literal["planner", "doubt", "inspector", "guard"] = "planner"
+    by: Literal["planner", "inspector", "guard"] = "planner"
     words: tuple[str, ...] = ()  # of the request, that nothing here is meant by
 
     def __str__(self) -> str:
@@ -662,7 +573,6 @@ class Plan:
     recalled: tuple[Recalled, ...] = ()  # of short-term memory, the best first
     units: tuple[MemoryUnit, ...] = ()  # in the prompt, the last used last
     refused: RefusedRequest | None = None  # in place of calls: the request, not the answer
-    doubt: float | None = None  # how likely it is that the request should be refused
     error: str = ""  # why the answer was refused; quoted in the next prompt
     failure: FailedProgram | None = None  # the same with the program, for planners that can read it
     dropped: tuple[str, ...] = ()  # lines of the answer that were no part of the program
@@ -706,6 +616,11 @@ class Outcome:
     kept: tuple[MemoryUnit, ...] = ()  # short-term memory after it
     tour: Tour | None = None  # that made the map in use, now or earlier; no part of the episode
     checks: tuple[Check, ...] = ()  # of its programs, where the method looks back
+    change: MemoryChange | None = None  # what memory has learnt, where anything was done
+
+
+AgentEvent = Plan | SkillResult | Outcome
+"""What happens while an instruction is carried out: an answer, a call's result, the report."""
 
 
 # ----------------------------------------------------------------- what it is asked
@@ -734,7 +649,6 @@ class SubTask:
     passing: tuple[Goal, ...] = ()  # of the goals; these need only have held since it began
     whole: str = ""  # the user's whole text, of which this is a part
     scene: SceneRef | None = None  # the room it plays in; None: the task's
-    asked: Request | None = None  # what its words ask for, where that was read
 
     @property
     def is_whole(self) -> bool:
@@ -842,18 +756,6 @@ class Embedder(Protocol):
         """Return one row of length 1 per text, shape (n, dimension); n may be 0."""
 
 
-class Parser(Protocol):
-    """Sentences to words with their tags and what they hang on."""
-
-    name: str
-
-    def parse(self, text: str) -> Sequence[Word]:
-        """Return the words of a text, without blanks."""
-
-    def knows(self, word: str) -> bool:
-        """Return whether a word, in small letters, is one of the language."""
-
-
 @runtime_checkable
 class ImageEmbedder(Embedder, Protocol):
     """Text and pictures to unit vectors of one space."""
@@ -942,15 +844,19 @@ Hints = Callable[[str], Sequence[Hint]]  # of an instruction, for one planner
 Examples = Callable[[str], Sequence[WorkedExample]]  # for an instruction, the nearest last
 
 
-class Doubt(Protocol):
-    """Tells how likely it is that a request should be refused."""
+class AnswerChecker(Protocol):
+    """Checks a planner's answers before they are carried out, by what a plug-in knows."""
 
-    @property
-    def threshold(self) -> float:
-        """From which probability on it is refused, whatever the planner said."""
+    def contradicts(self, refused: RefusedRequest) -> bool:
+        """Return whether a refusal's reason is wrong, so that the planner is asked again."""
 
-    def of(self, completion: Completion, request: PlanRequest) -> float | None:
-        """Return the probability by the planner's first answer; None where that does not tell."""
+    def check(
+        self, calls: Sequence[SkillCall], request: PlanRequest, names: Mapping[str, str]
+    ) -> tuple[tuple[SkillCall, ...], str]:
+        """Return a program as it may be carried out, and why it may not be, or ""."""
+
+    def program(self, request: PlanRequest, names: Mapping[str, str]) -> tuple[SkillCall, ...]:
+        """Return a program of the checker's own, where no answer will do; () for none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -963,7 +869,6 @@ class Resources:
     listen: Listener | None = None  # hears the planner's answers as they come
     hints: Hints | None = None  # where the planner has learnt to read them
     examples: Examples | None = None  # for a planner that is told of some
-    doubt: Doubt | None = None  # where it has been fitted for the planner
     recall: Recall
     vision: VisionModel
     detector: Detector | None = None  # for perception by pictures without given boxes

@@ -71,4 +71,4 @@ def test_fixture_begins_an_episode_that_acts_and_remembers(karma_episode):
     episode = karma_episode([program], vision=StubVision({"Apple": ("sliced",)}))
     outcome = list(episode.do(SubTask(instruction="move the apple")))[-1]
     assert outcome.finished
-    assert "Apple" in {unit.object_type for unit in episode.short_term.units()}
+    assert "Apple" in {unit.object_type for unit in episode.memory.short_term.units()}

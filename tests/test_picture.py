@@ -17,7 +17,8 @@ NODES = {
         "perceive", "eyes", "perception", "projection")],
     "skills": ["agent/body"],
     "memory": ["memory"],
-    "method": [*(f"agent/{name}.py" for name in ("karma", "attempts", "experience", "tour"))],
+    "method": [f"agent/{name}.py" for name in (
+        "karma", "loop", "memory", "session", "attempts", "experience", "tour")],
     "planner": ["agent/planning"],
     "models": ["models"],
 }  # a stop of the picture -> where its code is  # fmt: skip

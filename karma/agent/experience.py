@@ -1,25 +1,16 @@
-"""From what the skills saw and did to units of short-term memory; their states out of pictures.
+"""From what the skills saw and did to units of short-term memory."""
 
-Each object is looked at on the last frame in which the agent had it in view. Pictures that were
-asked about are kept as PNG files in the run folder, named by their content.
-"""
-
-import hashlib
-import struct
-import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
+from karma.agent.body.sightings import offset, shifted
 from karma.agent.seeing.perceive import place_of
-from karma.agent.seeing.projection import placed
-from karma.contracts import Experience, Frame, MemoryUnit, Observation, SeenObject, VisionModel
-from karma.files import write_atomic
+from karma.agent.seeing.picture_states import look_at
+from karma.contracts import Experience, MemoryUnit, SeenObject, VisionModel
 from karma.household.ids import is_part, type_of, whole_id
 from karma.household.places import STAND_CLOSED
-from karma.memory.short_term import merged
+from karma.memory.short_term import merged, merged_states
 
 
 def units_of(
@@ -56,6 +47,61 @@ def units_of(
         old = by_id.get(name) or by_id.get(whole)
         found.append(merged(old, unit) if old is not None else unit)
     return found
+
+
+def as_left(units: Iterable[MemoryUnit], experience: Experience) -> list[MemoryUnit]:
+    """Return units with what the agent's deeds made of them, handled or not.
+
+    What a tap or an oven did to a thing that was only remembered there is added. What was poured
+    out is not filled: other states end when their opposite comes; these have none. What was seen is
+    where it was seen; what lies in a thing that was moved has moved with it.
+    """
+    before = {unit.object_id: unit for unit in units}
+    changed = []
+    for unit in before.values():
+        ended = experience.ended.get(unit.object_id, ())
+        effects = experience.effects.get(unit.object_id, ())
+        states = tuple(word for word in unit.states if word not in ended)
+        placed = _placed(unit, before, experience)
+        changed.append(replace(placed, states=merged_states(states, effects)))
+    return changed
+
+
+def lost(units: Iterable[MemoryUnit], experience: Experience) -> list[MemoryUnit]:
+    """Return the units to forget: cut, missed where they were, or thrown with what they lay in."""
+    before = {unit.object_id: unit for unit in units}
+
+    def is_spilled(unit: MemoryUnit | None, depth: int = 0) -> bool:
+        if unit is None or depth > len(before) or unit.object_id in experience.seen:
+            return False
+        return unit.place_id in experience.spilled or is_spilled(
+            before.get(unit.place_id or ""), depth + 1
+        )
+
+    return [
+        unit for unit in before.values() if unit.object_id in experience.gone or is_spilled(unit)
+    ]
+
+
+def _placed(
+    unit: MemoryUnit, before: Mapping[str, MemoryUnit], experience: Experience
+) -> MemoryUnit:
+    """Return a unit where it is by now, as far as the agent's own eyes and hands know."""
+    sight = experience.seen.get(unit.object_id)
+    if sight is not None:
+        return replace(unit, position_m=sight.position_m, place_id=place_of(sight))
+    holder, passed = unit.place_id, set[str]()
+    while holder is not None and holder not in passed:
+        passed.add(holder)
+        sight, then = experience.seen.get(holder), before.get(holder)
+        if sight is not None:
+            if not sight.pickupable:
+                return unit
+            by = offset(then.position_m, sight.position_m) if then is not None else None
+            at = shifted(unit.position_m, by) if by is not None else sight.position_m
+            return replace(unit, position_m=at)
+        holder = then.place_id if then is not None else None
+    return unit
 
 
 def shut_away(units: Iterable[MemoryUnit], among: Iterable[MemoryUnit]) -> tuple[MemoryUnit, ...]:
@@ -124,92 +170,3 @@ def _standing_for(object_id: str, experience: Experience, before: Iterable[str])
     parts = [name for name in experience.seen if is_part(name, object_id)]
     used = [name for name in before if name in parts]
     return (used or sorted(parts) or [object_id])[-1]
-
-
-# ----------------------------------------------------------------- states out of pictures
-
-PICTURES = "short_term/images"  # below the run folder, as Listing 1 has it
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Looked:
-    """What pictures told of some objects."""
-
-    states: Mapping[str, tuple[str, ...]]  # object id -> words
-    images: Mapping[str, str]  # object id -> path below the run folder
-
-
-def look_at(
-    vision: VisionModel,
-    instruction: str,
-    sights: Sequence[SeenObject],
-    views: Mapping[str, Observation],
-    folder: Path | None,
-) -> Looked:
-    """Ask a vision model about the last picture of each sight, one question per picture.
-
-    A model that needs no pictures is asked without. `views` are those in which each id was last in
-    view; ids without one are not asked about. Without `folder`, the run's, no pictures are kept.
-    """
-    if not vision.needs_pictures:
-        return Looked(states=vision.read_states(None, instruction, sights), images={})
-    states: dict[str, tuple[str, ...]] = {}
-    images: dict[str, str] = {}
-    for view, group in _by_view(sights, views):
-        frame = view.render()
-        if frame is None:
-            continue
-        states.update(vision.read_states(frame, instruction, _placed(group, view)))
-        if folder is not None:
-            images.update(dict.fromkeys((one.object_id for one in group), keep(frame, folder)))
-    return Looked(states=states, images=images)
-
-
-def keep(frame: Frame, folder: Path) -> str:
-    """Write a picture into the run folder, once; returns its path below it."""
-    data = png(frame)
-    name = f"{PICTURES}/{picture_name(data)}.png"
-    if not (folder / name).exists():
-        write_atomic(folder / name, data)
-    return name
-
-
-def picture_name(data: bytes) -> str:
-    """Return what a picture is called after its content."""
-    return hashlib.sha256(data).hexdigest()[:20]
-
-
-def png(frame: Frame) -> bytes:
-    """Return a picture as a PNG file; equal pictures give equal bytes."""
-    height, width, _ = frame.shape
-    rows = np.zeros((height, 1 + width * 3), dtype=np.uint8)  # each row begins with its filter, 0
-    rows[:, 1:] = frame.reshape(height, -1)
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    parts = ((b"IHDR", header), (b"IDAT", zlib.compress(rows.tobytes(), 6)), (b"IEND", b""))
-    chunks = (
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        for kind, data in parts
-    )
-    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
-
-
-def _by_view(
-    sights: Sequence[SeenObject], views: Mapping[str, Observation]
-) -> list[tuple[Observation, list[SeenObject]]]:
-    """Return the sights grouped by where they were last in view, in the order of the sights."""
-    groups: dict[int, tuple[Observation, list[SeenObject]]] = {}
-    for sight in sights:
-        if view := views.get(sight.object_id):
-            groups.setdefault(id(view), (view, []))[1].append(sight)
-    return list(groups.values())
-
-
-def _placed(group: Sequence[SeenObject], view: Observation) -> list[SeenObject]:
-    """Return sights with their place in the view's frame and without the simulator's states."""
-    boxes = {sight.object_id: sight for sight in (*view.seen, *filter(None, [view.held]))}
-    found = []
-    for one in group:
-        seen = boxes[one.object_id]
-        sight = replace(one, states=(), region=seen.region, silhouette=seen.silhouette)
-        found.append(sight if seen.region else placed(sight, view.camera, seen))
-    return found

@@ -11,7 +11,7 @@ it learns of a room lasts in `maps`; what it has handled is remembered as long a
 and in a `home` for good.
 """
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -20,20 +20,23 @@ from typing import TYPE_CHECKING, Any
 
 from karma import registry
 from karma.agent.goals.goals import GoalTracker, WatchedWorld
-from karma.agent.journal.part import EpisodePart, TimeLog
 from karma.agent.journal.records import SubTaskRecord
 from karma.agent.journal.steps import StepLog
-from karma.agent.karma import KarmaMethod, Remembered
+from karma.agent.journal.writer import EpisodeWriter, TimeLog
+from karma.agent.karma import KarmaMethod
 from karma.agent.loading.models import Models, Row, load_resources, world_maker
 from karma.agent.loading.models import preset as preset_of
 from karma.agent.loading.names import check_options
+from karma.agent.memory import AgentMemory, Snapshot
 from karma.agent.planning.prompt import GOALS
+from karma.agent.session import Executor
 from karma.assistant.protocol import Assistant, Moment, wanted_assistant
 from karma.assistant.replies import AgentReply, RequestReply, Understanding, as_it_ends, turns_of
 from karma.assistant.session_log import PastAction, SessionLog
 from karma.assistant.talk_folder import Keeper, TalkFolder
 from karma.assistant.views import Memory, RoomMap
 from karma.contracts import (
+    Known,
     Listener,
     MemoryChange,
     Outcome,
@@ -63,7 +66,7 @@ class _Before:
     """All that an instruction may change, as it was before it."""
 
     event: "WorldEvent"
-    remembered: Remembered
+    remembered: Snapshot
     steps: StepLog
     times: TimeLog
     tours: dict[str, Tour]
@@ -135,11 +138,10 @@ class Agent:
             named = None if resources else asking(models or _models(planner, preset))
             planner = resources.model.name if resources else (named or Models()).planner
             kind = registry.load("assistants", assistant or wanted_assistant(planner))
-            row = _row(preset, {**kind.options, **(options or {})}, answer_seconds)
+            row = _row(preset, dict(options or {}), answer_seconds)
             self._world: EmbeddedWorld = world_maker("embedded", [row.all_options])()  # type: ignore[assignment]
             self._world.reset(self.scene.source)  # wrong names are told before models are loaded
             check_options(row.method, row.all_options)
-            check_options("karma", row.all_options)
             place = TalkFolder(None if folder is None else Path(folder), self.scene.name)
             loaded = resources or load_resources(
                 named or Models(), maps=maps, seed=seed, learn=True, session=self.session
@@ -161,9 +163,8 @@ class Agent:
         world = WatchedWorld(self._world, steps)
         world.reset(self.scene.source)
         self.episode = self.method.begin(world, self.scene, seed=seed, folder=self.folder)
-        self._part = EpisodePart(
+        self._part = EpisodeWriter(
             method=self.method.name,
-            episode=self.episode,
             world=world,
             tracker=GoalTracker(),  # nothing that is said has goals
             ledger=self.session.ledger,
@@ -176,7 +177,7 @@ class Agent:
         self.home.restore(world, self._world)
         for errand in self.home.past:
             for change in errand.changes:
-                self.episode.learn(change)
+                self.known.learn(change)
         self._done: list[SubTaskRecord] = []
         self._before: list[_Before] = []
         self.replies: list[AgentReply] = []
@@ -236,18 +237,28 @@ class Agent:
         return [request.text for request in self.assistant.requests(instruction)]
 
     def carry_out(
-        self, subtask: SubTask, describe: Callable[[Plan], Understanding]
+        self,
+        subtask: SubTask,
+        describe: Callable[[Plan], Understanding],
+        executor: Executor | None = None,
+        *,
+        keep_shut: Collection[str] = (),
     ) -> Generator[Moment, None, RequestReply]:
         """Carry out one request; yields what happens and returns the reply.
 
-        `describe` puts a plan in words that are shown before it runs.
+        Args:
+            subtask: the request.
+            describe: puts a plan in words that are shown before it runs.
+            executor: carries it out; None: the planner alone.
+            keep_shut: types that nothing opens.
         """
-        self.episode.clock_s = self.home.clock_s
+        clock_s = self.home.clock_s
+        events = self.episode.do(subtask, executor, keep_shut=keep_shut, clock_s=clock_s)
         described: list[Understanding] = []
         plans: list[Plan] = []
         results: list[SkillResult] = []
         outcome = None
-        going = self._part.carry_out(len(self._done), subtask, self.scene.name)
+        going = self._part.write(len(self._done), subtask, self.scene.name, events)
         while True:
             try:
                 moment = next(going)
@@ -274,13 +285,14 @@ class Agent:
             checks=outcome.checks if outcome else (),
             finished=record.finished,
             record=record,
+            change=outcome.change if outcome else None,
         )
 
     def log(
         self, reply: RequestReply, *, plain: str = "", deeds: Sequence[PastAction] = ()
     ) -> bool:
         """Log a request that was carried out; return False if it did nothing."""
-        changes, self.episode.changes = self.episode.changes, []
+        changes = [reply.change] if reply.change is not None else []
         actions = self._part.steps.actions
         if actions:
             event = self._world.last_event
@@ -291,7 +303,7 @@ class Agent:
 
     def learn(self, said: str, status: str, change: MemoryChange) -> None:
         """Put into memory, and log, what a person stated."""
-        self.episode.learn(change)
+        self.known.learn(change)
         self.home.add(said, status, (), [change], self._world.last_event)
 
     def undo(self) -> str | None:
@@ -312,7 +324,7 @@ class Agent:
     def _now(self) -> _Before:
         return _Before(
             self._world.last_event,
-            self.episode.remembered(),
+            self.known.snapshot(),
             *deepcopy((self._part.steps, self._part.times, self._part.tours)),
             len(self._done),
             len(self.home.past),
@@ -320,7 +332,7 @@ class Agent:
 
     def _return(self, before: _Before) -> None:
         self._world.back_to(before.event)
-        self.episode.go_back(before.remembered)
+        self.known.go_back(before.remembered)
         self._part.steps.go_back(before.steps)
         self._part = replace(self._part, times=before.times, tours=before.tours)
         del self._done[before.done :]
@@ -329,15 +341,24 @@ class Agent:
     # ------------------------------------------------------------- what it knows
 
     @property
+    def known(self) -> AgentMemory:
+        """Both memories, of all rooms."""
+        return self.episode.memory
+
+    def where(self, name: str) -> Known | None:
+        """Return where the agent believes an object to be, by its type or id."""
+        return self.known.beliefs(self._part.world).where(name)
+
+    @property
     def memory(self) -> Memory:
         """Short-term memory: what was handled or seen last, and its states."""
-        short = self.episode.short_term
+        short = self.known.short_term
         return Memory(short.units(), short.capacity)
 
     @property
     def map(self) -> RoomMap:
         """Long-term memory of the room: places to stand, and the furniture near them."""
-        return RoomMap.of(self.scene.name, self.episode.graph)
+        return RoomMap.of(self.scene.name, self.known.graph)
 
     @property
     def manner(self) -> str:
@@ -380,7 +401,12 @@ class Agent:
 
 def _row(preset: str, options: dict[str, Any], answer_seconds: float | None) -> Row:
     try:
-        return Row(name="KARMA", preset=preset, options=options, answer_seconds=answer_seconds)
+        return Row(
+            name="KARMA",
+            preset=preset,
+            options=options,
+            answer_seconds=answer_seconds,
+        )
     except ValueError as error:
         raise KarmaError(str(error)) from error
 

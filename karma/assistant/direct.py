@@ -1,9 +1,8 @@
 """The assistant `direct`: each text is one instruction, and the agent's report is the reply."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING
 
 from karma.agent.planning.planner import grounded
 from karma.agent.planning.refusal_text import sentence
@@ -25,8 +24,6 @@ class Instruction:
 
 class DirectAssistant:
     """Passes each text to the agent as it is."""
-
-    options: ClassVar[Mapping[str, Any]] = MappingProxyType({})
 
     def __init__(self, agent: "Agent") -> None:
         self._agent = agent

@@ -1,8 +1,8 @@
 """What an assistant is: it turns a person's text into instructions, and a report into words."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 from karma import registry
 from karma.assistant.replies import RequestReply, Understanding
@@ -34,8 +34,6 @@ SaidT = TypeVar("SaidT", bound=Said)
 
 class Assistant(Protocol[SaidT]):
     """Made as `kind(agent)`; registered in the entry-point group `karma.assistants`."""
-
-    options: ClassVar[Mapping[str, Any]]  # of the agent, unless the user sets others
 
     def requests(self, text: str) -> Iterator[SaidT]:
         """Yield the requests of a text, each when the one before it was carried out."""

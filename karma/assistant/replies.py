@@ -13,7 +13,7 @@ from typing import Literal
 
 from karma.agent.body.afterwards import taken_back
 from karma.agent.journal.records import SubTaskRecord, Turn
-from karma.contracts import Check, Found, Plan, SkillResult
+from karma.contracts import Check, Found, MemoryChange, Plan, SkillResult
 from karma.models.session import Spent
 
 Status = Literal["done", "answered", "partly", "unfinished", "refused", "asked"]
@@ -88,6 +88,7 @@ class RequestReply:
     requested: frozenset[tuple[str, str]] = frozenset()  # deeds and object types, if parsed
     about: str = ""  # the words of the first object, if parsed
     elsewhere: tuple[str, ...] = ()  # what was not where it was remembered
+    change: MemoryChange | None = None  # what memory learnt, if anything was done
 
     @property
     def refused(self) -> str:

@@ -14,10 +14,10 @@ import msgspec
 
 from karma.agent.journal.header import Header
 from karma.agent.journal.owned_folder import locked
-from karma.agent.journal.part import EpisodePart
 from karma.agent.journal.provenance import header_of
 from karma.agent.journal.records import SAID, EpisodeRecord, SubTaskRecord, Turn, turns_file
 from karma.agent.journal.run_folder import Finished, RunFolder
+from karma.agent.journal.writer import EpisodeWriter
 from karma.agent.loading.models import Models, Row
 from karma.contracts import Resources, SceneRef, SubTask, Task
 from karma.errors import FileError
@@ -95,7 +95,7 @@ class Keeper:
         self,
         done: Iterable[SubTaskRecord],
         turns: Iterable[Turn],
-        part: EpisodePart,
+        part: EpisodeWriter,
         files: Mapping[str, bytes],
     ) -> None:
         """Write all that was said so far.

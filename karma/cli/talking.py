@@ -134,11 +134,10 @@ class ChatCommand(Computed, Kept, RequestOptions):
             "short_term": self.short_term,
             "policy": self.policy,
             "perception": self.perception,
-            "boxes": "detector" if self.detector else "given",
             **chosen.options,
         }
         if self.recall_k is not None:
-            options |= {"recall_k": self.recall_k, "whole_memory": False}
+            options["recall_k"] = self.recall_k
         session = Session(self.tape)
         session.cassette.begin("run")
         same = ("profile", "chat", "vision", "detector", "refusing", "thinking")

@@ -61,7 +61,6 @@ class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     chat: bool | None = None  # planners only: by the GGUF's chat template; None: if it has one
     refuses: bool = False  # planners only: it has learnt to refuse requests
     words: str = ""  # planners only: path of the words file, of `files`, whose hints it reads
-    doubt: str = ""  # planners only: path of what was fitted to tell when to refuse, of `files`
     context_length: int | None = None  # in tokens; planners: what is opened by default
     memory_mb: int | None = None  # once loaded, estimated upwards (docs/models.md)
 
@@ -73,10 +72,8 @@ class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
             raise ValueError(f"planner {self.name!r} needs prompt_profile and context_length")
         if self.base and len(self.files) < 3:
             raise ValueError(f"{self.name!r} needs its file, an adapter and the adapter's config")
-        for key in ("words", "doubt"):
-            named = getattr(self, key)
-            if named and named not in [file.path for file in self.files]:
-                raise ValueError(f"{key} = {named!r} of {self.name!r} is none of its files")
+        if self.words and self.words not in [file.path for file in self.files]:
+            raise ValueError(f"words = {self.words!r} of {self.name!r} is none of its files")
         if not self.name or not self.name.isprintable() or "/" in self.name:
             raise ValueError(f"{self.name!r} is not a name: printable, without '/'")
 

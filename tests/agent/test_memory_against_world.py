@@ -59,7 +59,7 @@ def sequence(room, folder, seed, deeds):
     )
     for number, program in enumerate(said):
         list(episode.do(SubTask(instruction=f"deed {number}")))
-        yield untrue(episode.short_term.units(), world), program
+        yield untrue(episode.memory.short_term.units(), world), program
 
 
 def untrue(units, world):

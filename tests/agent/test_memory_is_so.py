@@ -35,7 +35,7 @@ def put(thing, place):
 
 
 def unit(episode, kind):
-    return next(one for one in episode.short_term.units() if one.object_type == kind)
+    return next(one for one in episode.memory.short_term.units() if one.object_type == kind)
 
 
 def truth(world, kind):
@@ -115,9 +115,9 @@ def test_request_that_is_refused_before_a_step_changes_nothing_in_memory(start):
     episode, _ = start(put("Apple", "Bowl"), "refuse('thing')\n", "GoToObject(robot, 'Sofa')\n",
                        refusing=True)  # fmt: skip
     do(episode, "put the apple in the bowl")
-    before = episode.short_term.units()
+    before = episode.memory.short_term.units()
     assert not do(episode, "bring me the hammer").finished
-    assert episode.short_term.units() == before
+    assert episode.memory.short_term.units() == before
     assert "cooled" not in str(before)
 
 
@@ -126,7 +126,7 @@ def test_what_lay_in_a_vessel_that_was_thrown_is_believed_nowhere_but_where_it_w
     episode, world = start(put("Spoon", "Mug"), throw)
     for deed in ("fill it", "throw it"):
         assert do(episode, deed).finished
-    for one in episode.short_term.units():
+    for one in episode.memory.short_term.units():
         if one.object_type == "Spoon":
             there = world.last_event.get_object(one.object_id)
             assert one.place_id in (None, *(there["parentReceptacles"] or ()))

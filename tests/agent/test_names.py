@@ -51,7 +51,7 @@ def test_names_that_there_are_pass():
     ("option", "value", "meant"),
     [
         ("perception", "picturs", "Did you mean 'pictures'"),
-        ("query", "subtasks", "Did you mean 'subtask'"),
+        ("means", "usd", "Did you mean 'used'"),
         ("polcy", "lru[10]", "Did you mean 'policy'"),
         ("policy", "fifo-mrege[10]", "Did you mean 'fifo-merge'"),
         ("policy", "fifo-merge", r"name\[size\]"),

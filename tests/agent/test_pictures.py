@@ -8,8 +8,8 @@ import pytest
 from support.experiences import begun
 
 from karma.agent.body.sightings import Sightings
-from karma.agent.experience import keep, look_at, png
 from karma.agent.seeing.perceive import observe, shown_states, truth_of
+from karma.agent.seeing.picture_states import keep, look_at, png
 from karma.contracts import SubTask
 from karma.models.scripted import MetadataVision, ScriptedModel
 from karma.world.sim import EmbeddedWorld
@@ -45,7 +45,7 @@ def acted(tmp_path):
     def run(vision):
         episode, _ = begun(tmp_path, ScriptedModel([PROGRAM]), vision=vision, seen_kept=1)
         list(episode.do(SubTask(instruction="put the apple in the sink")))
-        return {unit.object_type: unit for unit in episode.short_term.units()}
+        return {unit.object_type: unit for unit in episode.memory.short_term.units()}
 
     return run
 

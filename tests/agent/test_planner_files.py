@@ -1,4 +1,4 @@
-"""Which planners may refuse, whose doubt is read, and whose words file, for hints."""
+"""Which planners may refuse, and whose words file is read for hints."""
 
 import hashlib
 import shutil
@@ -6,21 +6,16 @@ import shutil
 import pytest
 
 from karma import registry
-from karma.agent.loading.planner_files import doubt_of, hints_for, may_refuse, words_path
+from karma.agent.loading.planner_files import hints_for, may_refuse, words_path
 from karma.errors import ModelError
-from karma.files import to_json
 from karma.language.hints import WordFile, write_words
 from karma.models.manifest import ModelEntry, ModelFile
-from karma.plugins.rules.request_refusals import LogisticDoubt
 
-FITTED = LogisticDoubt(
-    coefficients={"refusing": 1.0}, intercept=0.0, threshold=0.5, fitted_on="nothing"
-)
 WORDS = WordFile(
     types={"Cup": ("glass",), "Knife": ("knife",)}, deeds={"wash": ("wash",)},
     phrases=frozenset(("glass", "wash")), words=frozenset(),
 )  # fmt: skip
-OWN = ("planner.gguf", "doubt.json", "words.json", "words.safetensors")
+OWN = ("planner.gguf", "words.json", "words.safetensors")
 ENTRY = """
 [[models]]
 name = "{name}"
@@ -44,19 +39,18 @@ def minilm():
 def made(minilm, tmp_path_factory):
     folder = tmp_path_factory.mktemp("made")
     write_words(folder / "words.json", WORDS, minilm)
-    (folder / "doubt.json").write_bytes(to_json(FITTED))
     (folder / "planner.gguf").write_bytes(b"abc")
     return folder
 
 
 @pytest.fixture
 def models(made, tmp_path, monkeypatch):
-    """A folder of models: "learnt" has its doubt and its words, "plain" has neither."""
+    """A folder of models: "learnt" may refuse and has words, "plain" neither."""
     folder = tmp_path / "models"
     shutil.copytree(made, folder)
     hashes = {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in OWN}
     files = ", ".join(f'{{ path = "{name}", sha256 = "{sha}" }}' for name, sha in hashes.items())
-    learnt = 'refuses = true\ndoubt = "doubt.json"\nwords = "words.json"'
+    learnt = 'refuses = true\nwords = "words.json"'
     (folder / "manifest.toml").write_text(
         ENTRY.format(name="learnt", more=learnt, files=files)
         + ENTRY.format(name="plain", more="", files=files)
@@ -68,16 +62,6 @@ def models(made, tmp_path, monkeypatch):
 def test_planner_of_the_manifest_may_refuse_if_it_has_learnt_to_or_is_told_so(models):
     assert (may_refuse("learnt"), may_refuse("plain")) == (True, False)
     assert (may_refuse("learnt", said=False), may_refuse("plain", said=True)) == (False, True)
-    assert (doubt_of("learnt"), doubt_of("plain")) == (FITTED, None)
-
-
-def test_planner_by_its_path_has_the_doubt_beside_it_and_may_refuse_then(models):
-    path = models / "planner.gguf"
-    assert may_refuse(str(path))
-    assert doubt_of(str(path)) == FITTED
-    (models / "doubt.json").unlink()
-    assert not may_refuse(str(path))
-    assert doubt_of(str(path)) is None
 
 
 def test_planner_whose_entry_names_its_words_is_told_hints_and_another_none(models, minilm):
@@ -86,20 +70,18 @@ def test_planner_whose_entry_names_its_words_is_told_hints_and_another_none(mode
     assert hints_for("plain") is None
 
 
-@pytest.mark.parametrize(("name", "read"), [("doubt.json", doubt_of), ("words.json", hints_for)])
-def test_file_that_is_not_what_the_manifest_says_is_refused(models, name, read):
-    (models / name).write_bytes(b"{}")
-    with pytest.raises(ModelError, match=name):
-        read("learnt")
+def test_words_file_that_is_not_what_the_manifest_says_is_refused(models):
+    (models / "words.json").write_bytes(b"{}")
+    with pytest.raises(ModelError, match=r"words\.json"):
+        hints_for("learnt")
 
 
-@pytest.mark.parametrize("own", ["doubt", "words"])
-def test_file_that_is_none_of_its_model_is_refused(own):
+def test_words_file_that_is_none_of_its_model_is_refused():
     with pytest.raises(ValueError, match="none of its files"):
         ModelEntry(
             name="x", role="planner", format="gguf", files=(ModelFile(path="x.gguf"),),
             licence="MIT", source="here", prompt_profile="compact", context_length=8,
-            **{own: f"{own}.json"},
+            words="words.json",
         )  # fmt: skip
 
 

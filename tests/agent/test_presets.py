@@ -20,8 +20,8 @@ from karma.contracts import Resources
 from karma.errors import FileError
 from karma.models.scripted import MetadataVision, ScriptedModel
 
-SETTING = ("recall", "recall_k", "query")
-PAPERS = ("cosine:listing", 10, "instruction")
+SETTING = ("recall", "recall_k", "paper_prompt")
+PAPERS = ("cosine:listing", 10, True)
 FILES = [*sorted((ROOT / "eval").glob("*.toml")), *(ROOT / "eval/paper").glob("table*.toml")]
 EXPERIMENTS = [path for path in FILES if kind_of(path) != "benchmark"]
 
@@ -31,11 +31,11 @@ def setting(row, models=None):
     models = models or Models()
     chosen = PRESETS[row.preset] if row.preset else models
     settings = settings_of(KarmaSettings, row.all_options)
-    return chosen.recall, settings.recall_k, settings.query
+    return chosen.recall, settings.recall_k, settings.paper_prompt
 
 
 def test_default_agent_is_that_of_settings_presets_and_the_command():
-    assert setting(Row(name="x")) == ("stateful", 3, "subtask")
+    assert setting(Row(name="x")) == ("stateful", 3, False)
     assert settings_of(KarmaSettings, Row(name="x").all_options) == KarmaSettings()
     given = {one.name: one.default.default for one in fields(RequestOptions)}
     assert (given["preset"], given["recall"], given["recall_k"]) == ("", "", None)
@@ -54,12 +54,12 @@ def test_paper_s_setting_is_one_word_and_options_go_before_it():
 def test_experiments_measure_the_default_agent_unless_they_say_paper(path):
     experiment = read_experiment(path)
     for row in experiment.rows:
-        if row.method != "karma":
+        if row.method != "karma" or "paper_prompt" in row.options:
             continue
         expected = (PAPERS[0], row.options.get("recall_k", 10), PAPERS[2])
-        default = ("stateful", 3, "subtask")
+        default = ("stateful", 3, False)
         assert setting(row, experiment.models) == (expected if row.preset else default)
-        assert row.preset or not {"recall_k", "query"} & row.options.keys()
+        assert row.preset or "recall_k" not in row.options
 
 
 def test_docs_say_what_the_default_and_the_paper_s_setting_are():
@@ -67,7 +67,7 @@ def test_docs_say_what_the_default_and_the_paper_s_setting_are():
     lines = re.findall(r"^\| `(\w+)` \| `(\S+)` \| `(\S+)` \|", text, flags=re.M)
     default = setting(Row(name="x"))
     assert {name: (one, other) for name, one, other in lines} == {
-        name: (str(one), str(other))
+        name: (str(one).lower(), str(other).lower())
         for name, one, other in zip(SETTING, default, PAPERS, strict=True)
     }
 
@@ -82,7 +82,7 @@ def row_of(tmp_path, text):
     ("text", "words"),
     [
         ('preset = "papers"', "preset = 'papers'; there is 'paper'"),
-        ('preset = "paper"\nmethod = "helper"', "is for rows of method 'karma'"),
+        ('preset = "paper"\nmethod = "helper"', "unknown option 'paper_prompt'"),
         ("answer_seconds = 0.0", "answer_seconds = 0: more than 0"),
         ('vision = "openai"', "it stands in"),
         ('vision = "eyes"', "row 'one': vision: no vision_models named 'eyes'"),

@@ -371,9 +371,9 @@ def test_prompt_has_all_of_memory_unless_the_row_wants_only_what_is_recalled(sta
         f"PickupObject(robot, '{kind}')\nPutObject(robot, '{kind}', 'CounterTop')\n"
         for kind in ("Apple", "Potato", "Mug", "Bowl", "Knife")
     )
-    for whole, count in ((None, 5), (True, 5), (False, 3)):
+    for paper_prompt, count in ((False, 5), (True, 3)):
         planner = ReadingPlanner(look_about + handle, "GoToObject(robot, 'Fridge')\n")
-        episode, _ = start(planner, whole_memory=whole, seen_kept=0)
+        episode, _ = start(planner, paper_prompt=paper_prompt, seen_kept=0)
         done(episode, "handle five things")
         done(episode, "go to the fridge", whole="Handle five things and go to the fridge.")
         assert len(section(planner.prompts[1], "Short-term memory")) == count
@@ -399,7 +399,7 @@ def test_what_was_seen_stands_in_the_next_prompt_with_its_place_door_and_switch(
 
 def test_map_of_the_paper_s_form_is_an_option(start):
     planner = ReadingPlanner("GoToObject(robot, 'Sink')\n")
-    episode, _ = start(planner, map_form="paper")
+    episode, _ = start(planner, paper_prompt=True)
     done(episode, "go to the sink")
     assert " <-> " in planner.prompts[0]
     ours = ReadingPlanner("GoToObject(robot, 'Sink')\n")

@@ -20,7 +20,7 @@ ROW = '[[rows]]\nname = "expert"\nmethod = "expert"\n[[rows]]\nname = "idle"\nme
 
 
 def told(**models):
-    rows = (Row(name="a"), Row(name="b", preset="paper", options={"attempts": 1}))
+    rows = (Row(name="a"), Row(name="b", preset="paper", options={"seen_kept": 1}))
     experiment = Experiment(name="x", rows=rows, tasks="t.jsonl", models=Models(**models))
     return configuration(experiment)
 
@@ -38,7 +38,7 @@ def test_configuration_of_a_row_has_what_its_method_and_preset_fill_in():
     plain, paper = told()["rows"]
     assert (plain["recall"], paper["recall"]) == ("stateful", "cosine:listing")
     assert (plain["options"]["recall_k"], paper["options"]["recall_k"]) == (3, 10)
-    assert (plain["options"]["attempts"], paper["options"]["attempts"]) == (3, 1)
+    assert (plain["options"]["seen_kept"], paper["options"]["seen_kept"]) == (2, 1)
     assert plain["vision"] == "metadata"
 
 
@@ -60,7 +60,7 @@ def test_differences_name_each_option_and_nothing_that_is_equal():
     words = rows_apart(told(), "a", told(), "b")
     assert 'row a -> b: preset: "" became "paper"' in words
     assert "row a -> b: options.recall_k: 3 became 10" in words
-    assert not any("seen_kept" in word for word in words)
+    assert not any("policy" in word for word in words)
 
 
 def test_damaged_configuration_is_named(tmp_path):

@@ -68,10 +68,10 @@ def recall():
 def run(recall, tmp_path):
     """A function that runs a task with a KARMA agent whose model says the given answers."""
 
-    def run_with(answers, task=PUT_AND_FETCH, **settings):
+    def run_with(answers, task=PUT_AND_FETCH, attempts=1, **settings):
         method = KarmaMethod(
             Planner(ScriptedModel(answers), "compact"), recall, MetadataVision(),
-            KarmaSettings(**{"seen_kept": 0, "attempts": 1, **settings}),
+            KarmaSettings(**{"seen_kept": 0, **settings}), attempts=attempts,
         )  # fmt: skip
         return run_episode(method, EmbeddedWorld(), task, row="a row", seed=7, folder=tmp_path)
 

@@ -217,7 +217,7 @@ def experiment(tmp_path, planner):
     return write
 
 
-BABBLE = 'name = "babble"\noptions = { attempts = 1 }'
+BABBLE = 'name = "babble"\noptions = { recall_k = 1 }'
 
 
 @pytest.mark.parametrize(
@@ -231,12 +231,12 @@ BABBLE = 'name = "babble"\noptions = { attempts = 1 }'
         ("only", 'seeds = "many"\nonly', r"Expected `array`, got `str` - at `\$\.seeds`"),
         ("only", 'source = {kind = "x"}\nonly', "give either `tasks` or "),
         ("only", "= 1\nonly", "Invalid"),
-        ("attempts", 'attempts = 1 }\nmodel = "y"\n#',
+        ("recall_k", 'recall_k = 1 }\nmodel = "y"\n#',
          r"unknown field `model` - at `\$\.rows\[0\]`"),
         ("[models]", '[[rows]]\nname = "babble"\n[models]', "rows: 'babble' stands twice"),
         ("only = ", "onyl = ", r"unknown field .*\n  To fix: write 'only'"),
         ("profile = ", "profil = ", r"unknown field .*\n  To fix: write 'profile'"),
-        ("attempts", "attempts = 1 }\nmethud = { x", r"unknown field .*\n  To fix: write 'method'"),
+        ("recall_k", "recall_k = 1 }\nmethud = { x", r"unknown field .*\n  To fix: write 'method'"),
         ("only = ", "zzz = ", r"unknown field .*\n  To fix: known here: name, rows, tasks, "),
         ("[models]", '[models]\nvision = "nanovlm"', r"models\.vision: .*Did you mean 'nano-vlm'"),
         ("[models]", '[models]\nrecall = "cosinus"', r"models\.recall: .*Did you mean 'cosine'"),

@@ -28,7 +28,6 @@ from support.run_files import (
 )
 from typer.testing import CliRunner
 
-from karma.agent.experience import PICTURES, picture_name
 from karma.agent.goals.goals import GoalTracker, WatchedWorld, parse_goal
 from karma.agent.journal.header import CONFIG, EPISODES, FORMAT, RESULTS, TIMINGS, Header, Machine
 from karma.agent.journal.owned_folder import HEADER, MARK, OwnedFolder, locked, read_mark
@@ -43,6 +42,7 @@ from karma.agent.journal.steps import (
     slug,
     steps_path,
 )
+from karma.agent.seeing.picture_states import PICTURES, picture_name
 from karma.bench.engine.run import Run
 from karma.bench.figures.columns import added_up
 from karma.cli import app

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support import tiny_models
 
-from karma.agent.experience import keep
+from karma.agent.seeing.picture_states import keep
 from karma.contracts import MemoryUnit
 from karma.errors import FileError, KarmaError
 from karma.memory.recall import MultimodalRecall

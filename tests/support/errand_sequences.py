@@ -251,7 +251,7 @@ def given_planner(maps: Path) -> Resources:
     loaded = load_resources(Models(), maps=None, seed=0, learn=True)
     return replace(
         loaded, model=Given(), profile=GOALS, decoding=Decoding(),
-        hints=None, examples=None, doubt=None, maps=maps,
+        hints=None, examples=None, maps=maps,
     )  # fmt: skip
 
 

@@ -47,7 +47,7 @@ def sight(kind, x=1.0, states=(), parents=()):
 
 def begun(
     folder, model, *, room=None, profile="compact", decoding=None, recall=None, vision=None,
-    maps=None, learn=False, **options,
+    maps=None, learn=False, attempts=3, **options,
 ):  # fmt: skip
     """An episode of KARMA in the kitchen made by hand, or another room's file, and its world."""
     path = folder / "handmade.json"
@@ -55,7 +55,7 @@ def begun(
     method = KarmaMethod(
         Planner(model, profile, decoding or Decoding(attempts=1)),
         recall or CosineRecall(Words(), text="sentence"), vision or MetadataVision(),
-        KarmaSettings(**options), maps=maps, learn=learn,
+        KarmaSettings(**options), maps=maps, learn=learn, attempts=attempts,
     )  # fmt: skip
     world = EmbeddedWorld(str(path))
     return method.begin(world, SceneRef.of(str(path)), seed=0, folder=folder), world

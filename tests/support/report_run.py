@@ -6,9 +6,9 @@ import numpy as np
 
 from karma.agent.goals.goals import parse_goal
 from karma.agent.journal.header import FORMAT, RESULTS, Header, Machine
-from karma.agent.journal.part import TimeLog
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.journal.steps import StepLog
+from karma.agent.journal.writer import TimeLog
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.bench.engine.episode import run_episode
@@ -138,5 +138,5 @@ def _method(row, name, folder):
         return ExpertMethod()
     return KarmaMethod(
         Planner(ScriptedModel(ANSWERS[name]), "compact"), CosineRecall(Words()), MetadataVision(),
-        KarmaSettings(policy="fifo-merge[2]", attempts=1, seen_kept=2), maps=folder / "maps",
+        KarmaSettings(policy="fifo-merge[2]"), maps=folder / "maps", attempts=1,
     )  # fmt: skip

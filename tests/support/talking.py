@@ -21,13 +21,12 @@ STORE = TAKE + AWAY
 WASH = "PutObject(robot, 'Apple', 'Sink')\nToggleOn(robot, 'Faucet')\nToggleOff(robot, 'Faucet')\n"
 
 
-def resources(answers, model=None, doubt=None, maps=None, embedder=None):
+def resources(answers, model=None, maps=None, embedder=None):
     """What an agent is built from that says those programs; it may refuse."""
     return Resources(
         model=model or ScriptedModel(answers),
         profile="compact",
         decoding=Decoding(attempts=1, refusing=True),
-        doubt=doubt,
         recall=CosineRecall(_Alike(), text="sentence"),
         vision=MetadataVision(),
         embedder=embedder,

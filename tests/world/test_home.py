@@ -180,9 +180,9 @@ def karma(recall):
     """A function that makes a KARMA agent whose model says the given answers."""
 
     def make(answers, **settings):
-        usual = {"seen_kept": 0, "attempts": 1, **settings}
+        usual = {"seen_kept": 0, **settings}
         planner = Planner(ScriptedModel(answers), "compact")
-        return Kept(planner, recall, MetadataVision(), KarmaSettings(**usual))
+        return Kept(planner, recall, MetadataVision(), KarmaSettings(**usual), attempts=1)
 
     return make
 
@@ -260,10 +260,10 @@ def test_what_was_in_the_hand_is_remembered_as_put_down(karma, tmp_path):
     assert [sub.success for sub in record.subtasks] == [True, True, True]
     assert sum(call.explorations for call in record.subtasks[2].calls) == 0
     episode = method.episode
-    assert "Fridge" in {node.type for node in episode.graph.objects()}
+    assert "Fridge" in {node.type for node in episode.memory.graph.objects()}
     episode.enter(SceneRef.of(BEDROOM))
-    assert "Bed" in {node.type for node in episode.graph.objects()}
-    assert {unit.place_id for unit in episode.short_term.units(KITCHEN)} == {None}
+    assert "Bed" in {node.type for node in episode.memory.graph.objects()}
+    assert {unit.place_id for unit in episode.memory.short_term.units(KITCHEN)} == {None}
 
 
 @pytest.mark.parametrize(("kind", "told"), [("sequence", False), ("composite", True)])

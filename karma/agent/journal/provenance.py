@@ -15,7 +15,7 @@ import msgspec
 from karma import __version__
 from karma.agent.journal.header import FORMAT, Header, Machine, without_places
 from karma.agent.loading.models import OPENAI, Models, Row
-from karma.agent.loading.planner_files import doubt_path, may_refuse, words_path
+from karma.agent.loading.planner_files import words_path
 from karma.agent.planning.prompt import template_files
 from karma.contracts import SceneRef, Task
 from karma.errors import FileError, UnknownNameError
@@ -118,16 +118,14 @@ def _planner(models: Models) -> str:
     file = resolve_planner(models.planner)
     words = words_path(models.planner)
     told = f", words {_file_sha(words)}" if words is not None else ""
-    doubt = doubt_path(models.planner) if may_refuse(models.planner, models.refusing) else None
-    told += f", doubt {_file_sha(doubt)}" if doubt is not None else ""
     return f"{file.name} {file.sha256 or _file_sha(file.path)}{told}"
 
 
 def parts_of_planner(told: str) -> tuple[str, str, str]:
     """Return name, SHA-256 of the weights, and what follows, of what is told of a planner.
 
-    >>> parts_of_planner("my planner 5e, words 7a, doubt 1c")
-    ('my planner', '5e', ', words 7a, doubt 1c')
+    >>> parts_of_planner("my planner 5e, words 7a")
+    ('my planner', '5e', ', words 7a')
     """
     weights, comma, rest = told.partition(", ")
     name, _, sha256 = weights.rpartition(" ")

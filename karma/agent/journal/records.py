@@ -74,7 +74,6 @@ class Answer:
     prompt: str = ""  # whole, of an answer that was refused
     dropped: tuple[str, ...] = ()  # lines that were no part of the program, where no grammar held
     refused: RefusedRequest | None = None  # the request, in place of a program
-    doubt: float | None = None  # how likely it seemed that the request should be refused
 
     @classmethod
     def of(cls, plan: Plan) -> "Answer":
@@ -92,7 +91,6 @@ class Answer:
             prompt=plan.prompt.stable + plan.prompt.changing if plan.error else "",
             dropped=plan.dropped,
             refused=plan.refused,
-            doubt=plan.doubt,
         )
 
 

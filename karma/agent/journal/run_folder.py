@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, Self
 
-from karma.agent.experience import PICTURES, picture_name
 from karma.agent.journal.header import (
     CONFIG,
     EPISODES,
@@ -44,6 +43,7 @@ from karma.agent.journal.records import (
     read_records,
 )
 from karma.agent.journal.steps import packed, steps_path
+from karma.agent.seeing.picture_states import PICTURES, picture_name
 from karma.errors import FileError
 from karma.files import TEMPORARY, append_line, read_bytes, to_json, write_atomic
 

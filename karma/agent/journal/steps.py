@@ -155,16 +155,16 @@ class StepLog:
         text = subtask.instruction
         self.add(Instruction(number=number, instruction=text, memory=self._memory))
 
-    def moment(self, moment: Plan | SkillResult) -> None:
-        """Write what a method yields on its way."""
-        if isinstance(moment, Plan):
-            if moment.prompt.stable != self._map:
-                self._map = moment.prompt.stable
+    def event(self, event: Plan | SkillResult) -> None:
+        """Write an answer or a call's result."""
+        if isinstance(event, Plan):
+            if event.prompt.stable != self._map:
+                self._map = event.prompt.stable
                 self.add(Map(text=self._map))
-            self.add(Planned.of(moment))
+            self.add(Planned.of(event))
         else:
-            ids, ok, call = moment.object_ids, moment.ok, str(moment.call)
-            self.add(SkillStep(call=call, ok=ok, reason=moment.reason, object_ids=ids))
+            ids, ok, call = event.object_ids, event.ok, str(event.call)
+            self.add(SkillStep(call=call, ok=ok, reason=event.reason, object_ids=ids))
 
     def outcome(self, outcome: Outcome, unmet: Sequence[str]) -> None:
         """Write how the instruction ended, and what memory held when it was given."""

@@ -14,7 +14,6 @@ from karma import registry
 from karma.agent.loading.names import MODELS, check_models, whole_name
 from karma.agent.loading.planner_files import (
     EXAMPLES,
-    doubt_of,
     examples_for,
     hints_for,
     may_refuse,
@@ -37,7 +36,6 @@ from karma.models.endpoint import Endpoint, Hosted
 from karma.models.llama.opening import LlamaOptions
 from karma.models.manifest import default_planner, resolve_planner
 from karma.models.session import Session
-from karma.models.torch_load import TorchOptions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,13 +50,7 @@ PRESETS = {
     "": Preset(recall="stateful"),  # what the tables measure
     "paper": Preset(  # §3.5; it gives no K, so all units
         recall="cosine:listing",
-        options={
-            "recall_k": 10,
-            "query": "instruction",
-            "whole_memory": False,
-            "map_form": "paper",
-            "seen_listed": False,
-        },
+        options={"recall_k": 10, "paper_prompt": True},
     ),
 }
 
@@ -93,8 +85,6 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
             raise ValueError(f"answer_seconds = {self.answer_seconds:g}: more than 0, or left out")
         if self.vision:
             force_setattr(self, "vision", whole_name("vision", self.vision))
-        if self.preset and self.method != "karma":
-            raise ValueError(f"preset = {self.preset!r} is for rows of method 'karma'")
         if self.vision.partition(":")[0] == OPENAI:
             raise ValueError(f"a row's vision = {OPENAI!r}: it stands in [models]")
 
@@ -154,9 +144,9 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         return LlamaOptions(gpu_layers=self.gpu_layers, n_ctx=self.n_ctx, threads=self.threads)
 
     @property
-    def torch(self) -> TorchOptions:
-        """How a model of transformers or sentence-transformers is opened."""
-        return TorchOptions(device="cpu" if self.gpu_layers == 0 else "auto")
+    def device(self) -> str:
+        """Where torch models are computed: "cpu", or "auto", a GPU where there is one."""
+        return "cpu" if self.gpu_layers == 0 else "auto"
 
 
 def load_resources(
@@ -194,7 +184,6 @@ def load_resources(
         decoding=decoding,
         hints=None if is_hosted else hints_for(models.planner, embedder),
         examples=examples_for(count, embedder, goals=goals),
-        doubt=doubt_of(models.planner) if refusing and not is_hosted else None,
         recall=_recall(models.recall, embedder, maps),
         vision=filled("vision_models", models.vision, models.hosted.vision, session, models),
         maps=maps,
@@ -256,7 +245,7 @@ def filled(
     if endpoint is not None:
         return made(endpoint, session=session)
     known = signature(made).parameters
-    wanted = {"torch_options": models.torch, "llama_options": models.llama}
+    wanted = {"device": models.device, "llama_options": models.llama}
     options = {name: value for name, value in wanted.items() if name in known}
     return made(model, **options) if model else made(**options)
 

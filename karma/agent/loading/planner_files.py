@@ -1,4 +1,4 @@
-"""What belongs to a planner: its words file, for hints; its doubt, to refuse by; its examples."""
+"""What belongs to a planner: its words file, for hints, and its examples."""
 
 import hashlib
 from collections.abc import Sequence
@@ -6,7 +6,6 @@ from contextlib import suppress
 from copy import copy
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from karma import registry
 from karma.agent.goals.files import load_said
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.goal_lines import as_lines, plain_program
-from karma.contracts import Doubt, Embedder, Examples, Hints, Vectors, WorkedExample
+from karma.contracts import Embedder, Examples, Hints, Vectors, WorkedExample
 from karma.errors import KarmaError
 from karma.files import cache, read_bytes, shipped, write_atomic
 from karma.language.hints import Hinter, load_words
@@ -27,31 +26,13 @@ from karma.models.manifest import (
     resolve_planner,
 )
 
-WORDS, DOUBT = "words.json", "doubt.json"  # beside a GGUF that has no entry, if it has them
+WORDS = "words.json"  # beside a GGUF that has no entry, if it has one
 _EMBEDDER = "minilm"  # whatever recall uses: planners have learnt its similarities
 
 
 def may_refuse(planner: str, said: bool | None = None) -> bool:
     """Return whether a local planner may refuse: as said, else where it has learnt to."""
-    if said is not None:
-        return said
-    return resolve_planner(planner).refuses or (
-        is_gguf_path(planner) and doubt_path(planner) is not None
-    )
-
-
-def doubt_of(planner: str) -> Doubt | None:
-    """Return what was fitted for a planner, if any; without the plug-in that reads it None."""
-    path = doubt_path(planner)
-    if path is None or "logistic" not in registry.names("doubts"):
-        return None
-    doubt: Doubt = registry.load("doubts", "logistic")(path)
-    return doubt
-
-
-def doubt_path(planner: str) -> Path | None:
-    """Return where a planner's doubt lies, checked where the manifest vouches for it."""
-    return _own(planner, "doubt", DOUBT)
+    return resolve_planner(planner).refuses if said is None else said
 
 
 def hints_for(planner: str, embedder: Embedder | None = None) -> Hints | None:
@@ -72,17 +53,12 @@ def learnt_embedder(loaded: Embedder | None) -> Embedder:
 
 
 def words_path(planner: str) -> Path | None:
-    """Return where a planner's words file lies, if it has one."""
-    return _own(planner, "words", WORDS)
-
-
-def _own(planner: str, key: Literal["words", "doubt"], beside: str) -> Path | None:
-    """Return a planner's own file of a kind, checked with what belongs to it, such as vectors."""
+    """Return where a planner's words file lies, checked with its vectors, if it has one."""
     if is_gguf_path(planner):
-        path = Path(planner).with_name(beside)
+        path = Path(planner).with_name(WORDS)
         return path if path.exists() else None
     entry = find_model(planner)
-    named: str = getattr(entry, key)
+    named = entry.words
     if not named:
         return None
     places = dict(zip([file.path for file in entry.files], file_paths(entry), strict=True))

@@ -1,21 +1,20 @@
 """From what the agent knows to a program: prompt, model, parser, with bounded retries."""
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, Self
 
-from karma.agent.planning.first_program import astray
 from karma.agent.planning.goal_lines import program_for
 from karma.agent.planning.inspector import mend, narrowed, objection
 from karma.agent.planning.program import SKILLS
 from karma.agent.planning.prompt import GOALS, render, skills_of
 from karma.agent.planning.recovery import Recovered, program_of
+from karma.agent.planning.refused import KNOWN, cannot_be, with_words
 from karma.agent.planning.turns import with_turns
 from karma.contracts import (
     REFUSAL_KINDS,
     Completion,
     Decoding,
-    Doubt,
     Examples,
     FailedProgram,
     Hints,
@@ -26,7 +25,6 @@ from karma.contracts import (
     ProgramSpec,
     RefusalKind,
     RefusedRequest,
-    Request,
     Resources,
     Skill,
     SkillCall,
@@ -35,12 +33,6 @@ from karma.errors import ProgramError
 from karma.household.ids import short_type, type_of
 from karma.household.places import OVERLOOKED, STAND_CLOSED, landmark_types
 from karma.household.types import object_types
-from karma.plugins.rules.request_checker import Guard
-from karma.plugins.rules.request_goals import asked_lines
-from karma.plugins.rules.request_refusals import KNOWN, cannot_be, doubted, with_words
-from karma.plugins.rules.trimming import trimmed
-
-_LOOSE_AFTER = 2  # answers after which a mug will do for a cup
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +43,6 @@ class Planner:
     profile: str
     decoding: Decoding = field(default_factory=Decoding)
     hints: Hints | None = None  # of an instruction; None: the planner reads none
-    doubt: Doubt | None = None  # by the first answer; None: the answer alone may refuse a request
     listen: Listener | None = None  # hears answers as they come
     examples: Examples | None = None  # for an instruction; None: the prompt has none but its own
 
@@ -59,9 +50,8 @@ class Planner:
     def of(cls, given: Resources) -> Self:
         """Return the planner that a run has loaded."""
         return cls(
-            given.model, given.profile, given.decoding, given.hints, given.doubt, given.listen,
-            given.examples,
-        )  # fmt: skip
+            given.model, given.profile, given.decoding, given.hints, given.listen, given.examples
+        )
 
     def drawn_by(self, decoding: Decoding) -> "Planner":
         """Return the same planner with its answers drawn otherwise."""
@@ -70,111 +60,80 @@ class Planner:
     def plan(self, request: PlanRequest) -> Iterator[Plan]:
         """Ask until an answer parses and could work, at most `attempts` times; yields every answer.
 
-        The last answer is only asked to parse, and not to go astray from the first program that was
-        carried out: the world may know better than the type table. But where every answer ended in
-        the same impossible deed, a planner that may refuse does.
+        The last answer only has to parse: the world may know better than the type table. But where
+        every answer ended in the same impossible action, a planner that may refuse does.
         """
+        request = self._prepared(request)
+        refusing = self.decoding.refusing
+        reasons: set[str] = set()  # why the answers could not work; "" for one that is not lasting
+        for attempt in range(self.decoding.attempts):
+            is_last = attempt == self.decoding.attempts - 1
+            answer = self._ask(request, attempt, refusing=refusing)
+            if not answer.calls and answer.error.endswith(KNOWN):
+                refusing = False
+            if answer.refused and request.advice.checker and not is_last:
+                answer, refusing = _asked_again(answer, request)
+            lasting = ""
+            if self.decoding.inspected and answer.calls:
+                answer, lasting = inspected(answer, request)
+            if answer.calls or answer.error:
+                reasons.add(lasting)
+            answer, wrong = _checked(answer, request)
+            own = _own_program(answer, request) if wrong and (attempt or is_last) else None
+            if own is not None:
+                yield answer
+                yield own
+                return
+            if is_last:
+                answer = self._settled(answer, wrong, reasons if attempt else set())
+            yield answer
+            if answer.failure is None:
+                return
+            request = replace(
+                request,
+                error=answer.error,
+                failures=(*request.failures, answer.failure),
+                instruction=request.advice.plain or request.instruction,
+            )
+
+    def _prepared(self, request: PlanRequest) -> PlanRequest:
+        """Return a request with hints and worked examples for its instruction."""
         if self.hints is not None:
             request = replace(request, hints=self.hints(request.instruction))
         if self.examples is not None and not request.examples:
             request = replace(request, examples=self.examples(request.instruction))
-        yield from _Asking(self, request).answers()
+        return request
 
-
-@dataclass(slots=True)
-class _Asking:
-    """One request that a planner is asked about, with what its answers so far have failed in."""
-
-    planner: Planner
-    request: PlanRequest
-
-    def answers(self) -> Iterator[Plan]:
-        """Yield answers as `Planner.plan` does."""
-        decoding = self.planner.decoding
-        refusing: bool | None = None  # not again where it was refused for what is known
-        reasons: set[str] = set()  # why the answers could not work; "" for one that is not lasting
-        for attempt in range(decoding.attempts):
-            is_last = attempt == decoding.attempts - 1
-            answer = self._ask(attempt, refusing=refusing)
-            if answer.error and not answer.calls and answer.error.endswith(KNOWN):
-                refusing = False
-            if not self.request.failures:
-                answer = yield from self._weighed(answer)
-            if not is_last and (again := self._asked_again(answer)) is not None:
-                refusing, answer = again
-            lasting = ""
-            if decoding.inspected and answer.calls:
-                answer, lasting = self._inspected(answer)
-            if answer.calls or answer.error:
-                reasons.add(lasting)
-            answer, held_back = self._held_back(answer)
-            answer = yield from self._settled(answer, held_back, attempt, reasons)
-            yield answer
-            if answer.failure is None:
-                return
-            self.request = replace(
-                self.request,
-                error=answer.error,
-                failures=(*self.request.failures, answer.failure),
-                instruction=self.request.plain or self.request.instruction,
-            )
-
-    def _settled(
-        self, answer: Plan, held_back: str, attempt: int, reasons: set[str]
-    ) -> Generator[Plan, None, Plan]:
-        """Return an answer as it stands; one that is held back again gives way to words alone."""
-        is_last = attempt == self.planner.decoding.attempts - 1
-        own = self._by_the_words(answer) if held_back and (attempt or is_last) else None
-        if own is not None:
-            yield answer
-            return own
-        if not is_last:
-            return answer
-        if held_back:
-            return _refused(answer, "astray", "guard", held_back)
+    def _settled(self, answer: Plan, wrong: str, reasons: set[str]) -> Plan:
+        """Return the last answer as it stands: a program, a failure or a refusal."""
+        if wrong:
+            return _refused(answer, "astray", "guard", wrong)
         if not answer.calls:
             return answer
-        if self.planner.decoding.refusing and attempt and len(reasons) == 1 and reasons != {""}:
+        if self.decoding.refusing and len(reasons) == 1 and reasons != {""}:
             return _refused(answer, "impossible", "inspector", *reasons)
         return replace(answer, error="", failure=None)
 
-    def _weighed(self, answer: Plan) -> Generator[Plan, None, Plan]:
-        """Return the first answer as doubt has it: refused, or asked again what was refused."""
-        if self.planner.doubt is None or not self.planner.decoding.refusing:
-            return answer
-        doubt = self.planner.doubt.of(answer.completion, self.request)
-        if doubt is None:
-            return answer
-        answer = replace(answer, doubt=doubt)
-        if doubt >= self.planner.doubt.threshold:
-            refused = answer.refused or with_words(doubted(self.request), self.request)
-            return replace(answer, calls=(), error="", failure=None, refused=refused)
-        if answer.refused is None:
-            return answer
-        yield answer
-        return replace(self._ask(0, refusing=False), doubt=doubt)
-
-    def _ask(self, attempt: int, *, refusing: bool | None = None) -> Plan:
-        planner, request, decoding = self.planner, self.request, self.planner.decoding
-        refusing = decoding.refusing if refusing is None else refusing
-        rendered = render(planner.profile, request, refusing=refusing)
-        skills = skills_of(planner.profile)
+    def _ask(self, request: PlanRequest, attempt: int, *, refusing: bool) -> Plan:
+        """Return one answer of the model, parsed."""
+        decoding = self.decoding
+        rendered = render(self.profile, request, refusing=refusing)
+        skills = skills_of(self.profile)
         spec = program_spec(request, rendered.names, skills, refusing=refusing)
-        constraint = decoding.constraint
-        if constraint not in ("free", "syntax"):
+        if decoding.constraint not in ("free", "syntax"):
             spec = replace(spec, narrowed=narrowed(skills, spec.objects))
         hotter = decoding.retry_temperature if request.error else 0.0
-        completion = planner.model.complete(
+        completion = self.model.complete(
             rendered.prompt,
-            spec=None if constraint == "free" else spec,
+            spec=None if decoding.constraint == "free" else spec,
             max_tokens=decoding.max_tokens,
             max_seconds=decoding.answer_seconds,
             temperature=max(decoding.temperature, hotter),
             seed=decoding.seed + attempt,
-            listen=planner.listen,
+            listen=self.listen,
         )
         answer = _read(completion, skills, refusing=refusing)
-        if planner.profile == GOALS and answer.calls:
+        if self.profile == GOALS and answer.calls:
             answer = _done_for(answer, request, rendered.names)
         if answer.refused and (reason := cannot_be(answer.refused, request)):
             answer = _no_program((completion.text.strip(),), 0, reason)
@@ -192,93 +151,76 @@ class _Asking:
             examples=tuple(example.instruction for example in request.examples),
         )
 
-    def _inspected(self, answer: Plan) -> tuple[Plan, str]:
-        """Return an answer mended, or objected to; and why it could never work, "" otherwise."""
-        request, held = self.request, self._held_name(answer)
-        name_of = {object_id: name for name, object_id in answer.names.items()}
-        shut = {name_of[u.object_id] for u in request.units if type_of(u.place_id) in STAND_CLOSED}
-        seen = {kind for area in request.areas for kind in area.contains}
-        cut = {name_of[u.object_id] for u in request.units if "sliced" in u.states}
-        known = seen | set(answer.names)
-        running = {short_type(one.object_type) for one in request.seen if "on" in one.states}
-        calls = mend(
-            answer.calls,
-            known=known, shut=shut, cut=cut, running=running, held=held, areas=request.areas,
-        )  # fmt: skip
-        answer = replace(answer, calls=calls)
-        if (wrong := astray(request.first, calls, request.instruction, request.done)) is not None:
-            line, reason = wrong
-            answer = _objected(answer, line, reason, f"{calls[line]}: {reason}")
-            return replace(answer, calls=()), ""
-        found = objection(calls, held=held, known=known)
-        if found is None:
-            return answer, ""
-        reason = "; ".join(filter(None, [found.reason, found.help]))
-        lasting = found.reason if found.lasting else ""
-        return _objected(answer, found.line, reason, str(found)), lasting
 
-    def _held_name(self, answer: Plan) -> str | None:
-        """Return the prompt's name of what is in the hand."""
-        held = (name for name, one in answer.names.items() if one == self.request.held_id)
-        return next(held, None)
+# ----------------------------------------------------------------- what is checked of an answer
 
-    def _held_back(self, answer: Plan) -> tuple[Plan, str]:
-        """Return an answer without its program where that is not what was asked, and why."""
-        request, asked = self.request, self.request.asked
-        if asked is None or not answer.calls:
-            return answer, ""
-        guard, exact = Guard(asked, known_here(request)), len(request.failures) < _LOOSE_AFTER
 
-        def reason(some: Sequence[SkillCall]) -> str:
-            meant, begun = grounded(some, answer.names), bool(request.done)
-            return guard.stopped(meant, request.held_id, exact=exact, begun=begun)
+def inspected(answer: Plan, request: PlanRequest) -> tuple[Plan, str]:
+    """Return an answer repaired, or objected to; and why it could never work, or ""."""
+    held = _held_name(answer, request)
+    name_of = {object_id: name for name, object_id in answer.names.items()}
+    shut = {name_of[u.object_id] for u in request.units if type_of(u.place_id) in STAND_CLOSED}
+    seen = {kind for area in request.areas for kind in area.contains}
+    cut = {name_of[u.object_id] for u in request.units if "sliced" in u.states}
+    known = seen | set(answer.names)
+    running = {short_type(sight.object_type) for sight in request.seen if "on" in sight.states}
+    calls = mend(
+        answer.calls,
+        known=known, shut=shut, cut=cut, running=running, held=held, areas=request.areas,
+    )  # fmt: skip
+    answer = replace(answer, calls=calls)
+    found = objection(calls, held=held, known=known)
+    if found is None:
+        return answer, ""
+    reason = "; ".join(filter(None, [found.reason, found.help]))
+    lasting = found.reason if found.lasting else ""
+    return _objected(answer, found.line, reason, str(found)), lasting
 
-        calls = guard.kept_open(guard.put_near(answer.calls))
-        answer = replace(answer, calls=calls)
-        why = reason(answer.calls)
-        if not why:
-            return answer, ""
-        held = self._held_name(answer)
-        # of what is only the rest of an errand, any part would do
-        part = () if request.done else trimmed(
-            answer.calls, lambda some: reason(some) or str(objection(some, held=held) or "")
-        )  # fmt: skip
-        if part:
-            return replace(answer, calls=part), ""
-        return replace(_objected(answer, max(len(answer.calls) - 1, 0), why), calls=()), why
 
-    def _by_the_words(self, answer: Plan) -> Plan | None:
-        """Return a program for what the words were read as, where no answer of the model would do.
+def _held_name(answer: Plan, request: PlanRequest) -> str | None:
+    """Return the prompt's name of what is in the hand."""
+    return next((name for name, id_ in answer.names.items() if id_ == request.held_id), None)
 
-        It passes what an answer has to pass, and stands as an answer of no tokens.
-        """
-        request = self.request
-        if request.asked is None:
-            return None
-        lines = asked_lines(request.asked, known_here(request))
-        calls = program_for(lines, request.units, answer.names) if lines else ()
-        said = by_no_model("".join(f"{call}\n" for call in calls))
-        own = replace(answer, completion=said, calls=calls, error="", failure=None)
-        own, _ = self._inspected(own) if calls else (own, "")
-        own, _ = self._held_back(own) if own.failure is None else (own, "")
-        return own if own.calls and own.failure is None else None
 
-    def _asked_again(self, answer: Plan) -> tuple[bool | None, Plan] | None:
-        """Return an answer whose refusal does not stand yet, and whether the next may refuse.
+def _checked(answer: Plan, request: PlanRequest) -> tuple[Plan, str]:
+    """Return an answer as the checker has it, without its program where it objects, and why."""
+    checker = request.advice.checker
+    if checker is None or not answer.calls:
+        return answer, ""
+    calls, wrong = checker.check(answer.calls, request, answer.names)
+    answer = replace(answer, calls=calls)
+    if wrong:
+        answer = replace(_objected(answer, max(len(calls) - 1, 0), wrong), calls=())
+    return answer, wrong
 
-        What was read is said again in plain words; where the words say otherwise than the refusal,
-        the next answer may not refuse. None where there is no refusal, or it stands.
-        """
-        request = self.request
-        if request.asked is None or answer.refused is None:
-            return None
-        wrongly = _contradicted(answer.refused, request.asked)
-        if not wrongly and request.plain in ("", request.instruction):
-            return None  # it cannot be said more plainly than it was
-        reason = "the request was read: it is said again in plain words"
-        failure = FailedProgram(lines=(answer.completion.text.strip(),), failed=0, reason=reason)
-        again = replace(answer, refused=None, error=reason, failure=failure)
-        return (False if wrongly else None), again
+
+def _own_program(answer: Plan, request: PlanRequest) -> Plan | None:
+    """Return the checker's own program, where no answer of the model would do.
+
+    It passes what an answer has to pass, and stands as an answer of no tokens.
+    """
+    checker = request.advice.checker
+    calls = checker.program(request, answer.names) if checker is not None else ()
+    said = by_no_model("".join(f"{call}\n" for call in calls))
+    own = replace(answer, completion=said, calls=calls, error="", failure=None)
+    own, _ = inspected(own, request) if calls else (own, "")
+    own, _ = _checked(own, request) if own.failure is None else (own, "")
+    return own if own.calls and own.failure is None else None
+
+
+def _asked_again(answer: Plan, request: PlanRequest) -> tuple[Plan, bool]:
+    """Return a refusal as it stands or objected to, and whether the next answer may refuse.
+
+    What was parsed is said again in plain words; where the words contradict the refusal, the next
+    answer may not refuse.
+    """
+    advice, refused = request.advice, answer.refused
+    wrongly = bool(advice.checker and refused and advice.checker.contradicts(refused))
+    if not wrongly and advice.plain in ("", request.instruction):
+        return answer, True  # it cannot be said more plainly than it was
+    reason = "the request was read: it is said again in plain words"
+    failure = FailedProgram(lines=(answer.completion.text.strip(),), failed=0, reason=reason)
+    return replace(answer, refused=None, error=reason, failure=failure), not wrongly
 
 
 def by_no_model(text: str = "") -> Completion:
@@ -326,19 +268,6 @@ def _objected(answer: Plan, line: int, reason: str, error: str = "") -> Plan:
     """Return a plan with what is wrong with a line of its program."""
     failure = FailedProgram(lines=tuple(map(str, answer.calls)), failed=line, reason=reason)
     return replace(answer, error=error or reason, failure=failure)
-
-
-def _contradicted(refused: RefusedRequest, asked: Request) -> bool:
-    """Return whether the words say otherwise than a refusal: its reason is not so."""
-    match refused.kind:
-        case "negated":
-            return not (asked.forbidden or asked.exclusions)
-        case "thing" | "place":
-            return all(one.types or one.told or one.anything for one in asked.mentions)
-        case "deed":
-            return all(deed.deed for deed in asked.deeds)
-        case kind:
-            return kind == "language"
 
 
 def known_here(request: PlanRequest) -> frozenset[str]:

@@ -7,7 +7,7 @@ for a scene first, what changes with each instruction last.
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -33,12 +33,11 @@ from karma.agent.planning.full_profile import (
 )
 from karma.agent.planning.goal_lines import GOAL_LINES
 from karma.agent.planning.program import OUR_SKILLS, SKILLS
-from karma.contracts import Area, Hint, MemoryUnit, PlanRequest, Prompt, Request, Skill, Vec3
+from karma.contracts import Area, Hint, MemoryUnit, PlanRequest, Prompt, Skill, Vec3
 from karma.errors import FileError, UnknownNameError, did_you_mean
 from karma.files import read_bytes
 from karma.household.pieces import base_type
 from karma.household.places import HAND, landmark_types
-from karma.plugins.rules.language.clauses import said
 
 GOALS = "goals"  # the profile that asks what is to be so, not for skills
 PROFILES: Mapping[str, tuple[Skill, ...]] = MappingProxyType(
@@ -219,22 +218,10 @@ def full(
         whole=request.whole,
         hints=request.hints,
         instruction=request.instruction,
-        fields=fields_of(request.asked),
+        fields=request.advice.actions,
         goals=goals,
     )
     return Rendered(prompt=Prompt(stable=stable, changing=changing), names=names)
-
-
-def fields_of(asked: Request | None) -> list[str]:
-    """Return what the words of a request were read as, deed by deed, then what it rules out."""
-    if asked is None:
-        return []
-    flat = [replace(deed, things=(one,)) for deed in asked.deeds for one in deed.things]
-    known = [deed for deed in flat if deed.deed and deed.things[0].types]
-    lines = [said(deed, plain=True) for deed in known]
-    ruled_out = (deed for deed in asked.forbidden if deed.things)
-    lines += [f"do not {deed.verb} the {deed.things[0].text}" for deed in ruled_out]
-    return [*lines, *(f"leave the {one.text} alone" for one in asked.exclusions)]
 
 
 def position_text(position_m: Vec3) -> str:

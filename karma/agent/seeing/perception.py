@@ -150,7 +150,6 @@ def _area(region: Region) -> float:
 
 
 Kind = Literal["metadata", "pictures"]
-BoxSource = Literal["given", "detector"]
 
 
 class Perception:
@@ -192,17 +191,14 @@ class Perception:
         return PictureEyes(self._vision, found)
 
 
-def detector_of(kind: Kind, boxes: BoxSource, resources: Resources) -> Detector | None:
-    """Return the detector that a row sees by, None for none needed; KarmaError for none loaded."""
-    if kind == "metadata" or boxes == "given":
-        if boxes == "detector":
-            raise KarmaError("boxes = 'detector' goes with perception = 'pictures'")
+def detector_of(kind: Kind, resources: Resources) -> Detector | None:
+    """Return the detector that a row sees by; None: boxes are given.
+
+    Raises:
+        KarmaError: detected boxes have no true states that a vision model could tell.
+    """
+    if kind == "metadata" or resources.detector is None:
         return None
-    if resources.detector is None:
-        raise KarmaError(
-            "boxes = 'detector', and no detector is loaded\n"
-            '  To fix: boxes = "given", or a plug-in of karma.detectors as detector in [models]'
-        )
     if resources.vision.name == "metadata":
         raise KarmaError(
             "vision = 'metadata' tells the states of given boxes, not of detected ones"

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from karma.agent.goals.goals import GoalTracker, WatchedWorld, object_names
-from karma.agent.journal.part import EpisodePart, TimeLog, through
 from karma.agent.journal.records import EpisodeRecord, SubTaskRecord, untimed, waited
-from karma.agent.journal.steps import StepLog
+from karma.agent.journal.steps import Enter, StepLog
+from karma.agent.journal.writer import EpisodeWriter, TimeLog, through
 from karma.agent.seeing.perceive import cells_of, pose_of, refusal, truth_of
 from karma.contracts import (
     Episode,
@@ -236,15 +236,18 @@ def run_episode(
         tracker.start(world.last_event)
         alone = task.kind == "sequence"  # every sub-task is a task by itself
         met = [] if alone else [_met(tracker, sub, world.last_event) for sub in task.subtasks]
-        part = EpisodePart(
-            method.name, episode, watched, tracker, ledger, cassette, steps, times, tours
-        )
+        writer = EpisodeWriter(method.name, watched, tracker, ledger, cassette, steps, times, tours)
         for number, subtask in enumerate(task.subtasks):
             scene = subtask.scene or task.scene
             if alone:
-                part.go(home, scene)
+                if home is not None and home.scene != scene.source:
+                    home.enter(scene.source)
+                    steps.add(Enter(scene=scene.name))
+                    episode.enter(scene)
+                tracker.start(watched.last_event)
                 met.append(_met(tracker, subtask, world.last_event))
-            one = through(part.carry_out(number, subtask, scene.name))
+            events = episode.do(subtask)
+            one = through(writer.write(number, subtask, scene.name, events))
             one = replace(one, at_start=met[number])
             done.append(one if scene.name == first else replace(one, scene=scene.name))
     except KarmaError as failure:

@@ -11,11 +11,11 @@ import msgspec
 from karma import registry
 from karma.agent.goals.files import in_rooms
 from karma.agent.journal.header import RESULTS, Config, Header
-from karma.agent.journal.part import TimeLog
 from karma.agent.journal.provenance import header_of as journal_header
 from karma.agent.journal.records import EpisodeRecord
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.journal.steps import StepLog
+from karma.agent.journal.writer import TimeLog
 from karma.agent.loading.models import (
     Models,
     Row,

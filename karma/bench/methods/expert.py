@@ -17,10 +17,11 @@ from typing import Any, ClassVar, Self
 from karma.agent.body.reach import SkillLimits
 from karma.agent.body.skills import Skills
 from karma.agent.goals.goals import GoalTracker, WatchedWorld
-from karma.agent.karma import KarmaMethod, KarmaSettings
+from karma.agent.karma import KarmaMethod
 from karma.agent.options import settings_of
 from karma.agent.planning.expert import solve
 from karma.agent.seeing.perceive import truth_of
+from karma.agent.settings import KarmaSettings
 from karma.bench.methods.baseline import WithoutOptions
 from karma.bench.methods.expert_choices import Chooser, Lessons, Surroundings, left
 from karma.contracts import (
@@ -199,7 +200,7 @@ class CopyingMethod(KarmaMethod):
             raise KarmaError(_NONE)
         nearest = _Nearest(resources.examples)
         model = ScriptedModel(nearest.programs())
-        copying = replace(resources, model=model, examples=nearest, hints=None, doubt=None)
+        copying = replace(resources, model=model, examples=nearest, hints=None)
         return super().build(copying, options)
 
 

@@ -4,20 +4,28 @@ from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from karma.contracts import Condition, Mention, RefusedRequest, SeenObject, SkillCall
+from karma.contracts import RefusedRequest, SeenObject, SkillCall
 from karma.household.types import object_types
 from karma.household.uses import kind_of
-from karma.plugins.rules.object_finder import PLACES, Doing, ThingFinder, is_several, is_so, refusal
+from karma.plugins.rules.object_finder import (
+    PLACES,
+    ObjectFinder,
+    Steps,
+    is_several,
+    is_so,
+    refusal,
+)
 from karma.plugins.rules.request_checker import here_of
+from karma.plugins.rules.types import Condition, Mention
 
 
 @dataclass(slots=True)
-class ConditionCheck(ThingFinder):
+class ConditionCheck(ObjectFinder):
     """The conditions of one request."""
 
     meant: dict[str, str] = field(default_factory=dict)  # the things that they are of: kind -> id
 
-    def hold(self) -> Doing[bool]:
+    def hold(self) -> Steps[bool]:
         """Look whether all conditions hold; says which does not."""
         for condition in self.asked.conditions:
             holds = yield from self._decided(condition)
@@ -26,18 +34,18 @@ class ConditionCheck(ThingFinder):
                 yield refusal(RefusedRequest(kind="condition", by="guard", words=words))
                 return False
             if not holds:
-                self.came.nothing_to_do = True
+                self.progress.nothing_to_do = True
                 isnt = "" if condition.text.lower().startswith("unless") else "not "
-                self.came.say(f"{condition.text}: that is {isnt}so", "seen")
+                self.say(f"{condition.text}: that is {isnt}so", "seen")
                 return False
         return True
 
-    def _decided(self, condition: Condition) -> Doing[bool | None]:
+    def _decided(self, condition: Condition) -> Steps[bool | None]:
         """Look once for what is asked "if it is on" and "otherwise", whatever is done between."""
         thing = condition.thing
         told = (*thing.types, "of", *thing.at) if thing is not None else ()
         key = (condition.state, condition.of, *told, "at", *condition.at)
-        decided = self.episode.decided
+        decided = self.earlier.decided
         if key in decided:
             return decided[key] == condition.holds
         holds = yield from self._looked_at(condition)
@@ -45,13 +53,12 @@ class ConditionCheck(ThingFinder):
             decided[key] = holds == condition.holds
         return holds
 
-    def _looked_at(self, condition: Condition) -> Doing[bool | None]:
+    def _looked_at(self, condition: Condition) -> Steps[bool | None]:
         """Look whether a condition holds; returns None where that cannot be seen."""
         thing = condition.thing
         if thing is None or not condition.state:
             return None
         kinds = self.kinds_of(thing)
-        self.came.searched = True
         if condition.state == "there":
             thing = replace(thing, at=condition.at)
             one = yield from self._is_there(thing, kinds)
@@ -68,10 +75,10 @@ class ConditionCheck(ThingFinder):
 
     def _looked_for(
         self, thing: Mention, kinds: Collection[str], *, several: bool
-    ) -> Doing[list[SeenObject]]:
+    ) -> Steps[list[SeenObject]]:
         """Return the first that is found of each kind, or all; or the one that is at its place."""
         if thing.at and several:
-            places = self.episode.places([*map(kind_of, thing.at)])
+            places = self.places([*map(kind_of, thing.at)])
             yield from self.looked_over(places[:PLACES], lambda: None)
             fitting = [one for one in self.of_kinds(kinds) if self.fits(one.object_id, thing)]
             return fitting if len(places) <= PLACES else []
@@ -80,7 +87,7 @@ class ConditionCheck(ThingFinder):
             return [self.sights[name]] if name else []
         found: list[SeenObject] = []
         for kind in kinds:
-            result = self.episode.skills.run(SkillCall.of("Explore", kind))
+            result = self.call(SkillCall.of("Explore", kind))
             yield result
             ids = [one for one in result.object_ids if kind_of(one) == kind]
             sight = self.sights.get(ids[-1]) if ids else next(iter(self.of_kinds({kind})), None)
@@ -88,7 +95,7 @@ class ConditionCheck(ThingFinder):
         if not several:
             return found
         carried = [kind for kind in kinds if object_types()[kind].can("pickupable")]
-        places = self.episode.places({*kinds} - {*carried})
+        places = self.places({*kinds} - {*carried})
         for name in places if len(places) <= PLACES else ():
             yield self.go_to(name)
         seen: set[str] = set()
@@ -96,16 +103,16 @@ class ConditionCheck(ThingFinder):
             seen = {name for name in self.sights if kind_of(name) in carried}
         return self.of_kinds(kinds) if len(places) <= PLACES else []
 
-    def _is_so(self, state: str, sight: SeenObject) -> Doing[bool]:
+    def _is_so(self, state: str, sight: SeenObject) -> Steps[bool]:
         """Return whether a thing is in a state; whether it is empty is looked for in it."""
         name = sight.object_id
         if state in ("empty", "filled") and object_types()[sight.object_type].can("receptacle"):
-            yield self.episode.skills.look_over(sight)
+            yield self.look_over(sight)
             if self.holds_anything(name):
                 return state == "filled"
         return is_so(state, self.sights.get(name) or sight)
 
-    def _is_there(self, thing: Mention, kinds: Collection[str]) -> Doing[str | None]:
+    def _is_there(self, thing: Mention, kinds: Collection[str]) -> Steps[str | None]:
         """Look for a thing as it is told; "": there is none, None: not every place was seen."""
         known = partial(self.next_known, kinds, frozenset[str](), thing)
         if not thing.at:
@@ -115,7 +122,7 @@ class ConditionCheck(ThingFinder):
                     return ""
             return one
         at = [*map(kind_of, here_of(thing.at, self.here))]
-        places = self.episode.places(at) or [one.object_id for one in self.of_kinds(at)]
+        places = self.places(at) or [one.object_id for one in self.of_kinds(at)]
         if not places and (carried := (yield from self.another(at, set()))):
             places = [carried]  # it is on no map
         lain_in = {parent for one in self.of_kinds(kinds) for parent in one.parent_ids}

@@ -3,30 +3,24 @@
 What is told so is looked for until one is so; none is taken in its place.
 """
 
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
-from karma.agent.attempts import Programs
-from karma.agent.body.skills import Skills
+from karma.agent.attempts import Attempts
 from karma.agent.planning.planner import by_no_model
 from karma.agent.seeing.perceive import place_of
+from karma.agent.session import LOOK_OVER, Session
 from karma.contracts import (
-    Check,
-    Experience,
+    AgentEvent,
     Found,
-    Mention,
     Plan,
     Prompt,
     RefusedRequest,
-    Request,
-    SaidDeed,
     SeenObject,
     SkillCall,
     SkillResult,
-    SubTask,
 )
-from karma.household.deeds import FOR_GOOD, deed_kind
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import is_piece
 from karma.household.places import HAND
@@ -34,81 +28,47 @@ from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import NOT_SO, SAID_AS
 from karma.household.types import object_types
 from karma.household.uses import BASINS, BURNER, KNOB, LAMPS, PARTS_OF_FURNITURE, kind_of
+from karma.plugins.rules.deeds import FOR_GOOD, deed_kind
 from karma.plugins.rules.language.request_words import request_words
 from karma.plugins.rules.request_checker import meant_by, stated
+from karma.plugins.rules.types import Mention, Request, SaidDeed
 
 T = TypeVar("T")
-Doing = Generator[Plan | SkillResult, None, T]  # what happens on the way to an answer
+Steps = Generator[AgentEvent, None, T]  # what happens on the way to a value
 _PUT = SaidDeed(verb="put", deed="put", start=-1)
 PLACES = 12  # of a kind that are looked over
 _MADE_SO = frozenset(("heated", "cooled", "cooked", "sliced", "filled"))  # "the hot potato"
 _SHOWS = frozenset(("on", "off", "opened", "closed", "sliced"))  # states that are so for any deed
 
 
-class Carrier(Protocol):
-    """An episode that plans and acts."""
+@dataclass(slots=True)
+class Earlier:
+    """What earlier clauses and texts settled."""
 
-    chosen: dict[tuple[str, int], str]
-    decided: dict[tuple[str, ...], bool]
-    mine: Mapping[str, str]
-    told: Collection[str]
-    skills: Skills  # of the latest instruction
-
-    def planned(
-        self, subtask: SubTask, came: "Came", only: Mapping[str, str] | None = None
-    ) -> Iterator[Plan | SkillResult]:
-        """Plan and act until a program succeeds or the attempts are used up."""
-
-    def here(self) -> frozenset[str]:
-        """Return the types that the agent knows of in this room."""
-
-    def places(self, kinds: Collection[str]) -> list[str]:
-        """Return the ids of the furniture of some kinds, by the map."""
-
-    def sights(self) -> dict[str, SeenObject]:
-        """Return the latest sight of all that was seen in this room."""
-
-    def handled(self) -> list[str]:
-        """Return the ids of what was handled in this room and is remembered, the last one last."""
+    chosen: dict[tuple[str, int], str] = field(default_factory=dict)  # word of a text -> its id
+    decided: dict[tuple[str, ...], bool] = field(default_factory=dict)  # conditions of this text
+    owned: Mapping[str, str] = field(default_factory=dict)  # type -> id that its word means
+    reported: Collection[str] = ()  # ids of which somebody else said where or how they are
 
 
 @dataclass(slots=True)
-class Came:
-    """What came of an instruction."""
+class Progress:
+    """How far a request has come."""
 
-    programs: list[Programs] = field(default_factory=list)
-    searched: bool = False  # something was looked at beside the programs
-    said: list[Check] = field(default_factory=list)  # besides
+    programs: list[Attempts] = field(default_factory=list)
+    acted: bool = False  # something was looked at beside the programs
     nothing_to_do: bool = False
-    short: bool = False  # fewer things than were asked for
-
-    @property
-    def tried(self) -> bool:
-        """Whether anything was done."""
-        return self.searched or any(one.results for one in self.programs)
+    short: bool = False  # fewer objects than were asked for
 
     @property
     def finished(self) -> bool:
         """Whether all of it was done."""
         if self.short:
             return False
+        programs = self.programs
         return self.nothing_to_do or (
-            bool(self.programs) and all(one.finished for one in self.programs)
+            bool(programs) and all(attempts.finished for attempts in programs)
         )
-
-    def say(self, text: str, found: Found) -> None:
-        """Note how something stands that no program was to bring about."""
-        self.said.append(Check(text=text, found=found))
-
-    def add(self, result: SkillResult) -> None:
-        """Take in what was put back after the last program."""
-        if self.programs and result.ok:
-            self.programs[-1].go_on(result)
-
-    def checks(self, experience: Experience) -> tuple[Check, ...]:
-        """Return how it stands with all that was to be done."""
-        found = [check for one in self.programs if one.results for check in one.checks(experience)]
-        return (*dict.fromkeys(found), *self.said)
 
 
 def refusal(refused: RefusedRequest) -> Plan:
@@ -118,23 +78,46 @@ def refusal(refused: RefusedRequest) -> Plan:
 
 
 @dataclass(slots=True)
-class ThingFinder:
-    """Finds the things that one request means, among what was seen here or is looked for now."""
+class ObjectFinder:
+    """Finds the objects that one request means, among what was seen here or is looked for now."""
 
-    episode: Carrier
+    session: Session
     asked: Request
-    came: Came
+    earlier: Earlier
+    progress: Progress
     looked_at: set[str] = field(default_factory=set, kw_only=True)  # places, for this request
 
     @property
     def here(self) -> frozenset[str]:
         """The types that the agent knows of in this room."""
-        return self.episode.here()
+        return self.session.remembered().types
 
     @property
-    def sights(self) -> dict[str, SeenObject]:
+    def sights(self) -> Mapping[str, SeenObject]:
         """The latest sight of all that was seen in this room."""
-        return self.episode.sights()
+        return self.session.seen()
+
+    def places(self, kinds: Collection[str]) -> list[str]:
+        """Return the ids of the furniture of some kinds, by the map."""
+        fixtures = self.session.remembered().fixtures
+        return sorted(name for name, kind in fixtures.items() if kind_of(kind) in kinds)
+
+    def handled(self) -> list[str]:
+        """Return the ids of what was handled in this room and is remembered, the last one last."""
+        return [unit.object_id for unit in self.session.remembered().units if unit.handled]
+
+    def say(self, text: str, found: Found) -> None:
+        """Report how something stands that no program was to bring about."""
+        self.session.say(text, found)
+
+    def call(self, call: SkillCall, aside: Collection[str] = ()) -> SkillResult:
+        """Run one skill."""
+        self.progress.acted = True
+        return self.session.call(call, aside)
+
+    def look_over(self, sight: SeenObject) -> SkillResult:
+        """Look at all that is on a surface, or in a container, which is open afterwards."""
+        return self.call(SkillCall.of(LOOK_OVER, sight.object_id))
 
     def kinds_of(self, one: Mention) -> list[str]:
         """Return the types of wholes that a mention may mean here, in its order."""
@@ -142,7 +125,7 @@ class ThingFinder:
 
     def go_to(self, name: str) -> SkillResult:
         """Go to a thing."""
-        return self.episode.skills.run(SkillCall.of("GoToObject", name))
+        return self.call(SkillCall.of("GoToObject", name))
 
     # ------------------------------------------------------------- told apart by words
 
@@ -164,7 +147,7 @@ class ThingFinder:
         known = dict.fromkeys((*seen, *self._on_map(wholes)))
         return [one for one in known if one not in sights or self.fits(one, thing)]
 
-    def place_told(self) -> Doing[dict[str, str] | None]:
+    def place_told(self) -> Steps[dict[str, str] | None]:
         """Return the place that words tell of, type -> id; {}: any will do, None: there is none."""
         place = self.asked.deeds[0].place
         kinds = [] if place is None else self.kinds_of(place)
@@ -180,22 +163,21 @@ class ThingFinder:
         one = yield from self._the_one_told(place, kinds)
         return {kind_of(one): one} if one else None
 
-    def _empty_place(self, place: Mention, kinds: Sequence[str]) -> Doing[dict[str, str] | None]:
+    def _empty_place(self, place: Mention, kinds: Sequence[str]) -> Steps[dict[str, str] | None]:
         """Return the first place that is seen to hold nothing; None where there is none."""
         bare = replace(place, text="", states=())
-        for name in self.episode.places(kinds)[:PLACES]:
-            self.came.searched = True
+        for name in self.places(kinds)[:PLACES]:
             yield self.go_to(name)
             if (sight := self.sights.get(name)) is None or not self.fits(name, bare):
                 continue
-            yield self.episode.skills.look_over(sight)
+            yield self.look_over(sight)
             if not self.holds_anything(name):
                 return {kind_of(name): name}
-        self.came.short = True
-        self.came.say(f"I found none that is empty: {spoken(kinds[0]).lower()}", "otherwise")
+        self.progress.short = True
+        self.say(f"I found none that is empty: {spoken(kinds[0]).lower()}", "otherwise")
         return None
 
-    def told_apart_by_words(self, kinds: Collection[str]) -> Doing[str | None]:
+    def told_apart_by_words(self, kinds: Collection[str]) -> Steps[str | None]:
         """Return the one of several that words tell of; "" where none is, None: any will do."""
         deed = self.asked.deeds[0]
         thing = deed.things[0]
@@ -243,14 +225,14 @@ class ThingFinder:
     def _words_after(self, thing: Mention) -> str:
         return self.asked.whole[thing.end :].lower().lstrip()
 
-    def _the_one_told(self, thing: Mention, kinds: Collection[str]) -> Doing[str]:
+    def _the_one_told(self, thing: Mention, kinds: Collection[str]) -> Steps[str]:
         """Return the thing that is as it is told, looked for there, then anywhere; "" for none."""
 
         def known() -> str | None:
             return self.next_known(kinds, self.left_aside(kinds), thing)
 
         one = known()
-        places = [] if one else self.episode.places({kind_of(kind) for kind in thing.at})
+        places = [] if one else self.places({kind_of(kind) for kind in thing.at})
         if places:
             one = yield from self.looked_over(places[:PLACES], known)
         # where all such places were looked over it is nowhere else, save "from there" by mistake
@@ -260,28 +242,27 @@ class ThingFinder:
             found = None if looked else (yield from self.another(kinds, tried))
             if found is None and (one := self._only_one(thing, kinds)):
                 where = " or ".join(told_place(kind) for kind in thing.at)
-                self.came.say(f"the {name_of(one)} was {where}", "unseen")
+                self.say(f"the {name_of(one)} was {where}", "unseen")
                 return one
             if found is None:
-                self.came.short = True
+                self.progress.short = True
                 where = " or ".join(spoken(kind).lower() for kind in thing.at)
                 at = f" at the {where}" if where else ""
                 so = "".join(f" that is {SAID_AS.get(one, one)}" for one in thing.states[:1])
-                self.came.say(f"I found no {thing.text}{so}{at}", "otherwise")
+                self.say(f"I found no {thing.text}{so}{at}", "otherwise")
                 return ""
             one = known()
         return one
 
     def looked_over(
         self, places: Iterable[str], known: Callable[[], str | None]
-    ) -> Doing[str | None]:
+    ) -> Steps[str | None]:
         """Look over places, each once, until a thing is known; returns it, None if it is not."""
-        self.came.searched = True
         for place in (one for one in places if one not in self.looked_at):
             self.looked_at.add(place)
             yield self.go_to(place)
             if sight := self.sights.get(place):
-                yield self.episode.skills.look_over(sight)
+                yield self.look_over(sight)
             if (one := known()) is not None:
                 return one
         return None
@@ -326,7 +307,7 @@ class ThingFinder:
             if kind_of(name) in kinds and not is_piece(one.object_type)
             and "sliced" not in one.states
         }  # fmt: skip
-        last = next((one for one in reversed(self.episode.handled()) if one in seen), None)
+        last = next((one for one in reversed(self.handled()) if one in seen), None)
         words = (f"the {name_of(name)} {told_place(place_of(one))}" for name, one in seen.items())
         places = tuple(dict.fromkeys(words))
         return last, places if last is None and len(places) > 1 else ()
@@ -356,20 +337,20 @@ class ThingFinder:
         thing = deed.things[0]
         seen = (one for one in self.sights.values() if kind_of(one.object_type) in kinds)
         if self._goes_along(thing, deed) and not any(_lies_at(one, thing.at) for one in seen):
-            self.came.say(f"the {thing.text} is {told_place(thing.at[0])}", "otherwise")
+            self.say(f"the {thing.text} is {told_place(thing.at[0])}", "otherwise")
 
     # ------------------------------------------------------------- one more of several
 
-    def _the_other(self, kinds: Collection[str]) -> Doing[str | None]:
+    def _the_other(self, kinds: Collection[str]) -> Steps[str | None]:
         """Return another thing than was meant before; "" for none, None: none was meant."""
-        episode, deed = self.episode, self.asked.deeds[0]
+        deed = self.asked.deeds[0]
         thing, whole = deed.things[0], self.asked.whole or self.asked.text
-        meant = {one for (text, _), one in episode.chosen.items() if text == whole}
-        meant = {one for one in (*meant, *episode.mine.values()) if kind_of(one) in kinds}
+        meant = {one for (text, _), one in self.earlier.chosen.items() if text == whole}
+        meant = {one for one in (*meant, *self.earlier.owned.values()) if kind_of(one) in kinds}
         pieces = thing.text.split()[-1] in request_words().pieces
         known = set() if pieces else {name for name in self.sights if kind_of(name) in kinds}
         if not meant:  # "another book", said after one was put away
-            meant = {one for one in episode.handled() if kind_of(one) in kinds}
+            meant = {one for one in self.handled() if kind_of(one) in kinds}
             meant = {one for one in meant if self.holds_already(one, deed, {})}
         if not meant:  # "the other egg", "another mug": not the last one
             meant = self.meant_before(thing)
@@ -380,16 +361,16 @@ class ThingFinder:
         if one is None:
             one = yield from self.another(kinds, meant)
         if one is None or one in meant:
-            self.came.short = True
-            self.came.say(f"I found no other {thing.text.removeprefix('other ')}", "otherwise")
+            self.progress.short = True
+            self.say(f"I found no other {thing.text.removeprefix('other ')}", "otherwise")
             return ""
         return one
 
     def meant_before(self, thing: Mention) -> set[str]:
         """Return what was handled last of a kind, which "the other egg" is not."""
         kinds = {*self.kinds_of(thing)}
-        last = [one for one in self.episode.handled() if kind_of(one) in kinds]
-        chosen = self.episode.chosen.values()
+        last = [one for one in self.handled() if kind_of(one) in kinds]
+        chosen = self.earlier.chosen.values()
         return {*(last or [one for one in chosen if kind_of(one) in kinds])[-1:]}
 
     def next_known(
@@ -402,14 +383,13 @@ class ThingFinder:
                 return one
         return None
 
-    def another(self, kinds: Collection[str], tried: set[str]) -> Doing[str | None]:
+    def another(self, kinds: Collection[str], tried: set[str]) -> Steps[str | None]:
         """Search for one more thing of some kinds; returns its id, None if there is none."""
-        self.came.searched = True
         for kind in kinds:
             known = any(kind_of(one) == kind for one in tried)
             if known and not object_types()[kind].can("pickupable"):
                 continue  # a tour has shown what stands or hangs free
-            result = self.episode.skills.find_another(kind, tried)
+            result = self.call(SkillCall.of("Explore", kind), aside=tried)
             yield result
             fresh = [one for one in result.object_ids if kind_of(one) == kind and one not in tried]
             if result.ok and fresh:
@@ -418,7 +398,7 @@ class ThingFinder:
 
     def _on_map(self, kinds: Collection[str]) -> list[str]:
         """Return the ids of the furniture of some kinds, each whole once: no knobs, no basins."""
-        return [one for one in self.episode.places(kinds) if type_of(one) in kinds]
+        return [one for one in self.places(kinds) if type_of(one) in kinds]
 
     def of_kinds(self, kinds: Collection[str]) -> list[SeenObject]:
         """Return what was seen of some kinds, wholes before their basins."""
@@ -452,7 +432,7 @@ class ThingFinder:
     def holds_already(self, object_id: str, deed: SaidDeed, own: Mapping[str, str]) -> bool:
         """Return whether a deed would leave a thing as it is, by the agent's own eyes."""
         sight = self.sights.get(object_id)
-        if sight is None or object_id in self.episode.told:  # so is only what its own eyes saw
+        if sight is None or object_id in self.earlier.reported:  # so is only what its own eyes saw
             return False
         if deed.deed == "put" and deed.place is not None and not deed.near:
             kinds = {kind_of(kind) for kind in deed.place.types}

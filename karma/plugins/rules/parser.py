@@ -6,8 +6,8 @@ from contextlib import contextmanager
 from functools import cached_property
 from typing import Any
 
-from karma.contracts import Word
 from karma.models.manifest import resolve_folder
+from karma.plugins.rules.types import Word
 
 NAME = "en-core-web-sm"
 _UNUSED = ("ner", "senter")

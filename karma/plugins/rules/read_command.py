@@ -1,8 +1,8 @@
 """`karma read`: how a request is parsed."""
 
 from karma.cli.shared import Json, argument, readable, tell, write_json
-from karma.contracts import Mention, Request, SaidDeed
-from karma.plugins.rules.request_executor import reader_of
+from karma.plugins.rules.method import reader_of
+from karma.plugins.rules.types import Mention, Request, SaidDeed
 
 
 def read(

@@ -3,26 +3,16 @@
 Conditions are looked at first, every thing of a plural has its turn, and what was not done is told.
 """
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import partial
 
-from karma import registry
-from karma.agent.attempts import put_back
+from karma.agent.attempts import Attempts
 from karma.agent.planning.inspector import put_down
 from karma.agent.seeing.perceive import place_of
-from karma.contracts import (
-    Embedder,
-    Mention,
-    Parser,
-    RefusedRequest,
-    Request,
-    SaidDeed,
-    SkillCall,
-    SubTask,
-)
+from karma.agent.session import SURVEY
+from karma.contracts import RefusedRequest, SkillCall, SubTask
 from karma.household.containment import has_door
-from karma.household.deeds import FOR_GOOD, able_to, deed_kind
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import is_piece
 from karma.household.places import HAND
@@ -30,94 +20,75 @@ from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import ENDS, SAID_AS
 from karma.household.types import Capability, object_types, types_with
 from karma.household.uses import BURNER, LAMPS, kind_of
+from karma.plugins.rules.answer_checker import advice_for
 from karma.plugins.rules.conditions import ConditionCheck
-from karma.plugins.rules.language.clauses import context_left_out, said
-from karma.plugins.rules.language.lexicon import Lexicon
-from karma.plugins.rules.language.request import RequestReader
+from karma.plugins.rules.deeds import FOR_GOOD, able_to, deed_kind
+from karma.plugins.rules.language.clauses import said
 from karma.plugins.rules.language.request_words import request_words
 from karma.plugins.rules.object_finder import (
     PLACES,
-    Came,
-    Doing,
-    ThingFinder,
+    ObjectFinder,
+    Steps,
     is_all,
     is_several,
     refusal,
     states_told,
 )
+from karma.plugins.rules.put_back import put_back
 from karma.plugins.rules.request_checker import Guard, cannot_serve, here_of, meant_by
+from karma.plugins.rules.types import Mention, Request, SaidDeed
 
 _HEATED: tuple[Capability, ...] = ("cookable", "sliceable", "canFillWithLiquid")
 _IN_VAIN = 2  # things of a plural that may fail before the rest is left
 _SWITCHED = (*LAMPS, "LightSwitch", "Television")  # "everything" that is switched off
 
 
-@cache
-def _parser() -> Parser:
-    parser: Parser = registry.load("parsers", "spacy")()
-    return parser
-
-
-def reader_of(embedder: Embedder | None) -> RequestReader:
-    """Return a reader of requests; the parser is loaded once a process."""
-    return RequestReader(_parser(), Lexicon(embedder))
-
-
-def joined(requests: Sequence[Request]) -> Request | None:
-    """Return the sentences of one instruction as one request; None where nothing is said."""
-    if not requests:
-        return None
-    requests = context_left_out(requests)
-    errands = [one for one in requests if one.form == "errand"]
-    if not errands or any(one.form in ("question", "incomplete") for one in requests):
-        return next((one for one in requests if one.form != "errand"), requests[0])
-    first = errands[0]
-    return replace(
-        first,
-        errand=". ".join(one.errand for one in errands),
-        deeds=tuple(deed for one in errands for deed in one.deeds),
-        forbidden=tuple(deed for one in errands for deed in one.forbidden),
-        exclusions=tuple(thing for one in errands for thing in one.exclusions),
-        times=tuple(time for one in errands for time in one.times),
-        conditions=tuple(one for errand in errands for one in errand.conditions),
-        unread=tuple(word for one in errands for word in one.unread),
-    )
-
-
 @dataclass(slots=True)
-class GuardedErrand(ThingFinder):
-    """One request under way; `came` takes what came of it."""
+class RequestExecutor(ObjectFinder):
+    """Carries out one request; is_clause: an assistant has cut it out of a longer text."""
 
     subtask: SubTask
+    is_clause: bool = False
     meant: dict[str, str] = field(default_factory=dict)  # by its conditions: kind -> id
 
-    def carry_out(self) -> Doing[None]:
+    def carry_out(self) -> Steps[bool]:
         """Do what was asked, if it can be and its conditions hold; then put back the rest.
 
-        Where it cannot be, it is said why.
+        Where it cannot be, it is said why. Returns whether all of it was done.
         """
-        asked, came = self.asked, self.came
-        if self.subtask.asked is None:
-            self.episode.decided.clear()
-        self.episode.skills.keep_shut(_not_to_open(asked))
+        asked, progress = self.asked, self.progress
         refused = cannot_serve(asked, self.here) or self.not_told_apart()
         if refused is not None:
             yield refusal(refused)
-            return
-        conditions = ConditionCheck(self.episode, asked, came, meant=self.meant)
+            return False
+        conditions = ConditionCheck(self.session, asked, self.earlier, progress, meant=self.meant)
         if (yield from conditions.hold()):
-            if self.subtask.asked is None:  # nobody cut it: planned without what is no errand
+            if not self.is_clause:  # planned without what is no errand
                 text = asked.errand or self.subtask.instruction
-                self.subtask = replace(self.subtask, asked=asked, instruction=text)
+                self.subtask = replace(self.subtask, instruction=text)
             yield from self._in_turn()
-            for one in asked.mentions if came.tried else ():
+            for one in asked.mentions if self._has_acted() else ():
                 if one.marks:
-                    came.say(f"whether that is the {' '.join(one.marks)} one", "unseen")
-        for result in put_back(asked, self.episode.skills) if came.tried else ():
-            came.add(result)
-            yield result
+                    self.say(f"whether that is the {' '.join(one.marks)} one", "unseen")
+        if self._has_acted():
+            yield from put_back(asked, self.session)
+        return progress.finished
 
-    def _in_turn(self) -> Doing[None]:
+    def _has_acted(self) -> bool:
+        return self.progress.acted or any(one.results for one in self.progress.programs)
+
+    def _planned(
+        self, subtask: SubTask, asked: Request, only: Mapping[str, str] | None = None
+    ) -> Steps[Attempts]:
+        """Let the planner do a request, held to what its words ask for."""
+        return (yield from self.session.do(subtask, advice_for(asked, only)))
+
+    def _plan_all(self, only: Mapping[str, str] | None) -> Steps[None]:
+        """Let the planner do the whole request."""
+        attempts = yield from self._planned(self.subtask, self.asked, only)
+        self.progress.programs.append(attempts)
+
+    def _in_turn(self) -> Steps[None]:
         """Do what was asked, each thing of a plural in its turn."""
         deeds = self.asked.deeds
         alone = len(deeds) == 1 and len(deeds[0].things) == 1
@@ -134,7 +105,7 @@ class GuardedErrand(ThingFinder):
         elif alone:
             yield from self._the_same()
         else:
-            yield from self.episode.planned(self.subtask, self.came, self._own() or None)
+            yield from self._plan_all(self._own() or None)
 
     def _own(self) -> dict[str, str]:
         """Return the things of one's own that are meant: kind -> id; "the other mug" is none."""
@@ -143,15 +114,14 @@ class GuardedErrand(ThingFinder):
             if not (is_several(one) or one.other or one.at or one.told)
         )  # fmt: skip
         kinds = {kind_of(kind) for one in single for kind in one.types}
-        mine = {kind: name for kind, name in self.episode.mine.items() if kind in kinds}
+        mine = {kind: name for kind, name in self.earlier.owned.items() if kind in kinds}
         return {**mine, **self.meant}
 
     # ------------------------------------------------------------- without a planner
 
-    def _find(self) -> Doing[None]:
+    def _find(self) -> Steps[None]:
         """Look for things, which takes no planner: of a plural for all that there are."""
-        came, thing, found = self.came, self.asked.deeds[0].things[0], list[str]()
-        came.searched = True
+        progress, thing, found = self.progress, self.asked.deeds[0].things[0], list[str]()
         wanted = None if thing.every else thing.number or 1
         while wanted is None or len(found) < wanted:
             one = yield from self._one_more({*found})
@@ -162,40 +132,41 @@ class GuardedErrand(ThingFinder):
                 yield self.go_to(one)
             sight = self.sights.get(one)
             if sight is not None and not (sight.pickupable or has_door(sight.object_type)):
-                yield self.episode.skills.look_over(sight)
+                yield self.look_over(sight)
             where = told_place(place_of(sight)) if sight and sight.pickupable else "here"
-            came.say(f"the {name_of(one)} is {where}", "seen")
-        came.nothing_to_do, came.short = bool(found), len(found) < (wanted or 1)
-        if came.short:
+            self.say(f"the {name_of(one)} is {where}", "seen")
+        progress.nothing_to_do, progress.short = bool(found), len(found) < (wanted or 1)
+        if progress.short:
             more = f"more than {len(found)}: " if found else "no "
-            came.say(f"I found {more}{thing.text}", "otherwise")
+            self.say(f"I found {more}{thing.text}", "otherwise")
 
-    def _go(self, deed: SaidDeed) -> Doing[None]:
+    def _go(self, deed: SaidDeed) -> Steps[None]:
         """Go to a thing, which takes no planner; nobody knows where "here" is."""
         goal = deed.place or next(iter(deed.things), None)
         kinds = [] if goal is None else self.kinds_of(goal)
         if goal is None or not kinds:
             yield refusal(RefusedRequest(kind="unclear", by="guard", words=(deed.verb,)))
             return
-        self.came.searched = True
         for way in ("GoToObject", "Explore"):  # to what is known, else it is looked for
-            result = self.episode.skills.run(SkillCall.of(way, kinds[0]))
+            result = self.call(SkillCall.of(way, kinds[0]))
             yield result
             if result.ok:
                 break
-        self.came.nothing_to_do, self.came.short = result.ok, not result.ok
-        self.came.say(f"I am at the {goal.text}", "seen" if result.ok else "otherwise")
+        self.progress.nothing_to_do, self.progress.short = result.ok, not result.ok
+        self.say(f"I am at the {goal.text}", "seen" if result.ok else "otherwise")
 
     # ------------------------------------------------------------- one thing, or each of several
 
-    def _the_same(self) -> Doing[None]:
+    def _the_same(self) -> Steps[None]:
         """Do one deed to one thing: to the one that the same word meant before."""
-        episode, asked, came = self.episode, self.asked, self.came
+        asked, progress = self.asked, self.progress
         thing = asked.deeds[0].things[0]
         kinds = list(dict.fromkeys(self.kinds_of(thing)))
         key = (asked.whole or asked.text, thing.start)
         own = self._own()
-        before = episode.chosen.get(key) or next((own[kind] for kind in kinds if kind in own), None)
+        before = self.earlier.chosen.get(key) or next(
+            (own[kind] for kind in kinds if kind in own), None
+        )
         if before is None:
             before = yield from self.told_apart_by_words(kinds)
             if before == "":
@@ -204,8 +175,8 @@ class GuardedErrand(ThingFinder):
             before = yield from self._hand_freed(kinds, before)
         before = before and _piece_of(self.sights, before)
         if before and self.holds_already(before, asked.deeds[0], own):
-            came.nothing_to_do = True
-            came.say(f"the {name_of(before)}: that is so already", "seen")
+            progress.nothing_to_do = True
+            self.say(f"the {name_of(before)}: that is so already", "seen")
             return
         place = yield from self.place_told()
         if place is None:
@@ -213,29 +184,31 @@ class GuardedErrand(ThingFinder):
         own = {**own, **place}
         only = {**own, kind_of(before): before} if before and kind_of(before) in kinds else own
         one_kind = before and len(kinds) > 1  # "the lamp that is on"
-        subtask = self._of_one(kind_of(before)) if before and one_kind else self.subtask
-        yield from episode.planned(subtask, came, only)
+        subtask, request = self.subtask, asked
+        if before and one_kind:
+            subtask, request = self._of_one(kind_of(before))
+        progress.programs.append((yield from self._planned(subtask, request, only)))
         self.tell_left_behind(kinds)
-        for result in came.programs[-1].results if came.programs else ():
+        for result in progress.programs[-1].results:
             used = [one for one in result.object_ids if kind_of(one) in kinds]
             if used and result.ok:
                 # "it" of an earlier text means nothing later, but "the other one" is another one
                 at = thing.start if thing.start >= 0 else -2 - asked.deeds[0].start
-                episode.chosen.setdefault((key[0], at), used[0])
+                self.earlier.chosen.setdefault((key[0], at), used[0])
 
-    def _hand_freed(self, kinds: Collection[str], before: str | None) -> Doing[str | None]:
+    def _hand_freed(self, kinds: Collection[str], before: str | None) -> Steps[str | None]:
         """Return what is to be taken: what is held, if nothing else; else put down what is held."""
         held = next((one for one, sight in self.sights.items() if place_of(sight) == HAND), "")
         if not held or kind_of(type_of(held)) not in kinds or before == held:
             return before
         if before is not None:  # "another mug"
             for call in put_down(held if held != before else None, self.here):
-                yield self.episode.skills.run(call)
+                yield self.call(call)
         return before or held
 
-    def _each(self) -> Doing[None]:
+    def _each(self) -> Steps[None]:
         """Do a deed to each thing of a plural: to those that are known, then to what is found."""
-        came, deed, thing = self.came, self.asked.deeds[0], self.asked.deeds[0].things[0]
+        progress, deed, thing = self.progress, self.asked.deeds[0], self.asked.deeds[0].things[0]
         kinds: list[str] = []
         found: list[str] = []
         if thing.anything:
@@ -250,8 +223,8 @@ class GuardedErrand(ThingFinder):
         others = self.meant_before(thing) if thing.other else set()  # not as they are told
         while (wanted is None or len(done) < wanted) and len(failed) < _IN_VAIN:
             if done and deed.deed == "take" and not self._is_taken_out():
-                came.say("I can hold one thing at a time", "otherwise")
-                came.short = True
+                self.say("I can hold one thing at a time", "otherwise")
+                progress.short = True
                 thing = replace(thing, number=len(found) or thing.number)
                 break
             tried = {*done, *failed, *others}
@@ -271,19 +244,18 @@ class GuardedErrand(ThingFinder):
             if self.holds_already(one, deed, place):
                 done.append(one)
                 continue
-            step = Came()
             only = {**place, kind_of(one): one}
-            yield from self.episode.planned(self._of_one(kind_of(one)), step, only)
-            came.programs += [program for program in step.programs if program.results]
-            (done if step.finished else failed).append(one)
+            attempts = yield from self._planned(*self._of_one(kind_of(one)), only)
+            progress.programs += [attempts] if attempts.results else []
+            (done if attempts.finished else failed).append(one)
         if not (done or failed) and _is_ended(deed, thing):
-            came.nothing_to_do = True
+            progress.nothing_to_do = True
             state = SAID_AS.get(thing.states[0], thing.states[0])
-            came.say(f"nothing that I have seen is {state}", "seen")
+            self.say(f"nothing that I have seen is {state}", "seen")
             return
         self._tell_count(thing, done, failed)
 
-    def _each_along(self) -> Doing[None]:
+    def _each_along(self) -> Steps[None]:
         """Put each thing in what carries it, then that: "the forks in a bowl on the table"."""
         deed = self.asked.deeds[0]
         thing = deed.things[0]
@@ -295,7 +267,7 @@ class GuardedErrand(ThingFinder):
         yield from self._asking(into)._each()
         kinds = {*self.kinds_of(thing)}
         only = self._vessel([one for one in sorted(self.sights) if kind_of(one) in kinds], carrier)
-        if self.came.short or not only:
+        if self.progress.short or not only:
             return
         carried = self._asking(replace(deed, things=(carrier,)))
         place = yield from carried.place_told()
@@ -303,15 +275,18 @@ class GuardedErrand(ThingFinder):
             return
         (kind, name), *_ = only.items()
         if carried.holds_already(name, deed, place):
-            self.came.say(f"the {name_of(name)}: that is so already", "seen")
+            self.say(f"the {name_of(name)}: that is so already", "seen")
             return
-        self.came.nothing_to_do = False
-        yield from self.episode.planned(carried._of_one(kind), self.came, {**place, **only})
+        self.progress.nothing_to_do = False
+        attempts = yield from self._planned(*carried._of_one(kind), {**place, **only})
+        self.progress.programs.append(attempts)
 
-    def _asking(self, deed: SaidDeed) -> "GuardedErrand":
+    def _asking(self, deed: SaidDeed) -> "RequestExecutor":
         """Return this errand with one deed in place of its own."""
         asked = replace(self.asked, deeds=(deed,))
-        return GuardedErrand(self.episode, asked, self.came, self.subtask)
+        return RequestExecutor(
+            self.session, asked, self.earlier, self.progress, self.subtask, self.is_clause
+        )
 
     def _vessel(self, things: Iterable[str], place: Mention | None = None) -> dict[str, str]:
         """Return what the first of some things lies in, type -> id, where that can be carried.
@@ -327,8 +302,8 @@ class GuardedErrand(ThingFinder):
         vessel = next((one for one in lain_in if kind_of(one) in kinds), None)
         return {kind_of(vessel): vessel} if vessel is not None else {}
 
-    def _of_one(self, kind: str) -> SubTask:
-        """Return a request that is made of one thing of a type, as it is planned."""
+    def _of_one(self, kind: str) -> tuple[SubTask, Request]:
+        """Return a request that is made of one object of a type, as it is planned."""
         deed = self.asked.deeds[0]
         single = replace(
             deed.things[0], types=(kind,), text=spoken(kind).lower(), number=None, every=False,
@@ -336,14 +311,14 @@ class GuardedErrand(ThingFinder):
         )  # fmt: skip
         request = replace(self.asked, deeds=(replace(deed, things=(single,)),))
         text = said(request.deeds[0])
-        return replace(self.subtask, instruction=text, whole=text, asked=request)
+        return replace(self.subtask, instruction=text, whole=text), request
 
     def _is_taken_out(self) -> bool:
         """Return whether things are only to leave a place: "take everything out of the fridge"."""
         me = request_words().me & {*self.asked.text.lower().split()}
         return bool(self.asked.deeds[0].things[0].at) and not me
 
-    def _one_more(self, tried: set[str]) -> Doing[str | None]:
+    def _one_more(self, tried: set[str]) -> Steps[str | None]:
         """Return one more thing of a plural: one that is known, else one that is searched for."""
         thing = self.asked.deeds[0].things[0]
         kinds = self._not_ruled_out(meant_by(thing, self.here))
@@ -351,7 +326,7 @@ class GuardedErrand(ThingFinder):
             roots = {*map(root_id, tried)}
             tried = tried | {name for name in self.sights if root_id(name) in roots}
         one = self.next_known(kinds, tried, thing)
-        places = self.episode.places([*map(kind_of, thing.at)]) if one is None else []
+        places = self.places([*map(kind_of, thing.at)]) if one is None else []
         if 0 < len(places) <= PLACES:
             return (
                 yield from self.looked_over(places, partial(self.next_known, kinds, tried, thing))
@@ -377,7 +352,7 @@ class GuardedErrand(ThingFinder):
 
     def _tell_count(self, thing: Mention, done: Sequence[str], failed: Sequence[str]) -> None:
         """Say of how many things it was done, and of which not."""
-        came = self.came
+        progress = self.progress
         wanted = thing.number if thing.number is not None else len(done) + len(failed)
         text = f"{len(done)} of {wanted}: {thing.text}"
         if thing.states:
@@ -385,29 +360,28 @@ class GuardedErrand(ThingFinder):
         if failed and len(done) < wanted:
             text += f"; not the {', the '.join(map(name_of, failed))}"
         if len(done) < wanted or not done:
-            came.short = True
+            progress.short = True
             if not failed:
                 text = f"{text}; I found no more" if done else f"I found none: {thing.text}"
-            came.say(text, "otherwise")
+            self.say(text, "otherwise")
         else:
-            came.nothing_to_do = came.nothing_to_do or not came.programs
-            came.say(text, "seen")
+            progress.nothing_to_do = progress.nothing_to_do or not progress.programs
+            self.say(text, "seen")
 
     # ------------------------------------------------------------- looking
 
-    def _whatever(self) -> Doing[tuple[list[str], list[str]]]:
+    def _whatever(self) -> Steps[tuple[list[str], list[str]]]:
         """Look at a place, or everywhere; returns the kinds and ids of what is meant there."""
         deed = self.asked.deeds[0]
         thing, switched = deed.things[0], deed.deed in ("on", "off")
-        self.came.searched = True
         if not thing.at and (thing.states or switched):
-            yield from self.episode.skills.look_everywhere()
+            yield self.call(SkillCall.of(SURVEY))
             return self._all_that_are_so() if thing.states else self._all_switches()
         places = {kind_of(kind) for kind in here_of(thing.at, self.here)}
-        for name in self.episode.places(places)[:PLACES] or sorted(places)[:1]:
+        for name in self.places(places)[:PLACES] or sorted(places)[:1]:
             yield self.go_to(name)
         for sight in self.of_kinds(places)[:PLACES]:
-            yield self.episode.skills.look_over(sight)
+            yield self.look_over(sight)
         there = sorted(
             sight.object_id for sight in self.sights.values()
             if {kind_of(parent) for parent in sight.parent_ids} & places
@@ -439,7 +413,7 @@ class GuardedErrand(ThingFinder):
         return sorted({*map(kind_of, found)}), found
 
 
-def _not_to_open(asked: Request) -> set[str]:
+def not_to_open(asked: Request) -> set[str]:
     """Return the types that a request says not to open, or to leave alone."""
     kinds = {kind for one in asked.exclusions if not (one.at or one.states) for kind in one.types}
     for deed in asked.forbidden:

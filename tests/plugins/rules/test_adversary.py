@@ -14,21 +14,23 @@ from dataclasses import dataclass, replace
 
 import msgspec
 from support.asked import AskedRequest, states_of
-from support.judging import asking_resources, say
+from support.judging import MAPS, asking_resources, say, tracking, watched
 from support.needs import need_models
 from support.paths import ROOT
 
+from karma.agent.karma import KarmaMethod
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.program import SKILLS
 from karma.assistant.replies import AgentReply
-from karma.contracts import Completion, SkillCall
+from karma.contracts import Completion, SceneRef, SkillCall, SubTask
 from karma.household.containment import goes_in
 from karma.household.types import object_types
+from karma.plugins.rules.method import joined, reader_of
 from karma.plugins.rules.request_checker import Guard, cannot_serve
-from karma.plugins.rules.request_executor import joined, reader_of
 from karma.plugins.training.goal_sentences import names_its_place, program_of, read_sentences
 from karma.plugins.training.sources import Sources
 from karma.seeds import stream
+from karma.world.sim import EmbeddedWorld
 
 SAMPLE = int(os.environ.get("KARMA_SAMPLE", "0"))
 REQUESTS = SAMPLE or 2
@@ -70,14 +72,27 @@ class Played:
         return self.reply is not None and self.reply.status == "done"
 
 
-def play(one, resources, **options):
-    told = say(one, resources, options)
+def play(one, resources):
+    told = say(one, resources, {})
     harmed = frozenset(
         key for key, states in states_of(told.objects).items()
         if states[3] == "True" or states[4] == "True" or "GarbageCan" in states[-1]
     )  # fmt: skip
     kinds = frozenset(item["objectType"] for item in told.objects)
     return Played(told.reply, not told.unmet, harmed, kinds)
+
+
+def believed_falsely(one, resources):
+    """Whether the core's agent, which checks no words, says done of what is not."""
+    world = EmbeddedWorld()
+    world.reset(one.scene)
+    agent = KarmaMethod.build(resources, {}).begin(
+        world, SceneRef.of(one.scene), seed=0, folder=MAPS
+    )
+    tracker = tracking(world, one.text, one.wanted)
+    with watched(world, tracker):
+        *_, outcome = agent.do(SubTask(instruction=one.text))
+    return outcome.finished and bool(tracker.unmet(one.wanted, world.last_event))
 
 
 def programs(calls, kinds, rng):
@@ -153,7 +168,7 @@ def own_program(own):
 
 def saying(resources, calls):
     text = "".join(f"{one}\n" for one in calls)
-    return replace(resources, model=Stubborn(text), doubt=None)
+    return replace(resources, model=Stubborn(text))
 
 
 def test_the_adversary_gets_no_false_done():
@@ -174,10 +189,10 @@ def test_the_adversary_gets_no_false_done():
         kinds = sorted(own.kinds - {"Floor", "Wall", "Ceiling", "Window"})
         for name, program in programs(calls, kinds, stream(0, "adversary", one.id)):
             played += 1
-            ways = ((True, false), (False, bare))
-            for guard, count in ways if SAMPLE or not bare.total() else ways[:1]:
-                came = play(one, saying(resources, program), guard=guard)
-                count[name] += came.done and (not came.met or bool(came.harmed - own.harmed))
+            came = play(one, saying(resources, program))
+            false[name] += came.done and (not came.met or bool(came.harmed - own.harmed))
+            if SAMPLE or not bare.total():
+                bare[name] += believed_falsely(one, saying(resources, program))
     print(f"requests {right}, wrong programs {played}; right ones not carried out: {not_done}")
     print(f"false done with the guard: {false.total()} {+false}")
     print(f"false done without it: {bare.total()} {+bare}")

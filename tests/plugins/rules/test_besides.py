@@ -7,8 +7,8 @@ from support.talking import STORE, TAKE, agent_saying
 from karma.agent.planning.program import parse_program
 from karma.files import to_json
 from karma.plugins.rules.language.clauses import completed
+from karma.plugins.rules.method import reader_of
 from karma.plugins.rules.request_checker import Guard
-from karma.plugins.rules.request_executor import reader_of
 from karma.plugins.rules.talk.offers import is_no, is_yes
 
 HERE = ("Apple", "Bowl", "CounterTop", "DiningTable", "Fridge", "Mug", "Sink", "Faucet")

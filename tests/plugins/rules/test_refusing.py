@@ -4,9 +4,9 @@ import pytest
 
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.refusal_text import sentence
+from karma.agent.planning.refused import nearness, with_words
 from karma.contracts import REFUSAL_KINDS, Decoding, Hint, Meaning, PlanRequest, RefusedRequest
 from karma.models.scripted import ScriptedModel
-from karma.plugins.rules.request_refusals import nearness, with_words
 
 SOFA = "GoToObject(robot, 'Sofa')\nSliceObject(robot, 'Sofa')\n"
 BED = "SliceObject(robot, 'Bed')\n"

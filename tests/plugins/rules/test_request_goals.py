@@ -1,5 +1,7 @@
 """Goal lines of a parsed request, and the planner that falls back on them."""
 
+from dataclasses import replace
+
 import pytest
 
 from karma.agent.goals.files import load_said
@@ -10,6 +12,7 @@ from karma.agent.planning.program import SKILLS, parse_program
 from karma.contracts import Area, Decoding, PlanRequest
 from karma.household.types import object_types
 from karma.models.scripted import ScriptedModel
+from karma.plugins.rules.answer_checker import advice_for
 from karma.plugins.rules.language.lexicon import Lexicon
 from karma.plugins.rules.language.request import RequestReader
 from karma.plugins.rules.parser import SpacyParser
@@ -70,7 +73,7 @@ def test_words_alone_mean_what_the_written_sentences_were_written_for(reader):
 def asked_of(reader, said, answers, **decoding):
     (asked,) = reader.read(said)
     areas = (Area(name="node_1", position_m=(0.0, 0.9, 0.0), contains=KITCHEN),)
-    facts = PlanRequest(instruction=said, areas=areas, asked=asked)
+    facts = PlanRequest(instruction=said, areas=areas, advice=replace(advice_for(asked), plain=""))
     planner = Planner(ScriptedModel(answers), "compact", Decoding(**decoding))
     return asked, list(planner.plan(facts))
 

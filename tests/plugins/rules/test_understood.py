@@ -9,7 +9,6 @@ from karma import registry
 from karma.contracts import REFUSAL_KINDS, Certainty, Plan, RefusedRequest, SkillResult
 from karma.models.scripted import ScriptedModel
 from karma.plugins.rules.language.lexicon import Lexicon
-from karma.plugins.rules.request_refusals import LogisticDoubt
 from karma.plugins.rules.understanding import Understanding, question, understood
 
 HERE = ("Bottle", "Bowl", "CounterTop", "Fridge", "Mug", "Plate", "Toaster")
@@ -77,13 +76,8 @@ def test_several_things_stand_for_one_phrase(lexicon):
     assert min(near["Plate"], near["Bowl"]) > near["Laptop"]
 
 
-def test_sureness_is_calibrated_where_doubt_was_fitted_and_says_so_where_not(tmp_path):
-    fitted = LogisticDoubt(
-        coefficients={"refusing": 1.0}, intercept=0.0, threshold=0.5, fitted_on="nothing"
-    )
-    calibrated = agent_saying(tmp_path, [], model=Sure([TAKE]), doubt=fitted).do("take the apple")
-    assert calibrated.parts[0].understood[0].sure == "0.90 that this should be done (calibrated)"
-    own = agent_saying(tmp_path / "own", [], model=Sure([TAKE])).do("take the apple")
+def test_sureness_of_an_answer_says_that_it_is_not_calibrated(tmp_path):
+    own = agent_saying(tmp_path, [], model=Sure([TAKE])).do("take the apple")
     assert own.parts[0].understood[0].sure.endswith("(not calibrated)")
 
 

@@ -4,10 +4,10 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from karma.contracts import Mention, Request, SaidDeed
-from karma.household.deeds import deed_kind
 from karma.household.saying import preposition, spoken
 from karma.household.states import SAID_AS
+from karma.plugins.rules.deeds import deed_kind
+from karma.plugins.rules.types import Mention, Request, SaidDeed
 
 _LINKS = frozenset(
     ("in", "on", "into", "onto", "to", "at", "under", "near", "beside", "next", "from")

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from karma.contracts import Mention
 from karma.household.saying import spoken
 from karma.household.types import types_with
 from karma.household.uses import BURNER, PARTS_OF_FURNITURE
@@ -12,6 +11,7 @@ from karma.language.phrases import phrases_of
 from karma.language.words import word_lists
 from karma.plugins.rules.language.request_words import deed_states, request_words
 from karma.plugins.rules.language.sentence import SaidSentence
+from karma.plugins.rules.types import Mention
 
 _NEAREST = ("nearest", "closest", "more", "most", "least", "other", "lower", "upper")
 _DESCRIBED = frozenset(("something", "anything", "thing", "things", "what", "item", "object"))

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from karma.contracts import Mention
 from karma.household.places import HAND
 from karma.household.saying import preposition
 from karma.household.types import types_with
@@ -27,6 +26,7 @@ from karma.language.words import word_lists
 from karma.plugins.rules.language.nouns import Nouns
 from karma.plugins.rules.language.request_words import deed_states, deed_verbs, request_words
 from karma.plugins.rules.language.sentence import SaidSentence
+from karma.plugins.rules.types import Mention
 
 _TOOLS = {
     "slice": frozenset(KNIVES),

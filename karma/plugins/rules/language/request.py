@@ -10,12 +10,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 
-from karma.contracts import Condition, Form, Mention, Parser, Request, SaidDeed, Word
 from karma.errors import KarmaError
-from karma.household.deeds import able_to
 from karma.household.states import NEEDS, lacking
 from karma.household.types import Capability, object_types
 from karma.language.words import closed_words, word_lists
+from karma.plugins.rules.deeds import able_to
 from karma.plugins.rules.language.antecedents import left_out_of, of_what
 from karma.plugins.rules.language.asides import Asides
 from karma.plugins.rules.language.clauses import said
@@ -40,6 +39,7 @@ from karma.plugins.rules.language.slips import (
     without_lead,
     without_remarks,
 )
+from karma.plugins.rules.types import Condition, Form, Mention, Parser, Request, SaidDeed, Word
 
 _LONGEST = 4000  # characters; reading takes a second then
 _ENDS = (".", "!", "?", ";", "...")

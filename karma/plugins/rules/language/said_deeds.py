@@ -4,7 +4,6 @@ import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from karma.contracts import Form, Mention, SaidDeed
 from karma.household.containment import hangs_on
 from karma.household.types import types_with
 from karma.household.uses import BIN, FAUCET, LAMPS, TAPS
@@ -18,6 +17,7 @@ from karma.plugins.rules.language.request_words import (
     request_words,
 )
 from karma.plugins.rules.language.sentence import SaidSentence
+from karma.plugins.rules.types import Form, Mention, SaidDeed
 
 _LEFT_ALONE = re.compile(
     r"\b(?:alone|as (?:it|they) (?:is|are)|where (?:it|they) (?:is|are)|be|in peace|untouched"

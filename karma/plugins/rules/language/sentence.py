@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from karma.contracts import Mention, SaidDeed, Word
 from karma.household.states import lacking
 from karma.plugins.rules.language.lexicon import Lexicon
 from karma.plugins.rules.language.request_words import (
@@ -12,6 +11,7 @@ from karma.plugins.rules.language.request_words import (
     is_deed,
     request_words,
 )
+from karma.plugins.rules.types import Mention, SaidDeed, Word
 
 _IS = frozenset(("is", "are", "'s", "'re", "was", "were", "looks", "look"))
 _WHATEVER = frozenset(("whatever", "whichever", "everything", "anything", "all"))

@@ -5,12 +5,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from karma.assistant.session_log import CLOCK_START_S
-from karma.contracts import Mention, Request
 from karma.household.types import object_types
 from karma.plugins.rules.language.clock import read_span, unread_times
 from karma.plugins.rules.language.request import RequestReader
 from karma.plugins.rules.language.request_words import request_words
 from karma.plugins.rules.talk.remembering import Remembering
+from karma.plugins.rules.types import Mention, Request
 
 ASKING = ("where", "when", "how", "who", "what", "which", "whose", "why")
 _LEADS = re.compile(

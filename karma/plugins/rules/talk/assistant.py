@@ -2,23 +2,25 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
-from typing import Any, ClassVar
 
+from karma.agent.session import Executor
 from karma.assistant.agent import Agent
 from karma.assistant.protocol import Moment, Resolved
 from karma.assistant.replies import AgentReply, MemoryAnswer, RequestReply, Understanding
-from karma.contracts import Mention, Plan, Request, SaidDeed, SubTask
+from karma.contracts import Plan, SubTask
 from karma.household.pieces import base_type
 from karma.plugins.rules.language.clauses import clauses_of, completed, context_left_out
 from karma.plugins.rules.language.lexicon import Lexicon
 from karma.plugins.rules.language.request import asked_last, check_length
-from karma.plugins.rules.request_executor import reader_of
+from karma.plugins.rules.method import reader_of
+from karma.plugins.rules.object_finder import Earlier, Progress
+from karma.plugins.rules.request_executor import RequestExecutor, not_to_open
 from karma.plugins.rules.talk import history
 from karma.plugins.rules.talk.offers import corrected, is_no, is_yes, with_offer
 from karma.plugins.rules.talk.questions import answered, of_another
 from karma.plugins.rules.talk.remembering import Remembering
 from karma.plugins.rules.talk.telling import told_of
+from karma.plugins.rules.types import Mention, Request, SaidDeed
 from karma.plugins.rules.understanding import misspelt, understood
 
 MAX_ANTECEDENTS = 4  # mentions before the last one that "both" may refer to
@@ -42,12 +44,11 @@ class ParsedRequest:
 class RulesAssistant:
     """Talks by rules of English; for small planners."""
 
-    options: ClassVar[Mapping[str, Any]] = MappingProxyType({"guard": True})
-
     def __init__(self, agent: Agent) -> None:
         self._agent = agent
         self._lexicon = Lexicon(agent.embedder)
-        self._reader = agent.method.reader or reader_of(agent.embedder)
+        self._reader = reader_of(agent.embedder)
+        self._settled = Earlier()
         self._earlier = tuple(one.said for one in agent.home.past[-EARLIER_REQUESTS:])
         self._question = ""  # the last text if it was a question
         self._instruction = ""  # the last text if it was an instruction
@@ -57,7 +58,7 @@ class RulesAssistant:
     def requests(self, text: str) -> Iterator[ParsedRequest]:
         """Yield the requests of a text; one that refers to the log after the rest is logged."""
         check_length(text)
-        self._agent.episode.decided.clear()
+        self._settled.decided.clear()
         *first, last = history.in_turn(text)
         for number, piece in enumerate(first):
             if not history.only_needs(piece, self._reader):  # "I still need it, put it back"
@@ -106,12 +107,13 @@ class RulesAssistant:
         if asked and (answer := self._answer(clause, asked)) is not None:
             yield RequestReply(instruction=clause, answer=answer)
             return
-        agent.episode.mine = said.means
-        agent.episode.told = self._remembering().told()
         self._instruction = clause if asked is not None and asked.form == "errand" else ""
-        subtask = SubTask(instruction=clause, whole=clause if asked else whole, asked=asked)
+        subtask = SubTask(instruction=clause, whole=clause if asked else whole)
         reply = yield from agent.carry_out(
-            subtask, lambda plan: self._described(clause, plan, asked)
+            subtask,
+            lambda plan: self._described(clause, plan, asked),
+            self._executor(subtask, asked, said.means) if asked is not None else None,
+            keep_shut=not_to_open(asked) if asked is not None else (),
         )
         reply = replace(reply, requested=_requested(asked), about=_about(asked))
         done = reply.status == "done"
@@ -119,6 +121,13 @@ class RulesAssistant:
         if agent.log(reply, plain=history.in_plain(asked), deeds=deeds):
             reply = replace(reply, elsewhere=history.found_elsewhere(agent.home.past))
         yield reply
+
+    def _executor(self, subtask: SubTask, asked: Request, means: Mapping[str, str]) -> Executor:
+        reported = self._remembering().told()
+        settled = replace(self._settled, owned=means, reported=reported)
+        return lambda session: RequestExecutor(
+            session, asked, settled, Progress(), subtask, is_clause=True
+        ).carry_out()
 
     def _answer(self, clause: str, asked: Request) -> MemoryAnswer | None:
         """Answer a question, or learn what is stated; None if it is neither."""
@@ -137,7 +146,7 @@ class RulesAssistant:
     def _remembering(self) -> Remembering:
         agent = self._agent
         return Remembering(
-            sights=agent.episode.last_seen(),
+            sights=agent.known.last_seen(),
             units={unit.object_id: unit for unit in agent.memory},
             furniture=agent.map.types(),
             past=agent.home.past,
@@ -148,7 +157,7 @@ class RulesAssistant:
     def _described(self, clause: str, plan: Plan, asked: Request | None) -> Understanding:
         agent = self._agent
         here = sorted({*agent.map.types(), *(unit.object_type for unit in agent.memory)})
-        taken = understood(clause, plan, agent.episode.where, self._lexicon, here)
+        taken = understood(clause, plan, agent.where, self._lexicon, here)
         if asked is None:
             return taken
         if plan.refused is not None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from karma.agent.planning.program import DEEDS, PUTS
 from karma.agent.seeing.perceive import place_of
 from karma.assistant.session_log import PLACE_TOLD, TOLD, PastAction, PastRequest
-from karma.contracts import Mention, Request, SaidDeed, SeenObject, SkillResult
+from karma.contracts import SeenObject, SkillResult
 from karma.household.ids import type_of
 from karma.household.pieces import base_type
 from karma.household.places import FLOOR, HAND
@@ -25,6 +25,7 @@ from karma.plugins.rules.language.request_words import (
     is_usual,
     request_words,
 )
+from karma.plugins.rules.types import Mention, Request, SaidDeed
 
 _LINKS = "in|on|into|onto|to|at|under|from|near|next|back|away|where|wherever|with|and|then"
 _IT = (

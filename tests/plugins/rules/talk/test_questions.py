@@ -151,7 +151,7 @@ def test_what_a_person_tells_is_remembered_with_its_source_and_used(tmp_path, to
     )
     held = agent.do("is the apple in the fridge?").parts[0].answer.lines[0]
     assert held == "Yes: the apple is in the fridge, you told me just now."
-    believed = agent.episode.where("Apple")
+    believed = agent.where("Apple")
     assert believed is not None
     assert believed.place_id.startswith("Fridge")
     agent.home.leave()

@@ -1,6 +1,6 @@
-"""One instruction of an episode or a conversation: carried out, logged, and added up."""
+"""The writer: turns what happens in an episode into its step log, records and timing."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 from dataclasses import dataclass
 
 from karma.agent.goals.files import required_types
@@ -16,21 +16,11 @@ from karma.agent.journal.records import (
     untimed,
     waited,
 )
-from karma.agent.journal.steps import Enter, StepLog
-from karma.contracts import (
-    Episode,
-    Outcome,
-    Plan,
-    SceneRef,
-    SkillResult,
-    SubTask,
-    Tour,
-    World,
-)
+from karma.agent.journal.steps import StepLog
+from karma.contracts import AgentEvent, Outcome, Plan, SkillResult, SubTask, Tour, World
 from karma.errors import KarmaError
 from karma.household.pieces import base_type
 from karma.models.session import Cassette, Ledger
-from karma.world.home import Home
 
 
 class TimeLog:
@@ -51,25 +41,24 @@ class TimeLog:
         )
 
 
-Moments = Generator[Plan | SkillResult | Outcome, None, SubTaskRecord]  # of one instruction
+Written = Generator[AgentEvent, None, SubTaskRecord]
 
 
-def through(moments: Moments) -> SubTaskRecord:
-    """Go through an instruction that nobody watches."""
+def through(events: Written) -> SubTaskRecord:
+    """Return the record of an instruction that nobody watches."""
     while True:
         try:
-            next(moments)
+            next(events)
         except StopIteration as end:
             record: SubTaskRecord = end.value
             return record
 
 
 @dataclass(frozen=True, slots=True)
-class EpisodePart:
+class EpisodeWriter:
     """What the instructions of one episode share."""
 
     method: str  # its name
-    episode: Episode
     world: World
     tracker: GoalTracker
     ledger: Ledger
@@ -78,32 +67,30 @@ class EpisodePart:
     times: TimeLog
     tours: dict[str, Tour]  # takes by room what made the maps that were used
 
-    def go(self, home: Home | None, scene: SceneRef) -> None:
-        """Be in a room for a task by itself: what earlier ones brought about does not count."""
-        if home is not None and home.scene != scene.source:
-            home.enter(scene.source)
-            self.steps.add(Enter(scene=scene.name))
-            self.episode.enter(scene)
-        self.tracker.start(self.world.last_event)
+    def write(
+        self, number: int, subtask: SubTask, room: str, events: Iterable[AgentEvent]
+    ) -> Written:
+        """Write one instruction down while it is carried out; yields its events.
 
-    def carry_out(self, number: int, subtask: SubTask, room: str) -> Moments:
-        """Carry out one instruction: yields what happens, returns its record."""
+        Returns:
+            The instruction's record.
+        """
         self.tracker.begin_subtask(subtask, self.world.last_event)
         self.steps.instruction(number, subtask)
         plans: list[Plan] = []
         results: list[SkillResult] = []
         outcome: Outcome | None = None
         begun = self.cassette.clock()
-        for moment in self.episode.do(subtask):
-            if isinstance(moment, Outcome):
-                outcome = moment
+        for event in events:
+            if isinstance(event, Outcome):
+                outcome = event
                 continue
-            self.steps.moment(moment)
-            if isinstance(moment, Plan):
-                plans.append(moment)
+            self.steps.event(event)
+            if isinstance(event, Plan):
+                plans.append(event)
             else:
-                results.append(moment)
-            yield moment
+                results.append(event)
+            yield event
         seconds = self.cassette.clock() - begun
         if outcome is None:
             raise KarmaError(f"{self.method} ended an instruction without an outcome")

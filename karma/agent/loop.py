@@ -1,0 +1,198 @@
+"""The agent's loop: plan, act, remember.
+
+An answer of the planner is a whole program (KARMA §3.5). Its calls run until one fails; then the
+planner is asked again and told why. What was seen and done goes into memory at the end.
+"""
+
+from collections.abc import Collection, Generator, Iterator, Mapping
+from dataclasses import replace
+
+from karma.agent.attempts import Attempts, bound
+from karma.agent.body.skills import Skills
+from karma.agent.memory import AgentMemory
+from karma.agent.planning.planner import Planner, grounded
+from karma.agent.seeing.eyes import Eyes
+from karma.agent.seeing.perception import Perception
+from karma.agent.session import LOOK_OVER, NO_ADVICE, SURVEY, Executor, Remembered, Session
+from karma.contracts import (
+    Advice,
+    AgentEvent,
+    Check,
+    Found,
+    Outcome,
+    PlanRequest,
+    SceneRef,
+    SeenObject,
+    SkillCall,
+    SkillResult,
+    SubTask,
+    World,
+)
+
+
+class Agent:
+    """One agent in one home: a planner, skills in a world, and both memories."""
+
+    def __init__(
+        self,
+        world: World,
+        planner: Planner,
+        memory: AgentMemory,
+        perception: Perception,
+        attempts: int,
+    ) -> None:
+        self.world, self.planner, self.attempts = world, planner, attempts
+        self.memory, self._perception = memory, perception
+
+    def enter(self, scene: SceneRef) -> None:
+        """Be in a room; its first visit explores it."""
+        self.memory.enter(scene, self.world)
+
+    def eyes(self, instruction: str) -> Eyes | None:
+        """Return the eyes for this room; None: the simulator's metadata."""
+        return self._perception.eyes(self.memory.scene, instruction)
+
+    def do(
+        self,
+        subtask: SubTask,
+        executor: Executor | None = None,
+        *,
+        keep_shut: Collection[str] = (),
+        clock_s: float = 0.0,
+    ) -> Iterator[AgentEvent]:
+        """Carry out an instruction and remember it; yields what happens, the report last.
+
+        Args:
+            subtask: the instruction.
+            executor: carries it out; None: the planner alone.
+            keep_shut: types that nothing opens.
+            clock_s: time of the home when the instruction is given.
+        """
+        resident = self.memory.short_term.units()
+        session = AgentSession(self, subtask.instruction, keep_shut)
+        finished = yield from (executor or _planned(subtask))(session)
+        experience, change = session.skills.experience, None
+        if session.has_acted:  # what is refused before a step changes nothing
+            clock_s += session.skills.actions
+            change = self.memory.remember(experience, subtask.instruction, clock_s)
+        graph = self.memory.graph
+        yield Outcome(
+            finished=finished,
+            resident=resident,
+            handled_ids=experience.handled_ids,
+            kept=self.memory.short_term.units(),
+            tour=graph.tour if graph else None,
+            checks=session.checks(),
+            change=change,
+        )
+
+
+def _planned(subtask: SubTask) -> Executor:
+    """Return what carries out an instruction by the planner alone."""
+
+    def execute(session: Session) -> Generator[AgentEvent, None, bool]:
+        return (yield from session.do(subtask)).finished
+
+    return execute
+
+
+class AgentSession:
+    """One instruction of an agent, as `karma.agent.session.Session` describes it."""
+
+    def __init__(self, agent: Agent, instruction: str, keep_shut: Collection[str]) -> None:
+        memory = agent.memory
+        self._agent, self._memory = agent, memory
+        self._beliefs = memory.beliefs(agent.world)
+        eyes = agent.eyes(instruction)
+        self.skills = Skills(agent.world, self._beliefs, eyes=eyes, before=memory.room.seen)
+        self.skills.keep_shut(keep_shut)
+        self._attempts: list[Attempts] = []  # that came to a first call
+        self._said: list[Check] = []
+        self.has_acted = False
+
+    def do(
+        self, subtask: SubTask, advice: Advice = NO_ADVICE
+    ) -> Generator[AgentEvent, None, Attempts]:
+        """Plan and act until a program succeeds or the attempts are used up."""
+        planner, attempts = self._agent.planner, Attempts(instruction=subtask.instruction)
+        tells_all = planner.profile != "compact"
+        request = self._memory.request(subtask, advice, tells_all=tells_all)
+        self._beliefs.units = self._memory.beliefs(self._agent.world, request.units).units
+        for _ in range(self._agent.attempts):
+            answer = None
+            for answer in planner.plan(self._updated(request, attempts)):
+                yield answer
+                self._memory.keep_names(answer.names)
+                if answer.failure is not None:
+                    request = replace(request, failures=(*request.failures, answer.failure))
+            if answer is None or not answer.calls:
+                break
+            results: list[SkillResult] = []
+            self.skills.begin_program()
+            for call in bound(answer, advice.only):
+                results.append(self.skills.run(call))
+                yield results[-1]
+                if not results[-1].ok:
+                    break
+            attempts = attempts.with_program(grounded(answer.calls, answer.names), results)
+            if attempts.ran:
+                break
+            request = attempts.failure_told(request)
+        if attempts.results:
+            self.has_acted = True
+            self._attempts.append(attempts)
+        return attempts
+
+    def _updated(self, request: PlanRequest, attempts: Attempts) -> PlanRequest:
+        self.skills.look()
+        experience = self.skills.experience
+        return self._memory.updated(request, experience, again=bool(attempts.results))
+
+    def call(self, call: SkillCall, aside: Collection[str] = ()) -> SkillResult:
+        """Run one skill, `LOOK_OVER` or `SURVEY`; a search passes over the ids `aside`."""
+        self.has_acted = True
+        if call.skill == SURVEY:
+            call = SkillCall.of("GoToObject", self._memory.scene)
+            looks = tuple(self.skills.look_everywhere())
+            actions = sum(look.actions for look in looks)
+            searched = sum(look.explorations for look in looks)
+            return SkillResult(call=call, ok=True, actions=actions, explorations=searched)
+        if call.skill == LOOK_OVER:
+            return self.skills.look_over(self.seen()[call.objects[0]])
+        if call.skill == "Explore" and aside:
+            return self.skills.find_another(call.objects[0], aside)
+        result = self.skills.run(call)
+        if result.ok and self._attempts:
+            self._attempts[-1] = self._attempts[-1].with_result(result)
+        return result
+
+    def seen(self) -> Mapping[str, SeenObject]:
+        """Return the latest sight of each object of the room that is not known to be gone."""
+        return self._memory.sights(self.skills.experience)
+
+    def remembered(self) -> Remembered:
+        """Return what is remembered of the room, and what was left open or on."""
+        memory, experience = self._memory, self.skills.experience
+        graph = memory.graph
+        areas = graph.areas() if graph else ()
+        units = memory.short_term.units(memory.scene)
+        types = {object_type for area in areas for object_type in area.contains}
+        types |= {unit.object_type for unit in units}
+        return Remembered(
+            units=units,
+            fixtures={node.id: node.type for node in graph.objects()} if graph else {},
+            types=frozenset(types | {sight.object_type for sight in self.seen().values()}),
+            held=experience.held,
+            left=experience.left,
+            taken=experience.taken,
+        )
+
+    def say(self, text: str, found: Found) -> None:
+        """Put a line into the report: what is so, and by what that is known."""
+        self._said.append(Check(text=text, found=found))
+
+    def checks(self) -> tuple[Check, ...]:
+        """Return the report's lines: the state of all that was to be done, then what was said."""
+        experience = self.skills.experience
+        done = (check for attempts in self._attempts for check in attempts.checks(experience))
+        return (*dict.fromkeys(done), *self._said)

@@ -1,0 +1,279 @@
+"""Both memories of one agent: what goes into prompts, and what an instruction leaves in them."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from karma.agent.experience import as_left, lost, shut_away, units_of
+from karma.agent.planning.full_profile import furniture_names
+from karma.agent.seeing.perception import Perception
+from karma.agent.settings import KarmaSettings
+from karma.agent.tour import explore_room, position_of
+from karma.contracts import (
+    Advice,
+    Area,
+    Experience,
+    Known,
+    MemoryChange,
+    MemoryUnit,
+    PlanRequest,
+    Recall,
+    Recalled,
+    SceneRef,
+    SeenObject,
+    SubTask,
+    VisionModel,
+    World,
+)
+from karma.household.ids import type_of
+from karma.household.pieces import goes_by
+from karma.household.places import HAND
+from karma.memory.policies import make_policy
+from karma.memory.scene_graph import SceneGraph
+from karma.memory.short_term import ShortTermMemory
+
+
+@dataclass(slots=True)
+class _Room:
+    """Long-term memory of one room."""
+
+    graph: SceneGraph | None = None
+    seen: dict[str, SeenObject] = field(default_factory=dict)  # the latest sight of each object
+    seen_s: dict[str, float] = field(default_factory=dict)  # when each was in view last
+    names: dict[str, str] = field(default_factory=dict)  # of furniture in prompts (-> id)
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """Both memories at one moment."""
+
+    scene: str
+    short_term: ShortTermMemory
+    rooms: "defaultdict[str, _Room]"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapFolder:
+    """Where maps are kept, one file a room."""
+
+    path: Path | None  # None: each room is explored anew
+    learn: bool  # what episodes learn is written back
+
+
+class AgentMemory:
+    """Short-term memory, and a map of each room entered; `scene` is the room the agent is in."""
+
+    def __init__(
+        self,
+        settings: KarmaSettings,
+        recall: Recall,
+        vision: VisionModel,
+        *,
+        maps: MapFolder,
+        perception: Perception,
+        seed: int,
+        pictures: Path,
+    ) -> None:
+        self.settings, self._recall, self._vision = settings, recall, vision
+        self._maps, self._perception, self._seed, self._pictures = maps, perception, seed, pictures
+        self.short_term = ShortTermMemory(make_policy(settings.policy))
+        self._rooms: defaultdict[str, _Room] = defaultdict(_Room)  # by name
+        self.scene = ""
+
+    @property
+    def graph(self) -> SceneGraph | None:
+        """The map of the room that the agent is in."""
+        return self._rooms[self.scene].graph
+
+    @property
+    def room(self) -> _Room:
+        """What is remembered of the room that the agent is in, for good."""
+        return self._rooms[self.scene]
+
+    def enter(self, scene: SceneRef, world: World) -> None:
+        """Be in a room: each has a map of its own; short-term memory is one for all."""
+        for unit in self.short_term.units():
+            if unit.place_id == HAND:  # it was put down at the door
+                self.short_term.correct(replace(unit, place_id=None))
+        self.scene = scene.name
+        if self.settings.long_term and self.graph is None:
+            saved = self._map_path()
+            graph, is_new = explore_room(world, scene, saved, self._perception.fresh())
+            self.room.graph = graph
+            if is_new and saved is not None:
+                graph.save(saved)
+
+    def _map_path(self) -> Path | None:
+        """Return where the map of this room lies, or None if it is explored each time."""
+        name = self._perception.map_file(self.scene, self._seed)
+        return self._maps.path / name if self._maps.path and name else None
+
+    # ------------------------------------------------------------- what is known
+
+    def beliefs(self, world: World, recalled: Sequence[MemoryUnit] = ()) -> "Beliefs":
+        """Return what skills may ask: units by name, the recalled ones first, then the map."""
+        others = self.short_term.units(self.scene) if self.settings.short_term else ()
+        return Beliefs(world, self.graph, (*reversed(recalled), *reversed(others)))
+
+    def sights(self, experience: Experience) -> dict[str, SeenObject]:
+        """Return the latest sight of all that was seen here and is not known to be gone."""
+        seen = {**self.room.seen, **experience.seen}
+        return {name: sight for name, sight in seen.items() if name not in experience.gone}
+
+    def last_seen(self) -> Mapping[str, tuple[SeenObject, float]]:
+        """Return the latest sight of each object of this room, and when it was in view last."""
+        room = self.room
+        return {name: (sight, room.seen_s.get(name, 0.0)) for name, sight in room.seen.items()}
+
+    # ------------------------------------------------------------- memory into the prompt
+
+    def request(self, subtask: SubTask, advice: Advice, *, tells_all: bool) -> PlanRequest:
+        """Return what the planner is told at first: the map, and the top K units by last use.
+
+        `tells_all`: the units that recall did not choose, too.
+        """
+        settings = self.settings
+        units = self.short_term.units(self.scene) if settings.short_term else ()
+        query = settings.paper_prompt and subtask.whole
+        recalled: list[Recalled] = []
+        if units:
+            k = min(settings.recall_k, len(units))
+            recalled = self._recall.recall(query or subtask.instruction, units, k)
+        return PlanRequest(
+            instruction=subtask.instruction,
+            whole="" if subtask.is_whole else subtask.whole,
+            areas=self.graph.areas() if self.graph else (),
+            graph_text=self.graph.to_text() if self.graph and settings.paper_prompt else "",
+            recalled=tuple(recalled),
+            units=self._shown(units, recalled, tells_all=tells_all and not settings.paper_prompt),
+            advice=advice,
+        )
+
+    def _shown(
+        self, units: tuple[MemoryUnit, ...], recalled: Sequence[Recalled], *, tells_all: bool
+    ) -> tuple[MemoryUnit, ...]:
+        """Return the units of the prompt: all of this room's, or the recalled ones."""
+        if self.settings.means == "recalled":  # the last of a type has its bare name
+            units = tuple(item.unit for item in reversed(recalled))
+        elif not tells_all:
+            chosen = {item.unit.object_id for item in recalled}
+            units = tuple(unit for unit in units if unit.object_id in chosen)
+        return shut_away(units, self.short_term.units(self.scene))
+
+    def updated(self, request: PlanRequest, experience: Experience, *, again: bool) -> PlanRequest:
+        """Return the request with hand and sight and, after a failure, what was done so far."""
+        held = experience.held
+        request = replace(
+            request,
+            held_id=held.object_id if held else None,
+            held_type=held.object_type if held else None,
+        )
+        if not self.settings.short_term:
+            return request
+        if not self.settings.paper_prompt:
+            seen = tuple(self.sights(experience).values())
+            request = replace(request, seen=seen, named=self.room.names)
+        if not again:
+            return request
+        before = as_left(request.units, experience)
+        fresh = units_of(
+            experience, before, self._vision, request.instruction, scene=self.scene, seen_kept=0
+        )
+        new = {unit.object_id for unit in (*fresh, *lost(request.units, experience))}
+        kept = (unit for unit in before if unit.object_id not in new)
+        return replace(request, units=(*kept, *fresh))
+
+    def keep_names(self, names: Mapping[str, str]) -> None:
+        """Keep the names that furniture has in a prompt (-> id): they stay for all later ones."""
+        self.room.names.update(furniture_names(names))
+
+    # ------------------------------------------------------------- experience into memory
+
+    def remember(self, experience: Experience, instruction: str, at_s: float) -> MemoryChange:
+        """Write what was seen, then what was handled in the order of use; forget what is gone."""
+        remembered = self.short_term.units(self.scene)
+        away, before = lost(remembered, experience), as_left(remembered, experience)
+        units = units_of(
+            experience, away, self._vision, instruction,
+            scene=self.scene, seen_kept=self.settings.seen_kept, folder=self._pictures,
+        )  # fmt: skip
+        change = MemoryChange(
+            scene=self.scene,
+            at_s=at_s,
+            corrected=tuple(unit for unit in before if unit not in remembered),
+            forgotten=tuple(unit.object_id for unit in away),
+            remembered=tuple(units),
+            seen=tuple(experience.seen.values()),
+            in_view=tuple(experience.views),
+            gone=tuple(sorted(experience.gone)),
+            taken=tuple(experience.taken.items()),
+        )
+        self.learn(change)
+        return change
+
+    def learn(self, change: MemoryChange) -> None:
+        """Put into memory what an instruction has left."""
+        for unit in change.corrected:
+            self.short_term.correct(unit)
+        room = self._rooms[change.scene]
+        room.seen.update((sight.object_id, sight) for sight in change.seen)
+        for object_id in (*change.gone, *change.forgotten):
+            room.seen.pop(object_id, None)
+        for object_id in change.forgotten:
+            self.short_term.forget(object_id, change.scene)
+        room.seen_s.update(dict.fromkeys(change.in_view, change.at_s))
+        if self.settings.short_term:
+            for unit in change.remembered:
+                self.short_term.remember(unit)
+        if room.graph is not None:
+            room.graph.observe(change.seen)
+            for object_id in change.gone:
+                room.graph.forget(object_id)
+            self._keep_map()
+
+    def _keep_map(self) -> None:
+        """Write what was learnt of this room, where that is wanted."""
+        if self.graph is not None and self._maps.learn and (path := self._map_path()) is not None:
+            self.graph.save(path)
+
+    def snapshot(self) -> Snapshot:
+        """Return all that is remembered now, apart from what comes later."""
+        return deepcopy(Snapshot(self.scene, self.short_term, self._rooms))
+
+    def go_back(self, before: Snapshot) -> None:
+        """Remember what was remembered then, and nothing since."""
+        kept = deepcopy(before)
+        self.scene, self.short_term, self._rooms = kept.scene, kept.short_term, kept.rooms
+        self._keep_map()
+
+
+class Beliefs:
+    """What skills may ask of memory: units by name, then the map, then what holds a unit."""
+
+    def __init__(self, world: World, graph: SceneGraph | None, units: Sequence[MemoryUnit]) -> None:
+        self._world, self._graph, self.units = world, graph, units
+
+    def where(self, name: str) -> Known | None:
+        """Return the best known place of a name, None if nothing is known of it."""
+        for unit in self.units:
+            if goes_by(name, unit.object_id, unit.object_type):
+                return Known(
+                    object_id=unit.object_id,
+                    object_type=unit.object_type,
+                    position_m=unit.position_m,
+                    place_id=None if unit.place_id == HAND else unit.place_id,
+                    source="memory",
+                )
+        near = position_of(self._world)
+        found = self._graph.known(name, near=near) if self._graph else None
+        inside = next((unit for unit in self.units if unit.place_id == name != HAND), None)
+        if found or inside is None:
+            return found
+        at = inside.position_m
+        return Known(object_id=name, object_type=type_of(name), position_m=at, source="memory")
+
+    def areas(self) -> tuple[Area, ...]:
+        """Return the area nodes; () without long-term memory."""
+        return self._graph.areas() if self._graph else ()

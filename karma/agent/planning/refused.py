@@ -1,0 +1,49 @@
+"""A planner's refusals of a request: what in it was not understood, and which cannot be.
+
+The words for people are in `refusal_text`; refusals of a skill by the world in
+`karma.agent.body.refusals`.
+"""
+
+from dataclasses import replace
+
+from karma.contracts import Hint, PlanRequest, RefusedRequest
+from karma.household.places import OVERLOOKED, landmark_types
+from karma.household.saying import spoken
+from karma.household.types import object_types
+from karma.language.hints import bare_words, singular
+from karma.language.phrases import phrases_of
+
+NEAR = 0.6  # cosine from which on a phrase has a meaning here
+KNOWN = "known, so the request is not refused for that"  # ends why a refusal cannot be
+
+
+def with_words(refused: RefusedRequest, request: PlanRequest) -> RefusedRequest:
+    """Return a refusal with the phrases of the request that no meaning here is near to."""
+    deeds = refused.kind == "deed"
+    far = [hint for hint in request.hints if _is_deed(hint) == deeds and nearness(hint) < NEAR]
+    return replace(refused, words=tuple(hint.phrase for hint in far))
+
+
+def cannot_be(refused: RefusedRequest, request: PlanRequest) -> str:
+    """Return why a refusal is none: "I know of no such thing" of things that are known; else "".
+
+    All that the request names has to be a type by its name, and furniture to be on the map.
+    """
+    named = [singular(" ".join(bare_words(one.text.lower().split())))
+             for one in phrases_of(request.instruction).nouns]  # fmt: skip
+    here = {kind for area in request.areas for kind in area.contains}
+    away = landmark_types() - here - OVERLOOKED if here else frozenset()
+    known = {word for kind in object_types() if kind not in away
+             for word in (kind.lower(), spoken(kind).lower())}  # fmt: skip
+    if refused.kind not in ("thing", "place") or not named or not known.issuperset(named):
+        return ""
+    return f"{' and '.join(dict.fromkeys(named))}: {KNOWN}"
+
+
+def nearness(hint: Hint) -> float:
+    """Return how near a phrase is to its nearest meaning; 0 where it has none."""
+    return max((meaning.similarity for meaning in hint.meanings), default=0.0)
+
+
+def _is_deed(hint: Hint) -> bool:
+    return not any(meaning.name in object_types() for meaning in hint.meanings)

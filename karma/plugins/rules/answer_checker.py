@@ -1,0 +1,84 @@
+"""The hook of the core's planner: answers are held to what the words of a request ask for."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from karma.agent.planning.goal_lines import program_for
+from karma.agent.planning.inspector import objection
+from karma.agent.planning.planner import grounded, known_here
+from karma.contracts import Advice, PlanRequest, RefusedRequest, SkillCall
+from karma.plugins.rules.language.clauses import plainly, said
+from karma.plugins.rules.request_checker import Guard
+from karma.plugins.rules.request_goals import asked_lines
+from karma.plugins.rules.trimming import trimmed
+from karma.plugins.rules.types import Request
+
+_LOOSE_AFTER = 2  # failed answers after which a mug will do for a cup
+
+
+def advice_for(asked: Request | None, only: Mapping[str, str] | None = None) -> Advice:
+    """Return what the planner is told of a parsed request; `only`: type -> id of what is meant."""
+    if asked is None:
+        return Advice(only=only or {})
+    return Advice(
+        plain=plainly(asked),
+        actions=fields_of(asked),
+        checker=RequestAnswerChecker(asked),
+        only=only or {},
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class RequestAnswerChecker:
+    """Holds a planner's answers to one parsed request."""
+
+    asked: Request
+
+    def contradicts(self, refused: RefusedRequest) -> bool:
+        """Return whether the words say otherwise than a refusal."""
+        asked = self.asked
+        match refused.kind:
+            case "negated":
+                return not (asked.forbidden or asked.exclusions)
+            case "thing" | "place":
+                return all(one.types or one.told or one.anything for one in asked.mentions)
+            case "deed":
+                return all(deed.deed for deed in asked.deeds)
+            case kind:
+                return kind == "language"
+
+    def check(
+        self, calls: Sequence[SkillCall], request: PlanRequest, names: Mapping[str, str]
+    ) -> tuple[tuple[SkillCall, ...], str]:
+        """Return a program, or the part of it that was asked for, and why none of it was."""
+        guard, exact = Guard(self.asked, known_here(request)), len(request.failures) < _LOOSE_AFTER
+
+        def reason(some: Sequence[SkillCall]) -> str:
+            meant, begun = grounded(some, names), bool(request.done)
+            return guard.stopped(meant, request.held_id, exact=exact, begun=begun)
+
+        calls = guard.kept_open(guard.put_near(calls))
+        wrong = reason(calls)
+        if not wrong:
+            return calls, ""
+        held = next((name for name, id_ in names.items() if id_ == request.held_id), None)
+        # of what is only the rest of a request, any part would do
+        part = () if request.done else trimmed(
+            calls, lambda some: reason(some) or str(objection(some, held=held) or "")
+        )  # fmt: skip
+        return (part, "") if part else (calls, wrong)
+
+    def program(self, request: PlanRequest, names: Mapping[str, str]) -> tuple[SkillCall, ...]:
+        """Return the rule-based planner's program for the words, or ()."""
+        lines = asked_lines(self.asked, known_here(request))
+        return program_for(lines, request.units, names) if lines else ()
+
+
+def fields_of(asked: Request) -> list[str]:
+    """Return what the words of a request were parsed as, action by action, then exclusions."""
+    flat = [replace(deed, things=(one,)) for deed in asked.deeds for one in deed.things]
+    known = [deed for deed in flat if deed.deed and deed.things[0].types]
+    lines = [said(deed, plain=True) for deed in known]
+    ruled_out = (deed for deed in asked.forbidden if deed.things)
+    lines += [f"do not {deed.verb} the {deed.things[0].text}" for deed in ruled_out]
+    return [*lines, *(f"leave the {one.text} alone" for one in asked.exclusions)]
