@@ -23,8 +23,9 @@ from karma.agent.journal.steps import (
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.bench.engine.episode import run_episode
+from karma.bench.methods.baseline import NoOptions
 from karma.bench.methods.expert import ExpertMethod
-from karma.bench.methods.lota import LotaGenerate, LotaGenerateSettings
+from karma.bench.methods.lota import LotaGenerate
 from karma.contracts import MemoryUnit, Outcome, Resources, SceneRef, SubTask, Task
 from karma.errors import FileError, KarmaError
 from karma.household.places import BESIDE_A_DOOR
@@ -269,7 +270,7 @@ def test_what_was_in_the_hand_is_remembered_as_put_down(karma, tmp_path):
 @pytest.mark.parametrize(("kind", "told"), [("sequence", False), ("composite", True)])
 def test_lota_is_told_earlier_instructions_of_its_task_only(tmp_path, kind, told):
     model = ScriptedModel([STILL, STILL])
-    method = LotaGenerate(Planner(model, "full"), LotaGenerateSettings())
+    method = LotaGenerate(Planner(model, "full"), NoOptions())
     first, second = ((KITCHEN, text, "OPEN(Fridge)") for text in ("Go east.", "Go west."))
     steps = StepLog()
     run(method, sequence(first, second, kind=kind), tmp_path, steps)
