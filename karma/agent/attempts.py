@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from karma.agent.body.afterwards import checked
 from karma.agent.body.refusals import NOT_FOUND
-from karma.agent.planning.first_program import left_undone
+from karma.agent.planning.first_program import left_undone, replaces_first
 from karma.agent.planning.planner import grounded
 from karma.agent.planning.program import PUTS
 from karma.contracts import (
@@ -34,9 +34,10 @@ class Attempts:
         self, calls: tuple[SkillCall, ...], results: Iterable[SkillResult]
     ) -> "Attempts":
         """Return these with a program that was carried out, as far as it went."""
+        is_first = not self.first or replaces_first(self.first, calls, self.instruction)
         return replace(
             self,
-            first=self.first or calls,
+            first=calls if is_first else self.first,
             calls=calls,
             results=tuple(results),
             before=self.before + tuple(result for result in self.results if result.ok),

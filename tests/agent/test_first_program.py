@@ -1,6 +1,8 @@
 """What the first program was to bring about, and what is left of it."""
 
-from karma.agent.planning.first_program import aims_of, left_undone
+import pytest
+
+from karma.agent.planning.first_program import aims_of, left_undone, replaces_first
 from karma.agent.planning.program import OUR_SKILLS, SKILLS, parse_program
 
 
@@ -33,6 +35,20 @@ def test_what_is_left_undone_is_what_the_first_program_has_and_nobody_did():
     assert left_undone(program("Explore Mug"), program("Explore Cup")) == ("Mug",)
     assert left_undone(program("Go Fridge", "Explore Mug"), program("Go Mug")) == ()
     assert left_undone(program(*CUT), program("Pick Knife", "Slice Tomato")) == ()
+
+
+@pytest.mark.parametrize(
+    ("instruction", "replaced"),
+    [
+        ("bring me the pan", True),  # nobody spoke of a pot
+        ("bring me the pot, or a pan if there is none", True),
+        ("bring me the pot beside the pan", False),
+        ("bring me something to fry with", False),
+    ],
+)
+def test_first_program_is_replaced_by_one_that_the_instruction_names(instruction, replaced):
+    first, later = program("Explore Pot", "Pick Pot"), program("Explore Pan", "Pick Pan")
+    assert replaces_first(first, later, instruction) is replaced
 
 
 def test_knives_taps_and_doors_are_no_aim_beside_others():

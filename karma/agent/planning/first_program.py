@@ -4,6 +4,7 @@ The first program that is carried out says what the request asks for. What later
 failure, leave out was not done. Types count, not ids: any mug will do for a mug.
 """
 
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,6 +19,7 @@ from karma.household.uses import BIN, KNIVES, TAP_OF, TAPS, kind_of
 
 _DEEDS = {name: DEEDS[name] for name in (*CHANGES, *SWITCH_AFTER)}
 _FIND = "find"
+_CHOICE = re.compile(r"\b(?:or|else|otherwise|instead|if)\b", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,6 +28,11 @@ class ProgramAims:
 
     moved: Mapping[str, tuple[str, ...]]  # type -> where it is put, in order; HAND: it stays there
     deeds: frozenset[tuple[str, str]]  # ("slice", "Apple")
+
+    @property
+    def types(self) -> frozenset[str]:
+        """The object types that it is about."""
+        return frozenset((*self.moved, *(kind for _, kind in self.deeds)))
 
     def places(self, thing: str) -> frozenset[str]:
         """Return where a thing comes to be, also within what it was put into."""
@@ -88,6 +95,21 @@ def _takes(place: str, thing: str) -> bool:
     if there is None or one is None or not there.can("receptacle"):
         return True
     return fits_whole_or_cut(thing, place, WIDEST)
+
+
+def replaces_first(
+    first: Sequence[SkillCall], later: Sequence[SkillCall], instruction: str
+) -> bool:
+    """Return whether a later program is about what the instruction names, unlike the first.
+
+    Each of its new types is named. So the first program was wrong, or the instruction gives a
+    choice: "the kettle, or a pan if there is none".
+    """
+    aims, asked = aims_of(later), aims_of(first).types
+    now = aims.types - {kind for deed, kind in aims.deeds if deed == _FIND}
+    was_wrong = not any(_is_said(kind, instruction) for kind in asked - now)
+    free = was_wrong or bool(_CHOICE.search(instruction))
+    return free and bool(now - asked) and all(_is_said(kind, instruction) for kind in now - asked)
 
 
 def left_undone(
