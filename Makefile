@@ -8,14 +8,16 @@ WORKERS ?= 2
 SEED ?= 29
 HASHED := $(wildcard $(foreach name,short_term scene_graph recall program prompt perceive goals \
 	policies tasks draw,tests/*/test_$(name).py))
+CORE_TESTS = $(addprefix tests/,agent bench cli household language memory models world test_layers.py \
+	test_plugins.py test_packaging.py)
 SHARED_TESTS = $(shell grep -lE 'SHARED|\bshared\b' tests/test_*.py tests/*/test_*.py tests/*/*/test_*.py)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check hashed format scenes planner paper airgap docs server clean
+.PHONY: help setup demo test test-core check hashed format scenes planner paper airgap docs server clean
 
 help: ## list the targets
-	@sed -n 's/^\([a-z]*\):.*## /  make \1|/p' Makefile | column -t -s '|' 2>/dev/null \
-		|| sed -n 's/^\([a-z]*\):.*## /  make \1: /p' Makefile
+	@sed -n 's/^\([a-z-]*\):.*## /  make \1|/p' Makefile | column -t -s '|' 2>/dev/null \
+		|| sed -n 's/^\([a-z-]*\):.*## /  make \1: /p' Makefile
 
 setup: ## make .venv: pinned packages, llama.cpp built from source once, this package
 	@bash scripts/setup.sh
@@ -30,6 +32,10 @@ test: setup ## check, then all tests; those of the reference data last, where it
 	@KARMA_SHARED=/nowhere PYTHONHASHSEED=0 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) --dist worksteal
 	@echo "test: what reads the reference data (KARMA_SHARED, else ../shared)"
 	@PYTHONHASHSEED=0 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) --dist worksteal -m shared $(SHARED_TESTS)
+
+test-core: setup ## the tests of the core alone, without plug-ins, kills and wheels
+	@KARMA_SHARED=/nowhere PYTHONHASHSEED=0 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) --dist worksteal \
+		$(CORE_TESTS)
 
 hashed: setup
 	@echo "test: what has golden answers, under another hash seed"

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from inspect import signature
+from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -105,7 +106,7 @@ def missing_package(error: BaseException) -> str:
     """Return what is said of a package that a plug-in of ours lacks; "" of any other error."""
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         parts = Path(frame.filename).parts
-        if _PLUGINS in zip(parts, parts[1:], strict=False):
+        if _PLUGINS in pairwise(parts):
             plugin = parts[len(parts) - parts[::-1].index("plugins")]
             if extra := _extra_without(error, f"karma.plugins.{plugin}"):
                 return f"{error}\n  {fix_of(extra)}"

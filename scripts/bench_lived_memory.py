@@ -1,4 +1,4 @@
-"""Measure the memory of a lived-in home at size: recall, insertions, restart, bytes, a year.
+"""Measure the memory of a lived-in home at size: recall, insertions, bytes, a year.
 
 Moments are drawn, not lived: things of 50 types that move between 60 places. Latencies are medians
 on one thread; the text query goes through MiniLM, whose own share is the reference beside it.
@@ -6,10 +6,8 @@ on one thread; the text query goes through MiniLM, whose own share is the refere
     python scripts/bench_lived_memory.py [--most 20000]
 """
 
-import tempfile
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from statistics import median
 
 import typer
@@ -18,9 +16,9 @@ from measuring import table, taken
 from karma.contracts import Meaning
 from karma.household.types import object_types
 from karma.models.embed.minilm import MiniLm
-from karma.plugins.homes.memory.episodes import EpisodeLog, EpisodeQuery
+from karma.plugins.homes.memory.episodes import EpisodeQuery
 from karma.plugins.homes.memory.setting import KnownPlace, MemorySetting
-from karma.plugins.homes.memory.true_memory import LOG, TrueMemory
+from karma.plugins.homes.memory.true_memory import TrueMemory
 from karma.plugins.homes.types import Deed, HomeMoment, HomeQuestion, SaidThing, Sighting
 from karma.seeds import stream
 
@@ -42,7 +40,7 @@ PLACES = {place.place_id: place for place in map(_place, range(60))}
 
 
 def drawn_moments(units: int, objects: int, days: float, seed: int) -> Iterator[HomeMoment]:
-    """Yield moments in which some thing has come to another place, spread over days."""
+    """Yield moments of moved objects, spread over days."""
     rng, places = stream(seed, "bench", "lived", str(units), str(objects)), list(PLACES.values())
     for number in range(units):
         which = int(rng.integers(objects)) if number >= objects else number
@@ -58,32 +56,18 @@ def drawn_moments(units: int, objects: int, days: float, seed: int) -> Iterator[
         yield HomeMoment(time_s=seen.time_s, room=place.room, seen=(seen,), deed=deed)
 
 
-def filled(memory: TrueMemory, moments: Iterator[HomeMoment], each: int) -> Iterator[int]:
-    """Take moments in and commit after each so many; yields the number of each."""
-    for number, moment in enumerate(moments):
-        memory.take_in(moment)
-        if number % each == each - 1:
-            memory.commit()
-        yield number
-    memory.commit()
-
-
-def measured(units: int, objects: int, embedder: MiniLm, folder: Path) -> list[float]:
+def measured(units: int, objects: int, embedder: MiniLm) -> list[float]:
     """Fill a memory and measure it."""
-    setting = MemorySetting(embedder=embedder, places=PLACES, folder=folder)
+    setting = MemorySetting(embedder=embedder, places=PLACES)
     memory = TrueMemory(setting)
     moments = drawn_moments(units, objects, 30.0, 0)
-    inserting = taken(lambda: list(filled(memory, moments, 20)), time.perf_counter)
+    inserting = taken(lambda: [memory.take_in(moment) for moment in moments], time.perf_counter)
     question_ms = _median_ms(lambda at: memory.recall(_question(at), 64))
-    memory.close()
-    restart_s = taken(lambda: TrueMemory(setting).close(), time.perf_counter)
-    log, size = EpisodeLog(folder / LOG, embedder, setting.places), f"{units} {objects}"
+    log, size = memory.log, f"{units} {objects}"
     log.recall(EpisodeQuery(text="a mug"), 1)  # the index is made once
     text_ms = _median_ms(lambda at: log.recall(_text_query(at, size), 20))
     embed_ms = _median_ms(lambda at: embedder.embed([f"thing {at} of {size}"]))
-    size_mb = log.size_bytes() / 1e6
-    log.close()
-    return [units / inserting, question_ms, text_ms, embed_ms, restart_s, size_mb]
+    return [units / inserting, question_ms, text_ms, embed_ms, log.size_bytes() / 1e6]
 
 
 def _median_ms(do: Callable[[int], object]) -> float:
@@ -99,7 +83,7 @@ def _question(at: int) -> HomeQuestion:
 
 
 def _text_query(at: int, size: str) -> EpisodeQuery:
-    """Return a query whose text no other size has asked for: MiniLM keeps what it has embedded."""
+    """Return a query with new text for each size: MiniLM caches its embeddings."""
     after = at % 25
     return EpisodeQuery(
         text=f"something soft to wash up with, number {at} of {size}",
@@ -108,27 +92,22 @@ def _text_query(at: int, size: str) -> EpisodeQuery:
 
 
 def main(most: int = 20_000, sizes: int = len(SIZES)) -> None:
-    """Print a table of the first sizes, and what a year with a budget of episodes comes to."""
+    """Print a table of the first sizes, and the figures of a year with a budget of episodes."""
     embedder = MiniLm()
-    with tempfile.TemporaryDirectory() as place:
-        table(
-            "units | objects | inserted/s | question, ms | text, ms | MiniLM alone, ms |"
-            " restart, s | file, MB",
-            (
-                (f"{u:,}", f"{o:,}", *measured(u, o, embedder, Path(tempfile.mkdtemp(dir=place))))
-                for u, o in SIZES[:sizes]
-            ),
-        )
-        setting = MemorySetting(embedder=embedder, places=PLACES, folder=Path(place))
-        memory, half, total = TrueMemory(setting, most_episodes=most), 0.0, 365 * 150
-        for number in filled(memory, drawn_moments(total, 150, 365.0, 1), 50):
-            if number == total // 2:
-                half = memory.size_bytes() / 1e6
-        print(
-            f"365 days, at most {most:,} closed episodes: {memory.episodes:,} at the end; "
-            f"{half:.1f} MB after half the year, {memory.size_bytes() / 1e6:.1f} MB after all of it"
-        )
-        memory.close()
+    table(
+        "units | objects | inserted/s | question, ms | text, ms | MiniLM alone, ms | MB",
+        ((f"{u:,}", f"{o:,}", *measured(u, o, embedder)) for u, o in SIZES[:sizes]),
+    )
+    setting = MemorySetting(embedder=embedder, places=PLACES)
+    memory, half, total = TrueMemory(setting, most_episodes=most), 0.0, 365 * 150
+    for number, moment in enumerate(drawn_moments(total, 150, 365.0, 1)):
+        memory.take_in(moment)
+        if number == total // 2:
+            half = memory.size_bytes() / 1e6
+    print(
+        f"365 days, at most {most:,} closed episodes: {len(memory.log):,} at the end; "
+        f"{half:.1f} MB after half the year, {memory.size_bytes() / 1e6:.1f} MB after all of it"
+    )
 
 
 if __name__ == "__main__":

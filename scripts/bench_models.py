@@ -1,4 +1,4 @@
-"""What planners of real sizes cost here: speed against llama.cpp itself, first tokens, memory.
+"""Measure planners of common sizes: speed relative to llama.cpp, first tokens, memory.
 
     python scripts/bench_models.py [nano 0.5b 1.5b 3b 8b] [--type f16 --type q8_0] [--threads 1]
         [--folder runs/bench_models] [--repeat 3]
@@ -61,7 +61,7 @@ OTHER = Prompt(stable="Another room.\n", changing="Go.\n")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wanted:
-    """What to measure one file with."""
+    """Parameters of a measurement."""
 
     name: str
     path: str
@@ -70,17 +70,17 @@ class Wanted:
     answer: int
     threads: int
     repeat: int
-    prefills: int  # cold ones of each; they are what takes time, and ours is one more
+    prefills: int  # cold prefills of each; ours has another
 
     @property
     def clock(self) -> Clock:
-        """What tells the time: on one thread its own, which others on the machine do not eat."""
+        """The clock: processor time on a single thread, else wall-clock time."""
         return time.process_time if self.threads == 1 else time.perf_counter
 
 
 @dataclass(slots=True)
 class Found:
-    """Figures of one file; every list holds one of each repeat."""
+    """Figures of a file; every list holds a value per repeat."""
 
     prompt: int  # tokens
     prefill_s: defaultdict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
@@ -110,7 +110,7 @@ class Found:
 
 
 def measure(wanted: Wanted) -> list[object]:
-    """Measure one file; the process should do nothing else."""
+    """Measure a file; the process should do nothing else."""
     import llama_cpp  # before memory is looked at
 
     llama_cpp.llama_backend_init()
@@ -300,7 +300,7 @@ def main(
     folder: Path = Path("runs/bench_models"),
     one: Annotated[str, typer.Option(hidden=True)] = "",
 ) -> None:
-    """Run all of it, or one file as told by the parent."""
+    """Measure all files, or the file that the parent process names."""
     go_offline()
     folder.mkdir(parents=True, exist_ok=True)
     if one:

@@ -1,12 +1,12 @@
-"""Milliseconds of one question to recall, in memories of 10, 1,000 and 100,000 units.
+"""Measure milliseconds per recall in memories of 10, 1,000 and 100,000 units.
 
     OMP_NUM_THREADS=1 python scripts/bench_recall.py [--repeats 20] [--units 10 --units 1000]
 
 Seconds of the processor, medians.
 
-- texts of their own: every unit has a vector of its own, random ones of 384 numbers, as the paper's
-  `cosine` over listings has it. `kept` is the index, `changed` the same after one unit came and one
-  went; the reference `numpy` is one matrix product and a partition over the same vectors.
+- texts: every unit has a random vector of 384 numbers, as in the paper's `cosine` over listings.
+  `kept` is the index, `changed` the same after a unit was added and another removed;
+  the reference `numpy` is a matrix product and a partition over the same vectors.
 - kinds: units of the 119 types that words are known of, with states and places, asked by
   `stateful` in a phrase; `encoder` adds MiniLM, which reads each phrase for the first time.
 """
@@ -93,7 +93,7 @@ def unit(number: int, kind: str) -> MemoryUnit:
 
 
 def medians(ways: Ways, repeats: int) -> list[float]:
-    """Return the median milliseconds of each way; one after the other, as a memory is asked."""
+    """Return the median milliseconds of each way."""
     return [1000 * median(in_turns({n: way}, repeats)[n]) for n, way in ways.items()]
 
 

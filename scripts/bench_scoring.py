@@ -1,4 +1,4 @@
-"""What skill scoring costs: naive scoring against the trie and best-first search.
+"""Measure skill scoring: naive scoring against the trie and best-first search.
 
     python scripts/bench_scoring.py [--candidates 200]
     python scripts/bench_scoring.py --lota-alfred 10
@@ -6,7 +6,7 @@
 Two models with F16 weights: the shipped planner, and a Llama of random weights made here. That the
 scores are exact is held by `tests/models/test_scoring.py`.
 
-Speed: one prompt of 2,000 tokens and 200 candidates, one thread, seconds of the processor, so that
+Speed: a prompt of 2,000 tokens and 200 candidates, one thread, seconds of the processor, so that
 other jobs on the machine matter less. Naive scoring is timed on three candidates and multiplied,
 since all 200 take the same. Each of ours is the median of several.
 
@@ -61,7 +61,7 @@ def steps(count: int) -> list[str]:
 
 
 def speed(model: GgufModel, texts: Sequence[str]) -> None:
-    """Time one long prompt."""
+    """Time a long prompt."""
     prompt, naive, scorer = long_prompt(model), Naive(model), SkillScorer(model)
     lengths = [len(tokens_of(model, text)) for text in texts]
     timed = stream(0, "timed").choice(len(texts), TIMED, replace=False).tolist()
@@ -142,7 +142,7 @@ def main(
     skip_random: bool = False,
     lota: Annotated[int, typer.Option("--lota-alfred", help="So many tasks.")] = 0,
 ) -> None:
-    """Time both models, or what --lota-alfred says."""
+    """Time both models, or LoTa-Bench's tasks."""
     go_offline()
     if lota:
         lota_alfred(GgufModel(NANO, LlamaOptions(threads=1)), lota)

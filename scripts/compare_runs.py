@@ -1,4 +1,4 @@
-"""Hold two runs of one experiment against each other, episode by episode: are all outcomes equal?
+"""Compare two runs of an experiment episode by episode.
 
 `python scripts/compare_runs.py BEFORE AFTER [--rename OLD=NEW ...]` compares what an episode came
 to: success, unmet goals, places searched, world actions, the skills and what they answered, the
@@ -19,7 +19,7 @@ Key = tuple[str, str, int]
 
 
 def outcomes(folder: Path, rows: dict[str, str]) -> dict[Key, list[Any] | None]:
-    """Return what each episode of a run came to, by row, task and seed; None: the clock cut it."""
+    """Return the outcome of each episode by row, task and seed; None if the clock cut it off."""
     found: dict[Key, list[Any] | None] = {}
     for line in (folder / "episodes.jsonl").read_text(encoding="utf-8").splitlines():
         record = json.loads(line)
@@ -44,11 +44,11 @@ def main(
     after: Path,
     rename: Annotated[list[str] | None, typer.Option(help="OLD=NEW: a row's name now.")] = None,
 ) -> None:
-    """Print each episode that differs and how many do; exit status 1 where one does."""
+    """Print the episodes that differ and their count; exit status 1 if any differs."""
     if not (before / "episodes.jsonl").exists():
-        one, other = ((folder / "results.json").read_bytes() for folder in (before, after))
-        print("results.json:", "equal" if one == other else "differs")
-        raise typer.Exit(one != other)
+        first, other = ((folder / "results.json").read_bytes() for folder in (before, after))
+        print("results.json:", "equal" if first == other else "differs")
+        raise typer.Exit(first != other)
     renamed = dict(pair.split("=", 1) for pair in rename or ())
     was, now = outcomes(before, renamed), outcomes(after, {})
     every = sorted(was.keys() | now.keys())

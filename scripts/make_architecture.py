@@ -1,4 +1,4 @@
-"""Write the picture and the line counts of docs/architecture.md from the code.
+"""Write the picture, line counts and plug-ins of docs/architecture.md from the code.
 
 python scripts/make_architecture.py            # rewrite the page
 python scripts/make_architecture.py --check    # exit code 1 if a count is off by more than a tenth
@@ -8,6 +8,7 @@ import ast
 import re
 import sys
 import textwrap
+import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -15,6 +16,7 @@ PAGE = ROOT / "docs" / "architecture.md"
 TOLERANCE = 0.1
 _COUNTED = re.compile(r"^\|(.*)\| (\d+) \|$", re.MULTILINE)  # a table row that ends in a number
 _PATH = re.compile(r"`((?:karma|tests)/[\w./]*)`")
+_PLUGIN = re.compile(r"^(\| \[\w+\].*?`karma/plugins/(\w+)/`) \|.*\| (\d+) \|$", re.MULTILINE)
 _FLOW = re.compile(r"(?<=<!-- flow: from karma/__init__.py -->\n).*?(?=<!-- /flow -->)", re.DOTALL)
 
 
@@ -32,19 +34,34 @@ def flow_text() -> str:
     return f"```\n{textwrap.dedent(drawn[1] if drawn else '').strip()}\n```\n"
 
 
+def plugin_cells(name: str) -> str:
+    """Return the entry-point groups and the imports of a plug-in, as two table cells."""
+    groups = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["entry-points"]
+    own = f"karma.plugins.{name}."
+    roles = [role for role, found in groups.items() if any(own in v for v in found.values())]
+    source = "".join(f.read_text("utf-8") for f in (ROOT / f"karma/plugins/{name}").rglob("*.py"))
+    imported = set(re.findall(r"^ *from karma\.plugins\.(\w+)", source, re.MULTILINE)) - {name}
+    registers = ", ".join(f"`{role}`" for role in sorted(roles)) or "nothing"
+    return f"{registers} | {', '.join(['core', *(f'`{plugin}`' for plugin in sorted(imported))])}"
+
+
 def refreshed(page: str) -> str:
-    """Return the page with today's picture and counts."""
+    """Return the page with today's picture, counts and plug-ins."""
+    page = _PLUGIN.sub(lambda row: f"{row[1]} | {plugin_cells(row[2])} | {row[3]} |", page)
     page = _COUNTED.sub(lambda row: f"|{row[1]}| {lines_of(row[1])} |", page)
     return _FLOW.sub(lambda _: flow_text(), page)
 
 
 def stale(page: str) -> list[str]:
-    """Return what the page says wrongly, one sentence each."""
+    """Return what is out of date on the page, a sentence each."""
     found = []
     for row in _COUNTED.finditer(page):
-        said, true = int(row[2]), lines_of(row[1])
-        if abs(said - true) > TOLERANCE * true:
-            found.append(f"{said} lines, but there are {true}: {row[1].strip()}")
+        written, counted = int(row[2]), lines_of(row[1])
+        if abs(written - counted) > TOLERANCE * counted:
+            found.append(f"{written} lines, but there are {counted}: {row[1].strip()}")
+    for row in _PLUGIN.finditer(page):
+        if plugin_cells(row[2]) not in row[0]:
+            found.append(f"{row[2]}: registers and imports are {plugin_cells(row[2])}")
     if _FLOW.findall(page) != [flow_text()]:
         found.append("the picture is not that of karma/__init__.py")
     return found

@@ -1,4 +1,4 @@
-"""Write the API reference from the docstrings: one HTML page a module, nothing fetched.
+"""Write the API reference from the docstrings: an HTML page per module, nothing fetched.
 
     python scripts/make_reference.py FOLDER
 
@@ -16,15 +16,15 @@ from karma.offline.guard import go_offline
 
 
 def modules() -> dict[str, str]:
-    """Return each module, with what is missing to import it here, "" where nothing is."""
+    """Return each module with the package that its import lacks, or ""."""
     found = {"karma": ""}
-    for one in pkgutil.walk_packages(karma.__path__, "karma.", onerror=lambda _: None):
+    for module in pkgutil.walk_packages(karma.__path__, "karma.", onerror=lambda _: None):
         try:
-            if not one.name.endswith("__main__"):
-                importlib.import_module(one.name)
-                found[one.name] = ""
+            if not module.name.endswith("__main__"):
+                importlib.import_module(module.name)
+                found[module.name] = ""
         except ImportError as error:
-            found[one.name] = f"{one.name} ({error.name})"
+            found[module.name] = f"{module.name} ({error.name})"
     return found
 
 

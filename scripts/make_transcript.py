@@ -1,4 +1,4 @@
-"""Write docs/plugins/transcript.md: what `karma chat` makes of requests as people say them.
+"""Write docs/plugins/transcript.md: conversations with `karma chat`.
 
     python scripts/make_transcript.py [--planner NAME] [--said FILE] [--out FILE]
 
@@ -36,7 +36,7 @@ KINDS = {
 
 @dataclass
 class Talk:
-    """A conversation in one room."""
+    """A conversation in a room."""
 
     scene: str
     said: list[tuple[str, str]] = field(default_factory=list)  # kind and words
@@ -69,7 +69,7 @@ def read(path: Path) -> list[Talk]:
 
 
 def printed(talk: Talk, options: Sequence[str], folder: Path) -> list[str]:
-    """Return what the command prints in a folder: an empty one, or that of the home so far."""
+    """Return the command's output in an empty folder or in the home's."""
     done = subprocess.run(
         [str(Path(sys.executable).with_name("karma")), "chat", *talk.options, *options],
         cwd=folder,
@@ -85,7 +85,7 @@ def printed(talk: Talk, options: Sequence[str], folder: Path) -> list[str]:
 
 
 def answers(lines: Sequence[str]) -> Iterator[str]:
-    """Yield what became of each request, in a word."""
+    """Yield the outcome of each request as a word."""
     blocks: list[list[str]] = []
     for line in lines:
         if line.startswith("> "):
@@ -122,7 +122,7 @@ def page(talks: Sequence[Talk], options: Sequence[str], planner: str) -> str:
 
 
 def all_printed(talks: Sequence[Talk], options: Sequence[str]) -> Iterator[tuple[Talk, list[str]]]:
-    """Yield each conversation with what the command prints, each home in a folder of its own."""
+    """Yield each conversation with the command's output, each home in its own folder."""
     with tempfile.TemporaryDirectory() as root:
         for number, talk in enumerate(talks):
             if not talk.later:

@@ -1,4 +1,4 @@
-"""What comes of requests as people put them, of all kinds, judged by the world's true state.
+"""Measure outcomes of people's requests, judged by the world's true state.
 
     python scripts/measure_asked.py eval/requests/asked_open.jsonl --lines
     python scripts/measure_asked.py eval/requests/asked_locked.jsonl     # only what it adds up to
@@ -6,7 +6,8 @@
 
 Each request is said to `karma.Agent` in its room, which it has toured. The oracle is
 `tests/support/asked.py`: goals over world state, and whether anything changed at all where nothing
-was to be done. Rows beside it: one that does nothing and says "done", and one that refuses all.
+was to be done. Controls: an agent that does nothing and reports "done", and an agent that refuses
+all.
 """
 
 from collections import Counter
@@ -35,7 +36,7 @@ from karma.agent.loading.models import Models
 from karma.contracts import Resources
 from karma.offline.guard import go_offline
 
-_UNDONE_BY = {  # what a later goal of the same thing takes back
+_UNDONE_BY = {  # property of an object that a later goal overwrites
     "HOLDON": "at", "ON": "at", "INSIDE": "at", "OPEN": "door", "CLOSED": "door",
     "TOGGLEON": "switch", "TOGGLEOFF": "switch",
 }  # fmt: skip
@@ -43,7 +44,7 @@ RIGHTLY = ("right", "asked rightly", "refused rightly")
 
 
 class AskedRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of one request."""
+    """Outcome of a request."""
 
     id: str
     kind: str
@@ -65,22 +66,22 @@ def main(
     every: Annotated[str, typer.Option(help='Of them some: "1/2" is every other one.')] = "0/1",
     option: Annotated[list[str] | None, typer.Option(help="Of the agent, as KEY=VALUE.")] = None,
 ) -> None:
-    """Say every request, and print what came of them."""
+    """Send every request and print the outcomes."""
     go_offline()
     pairs = (text.partition("=") for text in option or ())
     options = {key: {"true": True, "false": False}.get(v, v) for key, _, v in pairs}
     first, step = map(int, every.split("/"))
-    asked = [one for one in read_asked(file) if one.id.startswith(only)][first::step]
+    asked = [request for request in read_asked(file) if request.id.startswith(only)][first::step]
     resources, records = asking_resources(planner), []
-    for one in track(asked, description=file.stem):
-        records.append(said(one, resources, options))
+    for request in track(asked, description=file.stem):
+        records.append(said(request, resources, options))
         if lines and records[-1].verdict not in RIGHTLY:
             print(msgspec.json.encode(records[-1]).decode(), flush=True)
     if out:
-        out.write_bytes(b"".join(msgspec.json.encode(one) + b"\n" for one in records))
+        out.write_bytes(b"".join(msgspec.json.encode(record) + b"\n" for record in records))
     print("\n".join(table(records)))
     for name, came in (("does nothing, says done", "done"), ("refuses all", "refused")):
-        found = Counter(verdict(one, came, met=False, changed=False) for one in asked)
+        found = Counter(verdict(request, came, met=False, changed=False) for request in asked)
         print(f"control, {name}: " + ", ".join(f"{kind} {found[kind]}" for kind in VERDICTS))
 
 
@@ -90,37 +91,37 @@ def read_asked(path: Path) -> list[AskedRequest]:
     if b'"act"' in lines[0]:
         return [msgspec.json.decode(line, type=AskedRequest) for line in lines]
     if b'"requests"' in lines[0]:
-        return [_of_several(one) for one in load_several(path)]
+        return [_of_several(request) for request in load_several(path)]
     return [
         AskedRequest(
-            id=one.id, kind=one.kind, scene=one.scene, text=one.text,
-            act="do" if one.goals else "refuse", goals=one.goals,
+            id=request.id, kind=request.kind, scene=request.scene, text=request.text,
+            act="do" if request.goals else "refuse", goals=request.goals,
         )
-        for one in load_said(path)
-        if not one.handled
+        for request in load_said(path)
+        if not request.handled
     ]  # fmt: skip
 
 
-def _of_several(one: SeveralRequests) -> AskedRequest:
-    """Return a sentence with what holds in the end; a later request may undo an earlier one."""
+def _of_several(request: SeveralRequests) -> AskedRequest:
+    """Return a sentence with its final goals; a later request may undo an earlier."""
     held: dict[tuple[str, str], str] = {}
-    for goal in (parse_goal(text) for part in one.requests for text in part.goals):
+    for goal in (parse_goal(text) for part in request.requests for text in part.goals):
         kind, thing = goal.predicate, goal.arguments[-1 if goal.predicate == "HOLDON" else 0]
         held[_UNDONE_BY.get(kind, str(goal)), thing] = str(goal)
     return AskedRequest(
-        id=one.id, kind=one.kind, scene=one.scene, text=one.text, act="do",
+        id=request.id, kind=request.kind, scene=request.scene, text=request.text, act="do",
         goals=tuple(held.values()),
     )  # fmt: skip
 
 
-def said(one: AskedRequest, resources: Resources, options: Mapping[str, Any]) -> AskedRecord:
-    """Say one request, and judge what came of it."""
-    told = say(one, resources, options)
+def said(request: AskedRequest, resources: Resources, options: Mapping[str, Any]) -> AskedRecord:
+    """Send a request and judge its outcome."""
+    told = say(request, resources, options)
     came: Came = told.reply.status if told.reply is not None else "refused"
     parts = told.reply.parts if told.reply is not None else ()
     return AskedRecord(
-        id=one.id, kind=one.kind, text=one.text, act=one.act, came=came,
-        verdict=verdict(one, came, met=not told.unmet, changed=told.changed),
+        id=request.id, kind=request.kind, text=request.text, act=request.act, came=came,
+        verdict=verdict(request, came, met=not told.unmet, changed=told.changed),
         steps=sum(result.actions for part in parts for result in part.results),
         unmet=told.unmet,
         said=tuple(str(told.error if told.reply is None else told.reply).splitlines()),
@@ -128,12 +129,12 @@ def said(one: AskedRequest, resources: Resources, options: Mapping[str, Any]) ->
 
 
 def table(records: Sequence[AskedRecord]) -> Iterator[str]:
-    """Yield the rows: all, then each kind, with how many came to what."""
+    """Yield the rows: all, then each kind, with counts of outcomes."""
     yield f"{'kind':14} {'n':>4}  " + "  ".join(f"{name:>10.10}" for name in VERDICTS)
-    kinds = dict.fromkeys(one.kind for one in records)
+    kinds = dict.fromkeys(record.kind for record in records)
     for kind in ("all", *kinds):
-        mine = [one for one in records if kind in ("all", one.kind)]
-        count = Counter(one.verdict for one in mine)
+        mine = [record for record in records if kind in ("all", record.kind)]
+        count = Counter(record.verdict for record in mine)
         yield f"{kind:14} {len(mine):4}  " + "  ".join(f"{count[name]:10}" for name in VERDICTS)
     yield counted("right, or asked or refused rightly", [r.verdict in RIGHTLY for r in records])
     yield counted("wrong and said done", [r.verdict == "wrong and said done" for r in records])

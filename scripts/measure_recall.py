@@ -7,8 +7,8 @@
 Questions are our own, in words that no part of the project is trained on or embeds
 (`eval/recall/questions.jsonl`; what drew them is in the history, at commit c96376b), and those of
 the reference data where they are there. R@1 in memories of 10 and 40 units, with 95 % intervals
-over words or tasks. `marks` says who is marked as handled: what the question tells of ("lived"),
-nobody ("none"), or others than what is meant ("against"). "before" are the figures that
+over words or tasks. `marks`: which units are marked as handled: the question's ("lived"), none
+("none"), or others ("against"). "before" are the figures that
 `eval/recall/before.json` kept of the recall as it was; --save writes such a file. The recall is
 that of an experiment's row without options. --words writes what types are called, on the training
 side, with vectors, for recall to read (minutes).
@@ -93,7 +93,7 @@ def question_sets(shared: Path) -> dict[str, list[RecallQuestion]]:
 
 
 def asked_all(recall: Recall, questions: list[RecallQuestion], draws: int) -> list[Asked]:
-    """Return the rows of a set: recall with every kind of marks, and what does not read at all."""
+    """Return the rows of a set: recall with every kind of marks, and controls."""
     rows: dict[tuple[str, Marks], Recall] = {("recall", marks): recall for marks in MARKS}
     rows |= {(by, "lived"): InOrder(by) for by in CONTROLS}
     return [row for units in SIZES for row in ask(rows, questions, units, draws=draws)]
@@ -102,14 +102,14 @@ def asked_all(recall: Recall, questions: list[RecallQuestion], draws: int) -> li
 def shown(
     before: list[Asked], after: list[Asked], kinds: list[str]
 ) -> Iterator[tuple[object, ...]]:
-    """Yield the rows of a set, each after what it was before."""
+    """Yield the rows of a set, before and after."""
     rows = {(row.units, row.marks, row.row): row for row in before if row.row == "recall"}
     for row in after:
         old = rows.get((row.units, row.marks, row.row))
-        for label, one in (("before", old), ("after" if old else row.row, row)):
-            if one is not None:
-                cells = (interval_text(one.by_kind[kind]) for kind in kinds)
-                yield one.units, label, one.marks, *cells
+        for label, shown in (("before", old), ("after" if old else row.row, row)):
+            if shown is not None:
+                cells = (interval_text(shown.by_kind[kind]) for kind in kinds)
+                yield shown.units, label, shown.marks, *cells
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""What short-term memory saves over sequences of errands, and whether it ever costs anything.
+"""Measure the savings of short-term memory over sequences of requests, and its costs.
 
     python scripts/measure_short_term.py [--only 13 --only 117] [--lines] [--row memory]
 
-Three errands in a row in one of our 16 rooms: things are put somewhere, shut away, carried off in a
-vessel, refused, and asked for again (`tests/support/errand_sequences.py`). Rows:
+Three requests in a row in a shipped room: objects are put somewhere, shut away, carried in a
+vessel, refused, and requested again (`tests/support/errand_sequences.py`). Rows:
 
     memory      short-term memory and the map
     home        the same, kept on the disk and read again before each errand
@@ -39,23 +39,24 @@ Rows = Mapping[str, Sequence[Cost]]
 
 
 def told(sequence: Drawn, rows: Rows, *, lines: bool) -> Iterator[str]:
-    """Yield what a sequence came to, with all lines of its programs where that is wanted."""
-    texts = "; ".join(one.text for one in sequence.errands)
+    """Yield the outcome of a sequence, with the lines of its programs if wanted."""
+    texts = "; ".join(errand.text for errand in sequence.errands)
     yield f"{sequence.number} {sequence.scene}, {sequence.kind}: {texts}"
     for row, costs in rows.items():
-        yield f"    {row}: " + "; ".join(f"{one.places} places, {one.steps} steps" for one in costs)
-        for one in (result for cost in costs for result in cost.results if lines):
-            why = "" if one.ok else f": {one.reason}"
-            yield f"        {one.call}, {one.explorations} places, {one.actions} steps{why}"
+        yield f"    {row}: " + "; ".join(f"{c.places} places, {c.steps} steps" for c in costs)
+        for result in (result for cost in costs for result in cost.results if lines):
+            why = "" if result.ok else f": {result.reason}"
+            cost = f"{result.explorations} places, {result.actions} steps"
+            yield f"        {result.call}, {cost}{why}"
 
 
 def sums(found: Sequence[Rows]) -> Iterator[Sequence[object]]:
-    """Yield what each row came to."""
+    """Yield the sums of each row."""
     for row in found[0]:
-        costs = [one for rows in found for one in rows[row]]
+        costs = [cost for rows in found for cost in rows[row]]
         sides = Counter(cheaper(rows[row], rows[REFERENCE]) for rows in found)
-        places, steps = sum(one.places for one in costs), sum(one.steps for one in costs)
-        right = sum(one.right for one in costs)
+        places, steps = sum(cost.places for cost in costs), sum(cost.steps for cost in costs)
+        right = sum(cost.right for cost in costs)
         yield (
             row,
             len(costs),
@@ -72,17 +73,17 @@ def main(
     row: Annotated[list[str] | None, typer.Option(help=f"Beside {REFERENCE!r}.")] = None,
     lines: Annotated[bool, typer.Option(help="Print all that was done.")] = False,
 ) -> None:
-    """Do all sequences in all rows; print what memory saved, where it cost more, and why."""
+    """Run all sequences in all rows; print savings and explained costs of memory."""
     go_offline()
     wanted = [name for name in ROWS if name == REFERENCE or name in (row or ROWS)]
     resources, found, unexplained = given_planner(MAPS), list[Rows](), 0
-    for one in track([drawn(n) for n in only or range(sequences)], description="sequences"):
-        rows = {name: done(one, name, resources) for name in wanted}
+    for sequence in track([drawn(n) for n in only or range(sequences)], description="sequences"):
+        rows = {name: done(sequence, name, resources) for name in wanted}
         found.append(rows)
         kept = [name for name in wanted if name in ("memory", "home")]
         dear = [name for name in kept if cheaper(rows[name], rows[REFERENCE]) < 0]
         if dear or lines:
-            print("\n".join(told(one, rows, lines=lines)), flush=True)
+            print("\n".join(told(sequence, rows, lines=lines)), flush=True)
         for name in dear:
             by_the_way = explained(rows[name], rows[REFERENCE])
             unexplained += not by_the_way

@@ -1,9 +1,9 @@
-"""What comes of whole conversations: errands, questions and what is told, judged turn by turn.
+"""Measure conversations turn by turn: instructions, questions and statements.
 
     python scripts/measure_talks.py eval/talk/open.txt --lines
     python scripts/measure_talks.py eval/talk/locked.txt          # only what it adds up to
 
-A conversation is said to one `karma.Agent`. Behind "=>" stands what is to come of a turn, and the
+A `karma.Agent` gets each conversation. The expected outcome of a turn stands behind "=>"; the
 judge looks at the world's true state, never at what the agent believes:
 
     ON(Apple, Fridge); OPEN(Fridge)   an errand: all of this holds; "or" stands between several ways
@@ -42,7 +42,7 @@ _LEANS = ("yes", "no", "says", "in")  # on what was done before
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
-    """What came of a turn."""
+    """Outcome of a turn."""
 
     talk: Talk
     turn: Turn
@@ -56,21 +56,21 @@ def main(
     lines: Annotated[bool, typer.Option(help="Print each turn that went wrong.")] = False,
     only: Annotated[list[int] | None, typer.Option(help="Numbers of conversations.")] = None,
 ) -> None:
-    """Hold every conversation, and print what came of its turns."""
+    """Run every conversation and print the outcomes of its turns."""
     go_offline()
     talks = [talk for talk in read_talks(file) if not only or talk.number in only]
     resources, judged = asking_resources(planner), list[Judged]()
     for talk in track(talks, description=file.stem):
-        for one in held(talk, resources):
-            judged.append(one)
-            if lines and one.verdict not in ("right", "–"):
-                print(f"{talk.number} {one.turn.text} => {' or '.join(one.turn.wanted)}\n"
-                      f"    {one.verdict}: {one.said}", flush=True)  # fmt: skip
+        for turn in held(talk, resources):
+            judged.append(turn)
+            if lines and turn.verdict not in ("right", "–"):
+                print(f"{talk.number} {turn.turn.text} => {' or '.join(turn.turn.wanted)}\n"
+                      f"    {turn.verdict}: {turn.said}", flush=True)  # fmt: skip
     print("\n".join(table(judged)))
 
 
 def held(talk: Talk, resources: Resources) -> Iterator[Judged]:
-    """Hold one conversation; yields each turn with its verdict."""
+    """Run a conversation; yield each turn with its verdict."""
     with tempfile.TemporaryDirectory() as folder:
         agent = Agent(talk.scene, resources=resources, folder=Path(folder, "talk"), maps=MAPS)
         judge, failed = TalkJudge(agent), False
@@ -83,22 +83,22 @@ def held(talk: Talk, resources: Resources) -> Iterator[Judged]:
 
 
 def table(judged: Sequence[Judged]) -> Iterator[str]:
-    """Yield how many turns of each kind came to what, and how many whole conversations."""
+    """Yield counts of outcomes by kind of turn, and of whole conversations."""
     yield f"{'turns':10} {'n':>4}  " + "  ".join(f"{name:>16}" for name in VERDICTS)
-    kinds = dict.fromkeys(one.turn.kind for one in judged)
+    kinds = dict.fromkeys(turn.turn.kind for turn in judged)
     for kind in ("all", *sorted(kinds)):
-        mine = [one for one in judged if kind in ("all", one.turn.kind)]
-        count = Counter(one.verdict for one in mine)
+        mine = [turn for turn in judged if kind in ("all", turn.turn.kind)]
+        count = Counter(turn.verdict for turn in mine)
         yield f"{kind:10} {len(mine):4}  " + "  ".join(f"{count[name]:16}" for name in VERDICTS)
-    counted_turns = [one for one in judged if one.verdict != "–"]
-    yield counted("right", [one.verdict == "right" for one in counted_turns])
+    counted_turns = [turn for turn in judged if turn.verdict != "–"]
+    yield counted("right", [turn.verdict == "right" for turn in counted_turns])
     false = ("wrong, said done", "wrong answer")
-    yield counted("false", [one.verdict in false for one in counted_turns])
+    yield counted("false", [turn.verdict in false for turn in counted_turns])
     whole: dict[int, bool] = {}
-    for one in judged:
-        whole[one.talk.number] = whole.get(one.talk.number, True) and one.verdict == "right"
+    for turn in judged:
+        whole[turn.talk.number] = whole.get(turn.talk.number, True) and turn.verdict == "right"
     yield f"conversations right in every turn: {sum(whole.values())} of {len(whole)}"
-    words = [[wanted.split()[0] for wanted in one.turn.wanted] for one in judged]
+    words = [[wanted.split()[0] for wanted in turn.turn.wanted] for turn in judged]
     silent = sum("nothing" in some for some in words)
     no = sum(bool({"no", "nothing", "told"} & set(some)) for some in words)
     yield f"control, says it does not know and does nothing: right {silent} of {len(words)}"

@@ -1,4 +1,4 @@
-"""What measurements share: a speed is a ratio against a named reference of the same run."""
+"""Helpers of measurements: clocks, tables, shares with intervals."""
 
 import os
 import re
@@ -24,7 +24,7 @@ def taken(work: Callable[[], object], clock: Clock = time.process_time) -> float
 def in_turns(
     ways: Mapping[str, Callable[[], object]], rounds: int, clock: Clock = time.process_time
 ) -> dict[str, list[float]]:
-    """Time every way once a round, so that what else the machine does falls on all of them."""
+    """Time every way once a round, so that other load falls on all of them."""
     found: dict[str, list[float]] = {name: [] for name in ways}
     for _ in range(rounds):
         for name, work in ways.items():
@@ -40,20 +40,20 @@ def table(head: str, rows: Iterable[Sequence[object]]) -> None:
 
 
 def cell(value: object) -> str:
-    """Return a value as it stands in a table; "–" is what was not measured."""
+    """Return a value as a table cell; "–" if not measured."""
     if not isinstance(value, float):
         return "–" if value is None else str(value)
     return f"{value:,.0f}" if abs(value) >= 100 else re.sub(r"\.0+$", "", f"{value:.3g}")
 
 
 def counted(name: str, each: Sequence[bool]) -> str:
-    """Return how many are so, with the share and its 95 % interval."""
+    """Return a count with its share and 95 % interval."""
     from karma.bench.figures.statistics import interval_text, rate
 
     return f"{name}: {sum(each)} of {len(each)} {interval_text(rate([[float(x)] for x in each]))}"
 
 
 def resident_mb() -> float:
-    """Return what this process holds of memory, mapped files counted."""
+    """Return the resident memory of this process, mapped files included."""
     status = Path("/proc/self/status").read_text(encoding="utf-8")
     return int(re.findall(r"VmRSS:\s+(\d+)", status)[0]) * 1024 / 1e6

@@ -4,7 +4,7 @@
     python scripts/planner_data.py evaluate ../shared/data/alfred/valid_seen.jsonl.gz
     python scripts/planner_data.py tasks runs/drawn --seed 1
 
-What it reads, and what stays out, says `karma.plugins.training.sources`.
+`karma.plugins.training.sources` lists the inputs and what training excludes.
 """
 
 import gzip
@@ -60,7 +60,7 @@ say = print
 
 
 def sources(folder: Path) -> Sources:
-    """Return what training reads, beside the project."""
+    """Return the inputs of training."""
     return Sources(
         folder=folder, shared=SHARED, tests=(ROOT / DEVELOPMENT, LOCKED), said=SAID,
         written=REQUESTS / "written.jsonl", generated=300, say=say,
@@ -74,7 +74,7 @@ def examples(
     seed: int = 37,
     workers: int = 2,
 ) -> None:
-    """Draw what a planner is tuned on: examples.jsonl.gz; then `karma models tune`.
+    """Sample training examples (examples.jsonl.gz) for `karma models tune`.
 
     watched.jsonl.gz beside it has forms and words that training has not, and sentences of ALFRED's
     training trials that are kept out.
@@ -160,7 +160,7 @@ def evaluate(
 
 
 def _facts_in(text: str) -> GoalFacts | None:
-    """Return the facts that a program asks for, or None if it is no program."""
+    """Return the facts of a program, or None if it does not parse."""
     try:
         return facts_of(parse_program(text))
     except ProgramError:
@@ -201,7 +201,7 @@ def tasks(
 
 
 def _floor_plans(*, unknown: bool) -> list[Scene]:
-    """Return the rooms of the dumps of which it is known where one can stand."""
+    """Return the rooms of the dumps whose reachable positions are known."""
     dumps, layouts = sources(FOLDER).floor_plans
     known = read_layouts(layouts)
     found = [scene for scene in import_dump(dumps, layouts=layouts) if scene.name in known]

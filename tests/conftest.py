@@ -12,7 +12,7 @@ from support.paths import ROOT, SHARED
 from karma.models.manifest import PLANNER, find_model, is_present, verify
 from karma.offline import guard as offline
 
-pytest_plugins = ("support.eb_alfred", "support.bench_fixtures")
+pytest_plugins = ("support.bench_fixtures",)
 
 # The same examples in every run of a tree, and no deadline: two cores are shared with other work.
 EXAMPLES = int(os.environ.get("KARMA_EXAMPLES", "50"))  # where a test says no other number

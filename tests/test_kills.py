@@ -1,12 +1,10 @@
-"""A kept home and a memory of homes, killed at instants drawn by lot: what was told is there.
+"""A kept home, killed at random instants: what was told is there.
 
 `KARMA_SAMPLE=100 pytest tests/test_kills.py` kills each a hundred times.
 """
 
-import json
 import random
 import time
-from hashlib import sha256
 
 from support.abuse import SAMPLE
 from support.abuse.faults import Child
@@ -14,15 +12,6 @@ from support.needs import need_models
 from support.run_files import lines_in
 
 from karma.assistant.agent import Agent
-from karma.models.embed.minilm import MiniLm
-from karma.plugins.homes.houses import build_home
-from karma.plugins.homes.lived.body import HomeRobot
-from karma.plugins.homes.lived.home_map import HomeMap
-from karma.plugins.homes.memory import ageing
-from karma.plugins.homes.memory.episodes import EpisodeLog
-from karma.plugins.homes.memory.setting import MemorySetting
-from karma.plugins.homes.memory.true_memory import LOG, TrueMemory
-from karma.plugins.homes.residents import Household
 
 KILLS = SAMPLE or 2
 ERRANDS = (
@@ -30,11 +19,6 @@ ERRANDS = (
     "the potato always goes in the fridge", "put it on the dining table", "open the microwave",
     "put the potato away", "close the microwave", "put the apple back where it was",
 )  # fmt: skip
-DAYS, EVERY_H, LOOKS = (
-    7 if SAMPLE else 1,
-    2.0,
-    6,
-)  # an instruction every two hours, a look at six places each
 
 
 def killed(work, folder, whole_s):
@@ -100,53 +84,3 @@ def test_home_is_opened_with_all_that_was_told_and_goes_on(tmp_path):
         assert len(again.home.past) == len(kept) + 1
         inside += 0 < told < len(ERRANDS)
     print(f"{KILLS} kills, {inside} of them between the first and the last errand")
-
-
-# ----------------------------------------------------------------- a memory of homes
-
-
-def living(folder):
-    scene = build_home(3, 3)
-    home = HomeMap(scene)
-    household = Household(scene, seed=3, people=2, disturbance=0.4)
-    memory = TrueMemory(MemorySetting(embedder=MiniLm(), places=home.places, folder=folder))
-    robot, places = HomeRobot(household, home, memory.take_in), list(home.places)
-    for number in range(int(DAYS * 24 / EVERY_H)):
-        robot.wait((number + 1) * EVERY_H * 3600.0)
-        for turn in range(LOOKS):
-            robot.look_at(places[(number * LOOKS + turn) % len(places)])
-        memory.commit()
-        yield number
-
-
-def live(folder):
-    list(parts(living, folder))
-
-
-def digest(folder):
-    """All that a log holds, read by a connection of its own; "" where it holds no episode."""
-    if not (folder / LOG).exists():
-        return ""
-    log = EpisodeLog(folder / LOG, NoTexts(), {})
-    rows = [repr(one) for one in log.episodes()]
-    names = ("looked", "doubts", *ageing.PARTS, ageing.BY_THING, ageing.BY_TYPE)
-    kept = [json.dumps(log.kept(n)) for n in names]
-    log.close()
-    return sha256("\n".join([*rows, *kept]).encode()).hexdigest() if rows else ""
-
-
-class NoTexts:
-    name, dimension = "none", 1
-
-    def embed(self, texts):
-        raise AssertionError(texts)
-
-
-def test_memory_is_as_it_was_after_an_instruction_and_none_before_the_last_told(tmp_path):
-    digests, whole_s = whole(living, tmp_path / "whole", digest)
-    assert len(set(digests)) == len(digests)
-    inside = 0
-    for folder, told in killed(live, tmp_path, whole_s):
-        assert digest(folder) in (digests[told - 1 :] if told else ["", *digests])
-        inside += 0 < told < len(digests)
-    print(f"{KILLS} kills, {inside} of them between the first and the last instruction")

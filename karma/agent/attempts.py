@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from karma.agent.body.afterwards import checked
 from karma.agent.body.refusals import NOT_FOUND
-from karma.agent.planning.first_program import left_undone, put_right
+from karma.agent.planning.first_program import left_undone, replaces_first
 from karma.agent.planning.planner import grounded
 from karma.agent.planning.program import PUTS
 from karma.contracts import (
@@ -34,7 +34,7 @@ class Attempts:
         self, calls: tuple[SkillCall, ...], results: Iterable[SkillResult]
     ) -> "Attempts":
         """Return the attempts with an executed program and its results."""
-        is_first = not self.first or put_right(self.first, calls, self.instruction)
+        is_first = not self.first or replaces_first(self.first, calls, self.instruction)
         return replace(
             self,
             first=calls if is_first else self.first,
@@ -87,7 +87,6 @@ class Attempts:
             error=f"{result.call}: {result.reason}",
             failures=(*request.failures, failure),
             missing=(*request.missing, *missing),
-            first=self.first,
             done=self.done,
         )
 

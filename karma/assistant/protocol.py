@@ -7,6 +7,7 @@ from typing import Protocol, TypeVar
 from karma import registry
 from karma.assistant.replies import RequestReply, Understanding
 from karma.contracts import Plan, SkillResult
+from karma.errors import UnknownNameError
 from karma.models.manifest import read_manifest
 
 DIRECT = "direct"  # the assistant of planners that want no other
@@ -46,7 +47,13 @@ class Assistant(Protocol[SaidT]):
 
 
 def wanted_assistant(planner: str) -> str:
-    """Return the assistant that a planner's manifest entry names, if it is installed."""
+    """Return the assistant that a planner's manifest entry names, if it can be loaded."""
     found = (one.assistant for one in read_manifest().models if one.name == planner)
-    wanted = next(found, "")
-    return wanted if wanted in registry.names("assistants") else DIRECT
+    wanted = next(found, "") or DIRECT
+    try:
+        registry.load("assistants", wanted)
+    except UnknownNameError as error:
+        if isinstance(error.__cause__, ModuleNotFoundError | None):  # the plug-in is not installed
+            return DIRECT
+        raise
+    return wanted

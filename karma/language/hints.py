@@ -6,9 +6,7 @@ log-sum of how near their texts are to a phrase; the similarity told is that of 
 Phrases that the planner knows get no hint.
 """
 
-import re
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from hashlib import sha256
@@ -94,17 +92,6 @@ def singular(phrase: str) -> str:
         if phrase.endswith(plural) and (len(plural) > 4 or len(phrase) > len(plural) + 1):
             return phrase.removesuffix(plural) + single
     return phrase
-
-
-def known_words(sentences: Iterable[str], at_least: int) -> tuple[frozenset[str], frozenset[str]]:
-    """Return the phrases of sentences, and their content words, that occur so often."""
-    phrases: Counter[str] = Counter()
-    words: Counter[str] = Counter()
-    for sentence in sentences:
-        phrases.update(query.phrase for query in queries(sentence))
-        words.update(filter(is_content, re.findall(r"[a-z]+", sentence.lower())))
-    said = frozenset(phrase for phrase, times in phrases.items() if times >= at_least)
-    return said, frozenset(word for word, times in words.items() if times >= at_least)
 
 
 @dataclass(frozen=True, kw_only=True)

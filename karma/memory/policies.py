@@ -161,62 +161,35 @@ class Lru(FifoMerge[K]):
         return super().touch(key)
 
 
-class Lfu(Generic[K]):
+class Lfu(Lru[K]):
     """The least often used key leaves; counts last while a key is resident.
 
     Room is made before the newcomer enters, so that it is never refused. Of equally rare keys
-    the least recently used one leaves.
+    the least recently used one leaves. Finding it looks at every line.
     """
 
     def __init__(self, capacity: int) -> None:
-        self.capacity = checked_capacity(capacity)
-        self._count: dict[K, int] = {}
-        self._by_count: dict[int, OrderedDict[K, None]] = {}
-        self._least = 0  # no key is used less often than this
+        super().__init__(capacity)
+        self._count: Counter[K] = Counter()
 
     def touch(self, key: K) -> K | None:
         """Count one use of `key`; return the key that left."""
-        count = self._count.get(key)
-        if count is not None:
-            self._drop(key, count)
-            self._put(key, count + 1)
-            return None
         left = None
-        if len(self._count) >= self.capacity:
-            while self._least not in self._by_count:
-                self._least += 1
-            left = next(iter(self._by_count[self._least]))
+        if key not in self._lines and len(self._lines) >= self.capacity:
+            left = min(self._lines, key=self._count.__getitem__)
             self.discard(left)
-        self._put(key, 1)
-        self._least = 1
+        super().touch(key)
+        self._count[key] += 1
         return left
 
     def discard(self, key: K) -> None:
         """Free the line of `key` and forget its count."""
-        count = self._count.pop(key, None)
-        if count is not None:
-            self._drop(key, count)
-
-    def _put(self, key: K, count: int) -> None:
-        self._count[key] = count
-        self._by_count.setdefault(count, OrderedDict())[key] = None
-
-    def _drop(self, key: K, count: int) -> None:
-        same = self._by_count[count]
-        del same[key]
-        if not same:
-            del self._by_count[count]
-
-    def __contains__(self, key: object) -> bool:
-        return key in self._count
-
-    def __len__(self) -> int:
-        return len(self._count)
+        super().discard(key)
+        del self._count[key]
 
     def __iter__(self) -> Iterator[K]:
         """Yield keys in the order in which they would leave."""
-        for count in sorted(self._by_count):
-            yield from self._by_count[count]
+        return iter(sorted(self._lines, key=self._count.__getitem__))
 
 
 class Arc(Generic[K]):

@@ -1,10 +1,8 @@
 """Open checked folders with transformers: from disk only, in silence, and only if all fits."""
 
 import os
-import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,20 +10,6 @@ from karma.errors import KarmaError, ModelError
 from karma.models.checks.folder import CheckedFolder, check_folder, check_sizes, read_config
 from karma.models.checks.memory import check_memory, weights_mb
 from karma.models.manifest import Role, resolve_folder
-
-_DEVICES = re.compile(r"auto|cpu|mps|cuda(:\d+)?|xpu(:\d+)?")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TorchOptions:
-    """How a model of transformers or sentence-transformers is opened; ModelError: no such value."""
-
-    device: str = "auto"  # "cuda" where there is one, else "cpu"
-
-    def __post_init__(self) -> None:
-        """Refuse what torch would speak of in its own words, after seconds."""
-        if not _DEVICES.fullmatch(self.device):
-            raise ModelError(f'device = {self.device!r}: "auto", "cpu", "cuda", "cuda:1" or "mps"')
 
 
 def checked_folder(
@@ -43,57 +27,37 @@ def checked_folder(
     return check_folder(place.path, families, needs=needs, name=place.name, fix=place.fix)
 
 
-def device_of(options: TorchOptions) -> str:
-    """Return the device that is meant, as torch calls it: "cpu", "cuda", "cuda:1", "mps".
+def check_room(folder: CheckedFolder, device: str, *, half: bool = False) -> str:
+    """Return the device of a model, "cuda" or "cpu"; `device` is "cpu", or "auto".
 
-    ModelError where there is none like it here.
+    ModelError, before weights are read, where it does not fit.
     """
     import torch
 
-    wanted = options.device
-    if wanted == "auto":
-        return "cuda" if torch.cuda.is_available() else "cpu"
-    kind, _, number = wanted.partition(":")
-    there = {
-        "cpu": 1, "cuda": torch.cuda.device_count(), "mps": int(torch.backends.mps.is_available()),
-        "xpu": torch.xpu.device_count(),
-    }[kind]  # fmt: skip
-    if there <= int(number or 0):
-        raise ModelError(
-            f"device = {wanted!r}: torch {torch.__version__} finds {there or 'no'} such device\n"
-            f'  To fix: device = "auto" or "cpu", or install a torch that was built for {kind}'
-        )
-    return wanted
-
-
-def check_room(folder: CheckedFolder, options: TorchOptions, *, half: bool = False) -> str:
-    """Return the device of a model; ModelError, before weights are read, where it does not fit."""
-    import torch
-
-    device, count, each = device_of(options), folder.parameters, 2 if half else 4
-    free = float(torch.cuda.mem_get_info(device)[0]) / 1e6 if device[:4] == "cuda" else None
+    chosen = "cuda" if device == "auto" and torch.cuda.is_available() else "cpu"
+    count, each = folder.parameters, 2 if half else 4
+    free = float(torch.cuda.mem_get_info(chosen)[0]) / 1e6 if chosen == "cuda" else None
     check_memory(
         str(folder.path), weights_mb(count, bytes_each=each), free_mb=free,
         parts=f"{count / 1e6:.1f} million parameters of {each} bytes, and room to compute",
         fix="take a smaller model (`karma models list`)",
     )  # fmt: skip
-    return device
+    return chosen
 
 
 def load_weights(
-    kind: str, folder: CheckedFolder, options: TorchOptions | None = None, *, half: bool = False
+    kind: str, folder: CheckedFolder, device: str = "auto", *, half: bool = False
 ) -> Any:
     """Open a model of a class of transformers on its device, ready to be asked.
 
     In bfloat16 if `half`, else in float32.
 
     Raises:
-        ModelError: no such device, too little memory, or weights that are not this
+        ModelError: too little memory, or weights that are not this
             architecture's: transformers itself would fill what is missing with random numbers and
             say so in a warning only.
     """
-    options = options or TorchOptions()
-    device = check_room(folder, options, half=half)
+    device = check_room(folder, device, half=half)
     import torch
 
     transformers = import_transformers()

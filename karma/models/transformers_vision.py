@@ -18,7 +18,6 @@ from karma.files import read_json
 from karma.models.checks.folder import CheckedFolder
 from karma.models.picture_questions import Profile, cut, question, some_picture, states_told
 from karma.models.torch_load import (
-    TorchOptions,
     checked_folder,
     foreign,
     import_transformers,
@@ -42,7 +41,6 @@ NEEDS = (
 NANO = "karma-nano-vlm"
 OPTIONS_FILE = "karma.json"
 Conversation = Sequence[Mapping[str, Any]]
-_BATCH = 8  # pictures on a GPU
 LARGE = 500_000_000  # parameters; from here on what is stored in 16 bits stays so
 _PARTS = ["image_processor", "tokenizer"]
 _CLASSES = {
@@ -64,8 +62,6 @@ class VisionOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     max_tokens: Annotated[int, Meta(ge=1, le=100_000)] = 768
     attempts: Annotated[int, Meta(ge=1, le=100)] = 2  # a second one quotes what could not be used
     threads: Annotated[int, Meta(ge=1, le=1024)] | None = None  # None: as torch is set
-    # pictures looked at together; None: 8 on a GPU, 1 on the CPU
-    batch: Annotated[int, Meta(ge=1, le=1024)] | None = None
 
 
 class TransformersVision:
@@ -90,7 +86,7 @@ class TransformersVision:
         model: str | Path = NANO,
         *,
         options: VisionOptions | None = None,
-        torch_options: TorchOptions | None = None,
+        device: str = "auto",
     ) -> None:
         folder = checked_folder(model, "vlm", FAMILIES, needs=NEEDS)
         own = folder.path / OPTIONS_FILE
@@ -102,12 +98,11 @@ class TransformersVision:
         stored = folder.config.get("dtype", folder.config.get("torch_dtype"))
         half = folder.parameters >= LARGE and stored in ("bfloat16", "float16")
         kind = "AutoModelForImageTextToText"
-        self._model = load_weights(kind, folder, torch_options, half=half)
+        self._model = load_weights(kind, folder, device, half=half)
         self.computed_on = place_of(self._model)
-        self._batch = self.options.batch or (1 if self._model.device.type == "cpu" else _BATCH)
         if folder.parameters < LARGE:  # others take minutes for a picture
             with foreign(f"{folder.path}: it opens and cannot be asked"):
-                self.answer_all([np.full((37, 53, 3), 100, np.uint8)], [_TRIAL], most=1)
+                self.answer(np.full((37, 53, 3), 100, np.uint8), _TRIAL, most=1)
 
     def read_states(
         self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]
@@ -121,9 +116,8 @@ class TransformersVision:
             return {}
         image = some_picture(self.name, image)
         found: dict[str, tuple[str, ...]] = {}
-        questions = list(self._questions(image, objects))
-        for first in range(0, len(questions), self._batch):
-            found.update(self._ask_all(questions[first : first + self._batch], instruction))
+        for picture, shown in self._questions(image, objects):
+            found.update(self._ask(picture, shown, instruction))
         return found
 
     def _questions(
@@ -137,68 +131,41 @@ class TransformersVision:
                 corners = one.silhouette if self.options.outline else ()
                 yield cut(image, one.region, self.options.crop, corners), [one]
 
-    def _ask_all(
-        self, asked: Sequence[tuple[Frame, Sequence[SeenObject]]], instruction: str
+    def _ask(
+        self, image: Frame, objects: Sequence[SeenObject], instruction: str
     ) -> Mapping[str, tuple[str, ...]]:
-        """Ask about several pictures together; what is asked again, is asked alone."""
-        options, first = self.options, []
-        for _, objects in asked:
-            role, text = question(options.profile, instruction, objects, boxes=options.boxes)
-            system = [_message("system", role)] if role else []
-            first.append([*system, _message("user", text, picture=True)])
-        if len(asked) == 1:
-            answers = [self.answer(asked[0][0], first[0])]
-        else:
-            answers = self.answer_all([image for image, _ in asked], first)
-        found: dict[str, tuple[str, ...]] = {}
-        for (image, objects), opening, told in zip(asked, first, answers, strict=True):
+        """Ask about the objects of one picture."""
+        options = self.options
+        role, text = question(options.profile, instruction, objects, boxes=options.boxes)
+        system = [_message("system", role)] if role else []
+        opening = [*system, _message("user", text, picture=True)]
 
-            def ask(
-                said: Sequence[tuple[str, str]],
-                image: Frame = image, opening: Conversation = opening, told: str = told,
-            ) -> str:  # fmt: skip
-                more = [_message(role, text) for role, text in said]
-                return self.answer(image, [*opening, *more]) if more else told
+        def ask(said: Sequence[tuple[str, str]]) -> str:
+            return self.answer(image, [*opening, *(_message(role, text) for role, text in said)])
 
-            found |= states_told(ask, objects, self.options.attempts)
-        return found
+        return states_told(ask, objects, options.attempts)
 
-    def answer(self, image: Frame, messages: Conversation) -> str:
-        """Return what the model says to a conversation with one picture, uint8 (H, W, 3)."""
-        return self.answer_all([image], [messages])[0]
+    def answer(self, image: Frame, messages: Conversation, *, most: int = 0) -> str:
+        """Return what the model says to a conversation with one picture, uint8 (H, W, 3).
 
-    def answer_all(
-        self, images: Sequence[Frame], conversations: Sequence[Conversation], *, most: int = 0
-    ) -> list[str]:
-        """Return what the model says to several conversations, each about one picture of its own.
-
-        They go through the network together, padded on the left, which moves logits in their last
-        bits; so what stands beside a question is part of what decides its answer. `most`: tokens
-        of an answer; 0: as the options say.
+        `most`: tokens of the answer; 0: as the options say.
         """
         import torch
         from PIL import Image
 
-        texts = [
-            self._processor.apply_chat_template(one, add_generation_prompt=True)
-            for one in conversations
-        ]
-        pictures = [Image.fromarray(image) for image in images]
-        batch = self._processor(
-            images=pictures if len(pictures) == 1 else [[one] for one in pictures],
-            text=texts, return_tensors="pt", padding=len(pictures) > 1,
-        )  # fmt: skip
+        text = self._processor.apply_chat_template(messages, add_generation_prompt=True)
+        batch = self._processor(images=[Image.fromarray(image)], text=[text], return_tensors="pt")
         # pictures in the model's numbers; tokens stay whole ones
         batch = batch.to(self._model.device, dtype=self._model.dtype)
         with threads(self.options.threads), torch.inference_mode(), quiet():
-            tokens = self._model.generate(
+            (tokens,) = self._model.generate(
                 **batch,
                 max_new_tokens=most or self.options.max_tokens,
                 do_sample=False,
                 pad_token_id=self._processor.tokenizer.pad_token_id,
             )
-        new = tokens[:, batch["input_ids"].shape[1] :]
-        return [str(self._processor.tokenizer.decode(one, skip_special_tokens=True)) for one in new]
+        new = tokens[batch["input_ids"].shape[1] :]
+        return str(self._processor.tokenizer.decode(new, skip_special_tokens=True))
 
 
 def _message(role: str, text: str, *, picture: bool = False) -> dict[str, Any]:
@@ -224,7 +191,6 @@ def load_processor(folder: CheckedFolder) -> Any:
             f"{folder.path}: no chat template (chat_template.jinja, or in "
             "tokenizer_config.json)\n  To fix: bring the instruction-tuned model's whole folder"
         )
-    found.tokenizer.padding_side = "left"
     return found
 
 

@@ -1,5 +1,7 @@
 """Assistants: which one an agent has, and what `direct` does without any plug-in."""
 
+import subprocess
+import sys
 from importlib.metadata import EntryPoints
 
 import pytest
@@ -27,6 +29,22 @@ def test_manifest_says_which_assistant_a_planner_wants(monkeypatch):
     assert wanted_assistant("some.gguf") == "direct"
     without(monkeypatch, "rules")
     assert wanted_assistant("karma-nano") == "direct"
+
+
+def test_without_the_packages_of_a_plug_in_its_assistant_is_not_taken():
+    code = """import sys
+sys.modules["spacy"] = None
+from karma import registry
+from karma.assistant.protocol import wanted_assistant
+print(wanted_assistant("karma-nano"))
+try:
+    registry.load("assistants", "rules")
+except Exception as error:
+    print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[0] == "direct"
+    assert "pip install 'karma-offline[rules]'" in done.stdout
 
 
 def test_direct_gives_the_text_to_the_planner_as_it_is_and_prints_the_report(tmp_path):

@@ -73,26 +73,9 @@ def test_the_picture_is_kept_in_the_run_folder_and_the_unit_names_it(acted, tmp_
         assert any((np.asarray(kept) == frame).all() for frame in frames)
 
 
-def test_an_object_without_a_usable_answer_has_no_states(acted):
-    assert acted(Looking())["Apple"].states == ()
-
-
 def test_a_model_that_does_not_look_draws_and_keeps_nothing(acted, tmp_path):
     assert acted(MetadataVision())["Apple"].image is None
     assert not (tmp_path / "short_term").exists()
-
-
-def test_the_picture_asked_about_is_that_of_the_last_sight(tmp_path):
-    world, log = EmbeddedWorld("kitchen_1"), Sightings()
-    log.add(observe(world.last_event))
-    first = dict(log.views)
-    turned = observe(world.step("RotateRight"))
-    log.add(turned)
-    assert {id(view) for view in first.values()} != {id(turned)}
-    for object_id in log.in_view:
-        assert log.views[object_id] is turned
-    gone = set(first) - set(log.in_view)
-    assert all(log.views[object_id] is first[object_id] for object_id in gone)
 
 
 def test_objects_of_one_picture_are_asked_about_at_once_and_unseen_ones_not():

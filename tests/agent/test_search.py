@@ -7,8 +7,7 @@ from support.household import kitchen, on
 from karma.agent.body.reach import SkillLimits
 from karma.agent.body.skills import Skills
 from karma.agent.tour import KnownFloor, floor_of, position_of
-from karma.bench.engine.episode import drawn
-from karma.contracts import Known, SceneRef, SkillCall, Task
+from karma.contracts import Known, SkillCall
 from karma.files import to_json
 from karma.memory.scene_graph import SceneGraph
 from karma.world.sim import EmbeddedWorld
@@ -76,11 +75,6 @@ def test_after_a_deed_only_its_neighbourhood_is_searched_again(world):
     assert 0 < again.explorations < whole
 
 
-def test_a_new_instruction_searches_anew(world):
-    searched(world)
-    assert explore(Skills(world, KnownFloor(())), "Basketball").explorations > 5
-
-
 def test_a_search_that_ran_out_of_actions_is_gone_on_with(world):
     whole = searched(world).actions
     world.reset("bathroom_1")
@@ -91,7 +85,7 @@ def test_a_search_that_ran_out_of_actions_is_gone_on_with(world):
     assert skills.actions < whole * 1.5
 
 
-@pytest.mark.parametrize("most", (60, 100, 140, 180))
+@pytest.mark.parametrize("most", (60, 140))
 def test_a_search_that_runs_out_of_actions_leaves_nothing_open(world, most):
     skills = Skills(world, KnownFloor(()), limits=SkillLimits(max_actions=most))
     assert explore(skills, "Basketball").reason.startswith("gave up after ")
@@ -151,20 +145,6 @@ def test_a_thing_is_found_that_is_hard_to_see(room, kind, container):
     result = explore(Skills(world, KnownFloor(areas)), kind)
     assert result.ok, result.reason
     assert result.object_ids == (of(world, kind)["objectId"],)
-
-
-def test_a_thing_is_found_behind_others():
-    world = EmbeddedWorld("kitchen_4")
-    drawn(
-        world,
-        Task(id="m-kitchen_4", kind="simple", scene=SceneRef.of("kitchen_4"), subtasks=()),
-        1,
-        0,
-    )
-    drawer = of(world, of(world, "ButterKnife")["parentReceptacles"][0])
-    assert len(drawer["receptacleObjectIds"]) > 1
-    result = explore(Skills(world, KnownFloor(())), "ButterKnife")
-    assert result.ok, result.reason
 
 
 def test_looked_into_means_seen_into_also_past_what_is_found_in_there(tmp_path):

@@ -8,7 +8,6 @@ from karma.household.types import object_types
 from karma.language.hints import (
     Hinter,
     WordFile,
-    known_words,
     load_words,
     own_texts,
     write_words,
@@ -63,11 +62,6 @@ def test_texts_with_a_word_that_is_left_out_are_as_if_never_written(hinter, mini
     assert full[0].name == "Cup"
     assert full[0].similarity == pytest.approx(1.0, abs=1e-3)
     assert {meaning.name: meaning.similarity for meaning in less}["Cup"] < 0.7
-
-
-def test_known_phrases_and_words_are_those_that_occur_often_enough():
-    seen = ["put the red mug on it", "put the jug on it", "wash the red mug"]
-    assert known_words(seen, 2) == ({"put", "red mug"}, {"put", "red", "mug"})
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,9 @@
 """Each family's own architecture, small and of random weights, through its real files."""
 
+import os
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -35,7 +38,9 @@ class Saying(TransformersVision):
         self.answers, self.heard, self.pictures = list(answers), [], []
         return self
 
-    def answer(self, image, messages):
+    def answer(self, image, messages, *, most=0):
+        if most:
+            return super().answer(image, messages, most=most)
         super().answer(image, messages[:2])
         self.heard.append([dict(message) for message in messages])
         self.pictures.append(image)
@@ -138,3 +143,17 @@ def test_a_crop_is_square_and_centred_and_black_beyond_the_frame():
 
 def test_small_things_are_shown_with_more_around_them():
     assert cut(FRAME, (100, 100, 104, 103), 1.5).shape == (32, 32, 3)
+
+
+def test_transformers_is_never_let_fetch_kernels():
+    program = (
+        "from karma.models.torch_load import import_transformers\n"
+        "import os\n"
+        "import_transformers()\n"
+        "print(os.environ['USE_HUB_KERNELS'])\n"
+    )
+    clean = {name: value for name, value in os.environ.items() if name != "USE_HUB_KERNELS"}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=clean, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "0\n"

@@ -54,9 +54,9 @@ PLACES = {
 }  # fmt: skip
 
 
-def setting(folder=None, units=10):
+def setting(units=10):
     """Return what designs are made with."""
-    return MemorySetting(embedder=LetterEmbedder(), places=PLACES, units=units, folder=folder)
+    return MemorySetting(embedder=LetterEmbedder(), places=PLACES, units=units)
 
 
 def seen(object_id, place_id, time_s, states=()):

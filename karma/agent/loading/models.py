@@ -36,7 +36,6 @@ from karma.models.endpoint import Endpoint, Hosted
 from karma.models.llama.opening import LlamaOptions
 from karma.models.manifest import default_planner, resolve_planner
 from karma.models.session import Session
-from karma.models.torch_load import TorchOptions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,9 +144,9 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         return LlamaOptions(gpu_layers=self.gpu_layers, n_ctx=self.n_ctx, threads=self.threads)
 
     @property
-    def torch(self) -> TorchOptions:
-        """How a model of transformers or sentence-transformers is opened."""
-        return TorchOptions(device="cpu" if self.gpu_layers == 0 else "auto")
+    def device(self) -> str:
+        """Where torch models are computed: "cpu", or "auto", a GPU where there is one."""
+        return "cpu" if self.gpu_layers == 0 else "auto"
 
 
 def load_resources(
@@ -246,7 +245,7 @@ def filled(
     if endpoint is not None:
         return made(endpoint, session=session)
     known = signature(made).parameters
-    wanted = {"torch_options": models.torch, "llama_options": models.llama}
+    wanted = {"device": models.device, "llama_options": models.llama}
     options = {name: value for name, value in wanted.items() if name in known}
     return made(model, **options) if model else made(**options)
 

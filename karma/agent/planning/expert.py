@@ -1,13 +1,12 @@
 """The expert's programs: goals and what is known -> skill calls.
 
-The nano planner learns from them, and the `expert` row (`karma.bench.methods.expert`) acts on them,
-which shows that every task can be solved. It knows the skill API and household sense, not the
-world: the view it is given may be one agent's memory or the whole truth. What the world refused
-stands in the view too, so that the next program goes another way.
+The nano planner learns from them, and the method `expert` (`karma.bench.methods.expert`) acts on
+them. It knows the skill API and household facts, not the world: its view may be one agent's memory
+or the whole truth, and holds what the world refused, so that the next program differs.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from karma.agent.planning.inspector import likely_areas
 from karma.contracts import Area, Goal, SkillCall
@@ -16,7 +15,7 @@ from karma.household.containment import brings, fits_whole_or_cut, goes_in
 from karma.household.ids import is_position
 from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import FLOOR, HAND, LIKELY, STAND_CLOSED, SURFACES
-from karma.household.skill_effects import Beliefs, Item, apply
+from karma.household.skill_effects import SIDE_EFFECTS, Beliefs, Item, apply
 from karma.household.states import END_STATES, deed_for
 from karma.household.types import object_types
 
@@ -89,20 +88,20 @@ class _Draft:
         for candidate in known:
             if word == candidate.name:
                 return candidate
-        for kind_of in (base_type, uses.without_basin):
-            ones = (one for one in known if word == kind_of(one.object_type))
-            if found := next((o for o in ones if o.name not in self.view.shunned), None):
+        usable = [one for one in known if one.name not in self.view.shunned]
+        for whole in (base_type, uses.without_basin):
+            if found := next((one for one in usable if word == whole(one.object_type)), None):
                 return found
         return NamedThing(name=word, object_type=word)
 
-    def place_of(self, thing: NamedThing) -> tuple[str, str] | None:
-        """Return name and type of the receptacle that holds a thing, the outer of two, if known."""
+    def holder_of(self, thing: NamedThing) -> NamedThing | None:
+        """Return the receptacle that holds a thing, the outer of two, None if it is unknown."""
         if (place := self.moved_to(thing.name)) is not None:
             holder = self.thing(place)
-            return self.place_of(holder) or (place, holder.object_type)
+            return self.holder_of(holder) or replace(holder, name=place)
         if thing.place is None or thing.place_type is None:
             return None
-        return thing.place, thing.place_type
+        return replace(self.thing(thing.place), name=thing.place, object_type=thing.place_type)
 
     def has_landmark(self, kind: str) -> bool:
         """Return whether long-term memory knows an immovable thing of this type."""
@@ -111,31 +110,24 @@ class _Draft:
 
     def knows(self, thing: NamedThing) -> bool:
         """Return whether the robot can go straight there."""
-        return (
-            thing.name in self.found
-            or any(thing.name == known.name for known in self.view.things)
-            or self.has_landmark(thing.object_type)
-        )
+        names = {*self.found, *(known.name for known in self.view.things)}
+        return thing.name in names or self.has_landmark(thing.object_type)
 
     def reach(self, thing: NamedThing) -> str | None:
         """Write the way to a thing; return the container that had to be opened for it."""
         if self.held is not None and thing.name == self.held.name:
             return None
-        place = self.place_of(thing)
-        if place is not None and self._is_shut(self.thing(place[0]), place[1]):
-            self.say("GoToObject", place[0])
-            self.open(self.thing(place[0]))
-            return place[0]
+        place = self.holder_of(thing)
+        if place is not None and _is_shut(place):
+            self.say("GoToObject", place.name)
+            self.open(place)
+            return place.name
         if not self.knows(thing):
             areas = likely_areas(thing.object_type, self.view.areas)
             self.say("Explore", thing.name, positions=areas)
             self.found.add(thing.name)
         self.say("GoToObject", thing.name)
         return None
-
-    def _is_shut(self, place: NamedThing, kind: str) -> bool:
-        """Return whether a receptacle has to be opened: those that stand closed are, to be sure."""
-        return kind in STAND_CLOSED or "closed" in place.now
 
     def do_at(self, thing: NamedThing, skill: str, *objects: str) -> None:
         """Write the way to a thing and what is done there, and shut what was opened for it."""
@@ -177,9 +169,9 @@ class _Draft:
         """Write the lines that put what is held on the best known surface."""
         assert self.held is not None
         kind = self.held.object_type
-        fits = {one for one in _PLACES if kind not in object_types() or goes_in(kind, one)}
+        fits = [one for one in _PLACES if kind not in object_types() or goes_in(kind, one)]
         allowed = [name for name in SURFACES if name in fits] or list(SURFACES)
-        others = [name for name in _PLACES if name in fits and name not in allowed]
+        others = [name for name in fits if name not in allowed]
         known = [name for name in (*allowed, *others) if self.has_landmark(name)]
         surfaces = [one for name in known for one in self._surfaces(self.held, name)]
         first = NamedThing(name=allowed[0], object_type=allowed[0])
@@ -207,13 +199,18 @@ class _Draft:
         self.free(receptacle.name)
         self.take(thing)
         opened = self.reach(receptacle)
-        if self._is_shut(receptacle, receptacle.object_type):
+        if _is_shut(receptacle):
             self.open(receptacle)
             opened = receptacle.name
         self.say("PutObject", thing.name, receptacle.name)
         if opened is not None and close:
             self.say("CloseObject", opened)
         self.found.add(thing.name)
+
+
+def _is_shut(place: NamedThing) -> bool:
+    """Return whether a receptacle has to be opened: those that stand closed are, to be sure."""
+    return place.object_type in STAND_CLOSED or "closed" in place.now
 
 
 def solve(goals: Sequence[Goal], view: ExpertView) -> tuple[SkillCall, ...]:
@@ -263,20 +260,15 @@ def _subject(goal: Goal) -> str:
     return goal.arguments[1] if goal.predicate == "HOLDON" else goal.arguments[0]
 
 
-def _wants(goals: Sequence[Goal], *states: str) -> bool:
-    return any(g.predicate == "STATE" and deed_for(g.arguments[1]) in states for g in goals)
+def _wants(goals: Sequence[Goal], state: str) -> bool:
+    return any(g.predicate == "STATE" and deed_for(g.arguments[1]) == state for g in goals)
 
 
 def _helps(goal: Goal, mine: Sequence[Goal]) -> bool:
     """Return whether an appliance is switched on only to change the subject of other goals."""
-    if goal.predicate != "TOGGLEON":
-        return False
-    appliance = goal.arguments[0]
-    if appliance in uses.TAPS:
-        return _wants(mine, "cleaned", "filled")
-    if appliance in (uses.MICROWAVE, uses.TOASTER, uses.BURNER, uses.KNOB):
-        return _wants(mine, "cooked", "heated")
-    return appliance == uses.COFFEE_MACHINE and _wants(mine, "filled")
+    kind = uses.kind_of(goal.arguments[0])
+    brought = (one.adds[0] for one in SIDE_EFFECTS if one.state == "on" and kind in one.of)
+    return goal.predicate == "TOGGLEON" and any(_wants(mine, state) for state in brought)
 
 
 def _satisfy(draft: _Draft, subject: str, goals: Sequence[Goal]) -> None:
@@ -325,9 +317,9 @@ def _change(draft: _Draft, thing: NamedThing, state: str, goals: Sequence[Goal])
     elif state == "filled":
         coffee = any(uses.COFFEE_MACHINE in g.arguments for g in goals)
         return _coffee(draft, thing) if coffee else _rinse(draft, thing)
-    elif state in ("cooked", "heated", "hot"):
+    elif state in ("cooked", "heated"):
         return _heat(draft, thing, state)
-    elif state in ("cooled", "cold"):
+    elif state == "cooled":
         draft.put(thing, draft.thing(uses.FRIDGE))
         return uses.FRIDGE
     elif state == "empty":
@@ -347,9 +339,8 @@ def _slice(draft: _Draft, thing: NamedThing) -> None:
     if thing.name in draft.view.awkward:
         draft.take(thing)
         draft.put_down()
-    knives = [draft.thing(kind) for kind in uses.KNIVES]
-    held_knife = draft.held is not None and draft.held.object_type in uses.KNIVES
-    if not held_knife:
+    if draft.held is None or draft.held.object_type not in uses.KNIVES:
+        knives = [draft.thing(kind) for kind in uses.KNIVES]
         draft.take(next((knife for knife in knives if draft.knows(knife)), knives[0]))
     draft.do_at(thing, "SliceObject", thing.name)
 

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, Self
 
-from karma.agent.planning.first_program import astray
 from karma.agent.planning.goal_lines import program_for
 from karma.agent.planning.inspector import mend, narrowed, objection
 from karma.agent.planning.program import SKILLS
@@ -63,9 +62,8 @@ class Planner:
     def plan(self, request: PlanRequest) -> Iterator[Plan]:
         """Ask until an answer parses and could work, at most `attempts` times; yields every answer.
 
-        The last answer has to parse and to keep to the objects of the first executed program; the
-        world may know better than the type table. If every answer ended in the same impossible
-        action, a planner that may refuse the request does so.
+        The last answer only has to parse: the world may know better than the type table. If every
+        answer ended in the same impossible action, a planner that may refuse the request does so.
         """
         request = self._prepared(request)
         refusing = self.decoding.refusing
@@ -176,10 +174,6 @@ def inspected(answer: Plan, request: PlanRequest) -> tuple[Plan, str]:
         known=known, shut=shut, cut=cut, running=running, held=held, areas=request.areas,
     )  # fmt: skip
     answer = replace(answer, calls=calls)
-    if (wrong := astray(request.first, calls, request.instruction, request.done)) is not None:
-        line, reason = wrong
-        answer = _objected(answer, line, reason, f"{calls[line]}: {reason}")
-        return replace(answer, calls=()), ""
     found = objection(calls, held=held, known=known)
     if found is None:
         return answer, ""

@@ -17,7 +17,6 @@ from karma.errors import ModelError
 from karma.models.checks.folder import CheckedFolder
 from karma.models.embed import REMEMBERED, stacked, unit_row
 from karma.models.torch_load import (
-    TorchOptions,
     checked_folder,
     foreign,
     load_image_processor,
@@ -48,14 +47,12 @@ class ClipEmbedder:
 
     computed_on = ""  # device and numbers, as torch calls them
 
-    def __init__(
-        self, model: str | Path = DEFAULT, *, torch_options: TorchOptions | None = None
-    ) -> None:
+    def __init__(self, model: str | Path = DEFAULT, *, device: str = "auto") -> None:
         folder = checked_folder(model, "image-embedder", FAMILIES, needs=NEEDS)
         self.name = folder.name
         self._words = _Words(folder)
         self._pictures = load_image_processor(folder)
-        self._model = load_weights(FAMILIES[folder.model_type][0], folder, torch_options)
+        self._model = load_weights(FAMILIES[folder.model_type][0], folder, device)
         self.computed_on = place_of(self._model)
         with foreign(f"{folder.path}: it opens and cannot be asked"):
             self.dimension = len(self._text("a"))

@@ -13,7 +13,6 @@ from karma.models.checks.folder import PICKLES, CheckedFolder, check_folder
 from karma.models.embed import REMEMBERED, stacked, unit_row
 from karma.models.manifest import resolve_folder
 from karma.models.torch_load import (
-    TorchOptions,
     check_room,
     foreign,
     import_transformers,
@@ -43,14 +42,11 @@ class SentenceEmbedder:
 
     computed_on = ""  # device and numbers, as torch calls them
 
-    def __init__(
-        self, model: str | Path = "bge-small-en", *, torch_options: TorchOptions | None = None
-    ) -> None:
-        options = torch_options or TorchOptions()
+    def __init__(self, model: str | Path = "bge-small-en", *, device: str = "auto") -> None:
         place = resolve_folder(model, "text-embedder")
         inner = place.path / _check_modules(place.path, place.fix)
         checked = check_folder(inner, FAMILIES, needs=NEEDS, fix=place.fix)
-        device = check_room(checked, options)
+        device = check_room(checked, device)
         self.name = place.name
         self._model = _load(place.path, device)
         self.computed_on = place_of(self._model)

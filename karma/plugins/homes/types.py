@@ -133,7 +133,7 @@ class HomeMemory(Protocol):
         """Return where to look for the question's thing, the best first; () without an opinion."""
 
     def size_bytes(self) -> int:
-        """Return how much it keeps, on disk or else as it would be written there."""
+        """Return how much it keeps."""
 
     def close(self) -> None:
-        """Keep what is to survive a restart, and let go of files."""
+        """Let go of what it holds."""

@@ -80,8 +80,8 @@ class Connection:
     ) -> Exchange:
         """Ask once and return the exchange; its reply has an answer.
 
-        `role` ("planner", "vision", "embedder") is for the bill. A path such as "../tokenize" lies beside
-        /v1. `named` is recorded in place of a large body; `shared`: equal bodies have equal
+        `role` ("planner", "vision", "embedder") is for the bill. A path such as "../tokenize" lies
+        beside /v1. `named` is recorded in place of a large body; `shared`: equal bodies have equal
         answers.
 
         Raises:

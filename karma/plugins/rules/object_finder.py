@@ -21,7 +21,6 @@ from karma.contracts import (
     SkillCall,
     SkillResult,
 )
-from karma.household.deeds import FOR_GOOD, deed_kind
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import is_piece
 from karma.household.places import HAND
@@ -29,6 +28,7 @@ from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import NOT_SO, SAID_AS
 from karma.household.types import object_types
 from karma.household.uses import BASINS, BURNER, KNOB, LAMPS, PARTS_OF_FURNITURE, kind_of
+from karma.plugins.rules.deeds import FOR_GOOD, deed_kind
 from karma.plugins.rules.language.request_words import request_words
 from karma.plugins.rules.request_checker import meant_by, stated
 from karma.plugins.rules.types import Mention, Request, SaidDeed

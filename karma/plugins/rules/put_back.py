@@ -4,10 +4,10 @@ from collections.abc import Iterable, Iterator
 
 from karma.agent.session import Session
 from karma.contracts import SkillCall, SkillResult
-from karma.household.deeds import deed_kind
 from karma.household.ids import type_of
 from karma.household.places import HAND
 from karma.household.uses import LAMPS, kind_of, switch_of
+from karma.plugins.rules.deeds import deed_kind
 from karma.plugins.rules.types import Request, SaidDeed
 
 

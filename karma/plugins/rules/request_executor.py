@@ -13,7 +13,6 @@ from karma.agent.seeing.perceive import place_of
 from karma.agent.session import SURVEY
 from karma.contracts import RefusedRequest, SkillCall, SubTask
 from karma.household.containment import has_door
-from karma.household.deeds import FOR_GOOD, able_to, deed_kind
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import is_piece
 from karma.household.places import HAND
@@ -23,6 +22,7 @@ from karma.household.types import Capability, object_types, types_with
 from karma.household.uses import BURNER, LAMPS, kind_of
 from karma.plugins.rules.answer_checker import advice_for
 from karma.plugins.rules.conditions import ConditionCheck
+from karma.plugins.rules.deeds import FOR_GOOD, able_to, deed_kind
 from karma.plugins.rules.language.clauses import said
 from karma.plugins.rules.language.request_words import request_words
 from karma.plugins.rules.object_finder import (

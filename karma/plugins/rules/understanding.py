@@ -8,7 +8,6 @@ and what the request names and the program leaves alone is said, too.
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from karma.agent.planning.first_program import noun_phrases
 from karma.agent.planning.planner import grounded
 from karma.agent.planning.refusal_text import sentence
 from karma.assistant.program_words import in_words
@@ -19,7 +18,7 @@ from karma.household.pieces import base_type
 from karma.household.saying import spoken, told_place
 from karma.household.types import object_types
 from karma.household.uses import KNOB, TAPS, without_basin
-from karma.language.hints import singular
+from karma.language.hints import bare_words, singular
 from karma.language.phrases import phrases_of
 from karma.plugins.rules.language.lexicon import ALIKE, Lexicon
 
@@ -100,7 +99,7 @@ def _meant(
 ) -> tuple[tuple[Meant, ...], tuple[str, ...]]:
     """Return the phrases with their things, and the types that no phrase stands for."""
     found = phrases_of(instruction)
-    phrases = noun_phrases(instruction)
+    phrases = _noun_phrases(instruction)
     names = {_kind(name): name for call in calls for name in _objects(call)}
     kinds = list(names)
     taken: dict[str, str] = {}  # type -> phrase
@@ -193,9 +192,14 @@ def _nearest_deeds(instruction: str, lexicon: Lexicon) -> str:
 def _nearest_things(
     refused: RefusedRequest, instruction: str, lexicon: Lexicon, here: Sequence[str]
 ) -> str:
-    for phrase in refused.words or noun_phrases(instruction):
+    for phrase in refused.words or _noun_phrases(instruction):
         near = _nearest(phrase, lexicon, here)
         if near and singular(phrase.lower()) not in (near[0].lower(), spoken(near[0]).lower()):
             words = " or ".join(f"the {spoken(kind)}" for kind in near)
             return f"Nearest to {phrase!r} here: {words}. Is one of them meant?"
     return "Which thing do you mean, and where should it go?"
+
+
+def _noun_phrases(text: str) -> list[str]:
+    """Return what a text names, without articles."""
+    return [" ".join(bare_words(noun.text.split())) for noun in phrases_of(text).nouns]

@@ -6,6 +6,7 @@ noun becomes an invented word with the noun's hints: only a model that reads hin
 Vectors come from a cache.
 """
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,7 +25,7 @@ from karma.language.hints import (
     WordFile,
     Words,
     embed_texts,
-    known_words,
+    is_content,
     own_texts,
     queries,
 )
@@ -130,6 +131,17 @@ def words_file(seen: Iterable[str]) -> WordFile:
         types[kind] = tuple(dict.fromkeys((*own, *types.get(kind, ()))))
     said, words = known_words(seen, OFTEN)
     return WordFile(types=types, deeds=deeds, phrases=said | frozenset(called()), words=words)
+
+
+def known_words(sentences: Iterable[str], at_least: int) -> tuple[frozenset[str], frozenset[str]]:
+    """Return the phrases of sentences, and their content words, that occur so often."""
+    phrases: Counter[str] = Counter()
+    words: Counter[str] = Counter()
+    for sentence in sentences:
+        phrases.update(query.phrase for query in queries(sentence))
+        words.update(filter(is_content, re.findall(r"[a-z]+", sentence.lower())))
+    said = frozenset(phrase for phrase, times in phrases.items() if times >= at_least)
+    return said, frozenset(word for word, times in words.items() if times >= at_least)
 
 
 def phrases_to_embed(sentences: Iterable[str]) -> list[str]:

@@ -4,7 +4,6 @@ import msgspec
 import pytest
 
 from karma.errors import KarmaError
-from karma.household.ids import type_of
 from karma.plugins.homes.houses import build_home, room_at, rooms_reached
 from karma.world.core.scene import check
 from karma.world.core.state import Settings, begin
@@ -38,11 +37,6 @@ def test_rooms_do_not_overlap_and_things_are_in_their_rooms():
         for parent in thing.parents:
             there = parents[parent]
             assert room_at(home, there.center[0], there.center[2]) == here
-
-
-def test_a_scene_of_one_room_has_none():
-    world = EmbeddedWorld("kitchen_1")
-    assert not len(world.state.room.shell.low)
 
 
 @pytest.mark.parametrize("things", [30, 120])
@@ -97,8 +91,3 @@ def test_the_robot_walks_from_room_to_room_by_its_own_steps():
         x, _, z = world.state.pose.position_m
         visited.add(room_at(home, x, z).name)
     assert visited == {room.name for room in home.rooms}
-
-
-def test_ids_name_their_types():
-    home = build_home(2, 3)
-    assert all(type_of(thing.id) == thing.type for thing in home.objects)

@@ -53,15 +53,6 @@ def test_home_is_the_same_tomorrow(tmp_path):
     assert again.do("take the apple out of the fridge")
 
 
-def test_it_is_what_was_spoken_of_yesterday(tmp_path):
-    agent = agent_saying(tmp_path, [TAKE], home=tmp_path / "home")
-    agent.do("take the apple")
-    gone(agent)
-    again = agent_saying(tmp_path, [AWAY], home=tmp_path / "home")
-    assert again.do("put it in the fridge")
-    assert "Apple in the fridge" in repr(again.memory)
-
-
 def test_without_a_home_nothing_lasts(tmp_path):
     agent = agent_saying(tmp_path, [TAKE])
     agent.do("take the apple")
@@ -79,13 +70,6 @@ def test_what_was_undone_is_not_there_tomorrow(tmp_path):
     assert left(agent) == before
     gone(agent)
     assert left(agent_saying(tmp_path, [], home=tmp_path / "home")) == before
-
-
-def test_a_question_is_not_undone_but_the_deed_before_it(tmp_path):
-    agent = lived(tmp_path)
-    assert agent.do("where is the apple?").status == "answered"
-    assert agent.undo() == "put it in the fridge"
-    assert [reply.said for reply in agent.replies] == ["take the apple", "where is the apple?"]
 
 
 def test_wherever_it_was_killed_it_opens_with_all_that_was_said(tmp_path):

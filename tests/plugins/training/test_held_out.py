@@ -172,11 +172,6 @@ def with_trained_form(sentences):
     return [text for text in sentences if form_of(text) in forms]
 
 
-def test_form_of_a_filled_template_is_the_templates():
-    assert with_trained_form(["Put the salt shaker on the dining table!", "Rinse an apple."])
-    assert not with_trained_form(["Put the salt shaker to bed.", "Rinse an apple twice."])
-
-
 def test_over_half_of_our_tasks_sentences_have_the_form_of_a_trained_template():
     """The phrase book was extended after they had been read: they are no unseen phrasings."""
     sentences = instructions(load_tasks(TASKS))

@@ -54,15 +54,6 @@ def test_refused_request_comes_with_and_without_map_memory_and_hand(drawn):
         assert 20 < sum(part in text for text in said) < 780, part
 
 
-def test_equal_streams_draw_equal_refusals_and_near_misses(rooms):
-    for draw in (refusals.draw_refusal, refusals.draw_near_miss):
-        one, other = (
-            [draw(stream(3, "again"), rooms[0], BOOK, mapped=True) for _ in range(2)]
-            for _ in range(2)
-        )
-        assert one == other
-
-
 def test_things_and_places_that_are_not_there_mean_nothing_of_the_lexicon():
     words = (*refusals.phrases().words["things"], *refusals.phrases().words["places"])
     assert len(words) > 200

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from itertools import accumulate
 from pathlib import Path
-from typing import Annotated, Any, Generic, TypeVar
+from typing import Annotated, Generic, TypeVar
 
 import msgspec
 
@@ -119,12 +119,11 @@ T = TypeVar("T")
 
 
 class Shown(Generic[T]):
-    """What a home has shown, by part and name; `made` makes an entry, empty or as it was kept."""
+    """What a home has shown, by part and name; `made` makes an empty entry."""
 
-    def __init__(self, parts: Sequence[str], made: Callable[..., T]) -> None:
+    def __init__(self, parts: Sequence[str], made: Callable[[], T]) -> None:
         self._parts: dict[str, dict[str, T]] = {part: {} for part in parts}
         self._made = made
-        self._fresh: dict[tuple[str, str], None] = {}  # that changed since it was told last
 
     def get(self, part: str, name: str) -> T:
         """Return an entry; an empty one where nothing was shown."""
@@ -132,26 +131,12 @@ class Shown(Generic[T]):
 
     def changing(self, part: str, name: str) -> T:
         """Return an entry that is changed now."""
-        self._fresh[part, name] = None
         return self._parts[part].setdefault(name, self._made())
 
-    def fresh(self) -> dict[str, dict[str, Any]]:
-        """Return what changed since this was asked last, by part and name."""
-        found: dict[str, dict[str, Any]] = {}
-        for part, name in self._fresh:
-            found.setdefault(part, {})[name] = self._parts[part][name]
-        self._fresh.clear()
-        return found
 
-    def restore(self, kept: Callable[[str], Mapping[str, Any]]) -> None:
-        """Take over what was shown before a restart, by part."""
-        for part, entries in self._parts.items():
-            entries |= {name: self._made(values) for name, values in kept(part).items()}
-
-
-def _evidence(kept: Iterable[float] = (0.0, 0.0)) -> list[float]:
-    """Return moves and hours; of the home the moves that were to be expected stand for hours."""
-    return list(kept)
+def _evidence() -> list[float]:
+    """Return no moves in no hours; of the home, expected moves stand for hours."""
+    return [0.0, 0.0]
 
 
 class Ageing:

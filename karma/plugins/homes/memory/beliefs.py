@@ -7,9 +7,8 @@ resident takes along is nowhere until it is seen again. A look may miss what sta
 evicts it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 from karma.household.places import HAND
 from karma.plugins.homes.memory.ageing import Ageing
@@ -51,15 +50,6 @@ class Beliefs:
         found = [self._by_id[key] for key in self._fresh if key in self._by_id]
         self._fresh.clear()
         return found
-
-    def take_over(self, belief: Belief, doubt: Sequence[Any] | None) -> None:
-        """Believe what a log says that goes on, with the doubt that was kept of it."""
-        if doubt is not None:
-            names = ("chance", "looked_s", "ended_s", "reason")  # see `doubt_of`
-            belief = replace(belief, **dict(zip(names, doubt, strict=True)))
-        self._keep(belief)
-        if belief.ended_s is not None:
-            self._leave(belief)
 
     def take_in(self, moment: HomeMoment) -> list[tuple[Belief | None, Belief]]:
         """Correct beliefs by a moment; return what changed: the belief before, and the new one."""
@@ -137,8 +127,3 @@ class Beliefs:
         place_id = belief.sighting.place_id
         if place_id is not None:
             self._at.get(place_id, {}).pop(belief.sighting.object_id, None)
-
-
-def doubt_of(belief: Belief) -> tuple[float, float | None, float | None, str]:
-    """Return what a belief is beside its episode: chance, when looked for, ended, why."""
-    return belief.chance, belief.looked_s, belief.ended_s, belief.reason

@@ -1,56 +1,43 @@
 """The episodic log: what was so and when, in SQLite, with the vectors of its texts in FAISS.
 
 An episode is one thing at one place in one state, from the first to the last sighting of it; an
-unchanged sighting extends it, only changes make rows. Rows are written as they come and committed
-when an instruction is finished: a killed process loses at most what came after the last commit. A
-log that was closed is sealed: its SHA-256 lies beside it until it is opened again. The
-index is made from the rows' distinct texts, when a text is first asked for, so it cannot differ
-from them.
+unchanged sighting extends it, only changes make rows. The index is made from the rows' distinct
+texts, when a text is first asked for, so it cannot differ from them. The log is in memory, and gone
+with the process.
 """
 
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import astuple, dataclass, fields
-from math import fsum
-from pathlib import Path
 from typing import Any, Literal
 
 import faiss
 import numpy as np
 
 from karma.contracts import Embedder
-from karma.errors import FileError
-from karma.files import check_sealed_file, read_bytes, sha256_of, write_atomic
 from karma.plugins.homes.memory.setting import KnownPlace, sighting_text
 from karma.plugins.homes.types import Deed, Sighting
 
-APPLICATION = 0x4B524D41  # "KRMA", in the file's header
-VERSION = 2
-SEAL = ".sha256"  # what the name of the file beside it ends in; there while the log is closed
 MOST_EPISODES = 200_000  # closed ones kept; beyond it the oldest go
 SPARE = 0.02  # share of the most that goes at once, so that it is not done for every row
 NEAREST = 64  # texts that are looked up at once
 FEW = 2_000  # episodes that fit all but the text: so many are ranked one by one
 Reason = Literal["", "not there", "seen elsewhere", "otherwise", "carried off"]
 _TABLES = """
-create table if not exists texts (id integer primary key, text text unique not null);
-create table if not exists episodes (
+create table texts (id integer primary key, text text unique not null);
+create table episodes (
     id integer primary key, object_id text not null, object_type text not null, place_id text,
     room text not null, states text not null, x real not null, y real not null, z real not null,
     since_s real not null, until_s real not null,
     who text not null, action text not null, deed text, is_open integer not null,
     text_id integer not null
 );
-create index if not exists by_text on episodes (text_id, until_s);
-create index if not exists by_type on episodes (object_type, since_s);
-create index if not exists by_time on episodes (since_s);
-create index if not exists by_end on episodes (is_open, until_s);
-create index if not exists by_deed on episodes (who, action, since_s);
-create table if not exists kept (
-    part text not null, name text not null, value text not null, primary key (part, name)
-);
+create index by_text on episodes (text_id, until_s);
+create index by_type on episodes (object_type, since_s);
+create index by_time on episodes (since_s);
+create index by_end on episodes (is_open, until_s);
+create index by_deed on episodes (who, action, since_s);
 """
 
 
@@ -82,37 +69,24 @@ class EpisodeQuery:
 
 
 class EpisodeLog:
-    """The log of one home.
-
-    Args:
-        path: of the file, made if there is none; None: in memory, gone with the process.
-        embedder: of texts.
-        places: furniture of the home.
-        most_episodes: closed ones that are kept.
-
-    Raises:
-        FileError: the file is torn, edited since it was closed, in use, or no episodic log.
-    """
+    """The log of one home, of which at most `most_episodes` closed ones are kept."""
 
     def __init__(
         self,
-        path: Path | None,
         embedder: Embedder,
         places: Mapping[str, KnownPlace],
         *,
         most_episodes: int = MOST_EPISODES,
     ) -> None:
-        self._path, self._embedder, self._places = path, embedder, places
+        self._embedder, self._places = embedder, places
         self._most = most_episodes
-        self._base = _opened(path)
-        self._texts: dict[str, int] = dict(self._base.execute("select text, id from texts"))
+        self._base = sqlite3.connect(":memory:")
+        self._base.executescript(_TABLES)
+        self._texts: dict[str, int] = {}
         self._index: Any = None
         self._indexed: set[int] = set()
-        self._closed = self._count("is_open = 0")
-        rows = self._base.execute(
-            "select object_id, id, until_s from episodes where is_open = 1 order by since_s, id"
-        )
-        self._open = {object_id: (number, until_s) for object_id, number, until_s in rows}
+        self._closed = 0
+        self._open: dict[str, tuple[int, float]] = {}
 
     def __len__(self) -> int:
         return self._count("1")
@@ -167,35 +141,9 @@ class EpisodeLog:
         self._base.execute("delete from episodes where object_id = ?", (object_id,))
         self._closed = self._count("is_open = 0")
 
-    def keep(self, part: str, values: Mapping[str, Any]) -> None:
-        """Write small things beside the episodes, as JSON by part and key."""
-        rows = [(part, key, json.dumps(value)) for key, value in values.items()]
-        self._base.executemany("insert or replace into kept values (?, ?, ?)", rows)
-
-    def kept(self, part: str) -> dict[str, Any]:
-        """Return what was kept of a part, by key."""
-        rows = self._base.execute(
-            "select name, value from kept where part = ? order by name", (part,)
-        )
-        return {key: json.loads(value) for key, value in rows}
-
-    def commit(self) -> None:
-        """Make everything written so far survive the end of the process.
-
-        Raises:
-            FileError: the disk is full or the file cannot be written; nothing is half written.
-        """
-        with _naming(self._path):
-            self._base.commit()
-
     def close(self) -> None:
-        """Commit, let go of the file and, where nobody else has it open, seal it."""
-        self.commit()
+        """Let go of what is kept."""
         self._base.close()
-        path = self._path
-        if path is not None and not path.with_name(f"{path.name}-wal").exists():
-            line = f"{sha256_of(path)}  {path.name}\n"  # as `sha256sum -c` reads it
-            write_atomic(_seal_of(path), line.encode())
 
     def _make_room(self, number: int) -> None:
         """Let the oldest closed episodes go, with the texts that no episode has any more."""
@@ -221,10 +169,9 @@ class EpisodeLog:
 
     # ------------------------------------------------------------- reading
 
-    def episodes(self, *, only_open: bool = False) -> Iterator[Belief]:
-        """Yield all episodes, or those that go on, by their beginnings."""
-        which = "where is_open = 1 " if only_open else ""
-        for row in self._base.execute(f"{_SELECT} {which}order by since_s, id"):
+    def episodes(self) -> Iterator[Belief]:
+        """Yield all episodes by their beginnings."""
+        for row in self._base.execute(f"{_SELECT} order by since_s, id"):
             yield _episode(row)
 
     def recall(self, query: EpisodeQuery, k: int) -> list[Belief]:
@@ -285,7 +232,7 @@ class EpisodeLog:
             self._indexed |= new.keys()
 
     def size_bytes(self) -> int:
-        """Return how large the file is, or would be."""
+        """Return how large the log is."""
         pages = self._base.execute("pragma page_count").fetchone()[0]
         return int(pages * self._base.execute("pragma page_size").fetchone()[0])
 
@@ -296,90 +243,6 @@ _SELECT = (
 )
 _TEXT = 12  # column of text_id
 _DEED = tuple(one.name for one in fields(Deed))
-
-
-class _Base(sqlite3.Connection):
-    """A connection whose errors name the file."""
-
-    path: Path | None = None
-
-    def execute(self, *given: Any) -> sqlite3.Cursor:
-        """Execute a statement; FileError where the file does not let it."""
-        with _naming(self.path):
-            return super().execute(*given)
-
-
-def _opened(path: Path | None) -> _Base:
-    """Return the base, with its tables; its pages are looked through unless its seal held."""
-    sealed = path is not None and _unsealed(path)
-    with _naming(path):
-        base = sqlite3.connect(":memory:" if path is None else path, factory=_Base)
-        base.path = path
-        mark = base.execute("pragma application_id").fetchone()[0]
-        empty = base.execute("select count(*) from sqlite_master").fetchone()[0] == 0
-        version = base.execute("pragma user_version").fetchone()[0]
-        if not empty and (mark != APPLICATION or version != VERSION):
-            raise FileError(
-                path or "", f"no episodic log of version {VERSION}", fix="name another file"
-            )
-        base.execute("pragma journal_mode = wal")
-        base.execute("pragma synchronous = normal")  # a killed process loses no commit
-        base.execute(f"pragma application_id = {APPLICATION}")
-        base.execute(f"pragma user_version = {VERSION}")
-        base.executescript(_TABLES)
-        if path is not None and not sealed:
-            _look_through(base)
-    return base
-
-
-def _look_through(base: sqlite3.Connection) -> None:
-    """Read all there is, as nothing else tells whether the disk has kept it."""
-    if (said := base.execute("pragma integrity_check").fetchone()[0]) != "ok":
-        raise sqlite3.DatabaseError(said)
-    for row in base.execute(_SELECT):
-        _episode(row)
-        fsum(row[6:11])  # position and times are numbers
-    for (value,) in base.execute("select value from kept"):
-        json.loads(value)
-
-
-def _unsealed(path: Path) -> bool:
-    """Take a log's seal away, and return whether there was one; FileError where it is broken."""
-    seal = _seal_of(path)
-    if not seal.exists():
-        return False
-    if sound := path.exists():
-        sha256 = read_bytes(seal).decode(errors="replace").partition(" ")[0]
-        check_sealed_file(path, sha256, fix=_fix(path))
-    seal.unlink()
-    return sound
-
-
-def _seal_of(path: Path) -> Path:
-    return path.with_name(path.name + SEAL)
-
-
-def _fix(path: Path | str) -> str:
-    return f"bring back a copy, or begin anew: rm {path} {path}{SEAL}"
-
-
-@contextmanager
-def _naming(path: Path | None) -> Iterator[None]:
-    """Turn what SQLite and damaged rows raise into a FileError of the file."""
-    try:
-        yield
-    except (sqlite3.Error, ValueError, TypeError) as error:
-        name, reason, fix = path or ":memory:", str(error), _fix(path or ":memory:")
-        match getattr(error, "sqlite_errorcode", 0) & 0xFF:
-            case sqlite3.SQLITE_BUSY | sqlite3.SQLITE_LOCKED:
-                fix = "another process is at work in it: end that one, then go on"
-            case sqlite3.SQLITE_FULL | sqlite3.SQLITE_IOERR:
-                fix = "free space, then go on: what was committed before is kept"
-            case sqlite3.SQLITE_READONLY | sqlite3.SQLITE_CANTOPEN:
-                fix = "name a file in a folder that may be written"
-            case _:
-                reason = f"torn, or no episodic log: {reason}"
-        raise FileError(name, reason, fix=fix) from error
 
 
 def _conditions(query: EpisodeQuery) -> tuple[str, tuple[Any, ...]]:

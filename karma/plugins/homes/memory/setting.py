@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from karma.contracts import Embedder
 from karma.household.types import in_words
@@ -29,7 +28,6 @@ class MemorySetting:
     embedder: Embedder  # of short texts; it keeps what it has embedded
     places: Mapping[str, KnownPlace]  # by id
     units: int = 10  # lines of short-term memory, where a design has one
-    folder: Path | None = None  # for what is to survive a restart; None: nothing is written
     seed: int = 0
 
 

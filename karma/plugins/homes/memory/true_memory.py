@@ -5,10 +5,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from hashlib import sha256
 from math import isfinite
 
-from karma.errors import FileError
 from karma.household.places import HAND
 from karma.plugins.homes.memory.ageing import (
     SURE,
@@ -18,7 +16,7 @@ from karma.plugins.homes.memory.ageing import (
     PlaceShares,
     home_prior,
 )
-from karma.plugins.homes.memory.beliefs import OVERLOOKED, Beliefs, doubt_of
+from karma.plugins.homes.memory.beliefs import OVERLOOKED, Beliefs
 from karma.plugins.homes.memory.episodes import MOST_EPISODES, Belief, EpisodeLog, EpisodeQuery
 from karma.plugins.homes.memory.setting import (
     MemorySetting,
@@ -33,7 +31,6 @@ from karma.plugins.homes.types import Fact, HomeMoment, HomeQuestion, LikelyPlac
 OTHERS = 0.08  # chance that is left for places of no opinion
 ELSEWHERE = 0.05  # what a place counts that is not of the kind that was said
 AS_AGED = AskedFor()
-LOG = "episodes.sqlite"
 FOUND = 256  # episodes that one question may be about
 
 
@@ -59,11 +56,8 @@ class TrueMemory:
         self._asked = prior.asked
         self._beliefs = Beliefs(self._ageing)
         self._shares = PlaceShares(prior, setting.places)
-        folder = setting.folder
-        self._place = path = None if folder is None else folder / LOG
-        self._log = EpisodeLog(path, setting.embedder, setting.places, most_episodes=most_episodes)
+        self.log = EpisodeLog(setting.embedder, setting.places, most_episodes=most_episodes)
         self._looked: dict[str, float] = {}  # place -> when it was looked over last
-        self._restore()
 
     def take_in(self, moment: HomeMoment) -> None:
         """Correct what is believed, and write down what has come about."""
@@ -78,8 +72,8 @@ class TrueMemory:
             if old is None or old.sighting.place_id != seen.place_id:
                 self._shares.visit(seen.object_id, seen.object_type, seen.place_id)
             if old is not None:
-                self._log.end(old)
-            self._log.begin(new)
+                self.log.end(old)
+            self.log.begin(new)
 
     def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:
         """Return what fits: of the past from the history, of now from beliefs with chances."""
@@ -126,55 +120,13 @@ class TrueMemory:
         order = sorted(chances, key=lambda one: (-chances[one], one))
         return [LikelyPlace(place_id=one, chance=chances[one]) for one in order if one != HAND]
 
-    @property
-    def episodes(self) -> int:
-        """How many episodes its log holds."""
-        return len(self._log)
-
     def size_bytes(self) -> int:
-        """Return bytes of the log, with what is kept beside it."""
-        return self._log.size_bytes()
-
-    def commit(self) -> None:
-        """Make what was learnt so far survive: called when an instruction is finished."""
-        self._write_down()
-        self._log.keep("looked", {"all": self._looked})
-        for shown in (self._ageing.shown, self._shares.visits):
-            for part, values in shown.fresh().items():
-                self._log.keep(part, values)
-        self._log.commit()
-
-    def _write_down(self) -> None:
-        """Bring the log up to what is believed."""
-        fresh = self._beliefs.fresh()
-        for belief in fresh:
-            self._log.extend(belief)
-        self._log.keep("doubts", {one.sighting.object_id: doubt_of(one) for one in fresh})
+        """Return bytes of the log."""
+        return self.log.size_bytes()
 
     def close(self) -> None:
-        """Commit, and let go of the log."""
-        self.commit()
-        self._log.close()
-
-    def _restore(self) -> None:
-        """Go on from what the log holds: what goes on in it is believed.
-
-        Raises:
-            FileError: it is the log of another home.
-        """
-        home = sha256("\n".join(sorted(self._places)).encode()).hexdigest()
-        of = self._log.kept("home").get("places", home if self._places else None)
-        if of not in (home, None):
-            fix = "another folder for this home, or take the file away"
-            reason = "the log of another home, with other furniture"
-            raise FileError(self._place or LOG, reason, fix=fix)
-        self._log.keep("home", {"places": home})
-        self._looked = self._log.kept("looked").get("all", {})
-        self._ageing.shown.restore(self._log.kept)
-        self._shares.visits.restore(self._log.kept)
-        doubts = self._log.kept("doubts")
-        for belief in self._log.episodes(only_open=True):
-            self._beliefs.take_over(belief, doubts.get(belief.sighting.object_id))
+        """Let go of the log."""
+        self.log.close()
 
     # ------------------------------------------------------------- now
 
@@ -247,7 +199,8 @@ class TrueMemory:
         Of a type the newest comes first; where none is known the words are looked up.
         """
         said, ranks = question.thing, ranks_of(question.thing)
-        self._write_down()
+        for belief in self._beliefs.fresh():
+            self.log.extend(belief)
         query = EpisodeQuery(
             types=tuple(ranks),
             text="" if ranks else said.phrase or question.text,
@@ -258,9 +211,9 @@ class TrueMemory:
             by_deed=question.asked == "who",
             state=next((one for one in said.states if one != "cleaned"), ""),  # not dirty, it is
         )
-        found = self._log.recall(query, FOUND)
+        found = self.log.recall(query, FOUND)
         if query.state and not found:  # it was never seen so
-            found = self._log.recall(replace(query, state=""), FOUND)
+            found = self.log.recall(replace(query, state=""), FOUND)
         found.sort(key=lambda one: ranks.get(one.sighting.object_type, 0))
         return [_as_fact(one, said.before_s) for one in found[:k]]
 
@@ -295,9 +248,6 @@ class TrueUnits(TrueMemory):
         super().__init__(setting)
         self._policy = NeedTruthCost(setting.units, self._worth)
         self._now_s = 0.0
-        for belief in sorted(self._beliefs, key=lambda one: one.sighting.time_s):  # of a log
-            self._now_s = max(self._now_s, belief.sighting.time_s)
-            self._count(belief.sighting.object_id, UNUSED)
 
     def take_in(self, moment: HomeMoment) -> None:
         """Correct what is believed; then keep what is worth most."""
@@ -311,7 +261,7 @@ class TrueUnits(TrueMemory):
         leaves = self._policy.count(object_id, uses)
         if leaves is not None:
             self._beliefs.forget(leaves)
-            self._log.drop(leaves)
+            self.log.drop(leaves)
 
     def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:
         """Return what fits; what is told was needed."""

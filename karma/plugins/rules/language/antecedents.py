@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from karma.household.deeds import able_to, deed_kind
 from karma.household.types import Capability, types_with
+from karma.plugins.rules.deeds import able_to, deed_kind
 from karma.plugins.rules.language.pairs import DONE_AT_PLACES
 from karma.plugins.rules.language.request_words import request_words
 from karma.plugins.rules.types import Mention, SaidDeed

@@ -4,9 +4,9 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from karma.household.deeds import deed_kind
 from karma.household.saying import preposition, spoken
 from karma.household.states import SAID_AS
+from karma.plugins.rules.deeds import deed_kind
 from karma.plugins.rules.types import Mention, Request, SaidDeed
 
 _LINKS = frozenset(

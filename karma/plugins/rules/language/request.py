@@ -11,10 +11,10 @@ from dataclasses import replace
 from functools import cached_property, partial
 
 from karma.errors import KarmaError
-from karma.household.deeds import able_to
 from karma.household.states import NEEDS, lacking
 from karma.household.types import Capability, object_types
 from karma.language.words import closed_words, word_lists
+from karma.plugins.rules.deeds import able_to
 from karma.plugins.rules.language.antecedents import left_out_of, of_what
 from karma.plugins.rules.language.asides import Asides
 from karma.plugins.rules.language.clauses import said

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib.util import find_spec
 
 from karma.agent.session import Executor
 from karma.assistant.agent import Agent
@@ -22,6 +23,9 @@ from karma.plugins.rules.talk.remembering import Remembering
 from karma.plugins.rules.talk.telling import told_of
 from karma.plugins.rules.types import Mention, Request, SaidDeed
 from karma.plugins.rules.understanding import misspelt, understood
+
+if find_spec("spacy") is None:  # it is imported with the first sentence: far too late to say so
+    raise ModuleNotFoundError("No module named 'spacy'", name="spacy")
 
 MAX_ANTECEDENTS = 4  # mentions before the last one that "both" may refer to
 EARLIER_REQUESTS = 3  # requests of earlier sessions that "it" may refer to

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 from karma.assistant.replies import MemoryAnswer
 from karma.assistant.session_log import TOLD, PastAction, PastRequest
-from karma.household.deeds import DEED_KINDS
 from karma.household.uses import without_basin
+from karma.plugins.rules.deeds import DEED_KINDS
 from karma.plugins.rules.language.request import RequestReader
 from karma.plugins.rules.language.request_words import base_of_deed
 from karma.plugins.rules.talk.asking import AskedQuestion

@@ -9,10 +9,10 @@ from karma.agent.seeing.perceive import place_of
 from karma.assistant.replies import MemoryAnswer
 from karma.assistant.session_log import PLACE_TOLD, STATE_TOLD
 from karma.contracts import MemoryChange
-from karma.household.deeds import deed_kind
 from karma.household.places import HAND
 from karma.household.saying import name_of, told_place
 from karma.household.states import ENDS, SAID_AS
+from karma.plugins.rules.deeds import deed_kind
 from karma.plugins.rules.language.request import RequestReader
 from karma.plugins.rules.language.request_words import base_of_deed, deed_verbs, request_words
 from karma.plugins.rules.talk.history import can_lie_in, habits_in

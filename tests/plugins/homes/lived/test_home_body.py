@@ -5,7 +5,7 @@ import pytest
 from karma.household.places import HAND
 from karma.plugins.homes.lived.body import HomeRobot
 from karma.plugins.homes.residents import ACTION_S, Household
-from tests.support.lived import DAY_S, HOUR_S, small_home, small_map
+from tests.support.lived import DAY_S, small_home, small_map
 
 ROOMS = ((2, 4), (3, 11))
 
@@ -105,11 +105,3 @@ def test_a_hand_takes_one_thing_and_puts_it_down():
     put = next(one.deed for one in reversed(moments) if one.deed is not None)
     assert (put.who, put.action, put.object_id) == ("robot", "PutObject", first.id)
     assert put.place_id in robot.map.places
-
-
-def test_waiting_goes_to_the_time():
-    robot, _ = robot_in()
-    robot.wait(3 * HOUR_S)
-    assert robot.time_s == 3 * HOUR_S
-    robot.wait(HOUR_S)
-    assert robot.time_s == 3 * HOUR_S

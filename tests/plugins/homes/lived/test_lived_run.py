@@ -1,21 +1,15 @@
 """A run of lived-in homes: the same bytes however it is run, and what its table says."""
 
-from pathlib import Path
-
 import pytest
 
 from karma.bench.engine.benchmark_runs import read_results
 from karma.bench.engine.run import Run
 from karma.errors import KarmaError
-from karma.files import read_json
-from karma.plugins.homes.houses import rooms_reached
 from karma.plugins.homes.lived.body import HomeRobot
-from karma.plugins.homes.lived.home_map import HomeMap
 from karma.plugins.homes.lived.table import figures_of
 from karma.plugins.homes.residents import Household
-from karma.plugins.thor_tools.importing.procthor import house_scene, read_assets
 from karma.world.core.navigate import path as cells_path
-from tests.support.lived import DAY_S, small_home, small_map
+from tests.support.lived import small_home, small_map
 
 SMALL = """
 name = "small"
@@ -30,7 +24,6 @@ rows = [
     { name = "expert", design = "expert" },
 ]
 """
-HOUSES = Path(__file__).parents[4] / "eval/lived/houses"
 
 
 def played(folder, workers=1, text=SMALL):
@@ -94,20 +87,6 @@ def test_walks_cost_what_the_shortest_way_takes():
             ways.append(len(cells_path(state.cells, start, end)) - 1)
         turns = robot.way(place_id) - min(ways)
         assert 0 <= turns <= max(ways) + 6  # quarter turns and tilts
-
-
-@pytest.mark.parametrize("name", ["house_02", "house_10"])
-def test_houses_of_procthors_form_are_lived_in(name):
-    assets = read_assets(HOUSES / "assets.json")
-    scene = house_scene(read_json(HOUSES / f"{name}.json", dict), name=name, assets=assets)
-    household = Household(scene, seed=1, people=2, disturbance=0.3)
-    moments = []
-    robot = HomeRobot(household, HomeMap(scene), moments.append)
-    assert household.until(DAY_S)
-    for place_id in list(robot.map.places)[:6]:
-        robot.look_at(place_id)
-    assert any(moment.seen for moment in moments)
-    assert rooms_reached(scene) == {room.name for room in scene.rooms}
 
 
 def test_things_that_find_no_room_are_said(tmp_path, whole):

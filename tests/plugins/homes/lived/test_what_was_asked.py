@@ -1,12 +1,10 @@
-"""What is asked is found however much came later; a restart answers the same, in its own home."""
+"""What is asked is found however much came later."""
 
-import random
 from dataclasses import replace
 
 import pytest
 
-from karma.errors import FileError
-from karma.plugins.homes.lived.designs import DESIGNS
+from karma.plugins.homes.memory.true_memory import TrueMemory, TrueUnits
 from karma.plugins.homes.types import Deed
 from tests.support.lived import HOUR_S as HOUR
 from tests.support.lived import PLACES, moment, seen, setting, where
@@ -14,8 +12,8 @@ from tests.support.lived import PLACES, moment, seen, setting, where
 IDS = tuple(PLACES)[:4]
 
 
-def made(design="ours", places=PLACES, **given):
-    return DESIGNS[design](replace(setting(**given), places=places))
+def made():
+    return TrueMemory(setting())
 
 
 @pytest.mark.parametrize("later", [0, 255, 256, 900])
@@ -47,56 +45,20 @@ def test_state_that_is_asked_for_is_found_among_many_without_it(clean, state):
     assert len(memory.recall(other, 8)) == min(8, clean + 1)  # never seen so: what there is
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_restart_answers_in_the_same_order(seed, tmp_path):
-    draw = random.Random(seed)
-    memory, time_s = made(folder=tmp_path), 0.0
-    for _ in range(12):
-        time_s += draw.choice((600.0, HOUR))
-        names = draw.sample([f"Mug|{letter}" for letter in "abcdef"], draw.randint(1, 4))
-        memory.take_in(moment(time_s, *(seen(one, draw.choice(IDS), time_s) for one in names)))
-
-    def told():
-        return [fact.sighting for fact in memory.recall(where("Mug", time_s + 60), 6)]
-
-    before = told()
-    memory.close()
-    memory = made(folder=tmp_path)
-    assert told() == before
-
-
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
-def test_sighting_without_a_position_is_none_and_what_was_known_stays(bad, tmp_path):
-    memory = made(folder=tmp_path)
+def test_sighting_without_a_position_is_none_and_what_was_known_stays(bad):
+    memory = made()
     memory.take_in(moment(HOUR, seen("Mug|a", IDS[0], HOUR)))
     torn = replace(seen("Mug|a", IDS[1], 2 * HOUR), position_m=(0.0, bad, 0.0))
     memory.take_in(moment(2 * HOUR, torn))
-    memory.close()
-    (fact,) = made(folder=tmp_path).recall(where("Mug", 3 * HOUR), 3)
+    (fact,) = memory.recall(where("Mug", 3 * HOUR), 3)
     assert fact.sighting.place_id == IDS[0]
 
 
-def test_log_of_another_home_is_refused_by_name(tmp_path):
-    memory = made(folder=tmp_path)
-    memory.take_in(moment(HOUR, seen("Mug|a", IDS[0], HOUR)))
-    memory.close()
-    with pytest.raises(FileError, match=r"the log of another home") as error:
-        made(folder=tmp_path, places={"Desk|1": PLACES["Desk|1"]})
-    assert str(tmp_path) in str(error.value)
-    assert made(folder=tmp_path).recall(where("Mug", 2 * HOUR), 1)
-
-
 @pytest.mark.parametrize("units", [1, 3, 10])
-def test_no_more_than_its_units_after_any_restart(units, tmp_path):
-    for run in range(4):
-        memory = made(TEN, folder=tmp_path, units=units)
-        for number in range(5):
-            time_s = HOUR * (1 + 10 * run + number)
-            memory.take_in(moment(time_s, seen(f"Mug|{run}{number}", IDS[number % 4], time_s)))
-            assert len(memory.recall(where("Mug", time_s + 60), 99)) <= units
-        memory.close()
-    smaller = made(TEN, folder=tmp_path, units=1)
-    assert len(smaller.recall(where("Mug", 100 * HOUR), 99)) <= 1
-
-
-TEN = next(name for name, one in DESIGNS.items() if one.__name__ == "TrueUnits")
+def test_ten_units_hold_no_more_than_their_number(units):
+    memory = TrueUnits(setting(units=units))
+    for number in range(20):
+        time_s = HOUR * (1 + number)
+        memory.take_in(moment(time_s, seen(f"Mug|{number}", IDS[number % 4], time_s)))
+        assert len(memory.recall(where("Mug", time_s + 60), 99)) <= units

@@ -70,14 +70,6 @@ def test_reply_is_true_where_all_was_done_and_reads_like_the_terminal(tmp_path):
     assert "1 said" in repr(agent)
 
 
-def test_memory_lasts_from_one_request_to_the_next(tmp_path):
-    agent = agent_saying(tmp_path, [TAKE, AWAY])
-    agent.do("take the apple")
-    assert [unit.object_type for unit in agent.memory][-1] == "Apple"
-    assert agent.do("put it in the fridge")
-    assert "Apple in the fridge" in repr(agent.memory)
-
-
 def test_several_requests_at_once_are_parts_of_one_reply(tmp_path):
     reply = agent_saying(tmp_path, [TAKE + WASH, "refuse('deed')\n"]).do(
         "wash the apple, then paint the wall"
@@ -98,15 +90,6 @@ def test_undo_brings_back_the_same_bytes(tmp_path):
     assert agent._world.last_event is event
     agent.do("put it in the fridge")
     assert everything(agent, tmp_path) == after
-
-
-def test_undo_ends_at_the_beginning(tmp_path):
-    agent = agent_saying(tmp_path, [TAKE])
-    assert agent.undo() is None
-    agent.do("take the apple")
-    assert agent.undo() == "take the apple"
-    assert agent.undo() is None
-    assert len(agent.memory) == 0
 
 
 def test_request_that_fails_leaves_all_as_it_was_before_it_and_those_before_stay(tmp_path):

@@ -55,61 +55,6 @@ def test_furniture_without_drawers_has_none(agent):
     assert "I found no" in str(reply)
 
 
-def test_what_a_condition_was_looked_at_of_is_what_it_is_done_to(tmp_path):
-    agent = Agent("living_4", planner="karma-nano", folder=tmp_path)
-
-    def lit():
-        found = agent._world.last_event.metadata["objects"]
-        return {one["objectType"] for one in found if one["isToggled"]} & {"DeskLamp", "FloorLamp"}
-
-    assert agent.do("turn off the floor lamp").status == "done"
-    assert "so: seen" in str(agent.do("if the lamp on the side table is off, turn on the tv"))
-    assert lit() == {"DeskLamp"}
-    assert agent.do("if the lamp on the side table is on, turn it off").status == "done"
-    assert lit() == set()
-    dresser = next(
-        one["position"] for one in agent._world.last_event.metadata["objects"]
-        if one["objectType"] == "Dresser"
-    )  # fmt: skip
-    assert agent.do("if the drawer of the dresser is empty, put a book in it").status == "done"
-    opened = [given["objectId"] for name, given in agent.home.past[-1].actions if "Open" in name]
-    assert opened and all(
-        abs(float(one.split("|")[1]) - dresser["x"]) < 0.6
-        and abs(float(one.split("|")[3]) - dresser["z"]) < 0.6
-        for one in opened
-    )
-
-
-def test_a_condition_of_both_is_looked_at_of_both(tmp_path):
-    agent = Agent("kitchen_3", planner="karma-nano", folder=tmp_path)
-
-    def mugs():
-        found = agent._world.last_event.metadata["objects"]
-        return [one for one in found if one["objectType"] == "Mug"]
-
-    assert sorted(one["isDirty"] for one in mugs()) == [False, True]
-    assert "so: seen" in str(agent.do("if both mugs are clean, put them on the table"))
-    assert not any("Table" in str(one["parentReceptacles"]) for one in mugs())
-    assert agent.do("if either mug is dirty, wash it").status == "done"
-    assert not any(one["isDirty"] for one in mugs())
-    assert agent.do("if both mugs are clean, put them on the table").status == "done"
-    assert all("Table" in str(one["parentReceptacles"]) for one in mugs())
-    assert "so: seen" in str(agent.do("if neither mug is on the table, bring me one"))
-    before = {
-        one["objectId"]: one["parentReceptacles"]
-        for one in agent._world.last_event.metadata["objects"]
-    }
-    assert agent.do("put the fork in an empty drawer").status == "done"
-    after = {
-        one["objectId"]: one["parentReceptacles"]
-        for one in agent._world.last_event.metadata["objects"]
-    }
-    (fork,) = (one for one in before if one.startswith("Fork") and before[one] != after[one])
-    (drawer,) = after[fork]
-    assert drawer.startswith("Drawer")
-    assert [one for one in after if drawer in (after[one] or ())] == [fork]
-
-
 def test_them_are_all_and_the_one_is_not_what_is_so_already(tmp_path):
     agent = Agent("living_4", planner="karma-nano", folder=tmp_path)
 
