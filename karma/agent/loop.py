@@ -52,25 +52,25 @@ class Agent:
         """Return the eyes for this room; None: the simulator's metadata."""
         return self._perception.eyes(self.memory.scene, instruction)
 
-    def do(
+    def do(self, subtask: SubTask) -> Iterator[AgentEvent]:
+        """Let the planner carry out an instruction; yield answers, results and the report."""
+        return self.execute(subtask, planned(subtask))
+
+    def execute(
         self,
         subtask: SubTask,
-        executor: Executor | None = None,
+        executor: Executor,
         *,
         keep_shut: Collection[str] = (),
         clock_s: float = 0.0,
     ) -> Iterator[AgentEvent]:
-        """Carry out an instruction and remember it; yield answers, results and the report.
+        """Carry out an instruction by an executor and remember it, as `do`.
 
-        Args:
-            subtask: the instruction.
-            executor: carries it out; None: the planner alone.
-            keep_shut: types that nothing opens.
-            clock_s: time of the home when the instruction is given.
+        `keep_shut`: types that nothing opens; `clock_s`: time of the home at the start.
         """
         resident = self.memory.short_term.units()
         session = AgentSession(self, subtask.instruction, keep_shut)
-        finished = yield from (executor or _planned(subtask))(session)
+        finished = yield from executor(session)
         experience, change = session.skills.experience, None
         if session.has_acted:  # a refusal before the first step changes nothing
             clock_s += session.skills.actions
@@ -87,7 +87,7 @@ class Agent:
         )
 
 
-def _planned(subtask: SubTask) -> Executor:
+def planned(subtask: SubTask) -> Executor:
     """Return the executor that leaves an instruction to the planner."""
 
     def execute(session: Session) -> Generator[AgentEvent, None, bool]:

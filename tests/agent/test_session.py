@@ -3,6 +3,7 @@
 from support.experiences import begun
 from support.household import kitchen
 
+from karma.agent.loop import planned
 from karma.agent.session import LOOK_OVER, SURVEY
 from karma.contracts import Advice, Outcome, Plan, SkillCall, SkillResult, SubTask
 from karma.models.scripted import ScriptedModel
@@ -16,7 +17,8 @@ def id_of(kind):
 
 def carried_out(folder, answers, executor, **given):
     agent, world = begun(folder, ScriptedModel(answers), seen_kept=0)
-    events = list(agent.do(SubTask(instruction="take the apple"), executor, **given))
+    subtask = SubTask(instruction="take the apple")
+    events = list(agent.execute(subtask, executor or planned(subtask), **given))
     return events, world
 
 

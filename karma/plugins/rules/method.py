@@ -97,7 +97,7 @@ class RulesEpisode:
             return
         self._mentioned = tuple(one for one in asked.mentions if one.types) or self._mentioned
         self._deeds = asked_last(asked, self._deeds)
-        yield from self.agent.do(
+        yield from self.agent.execute(
             subtask,
             lambda session: RequestExecutor(
                 session, asked, self._earlier, Progress(), subtask
