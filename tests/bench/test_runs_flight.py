@@ -62,7 +62,7 @@ def experiment(tmp_path):
         place += "".join(f"{name} = {value}\n" for name, value in fields.items())
         path.write_text(
             f'name = "x"\ntasks = "{TASKS}"\nonly = {[*only]}\n'
-            '[[rows]]\nname = "hosted"\noptions = { attempts = 2 }\n'
+            '[[rows]]\nname = "hosted"\n'
             '[models]\nplanner = "openai"\nprofile = "compact"\nembedder = "openai"\n'
             'constraint = "free"\n'
             f"[models.hosted.planner]\n{place}[models.hosted.embedder]\n{place}"

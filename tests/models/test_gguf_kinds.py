@@ -114,16 +114,6 @@ def test_a_gguf_is_told_by_its_first_bytes_and_named_by_its_link(
     check_models({"planner": name})
 
 
-def test_one_letter_that_is_no_utf8_costs_no_template(planner, tmp_path):
-    before = planner.read_bytes()
-    place = before.index(b"Random weights")
-    path = tmp_path / "jose.gguf"
-    path.write_bytes(before[:place] + b"\xe9" + before[place + 1 :])
-    model = LlamaModel(path)
-    assert model.manner == "through its own chat template"
-    model.close()
-
-
 def test_trial_that_fails_leaves_nothing_and_sees_the_entry_before_it_is_listed(manifest, planner):
     def refuses(entry, folder):
         assert (folder / "tiny.gguf").read_bytes() == planner.read_bytes()

@@ -6,7 +6,7 @@ from typing import get_args
 import pytest
 from support.paths import ROOT
 
-from karma.errors import FileError, ModelError, UnknownNameError
+from karma.errors import FileError, ModelError
 from karma.models.embed import minilm as embed
 from karma.models.manifest import (
     ModelEntry,
@@ -109,15 +109,6 @@ def test_absent_wrong_open_and_right_files_are_told_apart(manifest):
         verify(unknown)
 
 
-@pytest.mark.parametrize("text", ["org/model", "sentence-transformers/all-MiniLM-L6-v2", "nope"])
-def test_name_of_a_hub_is_an_error_that_names_it_and_the_command(manifest, text):
-    for resolve in (resolve_planner, lambda name: resolve_folder(name, "vlm")):
-        with pytest.raises(UnknownNameError) as caught:
-            resolve(text)
-        for part in (text, "Nothing is ever fetched", "karma models add PATH"):
-            assert part in str(caught.value)
-
-
 def test_folder_is_a_verified_name_or_a_path(manifest):
     manifest.write_text(FOLDER)
     (manifest.parent / "f/1_Pooling").mkdir(parents=True)
@@ -148,13 +139,6 @@ def test_wrong_file_is_named_with_hash_and_command(manifest, content, reason):
     fix = ("git restore models/nano", "karma models verify")
     for part in (str(file), reason, f"Expected SHA-256: {SHA}", *fix):
         assert part in str(caught.value)
-
-
-def test_missing_package_is_named_with_the_command_that_installs_it(manifest):
-    manifest.write_text(ENTRY.replace("files", 'package = "no_such_package"\nfiles'))
-    with pytest.raises(ModelError, match="no_such_package") as caught:
-        verify(find_model("nano"))
-    assert "git restore" in str(caught.value)
 
 
 @pytest.mark.parametrize(("old", "new", "reason"), [

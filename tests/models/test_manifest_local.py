@@ -248,12 +248,6 @@ def test_commands_bring_in_show_verify_and_take_out(manifest, clip, monkeypatch,
 # ------------------------------------------------------------------------------ tried before
 
 
-def test_add_tries_a_planner_and_says_how_fast_it_is(manifest, gguf, monkeypatch):
-    said = karma("models", "add", gguf, "--name", "mine", "--profile", "compact")
-    assert "tried as planner on " in said and "decode tokens/s" in said
-    assert said.index("tried as planner") < said.index("added mine")
-
-
 def test_what_does_not_run_in_its_role_is_not_added(manifest, clip, monkeypatch, tmp_path):
     said = karma("models", "add", clip, "--name", "eyes", "--role", "vlm", code=1)
     assert "not added, since it was tried" in said

@@ -16,8 +16,6 @@ from karma.agent.planning.program import SKILLS
 from karma.bench.methods.lota import chooser_of
 from karma.contracts import ProgramSpec, ScoringModel
 from karma.errors import ModelError, ServerLost
-from karma.models.session import Session
-from karma.plugins.hosted.cassette import Cassette
 from karma.plugins.hosted.dialects import DIALECTS
 from karma.plugins.hosted.grammars import plan_gbnf, plan_schema
 from karma.plugins.hosted.planner import open_planner
@@ -110,13 +108,6 @@ def test_server_without_a_grammar_is_refused_by_name_unless_told_otherwise():
         assert seen == []
         said = open_planner(place).complete(PROMPT, spec=SPEC)
     assert (said.text, said.constrained, said.fault) == (FREE, False, "")
-
-
-def test_constraint_that_a_dialect_has_not_is_refused_with_those_it_has():
-    with stand_in("ollama") as (url, _):
-        named = r"dialect 'ollama' takes no grammar\n  To fix: constraint is one of schema"
-        with pytest.raises(ModelError, match=named):
-            open_planner(auto(url, constraint="grammar"))
 
 
 @pytest.mark.parametrize(
@@ -265,19 +256,6 @@ def test_pages_that_say_yes_to_everything_are_no_dialect():
     pages = {page: error for page in ("/props", "/version", "/server_info", "/api/version")}
     with wire_server(lambda *_: chat("x"), pages=pages) as (url, _):
         assert open_planner(auto(url)).manner.dialect.name == "plain"
-
-
-def test_cassette_from_before_dialects_replays_as_plain(tmp_path):
-    session = Session(Cassette(tmp_path, "record"))
-    with wire_server(lambda *_: chat(PROGRAM)) as (url, _):
-        place = auto(url)
-        recorded = open_planner(place, session=session).complete(PROMPT)
-    path = tmp_path / "exchanges.jsonl"
-    lines = [line for line in path.read_text().splitlines(keepends=True) if '"GET"' not in line]
-    path.write_text("".join(lines))
-    assert len(lines) == 1
-    replayed = open_planner(place, session=Session(Cassette(tmp_path, "replay")))
-    assert replayed.complete(PROMPT) == recorded
 
 
 # ----------------------------------------------------------------- scoring

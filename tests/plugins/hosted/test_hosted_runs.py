@@ -56,7 +56,6 @@ def experiment(tmp_path, server):
         path = tmp_path / "x.toml"
         path.write_text(
             f'name = "x"\ntasks = "{TASKS}"\nonly = {list(only)}\n[[rows]]\nname = "hosted"\n'
-            "options = { attempts = 1 }\n"
             '[models]\nplanner = "openai"\nprofile = "compact"\nconstraint = "free"\n' + role
             + f'[models.hosted.planner]\nbase_url = "{url}"\nmodel = "nano-chat"\n'
             "prices = { input = 2.0, output = 8.0 }\n"
