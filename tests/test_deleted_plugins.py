@@ -21,7 +21,7 @@ FAST = (
 COMMAND = {  # a command that each plug-in brings, where it brings one
     "airgap": ("bundle", "verify", "x.tar"), "alfred": ("world", "replay", "x"),
     "homes": ("home", "list"), "rules": ("read", "wash the mug"),
-    "thor_tools": ("world", "floors", "x"), "training": ("vlm", "eval"),
+    "thor_tools": ("world", "replay-events", "x"), "training": ("vlm", "eval"),
 }  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""`karma eval`: experiments, of one run or of a grid of settings; and `karma export`."""
+"""`karma eval` and `karma export`."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -10,7 +10,6 @@ from rich.markup import escape
 
 from karma.cli.progress import bar, workers_for
 from karma.cli.shared import (
-    FAILED,
     STOPPED,
     Computed,
     Json,
@@ -19,7 +18,6 @@ from karma.cli.shared import (
     console,
     option,
     refuse_options,
-    sheet_table,
     tell,
     write_for,
     write_json,
@@ -31,8 +29,6 @@ if TYPE_CHECKING:
     from karma.agent.journal.owned_folder import Kind
     from karma.bench.engine.experiment_file import Changes
     from karma.bench.engine.run import Run
-    from karma.bench.engine.sweep import SweepRun
-    from karma.bench.engine.sweep_folder import SweepData
 
 MARKS = {True: "[green]✓[/]", False: "[red]✗[/]"}  # of success
 
@@ -85,9 +81,8 @@ class EvalOptions:
 
 _FIGURE = frozenset({"out", "fresh", "workers", "ray"})
 _RUN = frozenset(one.name for kind in (EvalOptions, Kept, Computed) for one in fields(kind))
-_SWEEP = _RUN - {"tasks"}
 USED_BY: Mapping["Kind", frozenset[str]] = {  # kind of run -> options that it can use
-    "figure": _FIGURE, "benchmark": _SWEEP - {"steps"}, "sweep": _SWEEP, "run": _RUN,
+    "figure": _FIGURE, "benchmark": _RUN - {"tasks", "steps"}, "run": _RUN,
 }  # fmt: skip
 
 
@@ -103,7 +98,6 @@ class EvalCommand(Computed, Kept, EvalOptions):
         """Do what kind of experiment the file is."""
         from karma.bench.engine.experiment_file import kind_of
         from karma.bench.engine.run import Run
-        from karma.bench.engine.sweep import SweepRun
         from karma.files import find_experiment
 
         file = find_experiment(self.file)
@@ -119,18 +113,12 @@ class EvalCommand(Computed, Kept, EvalOptions):
         if kind == "figure":
             self._do_figure(file, folder)
             return
-        made: Run | SweepRun
         with console.status(escape(f"reading {file} ...")):
-            if kind == "sweep":
-                made = SweepRun(file, folder, changes=changes, fresh=self.fresh, opened=opened)
-            else:
-                made = Run(file, folder, fresh=self.fresh, changes=changes, **opened)
-        if isinstance(made, SweepRun):
-            self._do_sweep(made)
-        elif kind == "benchmark":
-            self._do_benchmark(made)
+            run = Run(file, folder, fresh=self.fresh, changes=changes, **opened)
+        if kind == "benchmark":
+            self._do_benchmark(run)
         else:
-            self._do_run(made)
+            self._do_run(run)
 
     def _do_run(self, run: "Run") -> None:
         """Do what is left of a run, then print and write what it shows."""
@@ -212,31 +200,6 @@ class EvalCommand(Computed, Kept, EvalOptions):
             console.print(Markdown(claims.read_text(encoding="utf-8")))
         console.print(escape(f"results: {folder / RESULTS}"))
 
-    def _do_sweep(self, sweep: "SweepRun") -> None:
-        """Do what is missing of a sweep, and print its table.
-
-        Raises:
-            typer.Exit: code 1 where a cell failed, 130 when stopped.
-        """
-        seen: set[tuple[str, ...]] = set()  # tasks that were looked at; most cells have the same
-        try:
-            with bar() as progress:
-                line = progress.add_task("cells", total=len(sweep.cells))
-                for one in sweep.episodes(
-                    self.workers, ray=self.ray, opened=lambda run: warn_of_tasks(run, seen)
-                ):
-                    words = escape(f"{one.cell}: {one.done} of {one.total} episodes")
-                    text = f"{MARKS[one.record.success]} {words}"
-                    done = one.number - 1 + one.done / one.total
-                    progress.update(line, completed=done, description=text)
-                progress.update(line, completed=len(sweep.cells), description="cells")
-        except KeyboardInterrupt:
-            console.print("stopped; the same command (without --fresh) goes on")
-            raise typer.Exit(STOPPED) from None
-        print_sweep(sweep.data, self.json)
-        if sweep.failed:
-            raise typer.Exit(FAILED)
-
 
 def _kept(run: "Run") -> str:
     """Return how far a run is that has ended early, and how it goes on."""
@@ -246,29 +209,8 @@ def _kept(run: "Run") -> str:
     return f"{done} of {run.total} episodes; the same command (without --fresh) goes on"
 
 
-def print_sweep(data: "SweepData", json: Path | None) -> None:
-    """Print a sweep's table and what failed; also write its figures where that is wanted."""
-    from karma.agent.journal.header import TABLE
-    from karma.bench.engine.sweep_folder import figures_by_cell, sweep_sheet
-    from karma.bench.figures.columns import plain
-
-    console.print(sheet_table(sweep_sheet(data)))
-    for cell in data.cells:
-        if cell.failed:
-            console.print(
-                f"[red]failed:[/] {escape(f'{cell.name}: {cell.failed}')}", soft_wrap=True
-            )
-    console.print(escape(f"table: {data.folder / TABLE}"))
-    if json is not None:
-        figures = [
-            {"cell": cell.name, "values": cell.values, "figures": plain(lines)}
-            for cell, lines in figures_by_cell(data)
-        ]
-        write_json(json, figures)
-
-
 def export(
-    run: Path = argument(..., "Folder of a run or a sweep."),
+    run: Path = argument(..., "Folder of a run."),
     out: Path | None = option(None, "File to write; default in the run's folder."),
 ) -> None:
     """Write a run's episodes for other programs as CSV: one line each, with every metric."""

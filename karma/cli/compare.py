@@ -62,7 +62,6 @@ def table(
     """Write a run's tables as Markdown, LaTeX and CSV, beside the published figures."""
     from karma.agent.journal.owned_folder import kind_in, write_beside
     from karma.agent.journal.run_folder import read_run
-    from karma.bench.engine.sweep_folder import read_sweep
     from karma.bench.figures import tables
     from karma.bench.figures.columns import LOTA_ROW, OFF_ROW, plain
     from karma.bench.figures.results import (
@@ -74,17 +73,11 @@ def table(
         unfinished,
     )
     from karma.bench.figures.tables import to_latex, to_markdown
-    from karma.cli.agents import print_sweep
 
-    match kind_in(run):
-        case "benchmark":
-            refuse_options(context, f"{run}: such a table", {"beside", "out", "json"})
-            _write_benchmark([run, *(beside or ())], out or run, json)
-            return
-        case "sweep":
-            refuse_options(context, f"{run}: the table of a sweep", {"json"})
-            print_sweep(read_sweep(run), json)
-            return
+    if kind_in(run) == "benchmark":
+        refuse_options(context, f"{run}: such a table", {"beside", "out", "json"})
+        _write_benchmark([run, *(beside or ())], out or run, json)
+        return
     if beside:
         raise KarmaError(
             "--beside is for runs of others' benchmarks\n  To fix: karma compare RUN RUN"

@@ -32,11 +32,6 @@ class ReportCommand:
         from karma.agent.journal.owned_folder import kind_in
 
         match kind_in(self.run):
-            case "sweep":
-                raise KarmaError(
-                    f"{self.run}: a sweep has no page, its cells have\n"
-                    f"  To fix: karma table {self.run}"
-                )
             case "figure":
                 from karma.bench.report.suite_pages import figure_page
 

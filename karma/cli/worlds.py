@@ -93,21 +93,13 @@ def _end_tasks(file: Path, number: int, found: Sequence["TaskFinding"], quick: b
     )
 
 
-def warn_of_tasks(run: "Run", told: set[tuple[str, ...]] | None = None) -> None:
-    """Say before a run's first episode which of its tasks measure less than they seem to.
-
-    It is silent about a run that has begun, and about tasks in `told`, which takes these.
-    """
+def warn_of_tasks(run: "Run") -> None:
+    """Say before a run's first episode which of its tasks measure less than they seem to."""
     from karma import registry
     from karma.bench.engine.task_check import quick_findings
 
     if run.records or not run.left:
         return
-    if told is not None:
-        these = (run.experiment.world, *(task.id for task in run.tasks))
-        if these in told:
-            return
-        told.add(these)
     try:
         found = list(quick_findings(run.tasks, registry.load("worlds", run.experiment.world)))
     except KarmaError:  # the episodes will say it of each task

@@ -32,7 +32,7 @@ first_home = 70
 settings = [{ name = "usual", rooms = [2] }]
 rows = [{ name = "expert", design = "expert" }]
 """
-KINDS = ("run", "sweep", "benchmark", "figure", "talk", "chat")
+KINDS = ("run", "benchmark", "figure", "talk", "chat")
 
 
 @pytest.fixture(scope="module")
@@ -40,13 +40,10 @@ def commands(tmp_path_factory):
     """Kind of folder -> the words of the command that writes it."""
     place = tmp_path_factory.mktemp("experiments")
     rows, more = f"[[rows]]\n{RUN}", "seeds = [0]"
-    run = write_experiment(
-        place / "run.toml", "karma-nano", rows=rows, only=["simple-11"], more=more
-    )
-    (place / "sweep.toml").write_text(run.read_text() + "[[grid]]\nseeds = [[0], [1]]\n")
+    write_experiment(place / "run.toml", "karma-nano", rows=rows, only=["simple-11"], more=more)
     (place / "figure.toml").write_text(FIGURE)
     (place / "benchmark.toml").write_text(BENCHMARK)
-    evals = ("run", "sweep", "benchmark", "figure")
+    evals = ("run", "benchmark", "figure")
     found = {kind: ["eval", str(place / f"{kind}.toml")] for kind in evals}
     return {**found, "talk": ["run", "open the fridge"], "chat": ["chat", "--fresh"]}
 
@@ -95,8 +92,6 @@ def test_kind_of_a_folder_is_known_with_and_without_its_mark(finished, tmp_path,
         ("figure", "eval", "--gpu-layers=0"),
         ("benchmark", "eval", "--no-steps"),
         ("benchmark", "eval", "--tasks"),
-        ("sweep", "eval", "--tasks"),
-        ("sweep", "table", "--off=x"),
         ("benchmark", "table", "--off=x"),
         ("figure", "report", "--frames=none"),
         ("benchmark", "report", "--episodes=1"),
@@ -145,7 +140,7 @@ def test_folder_with_somebody_s_files_is_refused_and_stays_as_it_is(
         assert "--out another folder" in done.output
 
 
-@pytest.mark.parametrize("kind", ["run", "sweep", "benchmark", "figure", "talk"])
+@pytest.mark.parametrize("kind", ["run", "benchmark", "figure", "talk"])
 def test_finished_folder_is_no_other_command_s(commands, finished, tmp_path, kind):
     shutil.copytree(finished(kind), tmp_path / "there")
     before = contents(tmp_path / "there")
@@ -158,7 +153,7 @@ def test_finished_folder_is_no_other_command_s(commands, finished, tmp_path, kin
         assert "--out another folder" in done.output
 
 
-@pytest.mark.parametrize("kind", ["run", "sweep", "benchmark", "figure"])
+@pytest.mark.parametrize("kind", ["run", "benchmark", "figure"])
 def test_fresh_start_keeps_what_somebody_has_put_beside_and_ends_in_the_same_files(
     commands, finished, tmp_path, kind
 ):

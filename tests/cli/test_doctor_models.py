@@ -1,7 +1,6 @@
 """`karma doctor models`: what models run on, their memory and speed, and what would help."""
 
 import json
-import os
 from pathlib import Path
 
 import pytest
@@ -60,7 +59,6 @@ def test_experiment_s_models_are_looked_at_and_options_go_before_its_own(tmp_pat
     assert found["planner"]["name"] == "tiny"
     assert (found["planner"]["context"], found["planner"]["limit"]) == (1000, 1000)
     assert "99 threads" in found["planner"]["how"]
-    assert f"threads = {len(os.sched_getaffinity(0))}" in text
     assert "its context of 1000 does not hold" in text
     assert set(found["vision"]["speeds"]) == {"pictures/s"}
 
@@ -86,20 +84,6 @@ def test_card_that_llama_cpp_was_not_built_for_is_told_with_the_command(tmp_path
     words = 'built without it: make setup CMAKE_ARGS="-DGGML_CUDA=on"'
     assert words in doctor()[0]
     assert words not in doctor("--gpu-layers", 0)[0]
-
-
-@pytest.mark.parametrize(
-    "threads, load, words",
-    [
-        (9, 0.0, "threads = 4"), (3, 2.1, "about 2 of 4 cores are free"),
-        (1, 0.2, "about 4 cores are free: threads = 4"), (4, 0.0, None), (1, 3.0, None),
-    ],
-)  # fmt: skip
-def test_threads_are_compared_with_the_cores_that_are_free(monkeypatch, threads, load, words):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2, 3})
-    monkeypatch.setattr(os, "getloadavg", lambda: (load, load, load))
-    said = list(model_doctor._about_threads(threads))
-    assert said == [] if words is None else words in said[0]
 
 
 def test_pair_of_gguf_files_tells_its_device_too(tmp_path):

@@ -3,7 +3,6 @@
 import shutil
 
 import pytest
-from support.paths import ROOT
 from support.written_tasks import write_tasks
 
 from karma import registry
@@ -14,7 +13,6 @@ from karma.agent.journal.steps import (
     Ended,
     Enter,
     Instruction,
-    Planned,
     Start,
     StepLog,
     packed,
@@ -23,9 +21,7 @@ from karma.agent.journal.steps import (
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.bench.engine.episode import run_episode
-from karma.bench.methods.expert import ExpertMethod
-from karma.bench.methods.lota import LotaGenerate, LotaGenerateSettings
-from karma.contracts import MemoryUnit, Outcome, Resources, SceneRef, SubTask, Task
+from karma.contracts import MemoryUnit, SceneRef, SubTask, Task
 from karma.errors import FileError, KarmaError
 from karma.household.places import BESIDE_A_DOOR
 from karma.memory.policies import make_policy
@@ -266,100 +262,7 @@ def test_what_was_in_the_hand_is_remembered_as_put_down(karma, tmp_path):
     assert {unit.place_id for unit in episode.memory.short_term.units(KITCHEN)} == {None}
 
 
-@pytest.mark.parametrize(("kind", "told"), [("sequence", False), ("composite", True)])
-def test_lota_is_told_earlier_instructions_of_its_task_only(tmp_path, kind, told):
-    model = ScriptedModel([STILL, STILL])
-    method = LotaGenerate(Planner(model, "full"), LotaGenerateSettings())
-    first, second = ((KITCHEN, text, "OPEN(Fridge)") for text in ("Go east.", "Go west."))
-    steps = StepLog()
-    run(method, sequence(first, second, kind=kind), tmp_path, steps)
-    (tmp_path / "log.gz").write_bytes(packed(steps.data()))
-    asked = [step.prompt for step in read_steps(tmp_path / "log.gz") if isinstance(step, Planned)]
-    assert ["Go east." in prompt for prompt in asked] == [True, told]
-
-
-@pytest.mark.parametrize("name", ["helper", "capeam"])
-def test_object_memory_of_helper_and_capeam_is_one_a_room(recall, twin, tmp_path, name):
-    resources = Resources(
-        model=ScriptedModel([AWAY]),
-        profile="compact",
-        recall=recall,
-        vision=MetadataVision(),
-        embedder=registry.load("embedders", "minilm")(),
-    )
-    method, home = registry.load("methods", name).build(resources, {}), Home(EmbeddedWorld)
-    home.reset(KITCHEN)
-    episode = method.begin(home, SceneRef.of(KITCHEN), seed=0, folder=tmp_path)
-    list(episode.do(SubTask(instruction="Put the apple away.")))
-    known = {room: None for room in (KITCHEN, twin)}
-    for room in (twin, KITCHEN):
-        home.enter(room)
-        episode.enter(SceneRef.of(room))
-        known[room] = episode.memory.where("Fridge")
-    assert known[twin] is None
-    assert known[KITCHEN] is not None
-
-
-class Looker:
-    """A method that opens everything when it gets to know a room, and tells what is open later."""
-
-    name = "looker"
-
-    def __init__(self):
-        self.visits = []
-
-    def begin(self, world, scene, *, seed, folder):
-        self._world = world
-        self.enter(scene)
-        return self
-
-    def enter(self, scene):
-        self.visits.append(scene.name)
-        for kind in ("Fridge", "Drawer") if self.visits.count(scene.name) == 1 else ():
-            for thing in self._world.last_event.metadata["objects"]:
-                if thing["objectType"] == kind:
-                    self._world.step("OpenObject", objectId=thing["objectId"], forceAction=True)
-
-    def do(self, subtask):
-        things = self._world.last_event.metadata["objects"]
-        doors = [thing for thing in things if thing["objectType"] in ("Fridge", "Drawer")]
-        opened = sum(thing["isOpen"] for thing in doors)
-        yield Outcome(finished=not opened, resident=(), handled_ids=())
-
-
-def test_all_rooms_are_shown_before_and_begin_as_they_were(tmp_path):
-    method, steps = Looker(), StepLog()
-    task = sequence((KITCHEN, "a", "OPEN(Fridge)"), (BEDROOM, "b", "OPEN(Drawer)"))
-    record = run(method, task, tmp_path, steps)
-    assert method.visits == [KITCHEN, BEDROOM, KITCHEN, BEDROOM]
-    assert [sub.finished for sub in record.subtasks] == [True, True]  # nothing is open
-    assert b'"kind":"enter"' in steps.data()
-    assert b'"action":"OpenObject"' not in steps.data()
-
-
-def test_sequence_has_no_other_days_and_rooms_need_a_home(tmp_path):
-    task = sequence((KITCHEN, "a", "OPEN(Fridge)"), (BEDROOM, "b", "OPEN(Drawer)"))
-    world, expert = Home(EmbeddedWorld), ExpertMethod()
-    with pytest.raises(KarmaError, match="'s1' has no other days, only seed 0") as caught:
-        run_episode(expert, world, task, row="r", seed=1, folder=tmp_path)
-    assert "seeds = [0]" in str(caught.value)
-    with pytest.raises(TypeError, match="2 rooms take a Home"):
-        run_episode(expert, EmbeddedWorld(), task, row="r", seed=0, folder=tmp_path)
-
-
 # ----------------------------------------------------------------- files
-
-
-def test_task_file_reads_back_as_it_was_written(twin, tmp_path):
-    path = tmp_path / "tasks.jsonl"
-    one = sequence((KITCHEN, "a", "OPEN(Fridge)"), (twin, "b", "HOLDON(robot, Apple)"))
-    ours = load_tasks(ROOT / "eval" / "alfred_l" / "tasks.jsonl")
-    write_tasks(path, [one, *ours])
-    found, *rest = load_tasks(path)
-    assert tuple(rest) == ours
-    assert found.scenes == one.scenes == (SceneRef.of(KITCHEN), SceneRef.of(twin))
-    assert [sub.goals for sub in found.subtasks] == [sub.goals for sub in one.subtasks]
-    assert all(sub.is_whole for sub in found.subtasks)
 
 
 @pytest.mark.parametrize(

@@ -28,16 +28,6 @@ def take(world, kind, yaw=180):
 # ----------------------------------------------------------------- moving the hand
 
 
-def test_moved_hand_stays_moved_when_the_agent_walks_and_turns(world):
-    apple = take(world, "Apple")
-    world.step("MoveHeldObject", ahead=0.2, up=0.1)
-    offset = hand(world)["localPosition"]
-    for action in ("MoveBack", "RotateLeft", "LookDown"):
-        assert world.step(action)
-    assert hand(world)["localPosition"] == offset
-    assert look(world, apple)["position"] == pytest.approx(hand(world)["position"], abs=1e-5)
-
-
 def test_hand_rests_again_after_letting_go_and_after_picking_up(world):
     take(world, "Apple")
     world.step("MoveHeldObject", ahead=0.2)
@@ -83,25 +73,6 @@ def test_held_thing_is_not_moved_into_furniture(world):
 
 
 # ----------------------------------------------------------------- turning the hand
-
-
-@pytest.mark.parametrize(
-    ("turn", "local"),
-    [
-        ({"pitch": 90}, (90, 0, 0)),
-        ({"yaw": 90}, (0, 90, 0)),
-        ({"roll": 90}, (0, 0, 270)),
-        ({"pitch": 90, "yaw": 90, "roll": 90}, (90, 180, 0)),
-        ({"rotation": {"x": 90, "y": 180, "z": 0}}, (90, 180, 0)),
-        ({"rotation": {"x": 0, "y": 0, "z": 0}}, (0, 0, 0)),
-    ],
-)
-def test_hand_turns_about_the_agent_s_axes(world, turn, local):
-    take(world, "SoapBottle")
-    before = hand(world)
-    assert world.step("RotateHeldObject", **turn), world.last_event.message
-    assert hand(world)["position"] == before["position"]
-    assert tuple(hand(world)["localRotation"].values()) == pytest.approx(local, abs=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -133,7 +133,7 @@ FORMAT = 6  # of the folder; 1 had times among the records, 2 no methods or room
 # 4 no engine and no refused prompts, 5 no goals met at the start and no tasks left unjudged
 EPISODES, TIMINGS, RESULTS = "episodes.jsonl", "timings.jsonl", "results.json"
 TABLE = "table.md"
-CELLS = "cells"  # of a sweep's folder, see `karma.bench.engine.sweep_folder`
+CELLS = "cells"  # of the folder of a sweep, as version 0.3.0 wrote it
 _WAITING = ("timeout_s", "retries")  # of an endpoint: a request that is given up leaves no record
 ALWAYS = frozenset({HEADER, EPISODES, TIMINGS, RESULTS, NOT_RUN})
 

@@ -110,9 +110,9 @@ def refuse_other(path: Path, differences: list[str], *, fix: str) -> None:
 # ----------------------------------------------------------------- the mark
 
 MARK, MADE = ".karma-run", ".karma-made"
-HEADER, SWEEP = "header.json", "sweep.json"
+HEADER = "header.json"
 STEPS = "steps"  # folder of step logs
-Kind = Literal["run", "sweep", "benchmark", "figure", "talk"]
+Kind = Literal["run", "sweep", "benchmark", "figure", "talk"]  # sweeps: of version 0.3.0
 _CALLED: Mapping[Kind, str] = {
     "run": "a run", "sweep": "a sweep", "benchmark": "a run of a benchmark",
     "figure": "a figure", "talk": "a conversation",
@@ -170,15 +170,6 @@ class OwnedFolder:
         for name in names - self.names:
             self._take(name)
         self._write_mark(names | self.names, header)
-
-    def adopt(self, names: Iterable[str], header: bytes = b"") -> None:
-        """Take over the folder of an earlier version's run, which left no mark.
-
-        Its header must have been seen to be this run's.
-        """
-        for name in (names := frozenset(names)):
-            self._keep_inside(name)
-        self._write_mark(names, header)
 
     def own(self, name: str) -> Path:
         """Return the path of a file to be written; FileError where somebody's file stands there."""
@@ -280,13 +271,11 @@ class _Headed(msgspec.Struct, frozen=True):
 def kind_in(folder: Path) -> Kind | None:
     """Return what kind of run a folder holds, None for none; FileError where its mark is damaged.
 
-    Its mark says so; of an earlier version's folder, which has none, its header or list of cells.
+    Its mark says so; of a folder without one, its header.
     """
     begun, _ = read_mark(folder)
     if begun is not None:
         return begun.kind
-    if (folder / SWEEP).exists():
-        return "sweep"
     if not (folder / HEADER).exists():
         return None
     try:

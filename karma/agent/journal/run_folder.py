@@ -23,11 +23,9 @@ from karma.agent.journal.header import (
 from karma.agent.journal.owned_folder import (
     HEADER,
     MARK,
-    STEPS,
     Kind,
     OwnedFolder,
     check_sealed,
-    kind_in,
     read_lines,
     refuse_other,
 )
@@ -45,7 +43,7 @@ from karma.agent.journal.records import (
 from karma.agent.journal.steps import packed, steps_path
 from karma.agent.seeing.picture_states import PICTURES, picture_name
 from karma.errors import FileError
-from karma.files import TEMPORARY, append_line, read_bytes, to_json, write_atomic
+from karma.files import TEMPORARY, append_line, to_json, write_atomic
 
 
 class OwnHeader(Protocol):
@@ -137,7 +135,6 @@ class RunFolder:
         their path below the folder. FileError names what differs, or whose it is.
         """
         path, data = self.path / HEADER, to_json(header, indent=2)
-        self._adopt(header, config)
         self._owned.look()
         check_sealed(self.path)
         found = ["header: none"]
@@ -246,22 +243,6 @@ class RunFolder:
         self._owned.seal([EPISODES, *self._logs(order)], RESULTS, results)
 
     # ------------------------------------------------------------- parts
-
-    def _adopt(self, header: Header | OwnHeader, config: Config | None) -> None:
-        """Take over the run that an earlier version left without a mark; FileError for another."""
-        path = self.path / HEADER
-        if (self.path / MARK).exists() or kind_in(self.path) != self._kind:
-            return
-        try:
-            found = self._apart(header, config)
-        except FileError:
-            return  # it is of no form that this version can go on with
-        refuse_other(path, found, fix="--out another folder")
-        there = [*self.path.glob(f"{STEPS}/*/*.jsonl.gz")]
-        if isinstance(header, Header):
-            there += [one for one in self.path.glob("scenes/*.json") if one.stem in header.scenes]
-        names = {one.relative_to(self.path).as_posix() for one in there}
-        self._owned.adopt(names | header.names, read_bytes(path))
 
     def _apart(self, header: Header | OwnHeader, config: Config | None) -> list[str]:
         """Return what tells the folder's run apart from another one."""

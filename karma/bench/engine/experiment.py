@@ -59,9 +59,6 @@ class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     models: Models = Models()
     seeds: tuple[int, ...] = (0,)
     run: RunOptions = RunOptions()
-    grid: tuple[
-        dict[str, Any], ...
-    ] = ()  # sweeps: lists of values by key, see `karma.bench.engine.sweep`
 
     def __post_init__(self) -> None:
         """Refuse what there is nothing to do for, or what would be done twice."""

@@ -158,7 +158,7 @@ def kind_of(path: Path, changes: Changes | None = None) -> Kind:
         return "benchmark"
     if said.kind == TRACE:
         return "figure"
-    return "sweep" if read_as(path, Experiment, changes).grid else "run"
+    return "run"
 
 
 def _converted(path: Path, tree: Mapping[str, Any], kind: type[T], said: str = "") -> T:

@@ -1,4 +1,4 @@
-"""Write a run or a sweep for other programs: one line per episode as CSV.
+"""Write a run for other programs: one line per episode as CSV.
 
 The bytes do not depend on how often the run was stopped, but for the columns of seconds.
 """
@@ -9,16 +9,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from karma.agent.journal.owned_folder import kind_in
 from karma.agent.journal.run_folder import RunData, read_run
-from karma.bench.engine.sweep_folder import SweptCell, read_sweep
 from karma.bench.figures.metrics import METRICS, episodes_of
 
-_TEXTS = ("run", "cell", "row", "method", "task", "kind", "scene", "error", "unjudged")
+_TEXTS = ("run", "row", "method", "task", "kind", "scene", "error", "unjudged")
 _NUMBERS = ("seed", "instructions")
-
-
-_Part = tuple[RunData | None, SweptCell | None]  # of a sweep a cell; None: it has not begun
 
 
 def to_csv(folder: Path) -> bytes:
@@ -35,34 +30,15 @@ def to_csv(folder: Path) -> bytes:
 # ----------------------------------------------------------------- lines
 
 
-def _parts(folder: Path) -> list[_Part]:
-    if kind_in(folder) != "sweep":
-        return [(read_run(folder), None)]
-    data = read_sweep(folder)
-    return [(data.run(cell), cell) for cell in data.cells]
-
-
 def episode_lines(folder: Path) -> tuple[list[str], list[dict[str, Any]]]:
     """Return the names of all columns, and a line per episode; None is not measured.
 
     Raises:
         FileError: there is no run, or a line of it is damaged.
     """
-    parts = _parts(folder)
-    keys = dict.fromkeys(key for _, cell in parts if cell for key in cell.values)
-    first, metrics = ("run", *(("cell",) if keys else ())), [metric.key for metric in METRICS]
-    own = {key: f"set.{key}" for key in keys}  # no key of a grid is another column's name
-    rest = [name for name in _TEXTS if name not in ("run", "cell")]
-    names = [*first, *own.values(), *rest, *_NUMBERS, "succeeded", *metrics]
-    lines = []
-    for run, cell in parts:
-        if run is None:
-            continue
-        said: dict[str, Any] = {"run": run.header.name}
-        if cell is not None:
-            said |= {"cell": cell.name, **{own[key]: value for key, value in cell.values.items()}}
-        lines += [said | one for one in _of_run(run)]
-    return names, lines
+    run = read_run(folder)
+    names = [*_TEXTS, *_NUMBERS, "succeeded", *(metric.key for metric in METRICS)]
+    return names, [{"run": run.header.name, **line} for line in _of_run(run)]
 
 
 def _of_run(run: RunData) -> Iterator[dict[str, Any]]:

@@ -4,8 +4,6 @@ Each one is opened as a run opens it, and asked a little: a planner reads a prom
 and says a few tokens, an embedder gets some texts, a vision model a grey picture.
 """
 
-import os
-import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -40,8 +38,6 @@ _PROMPT, _ANSWER = 512, 24  # tokens that a planner's speed is measured with
 _FULL = 2821  # tokens of the largest prompt of the full profile, and of an answer
 _TEXTS = 8
 _FRAME = np.full((300, 300, 3), 128, np.uint8)
-_HEAVY_MB = 500  # of a file; where fewer bits a weight are worth a word
-_HALF = 1  # `general.file_type` of F16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,15 +128,13 @@ def _planner(models: Models) -> ModelSeen:
         measured = _fallen(free_before, free_mb(cards)) if on_gpu else resident_mb() - before
         layers = f"{engine.gpu_layers} of {gguf.size.blocks + 1} layers, " if on_gpu else ""
         flash = "on" if engine.flash_attention else "off"
-        advice = [*_about_gpu(gguf), *_about_threads(engine.threads)]
+        advice = [*_about_gpu(gguf)]
         if profile == "full" and gguf.limit < _FULL:
             advice.append(
                 f"its context of {gguf.limit} does not hold the longest prompts of the full "
                 f"profile with an answer ({_FULL} tokens): "
                 'profile = "compact", or another n_ctx or model'
             )
-        if not on_gpu and predicted > _HEAVY_MB and metadata.get("general.file_type") == _HALF:
-            advice.append("16 bits a weight: a Q4_K_M file of it decodes about twice as fast here")
         return ModelSeen(
             role="planner", name=file.name, device=engine.device,
             how=f"{layers}{engine.kv} KV, flash attention {flash}, "
@@ -172,35 +166,11 @@ def _speeds(gguf: GgufModel) -> dict[str, float]:
 
 
 def _about_gpu(gguf: GgufModel) -> Iterator[str]:
-    layers, whole, options = gguf.placement.layers, gguf.size.blocks + 1, gguf.options
-    if options.gpu_layers != "auto":
-        return
-    if any(one.is_gpu for one in devices()):
-        if layers < whole:
-            yield (
-                f"{layers} of {whole} layers fit the GPU: a smaller file or a smaller n_ctx leaves "
-                "room for more"
-            )
+    if gguf.options.gpu_layers != "auto" or any(one.is_gpu for one in devices()):
         return
     for place, (whose, build) in CARDS.items():
         if Path(place).exists():
-            yield (f"{whose} is here, but llama.cpp was built without it: {rebuild_llama(build)}")
-    if platform.system() == "Darwin" and platform.machine() == "arm64":
-        yield f"llama.cpp was built without Metal: {rebuild_llama('-DGGML_METAL=on')}"
-
-
-def _about_threads(threads: int) -> Iterator[str]:
-    cores = len(os.sched_getaffinity(0))
-    free = max(1, round(cores - os.getloadavg()[0]))
-    if threads > cores:
-        yield f"{threads} threads on {cores} cores slow each other: threads = {cores}"
-    elif threads > free:
-        yield f"{threads} threads, but about {free} of {cores} cores are free just now"
-    elif threads < free:
-        yield (
-            f"about {free} cores are free: threads = {free} answers sooner where one process "
-            "runs, and gives the same answers"
-        )
+            yield f"{whose} is here, but llama.cpp was built without it: {rebuild_llama(build)}"
 
 
 # ----------------------------------------------------------------- torch models
@@ -217,12 +187,9 @@ def _torch(
     model = filled(plural, name, None, Session(), models)
     speeds = ask(model)
     device, _, numbers = model.computed_on.partition(", ")
-    advice = []
-    if device == "cpu" and models.gpu_layers != 0 and Path("/dev/nvidia0").exists():
-        advice.append("an NVIDIA card is here, but torch was built without CUDA: install one with")
     return ModelSeen(
         role=role, name=model.name, device=device, how=numbers, speeds=speeds,
-        predicted_mb=listed_mb(name.partition(":")[2] or model.name), advice=tuple(advice),
+        predicted_mb=listed_mb(name.partition(":")[2] or model.name),
         measured_mb=resident_mb() - before if device.lower() == "cpu" else None,
     )  # fmt: skip
 

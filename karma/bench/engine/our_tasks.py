@@ -122,8 +122,6 @@ def our_tasks(
 ) -> OurTasks:
     """Read an experiment and its tasks; arguments and errors as of `karma.bench.engine.run.Run`."""
     experiment = read_experiment(path, changes)
-    if experiment.grid:
-        raise FileError(path, "it has a [[grid]]: a sweep, not a run", fix=f"karma eval {path}")
     models = experiment.models.computed_by(computed)
     experiment = msgspec.structs.replace(experiment, models=models)
     if base_url:  # where it is asked is no part of what a run depends on
@@ -288,7 +286,7 @@ def header_of(
         UnknownNameError: there is no such model.
     """
     told = msgspec.to_builtins(msgspec.structs.replace(experiment, run=RunOptions()))
-    for name in ("only", "limit", "grid"):  # what they select stands in `tasks`
+    for name in ("only", "limit"):  # what they select stands in `tasks`
         del told[name]
     for endpoint in filter(None, told["models"]["hosted"].values()):
         for name in ("timeout_s", "retries"):  # a request that is given up leaves no record

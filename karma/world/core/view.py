@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from karma.contracts import Pose, Vec3
 from karma.world.core.boxes import Flags, Floats
 from karma.world.core.hiding import blocking, hidden_rows, solid_boxes
-from karma.world.core.objects import Change, Derived, Objects, per_object
+from karma.world.core.objects import Change, Derived, Objects
 from karma.world.core.rays import NO_SHELL, RoomShell, farthest, stopped
 from karma.world.core.rules import rules
-from karma.world.core.scene import SceneObject
-from karma.world.core.thing import ground, heading, is_inert
+from karma.world.core.thing import ground, heading
 
 K = TypeVar("K")
 
@@ -31,7 +30,6 @@ CROUCH_M = 0.22  # lower when crouching
 BEYOND_M = 0.5  # how much farther than its reach across the floor the agent sees things
 _BODY_TOP_M = 0.9  # of the agent's capsule, above its origin
 _MOST_VANTAGES = 256  # places remembered of one moment; a few kilobytes each
-_MOST_LOOKS = 4_096  # remembered of all moments
 _PULL = (-0.85, 0.0, 0.85)
 SAMPLES = np.array([(x, y, z) for x in _PULL for y in _PULL for z in _PULL])  # of the half sizes
 
@@ -91,34 +89,6 @@ def _out_of_reach(
 
 # filled as places are looked from
 _vantages: Derived[dict[_Place, _Vantage]] = Derived(lambda objects: {}, patch=_out_of_reach)
-
-_Mark = tuple[object, ...]  # of what sight depends on in one object
-
-
-def _mark(thing: SceneObject) -> _Mark:
-    return (
-        thing.center, thing.size, thing.parents, thing.openness > 0, is_inert(thing),
-        thing.is_picked_up,
-    )  # fmt: skip
-
-
-_marks = per_object(_mark)
-
-
-class _LookFrom(NamedTuple):
-    """A place to look from, and how all that stands in reach is arranged."""
-
-    place: _Place
-    held: frozenset[str]
-    rows: tuple[int, ...]
-    marks: tuple[_Mark, ...]
-
-
-# Looks of all moments of a world, and of worlds that went on from one of them: as before, as seen.
-_looks: Derived[dict[_LookFrom, _Vantage]] = Derived(
-    lambda objects: {}, patch=lambda before, known, change: known
-)
-
 
 def camera(pose: Pose) -> Vec3:
     """Return the camera's place, metres."""
@@ -190,28 +160,11 @@ def _vantage(
     known = _vantages(objects)
     found = known.get(key)
     if found is None:
-        look = _look_of(objects, key, held)
-        seen = _looks(objects)
-        found = seen.get(look)
-        if found is None:
-            found = _look_round(objects, pose, held, visibility_m, shell)
-            _remember(seen, look, found, _MOST_LOOKS)
-        _remember(known, key, found, _MOST_VANTAGES)
+        found = _look_round(objects, pose, held, visibility_m, shell)
+        if len(known) >= _MOST_VANTAGES:  # the oldest makes room
+            del known[next(iter(known))]
+        known[key] = found
     return found
-
-
-def _look_of(objects: Objects, place: _Place, held: frozenset[str]) -> _LookFrom:
-    (x, _, z), reach_m = place[1], math.sqrt(2) * (place[2] + BEYOND_M) + 0.01
-    rows = tuple(np.flatnonzero(across(objects, x, z) <= reach_m).tolist())
-    marks = _marks(objects)
-    return _LookFrom(place, held, rows, tuple(marks[row] for row in rows))
-
-
-def _remember(table: dict[K, _Vantage], key: K, vantage: _Vantage, most: int) -> None:
-    """Write a vantage down; the oldest makes room."""
-    if len(table) >= most:
-        del table[next(iter(table))]
-    table[key] = vantage
 
 
 def _look_round(
