@@ -198,7 +198,7 @@ def misuse(words: list[str]) -> str:
         case ["karma", *rest]:
             return wrong_option(command_line(), rest)
         case ["make", *targets]:
-            rules = re.findall(r"^(\w+):", text_of(ROOT / "Makefile"), re.MULTILINE)
+            rules = re.findall(r"^([\w-]+):", text_of(ROOT / "Makefile"), re.MULTILINE)
             return " ".join(t for t in targets if "=" not in t and t not in rules)
         case ["python", script, *rest] if script != "-m":
             return unknown_script(script, rest)

@@ -266,7 +266,7 @@ def _wants(goals: Sequence[Goal], state: str) -> bool:
 
 def _helps(goal: Goal, mine: Sequence[Goal]) -> bool:
     """Return whether an appliance is switched on only to change the subject of other goals."""
-    kind = uses.kind_of(goal.arguments[0])
+    kind = {uses.KNOB: uses.BURNER}.get(goal.arguments[0], goal.arguments[0])  # a type, no id
     brought = (one.adds[0] for one in SIDE_EFFECTS if one.state == "on" and kind in one.of)
     return goal.predicate == "TOGGLEON" and any(_wants(mine, state) for state in brought)
 

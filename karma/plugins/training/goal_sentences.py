@@ -16,9 +16,7 @@ from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.goal_lines import plain_program
 from karma.contracts import Goal, SkillCall
 from karma.household import uses
-from karma.household.ids import short_type, type_of
-from karma.household.pieces import is_piece
-from karma.household.types import object_types
+from karma.household.ids import short_type
 from karma.plugins.alfred.sentences import read_demonstrations
 from karma.plugins.rules.language.lexemes import every_word
 
@@ -28,8 +26,6 @@ _TYPES = {
     "pick_cool_then_place_in_recep": "cool", "pick_heat_then_place_in_recep": "heat",
     "pick_two_obj_and_place": "two",
 }  # fmt: skip
-_BY_LOWER = {name.lower(): name for name in object_types()}
-_DEPENDS = frozenset(("other", "second", "another", "same", "slice", "slices", "piece", "off"))
 _STATES = {"clean": "cleaned", "heat": "heated", "cool": "cooled"}  # deeds, as ALFRED judges
 
 
@@ -56,15 +52,6 @@ class Sentence:
     def wanted(self) -> tuple[Goal, ...]:
         """What is to hold in the end."""
         return goals_of(self.facts, self.facts.thing, self.text.lower())
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StepSentence:
-    """What an annotator said of one step of a demonstration."""
-
-    text: str
-    goals: tuple[Goal, ...]
-    held: str = ""  # type of what is in the hand, "" for nothing
 
 
 def read_sentences(path: Path) -> tuple[Sentence, ...]:
@@ -94,38 +81,6 @@ def _place_words(place: str) -> re.Pattern[str]:
     names = (*entry.names, *entry.kinds) if entry else (place.lower(),)
     words = sorted({word for name in names for word in (name, name.split()[-1])})
     return re.compile(rf"\b(?:{'|'.join(map(re.escape, words))})(?:s|es)?\b")
-
-
-def read_steps(path: Path) -> tuple[StepSentence, ...]:
-    """Return what annotators said of picking up, putting down and switching on lamps, in order.
-
-    Sentences of few words, about slices, or about "the other one" are left out: what they mean
-    depends on what was said before.
-    """
-    return tuple(
-        StepSentence(text=text, goals=goals, held=held)
-        for trial in read_demonstrations(path, dict[str, Any])
-        for annotation in trial["turk_annotations"]
-        for text, step in zip(annotation["high_descs"], trial["plan"]["high_pddl"], strict=False)
-        if len(words := re.findall(r"[a-z]+", text.lower())) > 3 and _DEPENDS.isdisjoint(words)
-        for goals, held in _step_goals(step, trial)
-    )
-
-
-def _step_goals(
-    step: Mapping[str, Any], trial: Mapping[str, Any]
-) -> Iterator[tuple[tuple[Goal, ...], str]]:
-    """Yield what a step brings about, if it can be said, and the type of what is held before."""
-    action, names = step["discrete_action"]["action"], step["discrete_action"]["args"]
-    types = [uses.without_basin(_BY_LOWER.get(one, "")) for one in names]
-    if is_piece(type_of(step["planner_action"].get("objectId", ""))) or not all(types):
-        return
-    if action == "PickupObject":
-        yield (_goal("HOLDON", "robot", types[0]),), ""
-    elif action == "PutObject" and len(types) == 2:
-        yield (_goal("ON", *types),), types[0]
-    elif action == "ToggleObject" and types[0] in uses.LAMPS:
-        yield (_goal("TOGGLEON", types[0]),), trial["pddl_params"]["object_target"]
 
 
 def truth_of(trial: Mapping[str, Any]) -> GoalFacts:

@@ -25,7 +25,7 @@ from karma.plugins.rules.language.lexemes import lexicon, pick_common, unseen_le
 from karma.plugins.training.drawing.memories import KnownRoom, Rng, pick
 from karma.plugins.training.drawing.phrases import Book
 from karma.plugins.training.drawing.requests import suits
-from karma.plugins.training.goal_sentences import Sentence, StepSentence
+from karma.plugins.training.goal_sentences import Sentence
 from karma.plugins.training.hinted import DrawnHints
 from karma.plugins.training.refusals import draw_near_miss, draw_refusal
 from karma.plugins.training.samples import (
@@ -35,7 +35,6 @@ from karma.plugins.training.samples import (
     draw,
     draw_alfred,
     draw_facts,
-    draw_step,
     example_of,
     misspelt,
     program_text,
@@ -64,7 +63,6 @@ class PlannerRecipe:
     written: float = 0.16  # share of what was written by hand, `eval/requests/written.jsonl`
     alfred: tuple[float, float] = (0.45, 0.5)  # share of ALFRED's goals without and with it
     elsewhere: float = 0.25  # share of ALFRED's goals with it that were said in other rooms
-    steps_said: float = 0.1  # share of what ALFRED's annotators said of single steps, without it
     plans: float = 0.4  # share of packs with long-term memory in rooms where ALFRED was recorded
     refused: float = 0.11  # share of requests that are refused
     near_misses: float = 0.08  # share of those that only sound like it
@@ -78,7 +76,6 @@ class Data:
     book: Book
     unseen: Unseen = field(default_factory=Unseen)
     alfred: Sequence[Sentence] = ()
-    steps: Sequence[StepSentence] = ()
     written: Sequence[SaidRequest] = ()
     hints: DrawnHints | None = None  # hints of unknown words
 
@@ -128,8 +125,6 @@ def _draw_one(
     said, roll = data.said(room) if here else data.alfred, rng.random()
     if said and roll < recipe.alfred[mapped]:
         return draw_alfred(rng, room, said, mapped=mapped)
-    if data.steps and not mapped and roll > 1 - recipe.steps_said:
-        return draw_step(rng, room, data.steps)
     return draw(rng, room, data.book, mapped=mapped)
 
 

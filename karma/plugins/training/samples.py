@@ -22,12 +22,11 @@ from karma.plugins.training.drawing.memories import (
     names_of,
     pick,
     place_type,
-    unit_of,
 )
 from karma.plugins.training.drawing.phrases import Book
 from karma.plugins.training.drawing.referring_expressions import Situation
 from karma.plugins.training.drawing.requests import WITH_PAIRS, Ask, one_ask, pick_kind, wrapped
-from karma.plugins.training.goal_sentences import Sentence, StepSentence, program_of
+from karma.plugins.training.goal_sentences import Sentence, program_of
 from karma.plugins.training.past import draw_failure, live_memory, with_twins
 
 RECALLED = 0.75  # share of prompts with a few units, as recall leaves them, not all
@@ -116,30 +115,6 @@ def _likeness(unit: MemoryUnit, other: MemoryUnit) -> int:
         + len({*unit.states} & {*other.states})
         + (unit.handled == other.handled)
     )
-
-
-def draw_step(rng: Rng, room: KnownRoom, steps: Sequence[StepSentence]) -> TrainingExample | None:
-    """Sample an example with an annotator's sentence of a single step, or return None.
-
-    The object to put down is in the hand and in memory.
-    """
-    step = pick(rng, steps)
-    facts, _ = draw_facts(rng, room, mapped=False)
-    about = {name for goal in step.goals for name in goal.arguments}
-    units = [
-        unit
-        for unit in facts.units
-        if base_type(unit.object_type) not in about and unit.place_id != HAND
-    ]
-    if rng.random() < 0.5:
-        units = units[-FEW + 1 :]
-    held = None
-    if step.held:
-        held = unit_of(f"{step.held}|held", step.held, place_id=HAND, handled=True)
-        units.append(held)
-    facts = known_facts(facts.areas, units, held, step.text)
-    calls = plain_program(step.goals, ExpertView())
-    return example_of("step", facts, program_text(calls)) if calls else None
 
 
 def draw_alfred(

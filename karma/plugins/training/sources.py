@@ -37,10 +37,8 @@ from karma.plugins.training.drawing.memories import (
 from karma.plugins.training.drawing.phrases import Book, our_book
 from karma.plugins.training.goal_sentences import (
     Sentence,
-    StepSentence,
     names_its_place,
     read_sentences,
-    read_steps,
 )
 from karma.plugins.training.hinted import (
     DrawnHints,
@@ -95,7 +93,6 @@ class Sources:
             unseen=self.unseen(),
             written=load_said(self.written) if self.written else (),
             alfred=self.sentences(held_out=False),
-            steps=self.steps(),
         )
 
     def hints(self, recipe: PlannerRecipe, data: Data) -> DrawnHints:
@@ -109,10 +106,7 @@ class Sources:
                 for number in range(SAMPLED)
                 for example in draw_pack(recipe, data, "words", str(number))
             ]
-            said = [
-                *(sentence.text for sentence in data.alfred),
-                *(sentence.text for sentence in data.steps),
-            ]
+            said = [sentence.text for sentence in data.alfred]
             spoken = dict.fromkeys((*phrases_to_embed(seen), *phrases_to_embed(said)))
             phrases = sorted({*called(), *islice(spoken, EMBEDDED)})
             write_words(path, words_file(seen), rows)
@@ -147,10 +141,6 @@ class Sources:
             return ()
         every = filter(names_its_place, read_sentences(self.demonstrations))
         return tuple(s for n, s in enumerate(every) if (n // 3 % WATCHED == 0) == held_out)
-
-    def steps(self) -> tuple[StepSentence, ...]:
-        """Return ALFRED's sentences of single steps; () if they are missing."""
-        return read_steps(self.demonstrations) if self.demonstrations.exists() else ()
 
     def unseen(self) -> Unseen:
         """Return the sentences that examples may not repeat."""

@@ -7,7 +7,6 @@ make of the same prompt, and the loss counts the answer's alone.
 
 import json
 import random
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -21,7 +20,6 @@ from karma.files import LARGEST_LOG, read_bytes, to_json, unpack, write_atomic
 from karma.models.llama.gguf_files import gguf_reader, read_gguf_tokenizer
 
 _MATRICES = ("q_proj", "k_proj", "v_proj", "o_proj", "gate_proj", "up_proj", "down_proj")
-_LAYER = re.compile(r"\.layers\.(\d+)\.")
 _IGNORED = -100  # a label that the loss leaves out
 ADAPTER, ADAPTER_CONFIG = "adapter_model.safetensors", "adapter_config.json"  # peft's own names
 
@@ -38,7 +36,6 @@ class TuningRecipe:
     steps: int = 0  # 0: once over the examples
     tokens: int = 32_768  # a step, padding counted
     every: int = 500  # steps between checkpoints
-    lowest: int = 0  # layers below it keep the adapter that they begin with
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -203,9 +200,6 @@ def tune(
     torch.manual_seed(recipe.seed)
     lora = LoraConfig(r=recipe.rank, lora_alpha=recipe.alpha, target_modules=list(_MATRICES))
     adapted = get_peft_model(model, lora)
-    for name, value in adapted.named_parameters():
-        if (layer := _LAYER.search(name)) and int(layer[1]) < recipe.lowest:
-            value.requires_grad_(False)
     adapted.config.use_cache = False
     folder.mkdir(parents=True, exist_ok=True)
     arguments = TrainingArguments(

@@ -14,7 +14,7 @@ from karma.agent.goals.goals import GoalTracker, WatchedWorld
 from karma.bench.methods.expert import ExpertMethod
 from karma.files import to_json
 from karma.plugins.alfred.sentences import plain
-from karma.plugins.training.goal_sentences import read_sentences, read_steps
+from karma.plugins.training.goal_sentences import read_sentences
 from karma.plugins.training.packs import PlannerRecipe, draw_pack
 from karma.plugins.training.sources import Sources
 from karma.world.core.scene import SCENES, load
@@ -115,4 +115,4 @@ def test_no_instruction_stands_in_alfreds_training_split(shared):
     path = shared / "data" / "alfred" / "train.jsonl.gz"
     if not path.exists():
         pytest.skip(f"needs {path}")
-    assert not SAID & {plain(one.text) for one in (*read_sentences(path), *read_steps(path))}
+    assert not SAID & {plain(one.text) for one in read_sentences(path)}

@@ -130,7 +130,7 @@ def tuned(tmp_path_factory, base, weights):
     folder = tmp_path_factory.mktemp("tuned")
     tokenizer = read_gguf_tokenizer(base)
     given = encode(read_examples(examples_file(folder, LINES)), tokenizer, end_token(base))
-    recipe = TuningRecipe(rank=2, alpha=4, steps=6, warmup=0, tokens=512, rate=2e-2, lowest=1)
+    recipe = TuningRecipe(rank=2, alpha=4, steps=6, warmup=0, tokens=512, rate=2e-2)
     found = tune(deepcopy(weights), batches_of(given, 512, 0), folder, recipe,
                  watched=[given[:2]])  # fmt: skip
     assert 0 <= found["exact"] <= 1
