@@ -47,6 +47,7 @@ _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
         "embedders": {"hosted": ("openai",)},
         "language_models": {"hosted": ("openai",)},
         "parsers": {"rules": ("spacy",)},
+        "task_pools": {"alfred": ("alfred",)},
         "task_sources": {"alfred": ("alfred", "authors")},
         "planners": {"hosted": ("openai",)},
         "vision_models": {"hosted": ("openai",)},

@@ -16,9 +16,8 @@ from support.made_records import plain
 from support.paths import ROOT
 from support.report_run import AGENT, EVIL, EXPERT, KEYS, POURED, SEQUENCE_KEYS, make_run
 from support.run_files import karma
-from support.talking import STORE, agent_saying
 
-from karma.agent.journal.records import TURNS, EpisodeRecord, EpisodeTiming, read_turns
+from karma.agent.journal.records import EpisodeRecord, EpisodeTiming
 from karma.agent.journal.run_folder import Finished, RunFolder, read_run
 from karma.agent.journal.steps import (
     Action,
@@ -278,24 +277,6 @@ def test_episode_that_ended_before_it_began_is_in_the_tables_only(tmp_path):
     said = karma("report", folder, "--episodes", "all")
     assert "1 of 2 episodes" in " ".join(said.split())
     assert "RequestRefused" in (folder / "report.html").read_text()
-
-
-def test_page_of_a_conversation_has_what_was_said_and_judges_nothing(tmp_path):
-    agent = agent_saying(tmp_path, [STORE, "refuse('deed')\n"])
-    for said in ("where is the apple?", "put the apple in the fridge", "sing"):
-        agent.do(said)
-    turns = read_turns(agent.folder)
-    assert [(one.said, one.status, one.instruction) for one in turns] == [
-        ("where is the apple?", "answered", None),
-        ("put the apple in the fridge", "done", 0),
-        ("sing", "refused", 1),
-    ]
-    karma("report", agent.folder)
-    page = (agent.folder / "report.html").read_text()
-    assert re.findall(r'<section id="(\w+)">', page) == ["conversation", "replay", "run"]
-    assert "the apple is in the fridge: seen" in Text(page).words
-    (agent.folder / TURNS).write_text('[{"said": 1}]')
-    assert TURNS in karma("report", agent.folder, code=1)
 
 
 # ----------------------------------------------------------------- the command

@@ -207,19 +207,19 @@ class MappedEpisode(RoomByRoom[MappedRoom[Memory]]):
 
 
 @dataclass(frozen=True, slots=True)
-class _NoOptions:
-    pass
+class NoOptions:
+    """The settings of a row without options."""
 
 
 class WithoutOptions:
     """A row that has no options."""
 
-    settings_kind: ClassVar[type] = _NoOptions
+    settings_kind: ClassVar[type] = NoOptions
 
     @classmethod
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
         """Make the row; KarmaError for any option."""
-        settings_of(_NoOptions, options)
+        settings_of(NoOptions, options)
         return cls()
 
 

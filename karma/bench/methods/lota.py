@@ -20,7 +20,7 @@ from karma.agent.planning.program import SKILLS
 from karma.agent.planning.prompt import compact, template
 from karma.agent.planning.recovery import program_of
 from karma.agent.tour import KnownFloor, floor_of, position_of
-from karma.bench.methods.baseline import PlannerRow, RoomByRoom, request_for
+from karma.bench.methods.baseline import NoOptions, PlannerRow, RoomByRoom, request_for
 from karma.contracts import (
     END,
     Choice,
@@ -32,7 +32,6 @@ from karma.contracts import (
     Prompt,
     Resources,
     SceneRef,
-    Scoring,
     ScoringModel,
     SeenObject,
     Skill,
@@ -68,15 +67,7 @@ _KEEPS_PLACE = ("OpenObject", "CloseObject", "PutObject")  # what was found last
 class LotaScoreSettings:
     """The numbers of the source."""
 
-    scoring: Literal["sum", "average"] = "sum"  # of a step's log-probabilities
     max_steps: int = 25  # of one instruction
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LotaGenerateSettings:
-    """The options of `lota.generate`."""
-
-    inspected: bool = True  # mend plans of the compact profile, which leaves searches to that
 
 
 class LotaScore:
@@ -125,8 +116,7 @@ class LotaScore:
         return finished, tuple(steps)
 
     def _choose(self, prompt: Sequence[str]) -> Plan:
-        scoring: Scoring = self.settings.scoring
-        best = self._chooser.choose(prompt, self._texts, scoring=scoring)
+        best = self._chooser.choose(prompt, self._texts, scoring="sum")
         text = self._texts[best.number]
         call = self._steps[text]
         asked = Prompt(stable=prompt[0], changing="".join(prompt[1:]))
@@ -151,14 +141,12 @@ class LotaScore:
 class LotaGenerate(PlannerRow):
     """The `lota.generate` row: the planner is asked once for each instruction."""
 
-    settings_kind: ClassVar[type] = LotaGenerateSettings
+    settings_kind: ClassVar[type] = NoOptions
 
-    def __init__(self, planner: Planner, settings: LotaGenerateSettings) -> None:
+    def __init__(self, planner: Planner, settings: NoOptions) -> None:
         self.form = "compact" if planner.profile == "compact" else "code"
         self.name = f"LoTa-Bench (modified: generated, {self.form})"
-        inspected = planner.decoding.inspected and settings.inspected
-        decoding = replace(planner.decoding, attempts=1, inspected=inspected)
-        self._planner = planner.drawn_by(decoding)
+        self._planner = planner.drawn_by(replace(planner.decoding, attempts=1))
 
     def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "LotaEpisode":
         """Start an episode: no plans made; only the cells of the floor are known."""
