@@ -49,7 +49,7 @@ Pair = tuple[TimedEpisode, TimedEpisode]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reduction:
-    """What a row saves of a reference row's exploration (RE) and time (RT)."""
+    """Exploration (RE) and time (RT) saved by a row against a reference row."""
 
     row: str
     reference: str
@@ -151,7 +151,7 @@ def reduced(amount: Amount, pairs: Sequence[Pair]) -> Estimate:
 
 
 def paired_sums(pairs: Sequence[Pair], of: Amount) -> Floats:
-    """Return the sums of what is seen in each episode over every task's pairs, in order of tasks.
+    """Return the sums of the observations over each task's pairs, in order of tasks.
 
     Shape (tasks, columns), where the columns of the first stand before those of the second.
     """
@@ -165,7 +165,7 @@ def paired_sums(pairs: Sequence[Pair], of: Amount) -> Floats:
 def reductions(
     episodes: Sequence[TimedEpisode], *, reference: str = OFF_ROW
 ) -> tuple[Reduction, ...]:
-    """Return what every row saves of a reference row's, by kind and over all; () without that row.
+    """Return the savings of every row against a reference row, by kind and in all.
 
     The reference itself is left out.
     """
@@ -205,7 +205,7 @@ COLUMNS = {one.key: one for one in (*METRICS, *SAVINGS)}  # of `Figures.values`
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """All figures of one row and kind of task."""
+    """All figures of a row on a kind of task."""
 
     row: str
     kind: str  # or one of "all", "in training", "not in training"
@@ -224,7 +224,7 @@ class Figures:
 def figures(
     records: Sequence[EpisodeRecord], timings: Mapping[Key, EpisodeTiming] | None = None
 ) -> tuple[Figures, ...]:
-    """Return every figure of every row and kind, of all, and of what is in training data and not.
+    """Return all figures by row and kind, in all, and split by presence in training data.
 
     Rows stand in the order of the records, kinds in the paper's. What is measured against a
     reference row is undefined in a run without it, what is measured in seconds without timings.
@@ -238,7 +238,7 @@ def figures_of(
     episodes: Sequence[TimedEpisode],
     reductions: Sequence[Reduction],
 ) -> tuple[Figures, ...]:
-    """Return the figures of the episodes of some records with what they save, see `figures`."""
+    """Return the figures of episodes together with their savings, see `figures`."""
     saved = {(one.row, one.kind): one.values for one in reductions}
     kinds = (*kinds_of(one.record for one in episodes), ALL, TRAINED, NOT_TRAINED)
     lines = []
@@ -267,7 +267,7 @@ Counted = TypeVar("Counted", bound=Figures | Reduction)
 
 
 def without_repeats(lines: Sequence[Counted]) -> list[Counted]:
-    """Return lines without those over all kinds where there is only one kind."""
+    """Return lines without the totals if there is a single kind."""
     alone = len({line.kind for line in lines} - {ALL, TRAINED, NOT_TRAINED}) == 1
     return [line for line in lines if not (alone and line.kind == ALL)]
 
