@@ -184,7 +184,7 @@ def _text(asked: _TaskWords) -> str:
 
 
 def _seeds(arm: Arm) -> list[int]:
-    return sorted({one.record.seed for one in arm.episodes})
+    return sorted({episode.record.seed for episode in arm.episodes})
 
 
 # ----------------------------------------------------------------- figures
@@ -291,4 +291,6 @@ def arm_of(
     rows = rows_of(records)
     if row not in rows:
         raise KarmaError(f"no row {row!r}; there are {', '.join(map(repr, rows))}")
-    return Arm(name=name or row, episodes=[one for one in episodes if one.record.row == row])
+    return Arm(
+        name=name or row, episodes=[episode for episode in episodes if episode.record.row == row]
+    )

@@ -326,7 +326,7 @@ SUCCESS = METRICS[0]
 
 def measure(metric: Metric, episodes: Sequence[TimedEpisode]) -> Estimate:
     """Return a metric over episodes, with an interval that keeps the seeds of a task together."""
-    if metric.only is not None and not any(metric.only(one.record) for one in episodes):
+    if metric.only is not None and not any(metric.only(episode.record) for episode in episodes):
         return Estimate(value=None)
     groups = list(by_task(metric, episodes).values())
     return rate(groups) if metric.is_rate else mean(groups)
@@ -348,7 +348,9 @@ def episodes_of(
     Tasks that nobody can be judged by are not among them.
     """
     timings, complete = timings or {}, _completed(records)
-    tours = {row: _tours_of(complete, row) for row in dict.fromkeys(one.row for one in records)}
+    tours = {
+        row: _tours_of(complete, row) for row in dict.fromkeys(record.row for record in records)
+    }
     return [
         TimedEpisode(record=one, timing=timings.get(one.key), tours=tours[one.row])
         for one in complete

@@ -51,7 +51,9 @@ def _comparisons(run: RunData, episodes: list[TimedEpisode]) -> list[Comparison]
     """Return the comparisons of the first row with all rows over the same episodes."""
     rows = rows_of(run.records)
     arms = [arm_of(run.records, episodes, row) for row in rows]
-    asked = [{(one.record.task, one.record.seed) for one in arm.episodes} for arm in arms]
+    asked = [
+        {(episode.record.task, episode.record.seed) for episode in arm.episodes} for arm in arms
+    ]
     return [
         comparison
         for arm, keys in zip(arms[1:], asked[1:], strict=True)
@@ -307,7 +309,7 @@ def margin_sheet(result: Result) -> Sheet | None:
 def _of_success(result: Result) -> Iterator[Margin]:
     twins = {line.reference for line in result.reductions}
     for kind, wanted in _OVER_BASELINES.items():
-        mine = [one for one in result.comparisons if one.kind == kind]
+        mine = [comparison for comparison in result.comparisons if comparison.kind == kind]
         if rivals := [one for one in mine if _is_baseline(one, twins)]:
             best = max(rivals, key=lambda one: one.success.second.value or 0.0)
             text = f"SR of {best.first}, {kind} tasks, times that of the best baseline"

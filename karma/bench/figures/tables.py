@@ -356,7 +356,9 @@ def comparison_sheet(comparisons: Sequence[Comparison]) -> Sheet:
 def _causes(result: Result, *, first_only: bool) -> Sheet:
     def counts(line: Figures) -> list[str]:
         mine = [
-            one for one in result.failures if one.row == line.row and line.kind in (one.kind, ALL)
+            failure
+            for failure in result.failures
+            if failure.row == line.row and line.kind in (failure.kind, ALL)
         ]
         found = count(mine, first_only=first_only).values()
         return [str(sum(found)), *map(str, found)]

@@ -184,7 +184,10 @@ class FigureSuite:
 
     def added_up(self, records: Sequence[PolicyRecord]) -> dict[str, bytes]:
         """Return the results of all cells, what the paper claims of them, and the pictures."""
-        cells = [_whole([one.cell for one in records if one.row == name]) for name in self.cells()]
+        cells = [
+            _whole([record.cell for record in records if record.row == name])
+            for name in self.cells()
+        ]
         claims = claims_of(self.experiment.claims, cells)
         results = Results(
             figure=self.experiment, source=self.pool.source, cells=cells, claims=claims

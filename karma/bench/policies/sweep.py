@@ -249,7 +249,7 @@ def _rate_over(
 def _row(
     policy: str, outcomes: list[TraceReplay], resampler: Resampler, checkpoints: Sequence[int]
 ) -> PolicyRow:
-    every = [(0, one.tasks) for one in outcomes]
+    every = [(0, outcome.tasks) for outcome in outcomes]
     halves = [(one.tasks // 2, one.tasks) for one in outcomes]
     warm = [one.warm_task for one in outcomes if one.warm_task is not None]
     left = [one.left for one in outcomes if one.left is not None]
