@@ -22,8 +22,8 @@ ROOT = Path(__file__).parents[1]
 HEAD = """# Requests as people say them
 
 What `karma chat` printed, all of it, 80 columns wide, with the planner `{planner}`. Written by
-`python scripts/make_transcript.py` from [the list](../../eval/talk/said.txt); nothing is left out or
-put right. "Done" and "seen" are the agent's own words, not a judge's.
+`python scripts/make_transcript.py` from [the list](../../eval/talk/said.txt); nothing is left out
+or put right. "Done" and "seen" are the agent's own words, not a judge's.
 
 | the request | number | done, by its own account | not finished, or in part | refused | answered |
 |---|---|---|---|---|---|

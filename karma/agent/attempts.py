@@ -1,4 +1,4 @@
-"""The programs that are tried for one instruction, and what the planner is told of a failure."""
+"""The programs tried for an instruction, and the request to the planner after a failure."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -22,18 +22,18 @@ from karma.household.uses import kind_of
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Attempts:
-    """The programs of one request; the first that was carried out says what is to be done."""
+    """The programs of a request; the first executed program defines its objects and effects."""
 
     instruction: str
     first: tuple[SkillCall, ...] = ()
     calls: tuple[SkillCall, ...] = ()  # of the last program
-    results: tuple[SkillResult, ...] = ()  # of the last program, as far as it was tried
+    results: tuple[SkillResult, ...] = ()  # of the last program, up to its first failure
     before: tuple[SkillResult, ...] = ()  # successful ones of the others
 
     def with_program(
         self, calls: tuple[SkillCall, ...], results: Iterable[SkillResult]
     ) -> "Attempts":
-        """Return these with a program that was carried out, as far as it went."""
+        """Return the attempts with an executed program and its results."""
         is_first = not self.first or replaces_first(self.first, calls, self.instruction)
         return replace(
             self,
@@ -44,7 +44,7 @@ class Attempts:
         )
 
     def with_result(self, result: SkillResult) -> "Attempts":
-        """Return these with one more successful call after the last program."""
+        """Return the attempts with a successful call after the last program."""
         tried = len(self.results)
         calls = (*self.calls[:tried], result.call, *self.calls[tried:])
         return replace(self, calls=calls, results=(*self.results, result))
@@ -56,7 +56,7 @@ class Attempts:
 
     @property
     def finished(self) -> bool:
-        """Whether, besides, nothing is left that the first program was to do."""
+        """Whether the last program ran, and nothing of the first program is left undone."""
         return self.ran and not left_undone(self.first, self.done, self.instruction)
 
     @property
@@ -65,14 +65,14 @@ class Attempts:
         return tuple(result.call for result in (*self.before, *self.results) if result.ok)
 
     def checks(self, experience: Experience) -> tuple[Check, ...]:
-        """Return the state of all that was done and that was to be done."""
+        """Return the observed state of each effect of the programs."""
         planned = [*(result.call for result in self.before), *self.calls]
         left = left_undone(self.first, planned, self.instruction)
         planned += [call for call in self.first if kind_of(call.objects[0]) in left]
         return checked(planned, (*self.before, *self.results), experience)
 
     def failure_told(self, request: PlanRequest) -> PlanRequest:
-        """Return the request after the last program failed: quoted, and not searched for again."""
+        """Return the request after a failure: program quoted, missing objects excluded."""
         result = self.results[-1]
         unsuccessful = result.call.skill == "Explore" and result.reason.startswith(NOT_FOUND)
         missing = result.call.objects[-1:] if unsuccessful else ()
@@ -92,7 +92,7 @@ class Attempts:
 
 
 def bound(answer: Plan, only: Mapping[str, str]) -> tuple[SkillCall, ...]:
-    """Return an answer's calls with ids; `only`: type -> id of the only object that is meant."""
+    """Return an answer's calls with ids; `only`: type -> id of the single admitted object."""
     return tuple(_about_one(call, only) for call in grounded(answer.calls, answer.names))
 
 

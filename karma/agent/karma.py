@@ -1,4 +1,4 @@
-"""KARMA: both memories in the prompt; without one of them it is the paper's ablation (Table 2)."""
+"""KARMA: both memories in the prompt; without either memory it is an ablation of Table 2."""
 
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field
@@ -18,8 +18,8 @@ from karma.contracts import Detector, Recall, Resources, SceneRef, VisionModel, 
 class KarmaMethod:
     """The agent of the paper's Fig. 1.
 
-    `maps` is a folder of long-term memories, one file a scene, made on the first visit and never
-    changed by an episode, save where it is to `learn`; None: each explores.
+    `maps` is a folder of long-term memories, a file for each scene, made on the first visit and
+    never changed by an episode unless it may `learn`; None: each episode explores.
     """
 
     settings_kind: ClassVar[type] = KarmaSettings

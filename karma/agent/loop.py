@@ -1,7 +1,7 @@
 """The agent's loop: plan, act, remember.
 
 An answer of the planner is a whole program (KARMA §3.5). Its calls run until one fails; then the
-planner is asked again and told why. What was seen and done goes into memory at the end.
+planner answers again, with the failure in its prompt. Memory takes in the experience at the end.
 """
 
 from collections.abc import Collection, Generator, Iterator, Mapping
@@ -31,7 +31,7 @@ from karma.contracts import (
 
 
 class Agent:
-    """One agent in one home: a planner, skills in a world, and both memories."""
+    """An agent in a home: a planner, skills in a world, and both memories."""
 
     def __init__(
         self,
@@ -52,27 +52,27 @@ class Agent:
         """Return the eyes for this room; None: the simulator's metadata."""
         return self._perception.eyes(self.memory.scene, instruction)
 
-    def do(
+    def do(self, subtask: SubTask) -> Iterator[AgentEvent]:
+        """Let the planner carry out an instruction; yield answers, results and the report."""
+        return self.execute(subtask, planned(subtask))
+
+    def execute(
         self,
         subtask: SubTask,
-        executor: Executor | None = None,
+        executor: Executor,
         *,
         keep_shut: Collection[str] = (),
         clock_s: float = 0.0,
     ) -> Iterator[AgentEvent]:
-        """Carry out an instruction and remember it; yields what happens, the report last.
+        """Carry out an instruction by an executor and remember it, as `do`.
 
-        Args:
-            subtask: the instruction.
-            executor: carries it out; None: the planner alone.
-            keep_shut: types that nothing opens.
-            clock_s: time of the home when the instruction is given.
+        `keep_shut`: types that nothing opens; `clock_s`: time of the home at the start.
         """
         resident = self.memory.short_term.units()
         session = AgentSession(self, subtask.instruction, keep_shut)
-        finished = yield from (executor or _planned(subtask))(session)
+        finished = yield from executor(session)
         experience, change = session.skills.experience, None
-        if session.has_acted:  # what is refused before a step changes nothing
+        if session.has_acted:  # a refusal before the first step changes nothing
             clock_s += session.skills.actions
             change = self.memory.remember(experience, subtask.instruction, clock_s)
         graph = self.memory.graph
@@ -87,8 +87,8 @@ class Agent:
         )
 
 
-def _planned(subtask: SubTask) -> Executor:
-    """Return what carries out an instruction by the planner alone."""
+def planned(subtask: SubTask) -> Executor:
+    """Return the executor that leaves an instruction to the planner."""
 
     def execute(session: Session) -> Generator[AgentEvent, None, bool]:
         return (yield from session.do(subtask)).finished
@@ -97,7 +97,7 @@ def _planned(subtask: SubTask) -> Executor:
 
 
 class AgentSession:
-    """One instruction of an agent, as `karma.agent.session.Session` describes it."""
+    """The agent while it carries out an instruction; see `karma.agent.session.Session`."""
 
     def __init__(self, agent: Agent, instruction: str, keep_shut: Collection[str]) -> None:
         memory = agent.memory
@@ -106,7 +106,7 @@ class AgentSession:
         eyes = agent.eyes(instruction)
         self.skills = Skills(agent.world, self._beliefs, eyes=eyes, before=memory.room.seen)
         self.skills.keep_shut(keep_shut)
-        self._attempts: list[Attempts] = []  # that came to a first call
+        self._attempts: list[Attempts] = []  # with at least one result
         self._said: list[Check] = []
         self.has_acted = False
 
@@ -149,7 +149,7 @@ class AgentSession:
         return self._memory.updated(request, experience, again=bool(attempts.results))
 
     def call(self, call: SkillCall, aside: Collection[str] = ()) -> SkillResult:
-        """Run one skill, `LOOK_OVER` or `SURVEY`; a search passes over the ids `aside`."""
+        """Run a skill, `LOOK_OVER` or `SURVEY`; a search ignores the ids in `aside`."""
         self.has_acted = True
         if call.skill == SURVEY:
             call = SkillCall.of("GoToObject", self._memory.scene)
@@ -171,7 +171,7 @@ class AgentSession:
         return self._memory.sights(self.skills.experience)
 
     def remembered(self) -> Remembered:
-        """Return what is remembered of the room, and what was left open or on."""
+        """Return the memory of the room, and the doors and switches left open or on."""
         memory, experience = self._memory, self.skills.experience
         graph = memory.graph
         areas = graph.areas() if graph else ()
@@ -188,11 +188,11 @@ class AgentSession:
         )
 
     def say(self, text: str, found: Found) -> None:
-        """Put a line into the report: what is so, and by what that is known."""
+        """Add a line to the report: a state, and the evidence for it."""
         self._said.append(Check(text=text, found=found))
 
     def checks(self) -> tuple[Check, ...]:
-        """Return the report's lines: the state of all that was to be done, then what was said."""
+        """Return the lines of the report: the effects of all programs, then the added lines."""
         experience = self.skills.experience
         done = (check for attempts in self._attempts for check in attempts.checks(experience))
         return (*dict.fromkeys(done), *self._said)

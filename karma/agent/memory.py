@@ -1,4 +1,4 @@
-"""Both memories of one agent: what goes into prompts, and what an instruction leaves in them."""
+"""Both memories of an agent: their units in prompts, and their update after an instruction."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -59,7 +59,7 @@ class MapFolder:
     """Where maps are kept, one file a room."""
 
     path: Path | None  # None: each room is explored anew
-    learn: bool  # what episodes learn is written back
+    learn: bool  # episodes write their maps back
 
 
 class AgentMemory:
@@ -84,18 +84,18 @@ class AgentMemory:
 
     @property
     def graph(self) -> SceneGraph | None:
-        """The map of the room that the agent is in."""
+        """The map of the current room."""
         return self._rooms[self.scene].graph
 
     @property
     def room(self) -> _Room:
-        """What is remembered of the room that the agent is in, for good."""
+        """Long-term memory of the current room."""
         return self._rooms[self.scene]
 
     def enter(self, scene: SceneRef, world: World) -> None:
-        """Be in a room: each has a map of its own; short-term memory is one for all."""
+        """Move to a room: each has its own map, all share the short-term memory."""
         for unit in self.short_term.units():
-            if unit.place_id == HAND:  # it was put down at the door
+            if unit.place_id == HAND:  # the agent put it down at the door
                 self.short_term.correct(replace(unit, place_id=None))
         self.scene = scene.name
         if self.settings.long_term and self.graph is None:
@@ -113,12 +113,12 @@ class AgentMemory:
     # ------------------------------------------------------------- what is known
 
     def beliefs(self, world: World, recalled: Sequence[MemoryUnit] = ()) -> "Beliefs":
-        """Return what skills may ask: units by name, the recalled ones first, then the map."""
+        """Return the knowledge of skills: units by name, recalled units first, then the map."""
         others = self.short_term.units(self.scene) if self.settings.short_term else ()
         return Beliefs(world, self.graph, (*reversed(recalled), *reversed(others)))
 
     def sights(self, experience: Experience) -> dict[str, SeenObject]:
-        """Return the latest sight of all that was seen here and is not known to be gone."""
+        """Return the latest sight of each object of this room that is not known to be gone."""
         seen = {**self.room.seen, **experience.seen}
         return {name: sight for name, sight in seen.items() if name not in experience.gone}
 
@@ -130,9 +130,9 @@ class AgentMemory:
     # ------------------------------------------------------------- memory into the prompt
 
     def request(self, subtask: SubTask, advice: Advice, *, tells_all: bool) -> PlanRequest:
-        """Return what the planner is told at first: the map, and the top K units by last use.
+        """Return the first request to the planner: the map, and the top K units by last use.
 
-        `tells_all`: the units that recall did not choose, too.
+        `tells_all`: also the units that recall did not choose.
         """
         settings = self.settings
         units = self.short_term.units(self.scene) if settings.short_term else ()
@@ -154,8 +154,8 @@ class AgentMemory:
     def _shown(
         self, units: tuple[MemoryUnit, ...], recalled: Sequence[Recalled], *, tells_all: bool
     ) -> tuple[MemoryUnit, ...]:
-        """Return the units of the prompt: all of this room's, or the recalled ones."""
-        if self.settings.means == "recalled":  # the last of a type has its bare name
+        """Return the units of the prompt: all units of this room, or the recalled units."""
+        if self.settings.means == "recalled":  # the last unit of a type has its bare name
             units = tuple(item.unit for item in reversed(recalled))
         elif not tells_all:
             chosen = {item.unit.object_id for item in recalled}
@@ -163,7 +163,7 @@ class AgentMemory:
         return shut_away(units, self.short_term.units(self.scene))
 
     def updated(self, request: PlanRequest, experience: Experience, *, again: bool) -> PlanRequest:
-        """Return the request with hand and sight and, after a failure, what was done so far."""
+        """Return the request with hand and sights and, after a failure, the updated units."""
         held = experience.held
         request = replace(
             request,
@@ -186,13 +186,13 @@ class AgentMemory:
         return replace(request, units=(*kept, *fresh))
 
     def keep_names(self, names: Mapping[str, str]) -> None:
-        """Keep the names that furniture has in a prompt (-> id): they stay for all later ones."""
+        """Keep the names of furniture in a prompt (-> id) for all later prompts."""
         self.room.names.update(furniture_names(names))
 
     # ------------------------------------------------------------- experience into memory
 
     def remember(self, experience: Experience, instruction: str, at_s: float) -> MemoryChange:
-        """Write what was seen, then what was handled in the order of use; forget what is gone."""
+        """Store seen objects, then handled objects by use; forget the objects that are gone."""
         remembered = self.short_term.units(self.scene)
         away, before = lost(remembered, experience), as_left(remembered, experience)
         units = units_of(
@@ -214,7 +214,7 @@ class AgentMemory:
         return change
 
     def learn(self, change: MemoryChange) -> None:
-        """Put into memory what an instruction has left."""
+        """Apply the memory change of an instruction."""
         for unit in change.corrected:
             self.short_term.correct(unit)
         room = self._rooms[change.scene]
@@ -234,29 +234,29 @@ class AgentMemory:
             self._keep_map()
 
     def _keep_map(self) -> None:
-        """Write what was learnt of this room, where that is wanted."""
+        """Save the map of this room if maps learn."""
         if self.graph is not None and self._maps.learn and (path := self._map_path()) is not None:
             self.graph.save(path)
 
     def snapshot(self) -> Snapshot:
-        """Return all that is remembered now, apart from what comes later."""
+        """Return a copy of both memories."""
         return deepcopy(Snapshot(self.scene, self.short_term, self._rooms))
 
     def go_back(self, before: Snapshot) -> None:
-        """Remember what was remembered then, and nothing since."""
+        """Restore both memories from a snapshot."""
         kept = deepcopy(before)
         self.scene, self.short_term, self._rooms = kept.scene, kept.short_term, kept.rooms
         self._keep_map()
 
 
 class Beliefs:
-    """What skills may ask of memory: units by name, then the map, then what holds a unit."""
+    """The knowledge of skills: units by name, then the map, then the receptacles of units."""
 
     def __init__(self, world: World, graph: SceneGraph | None, units: Sequence[MemoryUnit]) -> None:
         self._world, self._graph, self.units = world, graph, units
 
     def where(self, name: str) -> Known | None:
-        """Return the best known place of a name, None if nothing is known of it."""
+        """Return the best known place of a name, or None if it is unknown."""
         for unit in self.units:
             if goes_by(name, unit.object_id, unit.object_type):
                 return Known(

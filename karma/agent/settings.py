@@ -1,4 +1,4 @@
-"""Settings of the agent: what makes one row of a table."""
+"""Options of the method `karma`."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -11,13 +11,13 @@ from karma.memory.policies import make_policy
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KarmaSettings:
-    """Options of the method `karma`; without one of its memories it is an ablation (Table 2)."""
+    """Options of the method `karma`; without either memory it is an ablation (Table 2)."""
 
     long_term: bool = True
     short_term: bool = True
     policy: str = "wtinylfu-karma[9,1]"  # of short-term memory (§4.4: the best at 10 units)
     recall_k: Annotated[int, Meta(ge=1)] = 3  # units in the prompt, to the whole memory
-    paper_prompt: bool = False  # §3.3's map, only what is recalled, by the user's whole text
+    paper_prompt: bool = False  # §3.3's map; recalled units only, by the user's whole text
     seen_kept: Annotated[int, Meta(ge=0)] = 2  # objects only seen, remembered per instruction
     means: Literal["used", "recalled"] = "used"  # of several `Plate`s: used last, recalled best
     perception: Kind = "metadata"  # how the agent sees

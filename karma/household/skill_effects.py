@@ -132,37 +132,37 @@ class Item(NamedTuple):
     turn: int = 0
 
 
-class Place(NamedTuple):
+class ItemPlace(NamedTuple):
     """Where an object lies: the name of a receptacle, `HAND` or `FLOOR`; or beside something."""
 
     name: str
     beside: bool = False
 
 
-class Change(NamedTuple):
+class BeliefChange(NamedTuple):
     """A fact that a call adds to beliefs about one object, and the states that it deletes."""
 
     item: Item
     state: str = ""
-    place: Place | None = None
+    place: ItemPlace | None = None
     deletes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Beliefs:
+class BeliefState:
     """Where objects are that were moved, and which states are known of objects.
 
     Both mappings are in order of the last change.
     """
 
     held: Item | None = None
-    places: Mapping[Item, Place] = field(default_factory=dict)
+    places: Mapping[Item, ItemPlace] = field(default_factory=dict)
     states: Mapping[Item, frozenset[str]] = field(default_factory=dict)
 
     @classmethod
     def holding(cls, name: str | None) -> Self:
         """Return the beliefs of an agent that knows only what is in its hand."""
-        return cls() if not name else cls(Item(name), {Item(name): Place(HAND)})
+        return cls() if not name else cls(Item(name), {Item(name): ItemPlace(HAND)})
 
     def within(self, item: Item) -> frozenset[str]:
         """Return the types of the receptacles that an object lies in, the outer ones too."""
@@ -176,7 +176,7 @@ class Beliefs:
             place = self.places[holder] if holder is not None else None
         return frozenset(found)
 
-    def changed(self, changes: Sequence[Change]) -> Self:
+    def changed(self, changes: Sequence[BeliefChange]) -> Self:
         """Return the beliefs after some changes."""
         held, places, states = self.held, dict(self.places), dict(self.states)
         for item, state, place, deletes in changes:
@@ -189,38 +189,38 @@ class Beliefs:
         return type(self)(held, places, states)
 
 
-def apply(call: SkillCall, beliefs: Beliefs) -> Beliefs:
+def apply(call: SkillCall, beliefs: BeliefState) -> BeliefState:
     """Return what is believed after a call that succeeded.
 
-    >>> taken = apply(SkillCall.of("PickupObject", "Mug"), Beliefs())
+    >>> taken = apply(SkillCall.of("PickupObject", "Mug"), BeliefState())
     >>> taken.held, apply(SkillCall.of("PutObject", "Mug", "Sink"), taken).held
     (Item(name='Mug', turn=0), None)
     """
     return beliefs.changed(changes(call, beliefs))
 
 
-def outcome(calls: Iterable[SkillCall], beliefs: Beliefs) -> Beliefs:
+def outcome(calls: Iterable[SkillCall], beliefs: BeliefState) -> BeliefState:
     """Return what is believed after calls that all succeeded."""
     for call in calls:
         beliefs = apply(call, beliefs)
     return beliefs
 
 
-def changes(call: SkillCall, beliefs: Beliefs) -> tuple[Change, ...]:
+def changes(call: SkillCall, beliefs: BeliefState) -> tuple[BeliefChange, ...]:
     """Return what a call changes if it succeeds: its own effects, then side effects."""
     effect = SKILL_EFFECTS[call.skill]
     item, target = Item(call.objects[0], call.turn), call.objects[-1]
     if effect.moves:
         given = call.objects[1:] or effect.moves in ("hand", "floor")
         moved = item if given else beliefs.held
-        places = {"hand": Place(HAND), "floor": Place(FLOOR), "beside": Place(target, beside=True)}
-        place = places.get(effect.moves, Place(target))
-        return (Change(moved, place=place),) if moved is not None else ()
-    own = tuple(Change(item, state, deletes=effect.deletes) for state in effect.adds)
+        name = {"hand": HAND, "floor": FLOOR}.get(effect.moves, target)
+        place = ItemPlace(name, beside=effect.moves == "beside")
+        return (BeliefChange(moved, place=place),) if moved is not None else ()
+    own = tuple(BeliefChange(item, state, deletes=effect.deletes) for state in effect.adds)
     return (*own, *(two for one in own for two in _side_effects(one, beliefs)))
 
 
-def _side_effects(change: Change, beliefs: Beliefs) -> Iterator[Change]:
+def _side_effects(change: BeliefChange, beliefs: BeliefState) -> Iterator[BeliefChange]:
     kind = kind_of(change.item.name)
     for effect in SIDE_EFFECTS:
         if effect.state != change.state or kind not in effect.of:
@@ -228,10 +228,10 @@ def _side_effects(change: Change, beliefs: Beliefs) -> Iterator[Change]:
         for item in beliefs.places:
             if _reaches(effect, item, beliefs):
                 for state in effect.adds:
-                    yield Change(item, state, deletes=effect.deletes)
+                    yield BeliefChange(item, state, deletes=effect.deletes)
 
 
-def _reaches(effect: SideEffect, item: Item, beliefs: Beliefs) -> bool:
+def _reaches(effect: SideEffect, item: Item, beliefs: BeliefState) -> bool:
     if effect.within.isdisjoint(beliefs.within(item)):
         return False
     kind = short_type(type_of(item.name))
@@ -239,7 +239,7 @@ def _reaches(effect: SideEffect, item: Item, beliefs: Beliefs) -> bool:
     return effect.to is None or (piece_type(kind) if is_cut else kind) in effect.to
 
 
-def unmet(call: SkillCall, beliefs: Beliefs) -> tuple[Need, ...]:
+def unmet(call: SkillCall, beliefs: BeliefState) -> tuple[Need, ...]:
     """Return the preconditions of a call that beliefs contradict; what is unknown is no obstacle.
 
     The hand is always known.
@@ -249,7 +249,7 @@ def unmet(call: SkillCall, beliefs: Beliefs) -> tuple[Need, ...]:
     )
 
 
-def _is_met(need: Need, call: SkillCall, beliefs: Beliefs) -> bool:
+def _is_met(need: Need, call: SkillCall, beliefs: BeliefState) -> bool:
     held, name = beliefs.held, call.objects[-1]
     states = beliefs.states.get(Item(name, call.turn), frozenset())
     match need:

@@ -6,7 +6,7 @@ from support.household import bring, find, kitchen
 
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
-from karma.contracts import Decoding, Outcome, Plan, Resources, SkillResult, SubTask
+from karma.contracts import Decoding, Plan, Resources, SkillResult, SubTask
 from karma.errors import FileError, KarmaError
 from karma.memory.recall import CosineRecall
 from karma.memory.scene_graph import SceneGraph
@@ -194,16 +194,6 @@ def test_prompt_without_long_term_memory_holds_no_areas(start, tmp_path):
     assert list(tmp_path.glob("maps/*")) == []
 
 
-def test_prompt_holds_at_most_k_units_the_nearest_to_the_instruction(start):
-    put = "PutObject(robot, 'Apple', 'DiningTable')\n"
-    bowl = "GoToObject(robot, 'Bowl')\nPickupObject(robot, 'Bowl')\n"
-    episode, _, _ = start([TAKE_APPLE + put + bowl, "GoToObject(robot, 'Fridge')\n"], recall_k=1)
-    do(episode, "take things")
-    plan, *_ = do(episode, "where is the apple")
-    assert types(plan.units) == ["Apple"]
-    assert len(episode.memory.short_term) == 2
-
-
 @pytest.mark.parametrize(("paper_prompt", "recalled"), [(True, "Apple"), (False, "Bowl")])
 def test_recall_asks_with_the_whole_text_or_the_part(start, paper_prompt, recalled):
     put = "PutObject(robot, 'Apple', 'DiningTable')\n"
@@ -269,14 +259,6 @@ def test_second_program_may_not_search_for_what_is_not_there(start):
     assert "Apple" in offered[1]
 
 
-def test_do_of_an_answer_that_never_parses_ends_unfinished(start):
-    episode, _, _ = start(["I would rather not."])
-    plan, outcome = do(episode, "go")
-    assert plan.error
-    assert isinstance(outcome, Outcome)
-    assert not outcome.finished
-
-
 # ----------------------------------------------------------------- long-term memory
 
 
@@ -291,12 +273,6 @@ def test_map_is_saved_on_the_first_visit_and_loaded_with_equal_results(start, tm
     assert do(again, "take the apple") == first
     assert model_again.prompts == model.prompts
     assert path.read_bytes() == written  # episodes never change it
-
-
-def test_map_does_not_let_the_first_visit_change_the_episode(start, tmp_path):
-    explored = start([TAKE_APPLE])[0]
-    loaded = [start([TAKE_APPLE], maps=tmp_path / "maps")[0] for _ in range(2)][1]
-    assert do(explored, "take the apple") == do(loaded, "take the apple")
 
 
 def test_map_that_learns_is_written_after_an_instruction(start, tmp_path):

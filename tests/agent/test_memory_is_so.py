@@ -111,16 +111,6 @@ def test_heated_and_put_in_the_fridge_is_told_as_cold(start):
     assert said["the potato is cold"] == "done"
 
 
-def test_request_that_is_refused_before_a_step_changes_nothing_in_memory(start):
-    episode, _ = start(put("Apple", "Bowl"), "refuse('thing')\n", "GoToObject(robot, 'Sofa')\n",
-                       refusing=True)  # fmt: skip
-    do(episode, "put the apple in the bowl")
-    before = episode.memory.short_term.units()
-    assert not do(episode, "bring me the hammer").finished
-    assert episode.memory.short_term.units() == before
-    assert "cooled" not in str(before)
-
-
 def test_what_lay_in_a_vessel_that_was_thrown_is_believed_nowhere_but_where_it_was_seen(start):
     throw = "Explore(robot, 'Mug')\nPickupObject(robot, 'Mug')\nThrowObject(robot, 'Mug')\n"
     episode, world = start(put("Spoon", "Mug"), throw)

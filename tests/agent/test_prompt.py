@@ -102,25 +102,6 @@ def test_filled_profile_equals_its_golden_text(profile):
     assert f"{stable}----- stable above, changing below\n{changing}" == golden
 
 
-@each_profile
-def test_prompt_says_states_places_hand_and_error(profile):
-    _, changing, names = parts(profile, FACTS)
-    for word in ("Apple_2", "Mug", "Fridge", "cleaned", "sliced", "Bread", "is closed"):
-        assert word in changing
-    assert names["Bread"] == "Bread|1"
-
-
-def test_compact_profile_leaves_out_what_no_program_names():
-    stable, changing, _ = parts("compact", FACTS)
-    assert stable == "#areas\nnode_1 CounterTop Fridge\nnode_2\n"
-    assert "#task put the clean red fruit on the table\n" in changing
-    assert "|" not in changing  # ids cost many tokens and mean nothing
-
-
-def test_compact_profile_without_map_says_unknown():
-    assert parts("compact", PlanRequest(instruction="go"))[0] == "#areas\nunknown\n"
-
-
 def test_full_profile_s_examples_are_programs():
     stable, _, _ = parts("full", FACTS)
     examples = stable.partition("# Examples\n")[2].partition("# Names")[0]
@@ -144,30 +125,10 @@ def test_short_names_give_the_newest_the_bare_type():
     assert names["Mug"] == "Mug|1"
 
 
-def test_short_names_cover_places_once_and_never_the_hand():
-    names = short_names((OLD_APPLE, MUG, SLICE), None)
-    assert names["Fridge"] == "Fridge|1"
-    assert names["CounterTop"] == "CounterTop|1"
-    assert list(names.values()).count("Apple|1") == 1  # a thing, and the mug's place
-    assert "hand" not in short_names((unit("Mug|1", "Mug", place_id="hand"),), None).values()
-
-
-def test_short_names_of_two_places_follow_the_last_use():
-    units = (unit("Mug|1", "Mug", place_id="Cabinet|1"), unit("Cup|1", "Cup", place_id="Cabinet|2"))
-    names = short_names(units, None)
-    assert (names["Cabinet"], names["Cabinet_2"]) == ("Cabinet|2", "Cabinet|1")
-
-
 def test_short_names_give_what_is_held_the_bare_type():
     names = short_names((OLD_APPLE, SLICE), ("Apple|1", "Apple"))
     assert names["Apple"] == "Apple|1"
     assert names["Apple_2"] == "Apple|2|AppleSliced_1"
-
-
-def test_short_names_of_a_part_s_place_name_the_part():
-    sink = "Sink|+00.1|+00.9|+01.1|SinkBasin"
-    names = short_names((unit("Mug|1", "Mug", place_id=sink),), None)
-    assert names["SinkBasin"] == sink
 
 
 @given(units=UNITS)
@@ -378,10 +339,3 @@ def test_hints_stand_before_the_instruction_in_the_full_profile():
         '# "nuke" may mean heat (0.6)',
         "# Instruction: Nuke the beaker",
     ]
-
-
-@each_profile
-def test_prompt_without_hints_says_nothing_of_words(profile):
-    _, changing, _ = parts(profile, PlanRequest(instruction="go"))
-    assert "#words" not in changing
-    assert "may mean" not in changing

@@ -60,12 +60,15 @@ class Told:
     objects: Sequence[Mapping[str, Any]]  # the world's, afterwards
 
 
-def say(one: AskedRequest, resources: Resources, options: Mapping[str, Any]) -> Told:
+def say(
+    one: AskedRequest, resources: Resources, options: Mapping[str, Any], assistant: str = ""
+) -> Told:
     """Say one request to an agent of its own, whose world the judge watches."""
     with tempfile.TemporaryDirectory() as folder:
         agent = Agent(
-            one.scene, resources=resources, options=options, folder=Path(folder) / "t", maps=MAPS
-        )
+            one.scene, resources=resources, options=options, folder=Path(folder) / "t",
+            maps=MAPS, assistant=assistant,
+        )  # fmt: skip
         world, reply, error = agent._world, None, ""
         tracker = tracking(world, one.text, one.wanted)
         with watched(world, tracker) as changed:

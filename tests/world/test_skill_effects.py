@@ -17,9 +17,9 @@ from karma.household.places import FLOOR, HAND
 from karma.household.skill_effects import (
     SIDE_EFFECTS,
     SKILL_EFFECTS,
-    Beliefs,
+    BeliefState,
     Item,
-    Place,
+    ItemPlace,
     changes,
     unmet,
 )
@@ -110,10 +110,10 @@ class Room:
         truth = self.truth()
         held = next((Item(one) for one in truth.held_ids), None)
         carried = [one for one in truth.objects if one.pickupable]
-        places = {Item(one.object_id): Place(place_of(one) or "") for one in carried}
-        places |= {held: Place(HAND)} if held else {}
+        places = {Item(one.object_id): ItemPlace(place_of(one) or "") for one in carried}
+        places |= {held: ItemPlace(HAND)} if held else {}
         states = {Item(one.object_id): frozenset(one.states) for one in truth.objects}
-        return Beliefs(held, places, states)
+        return BeliefState(held, places, states)
 
 
 def is_true(truth, change):

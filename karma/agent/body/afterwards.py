@@ -15,7 +15,7 @@ from karma.household.ids import is_part, root_id, type_of
 from karma.household.pieces import EGG, base_type, goes_by, piece_type
 from karma.household.places import FLOOR, HAND
 from karma.household.saying import name_of, preposition, told_place
-from karma.household.skill_effects import Beliefs, Change, changes
+from karma.household.skill_effects import BeliefChange, BeliefState, changes
 from karma.household.states import END_STATES, SAID_AS
 from karma.household.uses import (
     BURNER,
@@ -64,7 +64,7 @@ class _Ends:
     switched: dict[str, _End] = field(default_factory=dict)
     doors: dict[str, _End] = field(default_factory=dict)
 
-    def note(self, change: Change, ok: bool, within: Collection[str]) -> None:
+    def note(self, change: BeliefChange, ok: bool, within: Collection[str]) -> None:
         """Take in one change; later ones undo earlier ones. `within`: where its object lies."""
         name, word = change.item.name, change.state
         if (place := change.place) is not None:
@@ -92,7 +92,7 @@ class _Ends:
 
 def _ends_of(calls: Iterable[SkillCall], results: Sequence[SkillResult]) -> _Ends:
     """Return what calls add up to; `results` are of those that were tried."""
-    ends, beliefs = _Ends(), Beliefs()
+    ends, beliefs = _Ends(), BeliefState()
     for number, call in enumerate(calls):
         result = results[number] if number < len(results) else None
         call = _with_ids(call, result.object_ids if result is not None else ())

@@ -1,4 +1,4 @@
-"""The writer: turns what happens in an episode into its step log, records and timing."""
+"""Write the events of an episode into its step log, records and timing."""
 
 from collections.abc import Generator, Iterable
 from dataclasses import dataclass
@@ -24,14 +24,14 @@ from karma.models.session import Cassette, Ledger
 
 
 class TimeLog:
-    """Collects what an episode took."""
+    """The durations of an episode."""
 
     def __init__(self) -> None:
         self.subtasks: list[SubTaskTiming] = []
         self.hosted_s: tuple[float, ...] = ()
 
     def of(self, record: EpisodeRecord) -> EpisodeTiming:
-        """Return the timing that belongs to the episode's record."""
+        """Return the timing of the episode's record."""
         return EpisodeTiming(
             row=record.row,
             task=record.task,
@@ -45,7 +45,7 @@ Written = Generator[AgentEvent, None, SubTaskRecord]
 
 
 def through(events: Written) -> SubTaskRecord:
-    """Return the record of an instruction that nobody watches."""
+    """Consume the events of an instruction and return its record."""
     while True:
         try:
             next(events)
@@ -56,7 +56,7 @@ def through(events: Written) -> SubTaskRecord:
 
 @dataclass(frozen=True, slots=True)
 class EpisodeWriter:
-    """What the instructions of one episode share."""
+    """Writes the instructions of an episode."""
 
     method: str  # its name
     world: World
@@ -65,12 +65,12 @@ class EpisodeWriter:
     cassette: Cassette
     steps: StepLog
     times: TimeLog
-    tours: dict[str, Tour]  # takes by room what made the maps that were used
+    tours: dict[str, Tour]  # receives the tour behind each map, by room
 
     def write(
         self, number: int, subtask: SubTask, room: str, events: Iterable[AgentEvent]
     ) -> Written:
-        """Write one instruction down while it is carried out; yields its events.
+        """Write an instruction while it is carried out; yield its events.
 
         Returns:
             The instruction's record.

@@ -15,7 +15,7 @@ from karma.household.containment import brings, fits_whole_or_cut, goes_in
 from karma.household.ids import is_position
 from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import FLOOR, HAND, LIKELY, STAND_CLOSED, SURFACES
-from karma.household.skill_effects import SIDE_EFFECTS, Beliefs, Item, apply
+from karma.household.skill_effects import SIDE_EFFECTS, BeliefState, Item, apply
 from karma.household.states import END_STATES, deed_for
 from karma.household.types import object_types
 
@@ -58,7 +58,7 @@ class _Draft:
     """A program being written, and what is believed after its last call."""
 
     view: ExpertView
-    beliefs: Beliefs
+    beliefs: BeliefState
     calls: list[SkillCall] = field(default_factory=list)
     taken: dict[str, NamedThing] = field(default_factory=dict)
     found: set[str] = field(default_factory=set)
@@ -218,7 +218,7 @@ def solve(goals: Sequence[Goal], view: ExpertView) -> tuple[SkillCall, ...]:
 
     They come true in their order; arguments are names of `view.things` or AI2-THOR types.
     """
-    draft = _Draft(view, Beliefs.holding(view.held.name if view.held is not None else None))
+    draft = _Draft(view, BeliefState.holding(view.held.name if view.held is not None else None))
     for subject, mine in _in_order(list(_by_subject(goals))):
         _satisfy(draft, subject, mine)
     return tuple(draft.calls)

@@ -13,7 +13,7 @@ from karma.contracts import SkillCall
 from karma.household.containment import fits_whole_or_cut
 from karma.household.places import FLOOR, HAND
 from karma.household.saying import spoken
-from karma.household.skill_effects import Beliefs, apply, changes
+from karma.household.skill_effects import BeliefState, apply, changes
 from karma.household.types import WIDEST, object_types, types_with
 from karma.household.uses import BIN, KNIVES, TAP_OF, TAPS, kind_of
 
@@ -69,7 +69,7 @@ def _sought(calls: Iterable[SkillCall]) -> set[tuple[str, str]]:
 def _moved(calls: Iterable[SkillCall], *, changed: Collection[str]) -> dict[str, tuple[str, ...]]:
     """Return where objects are put; those only taken to be changed have no place."""
     moved: dict[str, tuple[str, ...]] = {}
-    beliefs = Beliefs()
+    beliefs = BeliefState()
     for call in calls:
         call = replace(call, objects=tuple(map(kind_of, call.objects)), turn=0)
         for item, _, place, _ in changes(call, beliefs):

@@ -16,7 +16,7 @@ from karma.contracts import Area, Skill, SkillCall
 from karma.household.containment import fits_whole_or_cut, goes_in, vessels
 from karma.household.ids import short_type, type_of
 from karma.household.places import FLOOR, LIKELY, SURFACES
-from karma.household.skill_effects import Beliefs, Item, apply, outcome, unmet
+from karma.household.skill_effects import BeliefState, Item, apply, outcome, unmet
 from karma.household.types import WIDEST, object_types
 from karma.household.uses import KNIVES, SWITCHED_BY_A_PART
 
@@ -51,7 +51,7 @@ def mend(
     `shut` those that memory has in something closed, `cut` as sliced; `running` are types of things
     that were seen to run.
     """
-    found, mended, beliefs = set(known), list[SkillCall](), Beliefs.holding(held)
+    found, mended, beliefs = set(known), list[SkillCall](), BeliefState.holding(held)
     for call in _without_cuts(calls, cut):
         name, hand = call.objects[-1], beliefs.held.name if beliefs.held is not None else None
         if hand == name and call.skill in (*WAYS, "PickupObject"):
@@ -77,7 +77,7 @@ def mend(
 
 def _switched_off(calls: Iterable[SkillCall], running: Collection[str]) -> Iterator[SkillCall]:
     """Yield a program in which what runs is switched off before its door or lid is moved."""
-    beliefs = Beliefs(states={Item(kind): frozenset(("on",)) for kind in running})
+    beliefs = BeliefState(states={Item(kind): frozenset(("on",)) for kind in running})
     for call in calls:
         plain = replace(call, objects=tuple(map(short_type, call.objects)), turn=0)
         if "off" in unmet(plain, beliefs):
@@ -153,7 +153,7 @@ def objection(
 
     What would help is `known`.
     """
-    beliefs = Beliefs.holding(held)
+    beliefs = BeliefState.holding(held)
     for number, call in enumerate(calls):
         if reason := _refused(call, beliefs):
             lasting, advice = _lasts(reason, call), _help(call, known)
@@ -171,7 +171,7 @@ def _help(call: SkillCall, known: Collection[str]) -> str:
     return goes_where(thing, call.objects[1], places) if asked and known else ""
 
 
-def _refused(call: SkillCall, beliefs: Beliefs) -> str:
+def _refused(call: SkillCall, beliefs: BeliefState) -> str:
     """Return why a call cannot work, or "" where it can."""
     if call.skill == "ThrowObject":
         return ""

@@ -34,10 +34,12 @@ from karma.household.ids import short_type, type_of
 from karma.household.places import OVERLOOKED, STAND_CLOSED, landmark_types
 from karma.household.types import object_types
 
+MIN_REFUSAL_CHANCE = 0.6  # by the model; below it a program is asked for instead
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Planner:
-    """One model with its prompt profile, see `karma.agent.planning.prompt.PROFILES`."""
+    """A model with its prompt profile, see `karma.agent.planning.prompt.PROFILES`."""
 
     model: LanguageModel
     profile: str
@@ -60,17 +62,20 @@ class Planner:
     def plan(self, request: PlanRequest) -> Iterator[Plan]:
         """Ask until an answer parses and could work, at most `attempts` times; yields every answer.
 
-        The last answer only has to parse: the world may know better than the type table. But where
-        every answer ended in the same impossible action, a planner that may refuse does.
+        The last answer only has to parse: the world may know better than the type table. If every
+        answer ended in the same impossible action, a planner that may refuse the request does so.
         """
         request = self._prepared(request)
         refusing = self.decoding.refusing
-        reasons: set[str] = set()  # why the answers could not work; "" for one that is not lasting
+        reasons: set[str] = set()  # why answers could never work; "" for a passing reason
         for attempt in range(self.decoding.attempts):
             is_last = attempt == self.decoding.attempts - 1
             answer = self._ask(request, attempt, refusing=refusing)
             if not answer.calls and answer.error.endswith(KNOWN):
                 refusing = False
+            if _is_unsure(answer) and not request.failures:
+                yield answer
+                answer = self._ask(request, attempt, refusing=False)
             if answer.refused and request.advice.checker and not is_last:
                 answer, refusing = _asked_again(answer, request)
             lasting = ""
@@ -115,7 +120,7 @@ class Planner:
         return replace(answer, error="", failure=None)
 
     def _ask(self, request: PlanRequest, attempt: int, *, refusing: bool) -> Plan:
-        """Return one answer of the model, parsed."""
+        """Ask the model once and parse its answer."""
         decoding = self.decoding
         rendered = render(self.profile, request, refusing=refusing)
         skills = skills_of(self.profile)
@@ -152,7 +157,7 @@ class Planner:
         )
 
 
-# ----------------------------------------------------------------- what is checked of an answer
+# ----------------------------------------------------------------- checks of an answer
 
 
 def inspected(answer: Plan, request: PlanRequest) -> tuple[Plan, str]:
@@ -178,12 +183,12 @@ def inspected(answer: Plan, request: PlanRequest) -> tuple[Plan, str]:
 
 
 def _held_name(answer: Plan, request: PlanRequest) -> str | None:
-    """Return the prompt's name of what is in the hand."""
+    """Return the prompt's name of the held object."""
     return next((name for name, id_ in answer.names.items() if id_ == request.held_id), None)
 
 
 def _checked(answer: Plan, request: PlanRequest) -> tuple[Plan, str]:
-    """Return an answer as the checker has it, without its program where it objects, and why."""
+    """Return an answer after the checker, without its program if it objects, and the reason."""
     checker = request.advice.checker
     if checker is None or not answer.calls:
         return answer, ""
@@ -208,23 +213,30 @@ def _own_program(answer: Plan, request: PlanRequest) -> Plan | None:
     return own if own.calls and own.failure is None else None
 
 
+def _is_unsure(answer: Plan) -> bool:
+    """Return whether the model gave its refusal little more chance than a program."""
+    certainty = answer.completion.certainty
+    chance = certainty.refusing if certainty is not None else None
+    return answer.refused is not None and chance is not None and chance < MIN_REFUSAL_CHANCE
+
+
 def _asked_again(answer: Plan, request: PlanRequest) -> tuple[Plan, bool]:
     """Return a refusal as it stands or objected to, and whether the next answer may refuse.
 
-    What was parsed is said again in plain words; where the words contradict the refusal, the next
-    answer may not refuse.
+    The next prompt has the instruction in plain words. If the checker contradicts the refusal, the
+    next answer may not refuse.
     """
     advice, refused = request.advice, answer.refused
     wrongly = bool(advice.checker and refused and advice.checker.contradicts(refused))
     if not wrongly and advice.plain in ("", request.instruction):
-        return answer, True  # it cannot be said more plainly than it was
+        return answer, True  # there are no plainer words
     reason = "the request was read: it is said again in plain words"
     failure = FailedProgram(lines=(answer.completion.text.strip(),), failed=0, reason=reason)
     return replace(answer, refused=None, error=reason, failure=failure), not wrongly
 
 
 def by_no_model(text: str = "") -> Completion:
-    """Return what stands for an answer where no model is asked."""
+    """Return the completion of an answer that no model gave."""
     return Completion(
         text=text, finish="stop", prompt_tokens=0, reused_tokens=0, completion_tokens=0,
         first_token_s=None, total_s=0.0,
@@ -245,13 +257,13 @@ def _read(completion: Completion, skills: Sequence[Skill], *, refusing: bool) ->
 
 
 def _no_program(lines: tuple[str, ...], failed: int | None, reason: str) -> Recovered:
-    """Return that an answer is no program that can be carried out."""
+    """Return the failure of an answer without an executable program."""
     failure = FailedProgram(lines=lines, failed=failed, reason=reason)
     return Recovered(error=reason, failure=failure)
 
 
 def _done_for(answer: Recovered, request: PlanRequest, names: Mapping[str, str]) -> Recovered:
-    """Return the program for an answer that says goals."""
+    """Return the program for an answer of goal lines."""
     calls = program_for(answer.calls, request.units, names)
     if calls:
         return replace(answer, calls=calls)
@@ -259,13 +271,13 @@ def _done_for(answer: Recovered, request: PlanRequest, names: Mapping[str, str])
 
 
 def _refused(answer: Plan, kind: RefusalKind, by: Literal["guard", "inspector"], why: str) -> Plan:
-    """Return the refusal of a request that no program of an answer would carry out."""
+    """Return an answer that refuses the request."""
     refused = RefusedRequest(kind=kind, by=by, words=(why,))
     return replace(answer, calls=(), error="", failure=None, refused=refused)
 
 
 def _objected(answer: Plan, line: int, reason: str, error: str = "") -> Plan:
-    """Return a plan with what is wrong with a line of its program."""
+    """Return a plan with the objection to a line of its program."""
     failure = FailedProgram(lines=tuple(map(str, answer.calls)), failed=line, reason=reason)
     return replace(answer, error=error or reason, failure=failure)
 
@@ -284,10 +296,10 @@ def program_spec(
     *,
     refusing: bool = False,
 ) -> ProgramSpec:
-    """Return the language of programs: what memory names, and types that can be searched for.
+    """Return the language of programs: names in memory, and types that a search can find.
 
     Furniture that the map does not show is not there: a robot that has seen the room once has seen
-    its sofa, though perhaps not its light switch. Nor is what was just searched for in vain.
+    its sofa, though perhaps not its light switch. Objects of a failed search are excluded, too.
     """
     known = {kind for area in request.areas for kind in area.contains}
     searchable = {name for name, kind in object_types().items() if not kind.made_by_slicing}
@@ -306,7 +318,7 @@ def grounded(calls: Sequence[SkillCall], names: Mapping[str, str]) -> tuple[Skil
     """Put object ids in place of the prompt's short names; types stay as they are.
 
     A receptacle with a number in its name is meant exactly: who writes `Cabinet_2` wants no other.
-    The second of two things that the program calls by one name stays a type, too.
+    The second of two objects that the program calls by the same name stays a type, too.
     """
     return tuple(_grounded(call, names) for call in with_turns(calls))
 

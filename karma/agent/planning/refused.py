@@ -1,4 +1,4 @@
-"""A planner's refusals of a request: what in it was not understood, and which cannot be.
+"""Refusals of a request by a planner: the unknown phrases, and refusals that are wrong.
 
 The words for people are in `refusal_text`; refusals of a skill by the world in
 `karma.agent.body.refusals`.
@@ -14,20 +14,20 @@ from karma.language.hints import bare_words, singular
 from karma.language.phrases import phrases_of
 
 NEAR = 0.6  # cosine from which on a phrase has a meaning here
-KNOWN = "known, so the request is not refused for that"  # ends why a refusal cannot be
+KNOWN = "known, so the request is not refused for that"  # ends the reason why a refusal is wrong
 
 
 def with_words(refused: RefusedRequest, request: PlanRequest) -> RefusedRequest:
-    """Return a refusal with the phrases of the request that no meaning here is near to."""
+    """Return a refusal with the phrases of the request that are far from all known meanings."""
     deeds = refused.kind == "deed"
     far = [hint for hint in request.hints if _is_deed(hint) == deeds and nearness(hint) < NEAR]
     return replace(refused, words=tuple(hint.phrase for hint in far))
 
 
 def cannot_be(refused: RefusedRequest, request: PlanRequest) -> str:
-    """Return why a refusal is none: "I know of no such thing" of things that are known; else "".
+    """Return why a refusal is wrong, or "": every object that the request names is known.
 
-    All that the request names has to be a type by its name, and furniture to be on the map.
+    Each name has to be that of a type, and furniture has to be on the map.
     """
     named = [singular(" ".join(bare_words(one.text.lower().split())))
              for one in phrases_of(request.instruction).nouns]  # fmt: skip

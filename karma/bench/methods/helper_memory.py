@@ -7,7 +7,7 @@ from karma.agent.planning.program import DOOR_AFTER
 from karma.bench.methods.baseline import RoomMemory
 from karma.contracts import Experience, SeenObject, SkillCall
 from karma.household.pieces import base_type, goes_by, is_piece
-from karma.household.skill_effects import Beliefs, Item, unmet
+from karma.household.skill_effects import BeliefState, Item, unmet
 from karma.household.types import object_types
 from karma.household.uses import KNIVES, covers
 
@@ -94,7 +94,7 @@ def without_object(
     name = call.objects[-1]
     means_held = held is not None and goes_by(name, held.object_id, held.object_type)
     hand = name if means_held else (held.object_id if held is not None else None)
-    needs = unmet(call, Beliefs.holding(hand))
+    needs = unmet(call, BeliefState.holding(hand))
     if "empty hand" in needs and held is not None:
         return [_put_down(held, memory)]
     if "knife" in needs:
@@ -114,7 +114,7 @@ def with_object(call: SkillCall, memory: ObjectMemory) -> list[SkillCall]:
     one = memory.seen.get(name)
     if one is None:
         return []
-    needs = unmet(call, Beliefs(states={Item(name): frozenset(one.states)}))
+    needs = unmet(call, BeliefState(states={Item(name): frozenset(one.states)}))
     if "opened" in needs:
         return [SkillCall.of("OpenObject", name)]
     return [SkillCall.of("CloseObject", name)] if "closed" in needs else []

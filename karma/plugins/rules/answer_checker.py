@@ -1,4 +1,4 @@
-"""The hook of the core's planner: answers are held to what the words of a request ask for."""
+"""Check a planner's answers against a parsed request: the hook of the core's planner."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ _LOOSE_AFTER = 2  # failed answers after which a mug will do for a cup
 
 
 def advice_for(asked: Request | None, only: Mapping[str, str] | None = None) -> Advice:
-    """Return what the planner is told of a parsed request; `only`: type -> id of what is meant."""
+    """Return the advice for a parsed request; `only`: type -> id of the single admitted object."""
     if asked is None:
         return Advice(only=only or {})
     return Advice(
@@ -30,12 +30,12 @@ def advice_for(asked: Request | None, only: Mapping[str, str] | None = None) -> 
 
 @dataclass(frozen=True, slots=True)
 class RequestAnswerChecker:
-    """Holds a planner's answers to one parsed request."""
+    """Checks a planner's answers against a parsed request."""
 
     asked: Request
 
     def contradicts(self, refused: RefusedRequest) -> bool:
-        """Return whether the words say otherwise than a refusal."""
+        """Return whether the words contradict a refusal."""
         asked = self.asked
         match refused.kind:
             case "negated":
@@ -50,7 +50,7 @@ class RequestAnswerChecker:
     def check(
         self, calls: Sequence[SkillCall], request: PlanRequest, names: Mapping[str, str]
     ) -> tuple[tuple[SkillCall, ...], str]:
-        """Return a program, or the part of it that was asked for, and why none of it was."""
+        """Return a program or its requested part, and the objection if no part is requested."""
         guard, exact = Guard(self.asked, known_here(request)), len(request.failures) < _LOOSE_AFTER
 
         def reason(some: Sequence[SkillCall]) -> str:
@@ -75,7 +75,7 @@ class RequestAnswerChecker:
 
 
 def fields_of(asked: Request) -> list[str]:
-    """Return what the words of a request were parsed as, action by action, then exclusions."""
+    """Return the parsed actions of a request, then its exclusions, a line each."""
     flat = [replace(deed, things=(one,)) for deed in asked.deeds for one in deed.things]
     known = [deed for deed in flat if deed.deed and deed.things[0].types]
     lines = [said(deed, plain=True) for deed in known]

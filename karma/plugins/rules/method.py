@@ -31,7 +31,7 @@ def reader_of(embedder: Embedder | None) -> RequestReader:
 
 
 def joined(requests: Sequence[Request]) -> Request | None:
-    """Return the sentences of one instruction as one request; None where nothing is said."""
+    """Join the sentences of an instruction to a request, or return None for an empty text."""
     if not requests:
         return None
     requests = context_left_out(requests)
@@ -53,7 +53,7 @@ def joined(requests: Sequence[Request]) -> Request | None:
 
 @dataclass(frozen=True, eq=False)
 class RulesMethod:
-    """KARMA whose programs are held against the words of the request, before and afterwards."""
+    """KARMA with a parser and a checker of English requests."""
 
     settings_kind: ClassVar[type] = KarmaSettings
     karma: KarmaMethod
@@ -76,7 +76,7 @@ class RulesMethod:
 
 
 class RulesEpisode:
-    """One agent whose instructions are parsed and carried out as they were said."""
+    """An agent whose instructions are parsed before it carries them out."""
 
     def __init__(self, agent: Agent, reader: RequestReader) -> None:
         self.agent, self._reader = agent, reader
@@ -89,7 +89,7 @@ class RulesEpisode:
         self.agent.enter(scene)
 
     def do(self, subtask: SubTask) -> Iterator[AgentEvent]:
-        """Parse an instruction and carry it out; yields what happens, the report last."""
+        """Parse an instruction and carry it out; yield answers, results and the report."""
         self._earlier.decided.clear()
         asked = joined(self._reader.read(subtask.instruction, self._mentioned, self._deeds))
         if asked is None:
@@ -97,7 +97,7 @@ class RulesEpisode:
             return
         self._mentioned = tuple(one for one in asked.mentions if one.types) or self._mentioned
         self._deeds = asked_last(asked, self._deeds)
-        yield from self.agent.do(
+        yield from self.agent.execute(
             subtask,
             lambda session: RequestExecutor(
                 session, asked, self._earlier, Progress(), subtask

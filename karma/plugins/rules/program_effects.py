@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from karma.contracts import SkillCall
 from karma.household.places import FLOOR, HAND
-from karma.household.skill_effects import Beliefs, Change, Item, changes
+from karma.household.skill_effects import BeliefChange, BeliefState, Item, changes
 from karma.household.uses import BIN, kind_of, switch_of
 
 _DEEDS: Mapping[str, tuple[str, ...]] = MappingProxyType({
@@ -25,7 +25,7 @@ _DOORS = {"opened": "open", "closed": "close"}
 class ProgramEffects:
     """What a program adds up to; kinds are types of wholes (`kind_of`)."""
 
-    beliefs: Beliefs  # after the last call
+    beliefs: BeliefState  # after the last call
     began: Item | None = None  # what was held before
     near: set[Item] = field(default_factory=set)  # put beside it, not in or on it
     passed: dict[Item, list[str]] = field(default_factory=dict)  # kinds of all places, in order
@@ -72,7 +72,7 @@ class ProgramEffects:
 
 def effects_of(calls: Sequence[SkillCall], held: str | None = None) -> ProgramEffects:
     """Return what a program brings about."""
-    beliefs = Beliefs.holding(held)
+    beliefs = BeliefState.holding(held)
     found = ProgramEffects(beliefs, began=beliefs.held)
     for call in calls:
         found.visited.update(map(kind_of, call.objects))
@@ -83,7 +83,7 @@ def effects_of(calls: Sequence[SkillCall], held: str | None = None) -> ProgramEf
     return found
 
 
-def _note(found: ProgramEffects, change: Change) -> None:
+def _note(found: ProgramEffects, change: BeliefChange) -> None:
     item, kind = change.item, kind_of(change.item.name)
     if (place := change.place) is not None:
         there = kind_of(place.name)

@@ -1,4 +1,4 @@
-"""What a request changed besides is undone: doors are shut, what ran is off, tools lie again."""
+"""Undo the side effects of a request: shut doors, switch off devices, put tools back."""
 
 from collections.abc import Iterable, Iterator
 
@@ -12,7 +12,7 @@ from karma.plugins.rules.types import Request, SaidDeed
 
 
 def put_back(asked: Request, session: Session) -> Iterator[SkillResult]:
-    """Undo what nobody asked for, as far as the world lets it; what it refuses is left."""
+    """Undo all changes that the request does not ask for, as far as the world allows."""
     for call in _tool_put_down(asked, session):
         yield session.call(call)
     for name, skill in reversed(list(session.remembered().left.items())):
@@ -21,7 +21,7 @@ def put_back(asked: Request, session: Session) -> Iterator[SkillResult]:
 
 
 def _tool_put_down(asked: Request, session: Session) -> Iterator[SkillCall]:
-    """Yield what puts a tool that is still held back to where it was taken from."""
+    """Yield the calls that return a held tool to the receptacle it was taken from."""
     known = session.remembered()
     held = known.held
     place = known.taken.get(held.object_id) if held is not None else None
@@ -39,7 +39,7 @@ def _tool_put_down(asked: Request, session: Session) -> Iterator[SkillCall]:
 
 
 def _is_wanted(asked: Request, name: str, skill: str) -> bool:
-    """Return whether a door was to be open, or something to run."""
+    """Return whether the request wants a door open or a device running."""
     deeds = ("open",) if skill == "CloseObject" else ("on", "look")
     against = "close" if skill == "CloseObject" else "off"
     kept = [deed for deed in asked.forbidden if deed.deed == against]
@@ -54,5 +54,5 @@ def _is_wanted(asked: Request, name: str, skill: str) -> bool:
 
 
 def _kinds(deeds: Iterable[SaidDeed]) -> set[str]:
-    """Return the kinds of things that some deeds are about."""
+    """Return the object types of some actions."""
     return {kind_of(kind) for deed in deeds for thing in deed.things for kind in thing.types}

@@ -6,7 +6,7 @@ from itertools import combinations
 from karma.agent.planning.program import WAYS
 from karma.agent.planning.turns import with_turns
 from karma.contracts import SkillCall
-from karma.household.skill_effects import Beliefs, outcome
+from karma.household.skill_effects import BeliefState, outcome
 from karma.household.uses import kind_of
 
 
@@ -19,10 +19,10 @@ def trimmed(
     is cut leaves nothing in the hand that the whole would have put down.
     """
     numbered = with_turns(calls)
-    hands = (None, outcome(numbered, Beliefs()).held)
+    hands = (None, outcome(numbered, BeliefState()).held)
     for left_out in _parts(numbered):
         rest = _without(calls, left_out)
-        if rest and outcome(with_turns(rest), Beliefs()).held in hands and not objection(rest):
+        if rest and outcome(with_turns(rest), BeliefState()).held in hands and not objection(rest):
             also = _ways_to_nothing(calls, left_out)
             less = _without(calls, left_out | also)
             rest = less if less and not objection(less) else rest

@@ -90,6 +90,7 @@ def _out_of_reach(
 # filled as places are looked from
 _vantages: Derived[dict[_Place, _Vantage]] = Derived(lambda objects: {}, patch=_out_of_reach)
 
+
 def camera(pose: Pose) -> Vec3:
     """Return the camera's place, metres."""
     x, y, z = pose.position_m

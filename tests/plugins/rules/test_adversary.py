@@ -73,7 +73,7 @@ class Played:
 
 
 def play(one, resources):
-    told = say(one, resources, {})
+    told = say(one, resources, {}, assistant="rules")
     harmed = frozenset(
         key for key, states in states_of(told.objects).items()
         if states[3] == "True" or states[4] == "True" or "GarbageCan" in states[-1]
