@@ -1,6 +1,7 @@
 """A plug-in that is not what its role asks for is named at load, with its package."""
 
 import sys
+from importlib.metadata import EntryPoints
 
 import pytest
 
@@ -68,3 +69,18 @@ def test_plugin_that_is_not_its_role_is_named_with_package_and_lack(role, name, 
     assert all(part in str(told.value) for part in (name, value, lack, "To fix"))
     assert "planted-package" in str(told.value)
     assert len(str(told.value).splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("role", "name"),
+    [
+        (role, name)
+        for role, plugins in registry._PLUGIN_NAMES.items()
+        for names in plugins.values()
+        for name in names
+    ],
+)
+def test_name_of_a_plug_in_that_is_missing_names_its_extra(monkeypatch, role, name):
+    monkeypatch.setattr(registry, "_installed", EntryPoints)
+    with pytest.raises(UnknownNameError, match=r"pip install 'karma-offline\[\w+\]'"):
+        registry.load(role, name)

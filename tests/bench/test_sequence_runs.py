@@ -41,8 +41,8 @@ def write_experiment(folder, planner, seeds="[0]"):
     path.write_text(
         f'name = "x"\ntasks = "{folder / "tasks.jsonl"}"\nseeds = {seeds}\n'
         '[[rows]]\nname = "expert"\nmethod = "expert"\n'
-        '[[rows]]\nname = "KARMA"\noptions = { attempts = 1, recall_k = 3 }\n'
-        '[[rows]]\nname = "memory off"\noptions = { attempts = 1, short_term = false }\n'
+        '[[rows]]\nname = "KARMA"\noptions = { recall_k = 3 }\n'
+        '[[rows]]\nname = "memory off"\noptions = { short_term = false }\n'
         f'[models]\nplanner = "{planner}"\nprofile = "compact"\n'
     )
     return path

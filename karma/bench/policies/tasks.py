@@ -153,7 +153,7 @@ def grammar_pool(seed: int, *, scenes: int = GRAMMAR_SCENES, tasks: int = GRAMMA
 
 
 def _errand(rng: Rng, scene: str, room: str, here: Sequence[str]) -> Errand:
-    """Draw a task: move an object, a third of the time in a vessel, cut, or under a lamp."""
+    """Sample a task: move an object, a third of the time in a vessel, cut, or under a lamp."""
     movable, lit = types_with("pickupable"), types_with("toggleable")
     subject = _pick(rng, [one for one in here if one in movable])
     ends = [one for one in here if one not in (*movable, FLOOR) and goes_in(subject, one)]

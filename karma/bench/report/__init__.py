@@ -1,1 +1,1 @@
-"""A run as one page without scripts: tables, plots, and replayed episodes."""
+"""Report pages without scripts: tables, plots and replayed episodes."""

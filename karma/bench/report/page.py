@@ -25,9 +25,9 @@ def render(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> st
     is_talk = all(record.kind == SAID for record in run.records)
     turns = read_turns(run.folder)
     first = main_sheets(result)
-    anchors = {episode_key(one.record): f"episode-{n}" for n, one in enumerate(replays)}
-    failed = next((one for one in replays if one.first_failed is not None), None)
-    actions = sum(one.actions for one in replays)
+    anchors = {episode_key(shown.record): f"episode-{n}" for n, shown in enumerate(replays)}
+    failed = next((shown for shown in replays if shown.first_failed is not None), None)
+    actions = sum(shown.actions for shown in replays)
     return fill(
         "page.html.j2",
         title=run.header.name,
@@ -43,7 +43,7 @@ def render(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> st
         conversation=_conversation(turns) if turns else None,
         replays=replays,
         actions=actions,
-        same=actions - sum(len(one.differing) for one in replays),
+        same=actions - sum(len(shown.differing) for shown in replays),
         failed=failed,
         facts=facts_of(run.header),
     )
@@ -61,9 +61,9 @@ def _size(records: Sequence[EpisodeRecord]) -> str:
 
 def _failed(failures: Sequence[Failure]) -> Iterator[Sheet]:
     lines = tuple(
-        (one.row, one.task, str(one.seed), one.instruction, one.cause, one.why)
-        for one in failures
-        if one.is_first
+        (case.row, case.task, str(case.seed), case.instruction, case.cause, case.why)
+        for case in failures
+        if case.is_first
     )
     if lines:
         yield Sheet(
@@ -90,7 +90,7 @@ def _conversation(turns: Sequence[Turn]) -> Sheet:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskCell:
-    """One task of one method over the seeds; `shown` is the first that failed, else the first."""
+    """Result of a method on a task; `shown` is the first failed episode, or the first episode."""
 
     text: str
     shown: EpisodeRecord | None = None
@@ -98,17 +98,17 @@ class TaskCell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskLine:
-    """One task."""
+    """Results of all methods on a task."""
 
     task: str
     kind: str
     instructions: str
     unjudged: str  # why nobody can be judged by it
-    cells: tuple[TaskCell, ...]  # one a method
+    cells: tuple[TaskCell, ...]  # in the order of the methods
 
 
 def _tasks(records: Sequence[EpisodeRecord]) -> list[TaskLine]:
-    """Return a line per task in the order in which tasks appear."""
+    """Return a line per task, in order of appearance."""
     by_task: dict[str, list[EpisodeRecord]] = {}
     for record in records:
         by_task.setdefault(record.task, []).append(record)
@@ -126,7 +126,7 @@ def _task(records: Sequence[EpisodeRecord], rows: Sequence[str]) -> TaskLine:
         kind=longest.kind,
         instructions=f"{len(words)} instructions: {shown} …" if more else shown,
         unjudged=longest.unjudged,
-        cells=tuple(_cell([one for one in records if one.row == row]) for row in rows),
+        cells=tuple(_cell([record for record in records if record.row == row]) for row in rows),
     )
 
 
@@ -150,7 +150,7 @@ def _cell(records: Sequence[EpisodeRecord]) -> TaskCell:
 
 
 def facts_of(run_header: Any) -> Facts:
-    """Return what a run depends on: groups of names and values."""
+    """Return the facts of a run's header: groups of names and values."""
     header: dict[str, Any] = msgspec.to_builtins(run_header)
     groups = {name: value for name, value in header.items() if isinstance(value, dict) and value}
     plain = {name: value for name, value in header.items() if not isinstance(value, dict)}

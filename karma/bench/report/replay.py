@@ -1,6 +1,6 @@
-"""Repeat logged actions in the embedded world: what the agent saw, and whether they went as logged.
+"""Replay step logs in the embedded world, with pictures, and count the actions that differ.
 
-A log is read as instructions, attempts at them (one per program) and skill calls.
+A log is read as instructions, attempts (each with a program) and skill calls.
 """
 
 import hashlib
@@ -49,7 +49,7 @@ def choose(records: Sequence[EpisodeRecord], wanted: str) -> list[EpisodeRecord]
     """
     if wanted == "all":
         return list(records)
-    named = [one for one in records if wanted in (one.task, episode_key(one))]
+    named = [record for record in records if wanted in (record.task, episode_key(record))]
     if named:
         return named
     if not wanted.isdecimal():
@@ -80,7 +80,7 @@ def _in_turn(records: Sequence[EpisodeRecord]) -> list[EpisodeRecord]:
 
 @dataclass(slots=True, kw_only=True)
 class ReplayedCall:
-    """A skill call, or actions that belong to none."""
+    """A skill call with its pictures."""
 
     text: str = ""
     ok: bool = True
@@ -91,7 +91,7 @@ class ReplayedCall:
 
 @dataclass(slots=True, kw_only=True)
 class Attempt:
-    """One program and the calls it led to; `plan` is None before the planner answered."""
+    """A program and its skill calls; `plan` is None before the planner answered."""
 
     plan: steps.Planned | None = None
     calls: list[ReplayedCall] = field(default_factory=list)
@@ -99,7 +99,7 @@ class Attempt:
 
 @dataclass(slots=True, kw_only=True)
 class ReplayedInstruction:
-    """One instruction: what was known, answered and done."""
+    """An instruction with memory before and after it, and its attempts."""
 
     instruction: str
     scene: str
@@ -119,7 +119,7 @@ class ReplayedInstruction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeReplay:
-    """One episode that was replayed."""
+    """A replayed episode."""
 
     record: EpisodeRecord
     instructions: tuple[ReplayedInstruction, ...]
@@ -129,7 +129,7 @@ class EpisodeReplay:
     @property
     def first_failed(self) -> int | None:
         """The number of the first instruction that failed, from 0."""
-        failed = (n for n, one in enumerate(self.instructions) if one.failed)
+        failed = (n for n, part in enumerate(self.instructions) if part.failed)
         return None if self.record.success else next(failed, None)
 
 
@@ -144,9 +144,9 @@ def replays(
     Raises:
         FileError: a log or a scene is damaged.
     """
-    logged = [one for one in records if steps_path(run.folder, *one.key).exists()]
+    logged = [record for record in records if steps_path(run.folder, *record.key).exists()]
     if choice == "auto":
-        calls = sum(len(sub.calls) for one in logged for sub in one.subtasks)
+        calls = sum(len(sub.calls) for record in logged for sub in record.subtasks)
         choice = "calls" if calls <= MAX_PICTURED_CALLS else "ends"
     for record in logged:
         lines = read_steps(steps_path(run.folder, *record.key))
@@ -157,7 +157,7 @@ def replays(
 def replay(
     lines: Sequence[steps.Step], record: EpisodeRecord, folder: Path, choice: FrameChoice
 ) -> EpisodeReplay:
-    """Replay one log; a log that breaks off is replayed as far as it goes."""
+    """Replay a log up to its end, or to where the episode broke off."""
     replayer = _Replayer(folder, choice)
     for line in lines:
         replayer.take(line)
@@ -170,7 +170,7 @@ def replay(
 
 
 class _Replayer:
-    """The replay of one log so far."""
+    """Builds the replay of a log, line by line."""
 
     def __init__(self, folder: Path, choice: FrameChoice) -> None:
         self._folder, self._choice = folder, choice
@@ -182,7 +182,7 @@ class _Replayer:
         self.differing: list[int] = []
 
     def take(self, line: steps.Step) -> None:
-        """Take in one line of the log."""
+        """Process a line of the log."""
         match line:
             case steps.Start() | steps.Enter():
                 self._scene = line.scene

@@ -4,10 +4,13 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
+from importlib.util import find_spec
 from typing import Any
 
+from karma.errors import KarmaError
 from karma.models.manifest import resolve_folder
 from karma.plugins.rules.types import Word
+from karma.registry import fix_of
 
 NAME = "en-core-web-sm"
 _UNUSED = ("ner", "senter")
@@ -18,10 +21,13 @@ class SpacyParser:
     """A parser of English, named as in the manifest; one thread.
 
     Raises:
+        KarmaError: spaCy is not installed.
         ModelError: a file is missing or is not the one that the manifest names.
     """
 
     def __init__(self, name: str = NAME) -> None:
+        if find_spec("spacy") is None:
+            raise KarmaError(f"requests are parsed by spaCy, which is missing\n  {fix_of('rules')}")
         self.name = name
         self._folder = resolve_folder(name, "parser").path
 
