@@ -377,7 +377,7 @@ class RefusedRequest:
     """A request that is not carried out, and why; it stands in place of a program."""
 
     kind: RefusalKind
-    by: Literal["planner", "inspector", "guard"] = "planner"
+    by: Literal["planner", "doubt", "inspector", "guard"] = "planner"  # doubt: until 0.3.0
     words: tuple[str, ...] = ()  # of the request, that nothing here is meant by
 
     def __str__(self) -> str:

@@ -156,7 +156,7 @@ class Agent:
             self._keeper = Keeper(place, self.scene, row, named, loaded)
             self._maps = maps
             self._begin(seed)
-            # a cycle would keep the home locked until garbage is collected
+            # without a cycle, so that folders are free as soon as nobody has the agent
             self.assistant: Assistant[Any] = kind(proxy(self))
             failed.pop_all()
 

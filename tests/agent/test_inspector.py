@@ -3,16 +3,10 @@
 import re
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from karma.agent.planning.inspector import mend, objection
-from karma.agent.planning.program import SKILLS, parse_program
+from karma.agent.planning.program import parse_program
 from karma.contracts import Area, SkillCall
-from karma.plugins.training.drawing.memories import KnownRoom
-from karma.plugins.training.drawing.phrases import our_book
-from karma.plugins.training.samples import draw
-from karma.seeds import stream
 
 NODES = (
     Area(name="node_1", position_m=(0, 0, 0), contains=("Toilet",)),
@@ -107,12 +101,3 @@ def test_program_is_mended(written, wanted, facts):
 def test_line_that_cannot_work_is_named(program, held, reason):
     found = str(objection(parse_program(program), held=held))
     assert found.startswith(program) and reason in found
-
-
-@given(number=st.integers(0, 300))
-def test_mending_twice_changes_nothing_more(number):
-    room = KnownRoom(name="bare", areas=(), movables=("Apple", "Knife", "Mug", "Plate", "Bread"))
-    example = draw(stream(number, "inspector"), room, our_book(), mapped=False)
-    once = mend(parse_program(example.program), known=())
-    assert mend(once, known=()) == once
-    assert {call.skill for call in once} <= {skill.name for skill in SKILLS}

@@ -1,7 +1,9 @@
 """What people are told of a refused request, and refusals by the table of types."""
 
+import msgspec
 import pytest
 
+from karma.agent.journal.records import Answer
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.refusal_text import sentence
 from karma.agent.planning.refused import nearness, with_words
@@ -66,3 +68,11 @@ def test_request_is_tried_where_answers_are_not_all_equally_impossible(answers, 
     last = plans(answers, **decoding)[-1]
     assert last.refused is None
     assert last.calls
+
+
+def test_answer_of_0_3_0_that_was_refused_by_doubt_is_still_read():
+    line = (
+        b'{"program": "x", "error": "", "finish": "stop", "prompt_tokens": 1, "doubt": 0.9,'
+        b' "completion_tokens": 1, "refused": {"kind": "thing", "by": "doubt", "words": []}}'
+    )
+    assert msgspec.json.decode(line, type=Answer).refused.by == "doubt"

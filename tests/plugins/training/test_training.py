@@ -10,6 +10,7 @@ from dataclasses import replace
 import pytest
 from support.paths import ROOT
 
+from karma.agent.planning.inspector import mend, narrowed
 from karma.agent.planning.planner import program_spec
 from karma.agent.planning.program import parse_program
 from karma.contracts import Area, PlanRequest
@@ -99,10 +100,18 @@ def test_drawn_programs_parse_and_are_admitted_under_their_own_names(rooms):
         mapped = example.stable != "#areas\nunknown\n"
         facts = PlanRequest(instruction="", areas=room.areas if mapped else ())
         names = {name: name for name in said_names(example)}
-        automaton = ProgramAutomaton(program_spec(facts, names))
+        spec = program_spec(facts, names)
+        by_type = narrowed(spec.skills, spec.objects)
+        automaton = ProgramAutomaton(replace(spec, narrowed=by_type))
         state = automaton.advance(automaton.start(), example.program)
         assert state is not None, (example.changing, example.program)
         assert automaton.accepts(state)
+
+
+def test_mending_a_drawn_program_twice_changes_nothing_more(rooms):
+    for _, example in examples(rooms, 200):
+        once = mend(parse_program(example.program), known=())
+        assert mend(once, known=()) == once
 
 
 def test_no_program_of_the_expert_for_drawn_tasks_goes_in_circles(rooms):
