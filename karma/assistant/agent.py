@@ -17,6 +17,7 @@ from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from weakref import proxy
 
 from karma import registry
 from karma.agent.goals.goals import GoalTracker, WatchedWorld
@@ -155,7 +156,8 @@ class Agent:
             self._keeper = Keeper(place, self.scene, row, named, loaded)
             self._maps = maps
             self._begin(seed)
-            self.assistant: Assistant[Any] = kind(self)
+            # without a cycle, so that folders are free as soon as nobody has the agent
+            self.assistant: Assistant[Any] = kind(proxy(self))
             failed.pop_all()
 
     def _begin(self, seed: int) -> None:

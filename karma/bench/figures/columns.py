@@ -49,7 +49,7 @@ Pair = tuple[TimedEpisode, TimedEpisode]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reduction:
-    """What a row saves of a reference row's exploration (RE) and time (RT)."""
+    """Exploration (RE) and time (RT) saved by a row against a reference row."""
 
     row: str
     reference: str
@@ -133,7 +133,7 @@ SAVINGS = (  # `of` is the amount that a row saves; undefined where it is not kn
 
 def paired(first: Sequence[TimedEpisode], second: Sequence[TimedEpisode]) -> list[Pair]:
     """Return the episodes that both have, by task and seed, in order."""
-    other = {(one.record.task, one.record.seed): one for one in second}
+    other = {(episode.record.task, episode.record.seed): episode for episode in second}
     mine = {(one.record.task, one.record.seed): one for one in first}
     return [(mine[key], other[key]) for key in sorted(mine) if key in other]
 
@@ -151,7 +151,7 @@ def reduced(amount: Amount, pairs: Sequence[Pair]) -> Estimate:
 
 
 def paired_sums(pairs: Sequence[Pair], of: Amount) -> Floats:
-    """Return the sums of what is seen in each episode over every task's pairs, in order of tasks.
+    """Return the sums of the observations over each task's pairs, in order of tasks.
 
     Shape (tasks, columns), where the columns of the first stand before those of the second.
     """
@@ -165,11 +165,11 @@ def paired_sums(pairs: Sequence[Pair], of: Amount) -> Floats:
 def reductions(
     episodes: Sequence[TimedEpisode], *, reference: str = OFF_ROW
 ) -> tuple[Reduction, ...]:
-    """Return what every row saves of a reference row's, by kind and over all; () without that row.
+    """Return the savings of every row against a reference row, by kind and in all.
 
     The reference itself is left out.
     """
-    twins = [one for one in episodes if one.record.row == reference]
+    twins = [episode for episode in episodes if episode.record.row == reference]
     kinds = (*kinds_of(one.record for one in episodes), ALL)
     lines = []
     for row, kind, some in by_row_and_kind(episodes, kinds) if twins else ():
@@ -181,7 +181,8 @@ def reductions(
                 row=row, reference=reference, kind=kind, pairs=len(pairs),
                 solved_pairs=len(solved),
                 values={
-                    one.key: reduced(one.of, solved if one.is_solved else pairs) for one in SAVINGS
+                    saving.key: reduced(saving.of, solved if saving.is_solved else pairs)
+                    for saving in SAVINGS
                 },
             )
         )  # fmt: skip
@@ -193,7 +194,7 @@ def by_row_and_kind(
 ) -> Iterator[tuple[str, str, list[TimedEpisode]]]:
     """Yield the episodes of every row, in the order of rows, and of each of the kinds it has."""
     kinds = tuple(kinds)
-    for row in dict.fromkeys(one.record.row for one in episodes):
+    for row in dict.fromkeys(episode.record.row for episode in episodes):
         mine = [one for one in episodes if one.record.row == row]
         for kind in kinds:
             if some := [one for one in mine if is_of(one.record, kind)]:
@@ -205,7 +206,7 @@ COLUMNS = {one.key: one for one in (*METRICS, *SAVINGS)}  # of `Figures.values`
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """All figures of one row and kind of task."""
+    """All figures of a row on a kind of task."""
 
     row: str
     kind: str  # or one of "all", "in training", "not in training"
@@ -224,7 +225,7 @@ class Figures:
 def figures(
     records: Sequence[EpisodeRecord], timings: Mapping[Key, EpisodeTiming] | None = None
 ) -> tuple[Figures, ...]:
-    """Return every figure of every row and kind, of all, and of what is in training data and not.
+    """Return all figures by row and kind, in all, and split by presence in training data.
 
     Rows stand in the order of the records, kinds in the paper's. What is measured against a
     reference row is undefined in a run without it, what is measured in seconds without timings.
@@ -238,9 +239,9 @@ def figures_of(
     episodes: Sequence[TimedEpisode],
     reductions: Sequence[Reduction],
 ) -> tuple[Figures, ...]:
-    """Return the figures of the episodes of some records with what they save, see `figures`."""
+    """Return the figures of episodes together with their savings, see `figures`."""
     saved = {(one.row, one.kind): one.values for one in reductions}
-    kinds = (*kinds_of(one.record for one in episodes), ALL, TRAINED, NOT_TRAINED)
+    kinds = (*kinds_of(episode.record for episode in episodes), ALL, TRAINED, NOT_TRAINED)
     lines = []
     for row, kind, some in by_row_and_kind(episodes, kinds):
         savings = saved.get((row, kind), {})
@@ -252,11 +253,11 @@ def figures_of(
                 tasks=len({one.record.task for one in some}),
                 seeds=len({one.record.seed for one in some}),
                 values={metric.key: measure(metric, some) for metric in METRICS}
-                | {one.key: savings.get(one.key, Estimate(value=None)) for one in SAVINGS},
+                | {saving.key: savings.get(saving.key, Estimate(value=None)) for saving in SAVINGS},
                 unjudged={
-                    one.task: one.unjudged
-                    for one in records
-                    if one.row == row and is_of(one, kind) and one.unjudged
+                    record.task: record.unjudged
+                    for record in records
+                    if record.row == row and is_of(record, kind) and record.unjudged
                 },
             )
         )
@@ -267,7 +268,7 @@ Counted = TypeVar("Counted", bound=Figures | Reduction)
 
 
 def without_repeats(lines: Sequence[Counted]) -> list[Counted]:
-    """Return lines without those over all kinds where there is only one kind."""
+    """Return lines without the totals if there is a single kind."""
     alone = len({line.kind for line in lines} - {ALL, TRAINED, NOT_TRAINED}) == 1
     return [line for line in lines if not (alone and line.kind == ALL)]
 
@@ -280,15 +281,15 @@ def plain(lines: Sequence[Figures]) -> list[dict[str, Any]]:
     measured = [key for key in COLUMNS if any(one.values[key].value is not None for one in lines)]
     return [
         {
-            "row": one.row,
-            "kind": one.kind,
-            "episodes": one.episodes,
-            "tasks": one.tasks,
-            "seeds": one.seeds,
-            "values": {key: _estimate_data(one.values[key]) for key in measured},
-            **({"unjudged": dict(one.unjudged)} if one.unjudged else {}),
+            "row": line.row,
+            "kind": line.kind,
+            "episodes": line.episodes,
+            "tasks": line.tasks,
+            "seeds": line.seeds,
+            "values": {key: _estimate_data(line.values[key]) for key in measured},
+            **({"unjudged": dict(line.unjudged)} if line.unjudged else {}),
         }
-        for one in lines
+        for line in lines
     ]
 
 

@@ -1,4 +1,4 @@
-"""Two arms over the same tasks and seeds: what differs, how sure that is, what went unseen."""
+"""Compare two arms over the same tasks and seeds: differences, intervals, detectable effects."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ from karma.errors import KarmaError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arm:
-    """One side of a comparison: the episodes of one row of one run, from `episodes_of`."""
+    """A side of a comparison: the episodes of a row, from `episodes_of`."""
 
     name: str
     episodes: Sequence[TimedEpisode]
@@ -30,7 +30,7 @@ class Arm:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MetricPair:
-    """One metric of both arms over the same pairs."""
+    """A metric of both arms over the same pairs."""
 
     key: str
     title: str
@@ -43,7 +43,7 @@ class MetricPair:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Split:
-    """A task that one arm solved and the other did not, with the seeds in which it did."""
+    """A task solved by a single arm, with the seeds."""
 
     task: str
     seeds: tuple[int, ...]
@@ -116,7 +116,7 @@ def compare(first: Arm, second: Arm, *, kind: str = ALL) -> Comparison:
 
 
 def compare_kinds(first: Arm, second: Arm) -> tuple[Comparison, ...]:
-    """Return the comparison over all pairs, unless they are of one kind; then that of each kind.
+    """Return comparisons: over all pairs if they have several kinds, then by kind.
 
     Raises:
         KarmaError: as `compare` does.
@@ -157,7 +157,7 @@ _TaskWords = tuple[str, str, tuple[tuple[str, tuple[str, ...]], ...]]  # scene, 
 
 
 def _asked(episodes: Sequence[TimedEpisode]) -> Mapping[str, _TaskWords]:
-    """Return what each task asks, by its longest record."""
+    """Return scene, kind and sub-tasks of each task, from its longest record."""
     found: dict[str, _TaskWords] = {}
     for one in episodes:
         record = one.record
@@ -168,7 +168,7 @@ def _asked(episodes: Sequence[TimedEpisode]) -> Mapping[str, _TaskWords]:
 
 
 def _agree(mine: _TaskWords, other: _TaskWords) -> bool:
-    """Return whether two records ask the same as far as both go: an error may have ended one."""
+    """Return whether two records have equal sub-tasks up to the end of the shorter record."""
     shorter = min(len(mine[2]), len(other[2]))
     return mine[:2] == other[:2] and mine[2][:shorter] == other[2][:shorter]
 
@@ -184,7 +184,7 @@ def _text(asked: _TaskWords) -> str:
 
 
 def _seeds(arm: Arm) -> list[int]:
-    return sorted({one.record.seed for one in arm.episodes})
+    return sorted({episode.record.seed for episode in arm.episodes})
 
 
 # ----------------------------------------------------------------- figures
@@ -276,14 +276,14 @@ def _same_programs(pairs: Sequence[Pair]) -> float | None:
 
 
 def rows_of(records: Iterable[EpisodeRecord]) -> tuple[str, ...]:
-    """Return the rows in the order in which they appear."""
+    """Return the rows in order of appearance."""
     return tuple(dict.fromkeys(record.row for record in records))
 
 
 def arm_of(
     records: Sequence[EpisodeRecord], episodes: Sequence[TimedEpisode], row: str, name: str = ""
 ) -> Arm:
-    """Return one row of some records as an arm, which is called so unless it has a name.
+    """Return a row as an arm, named after the row unless a name is given.
 
     Raises:
         KarmaError: there is no such row; names those there are.
@@ -291,4 +291,6 @@ def arm_of(
     rows = rows_of(records)
     if row not in rows:
         raise KarmaError(f"no row {row!r}; there are {', '.join(map(repr, rows))}")
-    return Arm(name=name or row, episodes=[one for one in episodes if one.record.row == row])
+    return Arm(
+        name=name or row, episodes=[episode for episode in episodes if episode.record.row == row]
+    )

@@ -1,4 +1,4 @@
-"""Why a sub-task failed: one cause each, by rules that stand in docs/metrics.md.
+"""Assign a cause to each failed sub-task, by the rules of docs/metrics.md.
 
 The rules read the record; where the step log is at hand they also know what memory held.
 """
@@ -54,7 +54,7 @@ class _Memory:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Case:
-    """One failed sub-task and what the rules look at."""
+    """A failed sub-task with the inputs of the rules."""
 
     sub: SubTaskRecord
     related: tuple[Need, ...]
@@ -155,7 +155,7 @@ def _of_call(case: _Case, call: Call) -> tuple[Cause, str]:
 
 
 def _memories(steps: Sequence[Step]) -> dict[int, _Memory]:
-    """Return what memory held at the start of each sub-task, and ever before, of its room."""
+    """Return the types in memory at the start of each sub-task and before, of its room."""
     room = ""
     ever: dict[str, frozenset[str]] = {}
     found = {}

@@ -1,4 +1,4 @@
-"""What is measured: pure functions of the records; docs/metrics.md has the definitions.
+"""Compute metrics as pure functions of records; docs/metrics.md has the definitions.
 
 A metric turns an episode into observations: zeros and ones for a rate, one amount for a mean, none
 where it is undefined. Its value is the mean of all observations, None where there are none.
@@ -41,7 +41,7 @@ def needs(goals: tuple[str, ...]) -> tuple[Need, ...]:
 
 
 def related_needs(record: EpisodeRecord) -> list[tuple[Need, ...]]:
-    """Return for each sub-task the needs that an earlier one of the same room had too."""
+    """Return for each sub-task the needs shared with an earlier sub-task in the same room."""
     spoken: dict[str, set[str]] = {}
     found = []
     for sub in record.subtasks:
@@ -61,7 +61,7 @@ def types_of(object_ids: Iterable[str]) -> frozenset[str]:
 
 
 def wanted_types(goals: tuple[str, ...]) -> tuple[str, ...]:
-    """Return every type that the goals allow, once: what a record's queries and hits count."""
+    """Return every type that the goals allow, once; queries and hits of a record count these."""
     return tuple(dict.fromkeys(kind for group in _loose(goals) for kind in group))
 
 
@@ -95,7 +95,7 @@ Amount = Callable[[TimedEpisode], Observations]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Metric:
-    """One column."""
+    """A column of a table."""
 
     key: str  # its name in files
     title: str  # its name in tables
@@ -326,7 +326,7 @@ SUCCESS = METRICS[0]
 
 def measure(metric: Metric, episodes: Sequence[TimedEpisode]) -> Estimate:
     """Return a metric over episodes, with an interval that keeps the seeds of a task together."""
-    if metric.only is not None and not any(metric.only(one.record) for one in episodes):
+    if metric.only is not None and not any(metric.only(episode.record) for episode in episodes):
         return Estimate(value=None)
     groups = list(by_task(metric, episodes).values())
     return rate(groups) if metric.is_rate else mean(groups)
@@ -343,12 +343,14 @@ def by_task(metric: Metric, episodes: Iterable[TimedEpisode]) -> dict[str, list[
 def episodes_of(
     records: Sequence[EpisodeRecord], timings: Mapping[Key, EpisodeTiming] | None = None
 ) -> list[TimedEpisode]:
-    """Return episodes to be measured; what an error kept from being tried is in them as missed.
+    """Return episodes to be measured; sub-tasks after an error count as failed.
 
     Tasks that nobody can be judged by are not among them.
     """
     timings, complete = timings or {}, _completed(records)
-    tours = {row: _tours_of(complete, row) for row in dict.fromkeys(one.row for one in records)}
+    tours = {
+        row: _tours_of(complete, row) for row in dict.fromkeys(record.row for record in records)
+    }
     return [
         TimedEpisode(record=one, timing=timings.get(one.key), tours=tours[one.row])
         for one in complete

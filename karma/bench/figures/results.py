@@ -1,4 +1,4 @@
-"""Everything that is said of a run, from its folder, also beside others and the paper."""
+"""Build results of a run from its folder, alone, beside other runs and beside the paper."""
 
 import csv
 import io
@@ -29,7 +29,7 @@ def result_of(
     off_row: str = OFF_ROW,
     lota_row: str = LOTA_ROW,
 ) -> Result:
-    """Return what the tables of a run are made of.
+    """Return the figures behind the tables of a run.
 
     The run may be unfinished: a figure says how many episodes stand behind it. RE and RT are
     measured against `off_row`, and against `lota_row`, as the paper seems to do, if they are there.
@@ -48,10 +48,12 @@ def result_of(
 
 
 def _comparisons(run: RunData, episodes: list[TimedEpisode]) -> list[Comparison]:
-    """Return the first row compared with every other one that has pairs with it."""
+    """Return the comparisons of the first row with all rows over the same episodes."""
     rows = rows_of(run.records)
     arms = [arm_of(run.records, episodes, row) for row in rows]
-    asked = [{(one.record.task, one.record.seed) for one in arm.episodes} for arm in arms]
+    asked = [
+        {(episode.record.task, episode.record.seed) for episode in arm.episodes} for arm in arms
+    ]
     return [
         comparison
         for arm, keys in zip(arms[1:], asked[1:], strict=True)
@@ -97,7 +99,7 @@ def load_published(path: Path | None) -> PublishedFigures:
 
 
 def to_csv(result: Result) -> str:
-    """Write every figure of a run, one a line, with its interval and what was published."""
+    """Write the figures of a run as CSV with intervals and published values."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(
@@ -125,7 +127,7 @@ def _short_number(value: float | None) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Side:
-    """A run, or one row of it, and what it is called."""
+    """A run, or a row of a run, with its name."""
 
     name: str
     run: RunData
@@ -137,7 +139,7 @@ class Side:
         return (self.row,) if self.row else rows_of(self.run.records)
 
     def arm(self, row: str) -> Arm:
-        """Return one of the rows as an arm; KarmaError where there is no such row."""
+        """Return a row as an arm; KarmaError for an unknown row."""
         episodes = episodes_of(self.run.records, self.run.timings)
         name = self.name if self.row else f"{self.name}:{row}"
         try:
@@ -148,7 +150,7 @@ class Side:
 
 
 def sides_named(names: Sequence[str]) -> list[Side]:
-    """Return what RUN or RUN:ROW name; FileError where a folder holds no run, or a damaged one."""
+    """Return the sides named by RUN or RUN:ROW; FileError for a missing or damaged run."""
     chosen = ((name, *split_name(name)) for name in names)
     return [Side(name=name, run=read_run(folder), row=row) for name, folder, row in chosen]
 
@@ -182,7 +184,7 @@ def arms_named(sides: Sequence[Side]) -> list[list[Arm]]:
 
 
 def check_same_rooms(runs: Sequence[RunData]) -> None:
-    """See that rooms of one name are the same in all runs.
+    """Check that scenes with equal names are equal in all runs.
 
     Raises:
         KarmaError: names the first that is not.
@@ -261,7 +263,7 @@ _WITHOUT_MEMORY = 1.0  # the paper gives no margin over the same agent without m
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Margin:
-    """One margin and what a run says of it."""
+    """A margin of the paper with the value of a run."""
 
     text: str
     wanted: float  # at least
@@ -307,7 +309,7 @@ def margin_sheet(result: Result) -> Sheet | None:
 def _of_success(result: Result) -> Iterator[Margin]:
     twins = {line.reference for line in result.reductions}
     for kind, wanted in _OVER_BASELINES.items():
-        mine = [one for one in result.comparisons if one.kind == kind]
+        mine = [comparison for comparison in result.comparisons if comparison.kind == kind]
         if rivals := [one for one in mine if _is_baseline(one, twins)]:
             best = max(rivals, key=lambda one: one.success.second.value or 0.0)
             text = f"SR of {best.first}, {kind} tasks, times that of the best baseline"

@@ -1,4 +1,4 @@
-"""How sure a figure is: intervals, paired tests, what a comparison could have found at all.
+"""Compute intervals, paired tests and detectable effects.
 
 Everything here takes numbers grouped by task, because seeds of one task are not independent of each
 other: a task is hard for all of them. Definitions are in `docs/metrics.md`.
@@ -74,7 +74,7 @@ def wilson(successes: float, number: float) -> ConfidenceInterval | None:
 
 
 def rate(groups: Groups) -> Estimate:
-    """Return the mean of zeros and ones, with Wilson's interval over the effective number."""
+    """Return a rate with Wilson's interval over the effective number of observations."""
     number = sum(len(group) for group in groups)
     if not number:
         return Estimate(value=None)

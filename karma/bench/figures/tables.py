@@ -96,7 +96,7 @@ _TOURED = tuple(one for one in SAVINGS if "_toured" in one.key)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """Everything that the tables of one run are made of."""
+    """The figures behind the tables of a run."""
 
     name: str
     figures: Sequence[Figures]
@@ -108,7 +108,7 @@ class Result:
 
 
 def sheets(result: Result) -> list[Sheet]:
-    """Return all tables of a run: the paper's by kind, then what stands behind them."""
+    """Return all tables of a run: the paper's by kind, then details."""
     found = main_sheets(result)
     found.append(_costs(result))
     if left_out := left_out_of(result.figures):
@@ -139,7 +139,7 @@ def size_words(lines: Sequence[Figures]) -> str:
 
 
 def main_sheets(result: Result) -> list[Sheet]:
-    """Return the sheets that come first: one per kind of the paper's, one for others' tasks."""
+    """Return the main tables: by kind of the paper, then for tasks of other benchmarks."""
     there = dict.fromkeys(line.kind for line in result.figures)
     found = [_main(result, kind) for kind in KINDS if kind in there]
     groups = [one for one in there if one not in (*KINDS, ALL, TRAINED, NOT_TRAINED)]
@@ -274,7 +274,7 @@ def _by_kind(
     head: Sequence[str],
     cells: Callable[[Counted], Sequence[str]],
 ) -> Sheet:
-    """Return a table with a line per row and kind, and one over all where there are several."""
+    """Return a table with a line per row and kind, and totals if there are several kinds."""
     shown = [one for one in without_repeats(lines) if one.kind not in (TRAINED, NOT_TRAINED)]
     rows = tuple((line.row, line.kind, *cells(line)) for line in shown)
     return Sheet(title=title, caption=caption, head=("method", "tasks", *head), lines=rows)
@@ -356,7 +356,9 @@ def comparison_sheet(comparisons: Sequence[Comparison]) -> Sheet:
 def _causes(result: Result, *, first_only: bool) -> Sheet:
     def counts(line: Figures) -> list[str]:
         mine = [
-            one for one in result.failures if one.row == line.row and line.kind in (one.kind, ALL)
+            failure
+            for failure in result.failures
+            if failure.row == line.row and line.kind in (failure.kind, ALL)
         ]
         found = count(mine, first_only=first_only).values()
         return [str(sum(found)), *map(str, found)]

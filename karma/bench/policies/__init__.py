@@ -1,4 +1,4 @@
-"""The policy laboratory: access traces, what each replacement policy makes of them, and figures.
+"""The policy laboratory: access traces, replays of replacement policies, and figures.
 
     draw_errands -> Trace -> simulate -> TraceReplay -> Sweep -> figures, claims
 

@@ -54,7 +54,7 @@ AtLeastOne = Annotated[int, Meta(ge=1)]
 
 
 class TraceFigure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One figure.
+    """Description of a figure.
 
     `shows` is "curves" (hit rate against tasks done) or "exploration" (hit rate against searches
     saved). Every size among the policies also gets Belady's bound. Where a file of `tasks` is not
@@ -90,7 +90,7 @@ class TraceFigure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class FigureHeader(msgspec.Struct, frozen=True, kw_only=True):
-    """What a figure depends on."""
+    """Inputs of a figure, by hash."""
 
     version: str
     figure: str  # SHA-256 of the file
@@ -113,7 +113,7 @@ class FigureHeader(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Results(msgspec.Struct, frozen=True, kw_only=True):
-    """What `results.json` holds."""
+    """Content of `results.json`."""
 
     figure: TraceFigure
     source: str  # of the tasks
@@ -123,7 +123,7 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicyRecord:
-    """One policy in one cell."""
+    """Results of a policy in a cell."""
 
     row: str  # the cell's name
     task: str  # the policy
@@ -184,7 +184,10 @@ class FigureSuite:
 
     def added_up(self, records: Sequence[PolicyRecord]) -> dict[str, bytes]:
         """Return the results of all cells, what the paper claims of them, and the pictures."""
-        cells = [_whole([one.cell for one in records if one.row == name]) for name in self.cells()]
+        cells = [
+            _whole([record.cell for record in records if record.row == name])
+            for name in self.cells()
+        ]
         claims = claims_of(self.experiment.claims, cells)
         results = Results(
             figure=self.experiment, source=self.pool.source, cells=cells, claims=claims
@@ -225,7 +228,7 @@ class FigureFolder(RunFolder):
 
 
 def _whole(cells: Sequence[FigureCell]) -> FigureCell:
-    """Return one cell with the policies of all."""
+    """Merge cells of equal workload and unit set."""
     rows = [row for cell in cells for row in cell.sweep.rows]
     explored = [found for cell in cells for found in cell.exploration]
     sweep = msgspec.structs.replace(cells[0].sweep, rows=rows)
@@ -249,7 +252,7 @@ def drawn(results: Results) -> dict[str, bytes]:
 
 
 def pictures_of(results: Results) -> Iterator[tuple[str, Any]]:
-    """Yield the picture of each unit set, with what its file is called."""
+    """Yield the picture of each unit set with its file name."""
     from karma.bench.policies import plot
 
     draw = plot.curves if results.figure.shows == "curves" else plot.exploration
@@ -260,7 +263,7 @@ def pictures_of(results: Results) -> Iterator[tuple[str, Any]]:
 
 
 def caption_of(results: Results) -> str:
-    """Return what every picture and table says of itself."""
+    """Return the caption of all pictures and tables."""
     figure = results.figure
     return (
         f"{figure.sequences} sequences of {figure.length} tasks each, seed {figure.seed}; tasks: "

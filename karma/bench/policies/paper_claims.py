@@ -1,4 +1,4 @@
-"""What the paper says of its figures 4 to 7, held against the results of each workload.
+"""Check the paper's claims about its figures 4 to 7 against the results of each workload.
 
 A verdict is "yes" or "no" where the 95 % interval decides, and "tie" where it does not. A
 difference of hit rates counts from a tenth of a point on: over a hundred sequences far smaller ones
@@ -34,7 +34,7 @@ LINEAR = 0.8  # from this r on, two figures count as linearly related
 
 
 class FigureCell(msgspec.Struct, frozen=True, kw_only=True):
-    """One workload with one unit set."""
+    """Results of a workload with a unit set."""
 
     workload: Workload
     unit_set: UnitSet
@@ -43,7 +43,7 @@ class FigureCell(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PaperClaim(msgspec.Struct, frozen=True, kw_only=True):
-    """One claim on one workload, for one reading of a policy."""
+    """Verdict on a claim for a workload and a reading of a policy."""
 
     claim: str
     workload: str

@@ -1,4 +1,4 @@
-"""Access traces (which units each task needs), and a policy, or the best there is, over one."""
+"""Replay policies, or Belady's bound, over access traces: the units that each task needs."""
 
 import copy
 from collections.abc import Callable, Iterable, Sequence
@@ -54,7 +54,7 @@ WARM_OCCUPANCY = 0.95  # KARMA §4.4: warmed up when occupancy reaches this
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TraceReplay:
-    """What came of a policy on a trace."""
+    """Result of a policy on a trace."""
 
     answers: bytes  # one byte per request, 1 = hit
     starts: tuple[int, ...]  # requests before each task, and in all
@@ -88,7 +88,7 @@ class TraceReplay:
 
 
 def simulator(policy: str) -> Callable[[Trace], TraceReplay]:
-    """Return what runs a policy over one trace after another, each from an empty memory.
+    """Return a function that runs a policy over a trace, from an empty memory.
 
     A policy is in the notation of `make_policy`, or `belady[size]`. KarmaError if the text
     names no policy.
@@ -100,7 +100,7 @@ def simulator(policy: str) -> Callable[[Trace], TraceReplay]:
 
 
 def simulate(policy: str, trace: Trace) -> TraceReplay:
-    """Run a policy over one trace; see `simulator`."""
+    """Run a policy over a trace; see `simulator`."""
     return simulator(policy)(trace)
 
 

@@ -1,4 +1,4 @@
-"""Several policies at several sizes over the same sequences, and what their hits save."""
+"""Run policies of several sizes over the same sequences, and weigh the searches saved by hits."""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -94,7 +94,7 @@ class Point(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PolicyRow(msgspec.Struct, frozen=True, kw_only=True):
-    """What one policy made of all sequences; the lists have one entry a sequence."""
+    """Results of a policy; the lists have an entry per sequence."""
 
     policy: str
     size: int
@@ -182,7 +182,7 @@ def division_of(policy: str) -> str:
 
 
 def line_of(policy: str) -> str:
-    """Return what the sizes of one policy have in common, their division included.
+    """Return the name that the sizes of a policy share, with their division.
 
     >>> line_of("wtinylfu-karma[23,2] W=inf"), line_of("lru[5]")
     ('wtinylfu-karma 9/1 W=inf', 'lru')
@@ -231,7 +231,7 @@ def sweep_of(traces: Sequence[Trace], rows: Iterable[PolicyRow]) -> Sweep:
 
 
 def _over(traces: Sequence[Trace]) -> str:
-    """Return what the intervals are over, or why there are none."""
+    """Return the sampling unit of the intervals, or the reason for their absence."""
     if len(traces) < FEWEST_TASKS:
         return f"none: {len(traces)} sequences say little of others, it takes {FEWEST_TASKS}"
     return "bootstrap over sequences"
@@ -249,7 +249,7 @@ def _rate_over(
 def _row(
     policy: str, outcomes: list[TraceReplay], resampler: Resampler, checkpoints: Sequence[int]
 ) -> PolicyRow:
-    every = [(0, one.tasks) for one in outcomes]
+    every = [(0, outcome.tasks) for outcome in outcomes]
     halves = [(one.tasks // 2, one.tasks) for one in outcomes]
     warm = [one.warm_task for one in outcomes if one.warm_task is not None]
     left = [one.left for one in outcomes if one.left is not None]
@@ -277,7 +277,7 @@ def _row(
 
 
 class Exploration(msgspec.Struct, frozen=True, kw_only=True):
-    """One policy's hit rate and reduced exploration, a pair for each sequence, and their line.
+    """Hit rate and reduced exploration of a policy, a pair per sequence, with a fitted line.
 
     A unit that is in memory is found without a search; for any other one the receptacles of its
     room are visited in the order of how likely they hold it (`tasks.Finds`). Reduced exploration

@@ -53,7 +53,7 @@ Rng = np.random.Generator
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errand:
-    """One task as the units it needs."""
+    """A task as the units it needs."""
 
     scene: str  # where
     room: str  # its kind, one of `ROOMS`
@@ -68,7 +68,7 @@ class Errand:
 
 @dataclass(frozen=True, kw_only=True)
 class Finds:
-    """Where things were found, and where one can look."""
+    """Receptacles of scenes, and counts of objects found in them."""
 
     places: Mapping[str, Mapping[str, int]]  # scene -> receptacle type -> how many of it there are
     found: Mapping[tuple[str, str], Mapping[str, int]]  # (room, type) -> receptacle type -> times
@@ -196,7 +196,7 @@ House = dict[str, tuple[Errand, ...]]  # room -> its tasks
 def draw_errands(
     pool: Pool, workload: Workload, length: int, seed: int, number: int
 ) -> list[Errand]:
-    """Draw one sequence of tasks.
+    """Sample a sequence of tasks.
 
     A shorter sequence is the beginning of a longer one. KarmaError if the pool has no task in
     some kind of room.
@@ -211,7 +211,7 @@ def draw_errands(
 
 
 def trace_of(errands: Sequence[Errand], workload: Workload, unit_set: UnitSet) -> Trace:
-    """Return what a sequence of tasks asks for."""
+    """Return the access trace of a sequence of tasks."""
     if workload == "type":
         return Trace.of(errand.units(unit_set) for errand in errands)
     return Trace.of(

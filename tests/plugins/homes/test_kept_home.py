@@ -110,6 +110,12 @@ def test_second_agent_is_told_that_somebody_is_there(tmp_path):
     assert len(agent_saying(tmp_path, [], home=tmp_path / "home").home.past) == 2
 
 
+def test_home_is_free_as_soon_as_nobody_has_the_agent(tmp_path):
+    agent = agent_saying(tmp_path, [], home=tmp_path / "home")
+    del agent
+    agent_saying(tmp_path, [], home=tmp_path / "home").home.leave()
+
+
 def test_home_of_another_scene_and_of_an_edited_one(tmp_path):
     agent = lived(tmp_path)
     gone(agent)
