@@ -79,7 +79,7 @@ def folder(tmp_path):
     return place
 
 
-def done_in(folder, *words, code=0, **environment):
+def done_in(folder, *words, codes=(0,), **environment):
     """Run a command there; return what it said, after a look for marks."""
     done = subprocess.run(
         list(map(str, words)), cwd=folder, capture_output=True, text=True, check=False,
@@ -87,7 +87,7 @@ def done_in(folder, *words, code=0, **environment):
     )  # fmt: skip
     marks = folder.parent / "marks"
     assert not marks.exists(), f"executed: {marks.read_text()}"
-    assert done.returncode == code, done.stdout + done.stderr
+    assert done.returncode in codes, done.stdout + done.stderr
     return done.stdout
 
 
@@ -112,7 +112,7 @@ def test_workers_execute_nothing_of_the_folder(folder, words):
 
 def test_brought_gguf_and_its_template_are_tried_and_the_folder_is_not(folder, models):
     planner = ("--planner", models / "any.gguf")
-    done_in(folder, *KARMA, "run", "open the fridge", *planner, "--out", "out")
+    done_in(folder, *KARMA, "run", "open the fridge", *planner, "--out", "out", codes=(0, 3, 4))
 
 
 def test_models_are_added_and_the_folder_is_not_executed(folder, models):
@@ -122,12 +122,12 @@ def test_models_are_added_and_the_folder_is_not_executed(folder, models):
 
 
 def test_player_and_the_client_of_a_build_execute_nothing_of_the_folder(folder):
-    done_in(folder, *shlex.split(command()), "--scenes", "none", code=2)
+    done_in(folder, *shlex.split(command()), "--scenes", "none", codes=(2,))
     pytest.importorskip("ai2thor", reason="needs the package ai2thor")
     home = {"HOME": str(folder.parent)}
     done_in(folder, sys.executable, "-P", "-c", THOR, **home)
     given = ("--executable", command(), "--start")
-    done_in(folder, *KARMA, "doctor", "thor", *given, code=1, **home)  # it asks for FloorPlan1
+    done_in(folder, *KARMA, "doctor", "thor", *given, codes=(1,), **home)  # it asks for FloorPlan1
 
 
 def test_what_libraries_start_by_themselves_executes_nothing_of_the_folder(folder):

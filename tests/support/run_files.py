@@ -20,7 +20,7 @@ TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 ONLY = ["simple-11", "simple-14", "composite-14"]
 ROWS = (
     '[[rows]]\nname = "expert"\nmethod = "expert"\n'
-    '[[rows]]\nname = "babble (K = 3)"\noptions = { attempts = 1, recall_k = 3 }\n'
+    '[[rows]]\nname = "babble (K = 3)"\noptions = { recall_k = 3 }\n'
 )
 
 
