@@ -1,6 +1,6 @@
 """Count the functions of karma that one instruction enters, and the call depth down to the world.
 
-    python scripts/measure_calls.py ["put the apple in the fridge"] [--list]
+    python scripts/measure_calls.py ["put the apple in the fridge"]
 
 The agent of the tables (program mode, karma-nano, no plug-in) carries it out in kitchen_1. Counted
 from the call of `do` to its end; loading, and the first tour of the room, come before it.
@@ -54,10 +54,7 @@ def _depth(frame: FrameType) -> int:
     return count
 
 
-def main(
-    instruction: Annotated[str, typer.Argument()] = "put the apple in the fridge",
-    list_all: Annotated[bool, typer.Option("--list", help="Name the functions.")] = False,
-) -> None:
+def main(instruction: Annotated[str, typer.Argument()] = "put the apple in the fridge") -> None:
     """Carry out one instruction and print the figures."""
     go_offline()
     resources = load_resources(Models(), maps=None, seed=0)
@@ -78,9 +75,6 @@ def main(
     print(f"{instruction!r}: finished {outcome.finished}, {len(done)} events")
     print(f"functions entered {len(calls.entered)} in {len(modules)} modules: {dict(rooms)}")
     print(f"call depth from do to World.step {calls.deepest}")
-    if list_all:
-        names = (f"{Path(code.co_filename).stem}.{code.co_qualname}" for code in calls.entered)
-        print("\n".join(sorted(names)))
 
 
 if __name__ == "__main__":

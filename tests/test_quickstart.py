@@ -150,6 +150,6 @@ def test_reference_is_written_from_the_docstrings(tmp_path):
     pdoc = pytest.importorskip("pdoc")
     pdoc.render.configure(docformat="google", search=False, show_source=False)
     pdoc.pdoc("karma.assistant.agent", output_directory=tmp_path)
-    page = (tmp_path / "karma/plugins/rules/talk/agent.html").read_text(encoding="utf-8")
+    page = (tmp_path / "karma/assistant/agent.html").read_text(encoding="utf-8")
     assert "Go back to before the last thing that was said" in page
     assert not re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=[\"']https?://", page)
