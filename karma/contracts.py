@@ -329,6 +329,7 @@ class PlanRequest:
     examples: Sequence[WorkedExample] = ()  # for the instruction; the compact profile has no room
     missing: Sequence[str] = ()  # what was searched for in vain: ids or types
     advice: Advice = field(default_factory=Advice)
+    first: Sequence["SkillCall"] = ()  # the first executed program; later ones keep its objects
     done: Sequence["SkillCall"] = ()  # what went well of the programs so far
     seen: Sequence[SeenObject] = ()  # in this room by now, as last seen, the first seen first
     named: Mapping[str, str] = field(default_factory=dict)  # furniture's names (-> id), which last

@@ -87,6 +87,7 @@ class Attempts:
             error=f"{result.call}: {result.reason}",
             failures=(*request.failures, failure),
             missing=(*request.missing, *missing),
+            first=self.first,
             done=self.done,
         )
 

@@ -2,7 +2,12 @@
 
 import pytest
 
-from karma.agent.planning.first_program import aims_of, left_undone, replaces_first
+from karma.agent.planning.first_program import (
+    aims_of,
+    left_undone,
+    replaces_first,
+    substitution,
+)
 from karma.agent.planning.program import OUR_SKILLS, SKILLS, parse_program
 
 
@@ -17,6 +22,8 @@ def program(*lines):
     return parse_program(text, (*SKILLS, *OUR_SKILLS))
 
 
+HEAT = ("Explore Lettuce", "Pick Lettuce", "Put Lettuce Microwave", "ToggleOn Microwave")
+BIN = ("Go CellPhone", "Pick CellPhone", "Put CellPhone GarbageCan")
 CUT = ("Pick Knife", "Go Tomato", "Slice Tomato", "Put Knife CounterTop")
 FILL = ("Pick Mug", "Put Mug Sink", "ToggleOn Faucet", "Pick Mug", "Put Mug SideTable_2")
 
@@ -56,3 +63,43 @@ def test_knives_taps_and_doors_are_no_aim_beside_others():
     assert about(program(*FILL)) == {"Mug"}
     assert about(program("Open Fridge", "Pick Egg", "Put Egg Pan")) == {"Egg"}
     assert about(program("Pick Knife", "Put Knife Drawer")) == {"Knife"}
+
+
+@pytest.mark.parametrize(
+    ("first", "later"),
+    [
+        (HEAT, ("Pick Knife", "Put Knife Microwave", "ToggleOn Microwave")),  # another object
+        (BIN, ("Pick Laptop", "Put Laptop GarbageCan")),
+        (BIN, ("Pick Laptop", "Put Laptop GarbageCan", *BIN[1:])),
+        (BIN, ("Pick Laptop", "Throw Laptop")),
+        (CUT, ("Pick Knife", "Slice Potato")),
+        (("ToggleOn FloorLamp",), ("ToggleOn Television",)),
+        (("Open Fridge",), ("Open Microwave",)),
+        (BIN, ("Pick CellPhone", "Put CellPhone Drawer")),  # another place
+        (FILL, ("Put Mug Sink", "ToggleOn Faucet", "Pick Mug", "Put Mug Shelf")),
+        (("Pick CD", "PutNear CD Laptop"), ("Pick CD", "PutNear CD Box")),
+    ],
+)
+def test_later_program_that_substitutes_an_object_or_place_is_objected_to(first, later):
+    assert substitution(program(*first), program(*later), "do what I said") is not None
+
+
+@pytest.mark.parametrize(
+    ("first", "later"),
+    [
+        (HEAT, HEAT),
+        (HEAT, ("Explore Lettuce", "Pick Lettuce_2", "Put Lettuce_2 Microwave")),  # any will do
+        (HEAT, ("Open Microwave", "Pick Bread", "Put Bread CounterTop", *HEAT[1:])),  # in the way
+        (HEAT, ("Open Microwave", "Put Lettuce Microwave")),  # what is left
+        (HEAT, ("Go Fridge", "Explore Egg")),  # nothing is done to it
+        (CUT, ("Explore ButterKnife", "Pick ButterKnife", "Slice Tomato_2")),  # another tool
+        (
+            ("Pick Laptop", "Put Laptop Cabinet"),
+            ("Pick Laptop", "Put Laptop Box", "Pick Box", "Put Box Cabinet"),  # in a container
+        ),
+        (("Pick Apple", "Put Apple Sofa"), ("Pick Apple", "Put Apple CounterTop")),  # no apple goes
+        ((), ("Pick Laptop",)),
+    ],
+)
+def test_later_program_that_goes_on_with_the_same_objects_passes(first, later):
+    assert substitution(program(*first), program(*later), "do what I said") is None

@@ -8,7 +8,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from karma.agent.planning.program import CHANGES, DEEDS, DOOR_AFTER, SWITCH_AFTER, WAYS
+from karma.agent.planning.program import CHANGES, DEEDS, DOOR_AFTER, PUTS, SWITCH_AFTER, WAYS
 from karma.contracts import SkillCall
 from karma.household.containment import fits_whole_or_cut
 from karma.household.places import FLOOR, HAND
@@ -110,6 +110,58 @@ def replaces_first(
     was_wrong = not any(_is_said(kind, instruction) for kind in asked - now)
     free = was_wrong or bool(_CHOICE.search(instruction))
     return free and bool(now - asked) and all(_is_said(kind, instruction) for kind in now - asked)
+
+
+def substitution(
+    first: Sequence[SkillCall],
+    later: Sequence[SkillCall],
+    instruction: str,
+    done: Sequence[SkillCall] = (),
+) -> tuple[int, str] | None:
+    """Return the line of a later program that uses another object or place, and why it may not.
+
+    `first` is the first executed program, () for none. `done` are the successful calls so far: what
+    holds an object by now may be moved in its place.
+    """
+    asked, now = aims_of(first), aims_of(later)
+    handled = now.types - {kind for deed, kind in now.deeds if deed == _FIND}
+    if not asked.types or not handled or replaces_first(first, later, instruction):
+        return None
+    kept = asked.types & handled
+    holders = frozenset[str]().union(*map(aims_of(done).places, asked.types))
+    for kind in sorted(handled - asked.types - holders):
+        if not kept or _takes_the_turn(kind, asked, now):
+            words = " and ".join(map(spoken, sorted(asked.types)))
+            return _line(later, kind), f"that is another thing than asked for: the {words}"
+    for kind in sorted(kept):
+        places = {place for place in asked.places(kind) - {HAND} if _takes(place, kind)}
+        if places and not _goes_to(kind, places, now):
+            words = " or ".join(map(spoken, sorted(places)))
+            return _line(later, kind), f"that is another place than asked for: the {words}"
+    return None
+
+
+def _takes_the_turn(kind: str, asked: ProgramAims, now: ProgramAims) -> bool:
+    """Return whether an object gets what was asked of another one, which it does not hold."""
+    if any(kind in now.places(other) for other in asked.types):
+        return False
+    places = {place for other in asked.types for place in asked.moved.get(other, ())}
+    deeds = {deed for deed, _ in asked.deeds}
+    own = {deed for deed, other in now.deeds if other == kind}
+    return not places.isdisjoint(now.moved.get(kind, ())) or not deeds.isdisjoint(own)
+
+
+def _goes_to(kind: str, places: Collection[str], now: ProgramAims) -> bool:
+    """Return whether an object ends in the hand or in one of the places, if in another object."""
+    last = now.moved.get(kind, ())[-1:]
+    return not last or last[0] == HAND or not {*last, *now.places(last[0])}.isdisjoint(places)
+
+
+def _line(calls: Sequence[SkillCall], kind: str) -> int:
+    """Return the line to object to: where an object is put last, or else first named."""
+    lines = [number for number, call in enumerate(calls) if kind in map(kind_of, call.objects)]
+    puts = [number for number in lines if calls[number].skill in (*PUTS, "ThrowObject")]
+    return (puts[-1:] or lines)[0]
 
 
 def left_undone(

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, Self
 
+from karma.agent.planning.first_program import substitution
 from karma.agent.planning.goal_lines import program_for
 from karma.agent.planning.inspector import mend, narrowed, objection
 from karma.agent.planning.program import SKILLS
@@ -174,6 +175,10 @@ def inspected(answer: Plan, request: PlanRequest) -> tuple[Plan, str]:
         known=known, shut=shut, cut=cut, running=running, held=held, areas=request.areas,
     )  # fmt: skip
     answer = replace(answer, calls=calls)
+    swapped = substitution(request.first, calls, request.instruction, request.done)
+    if swapped is not None:
+        line, reason = swapped
+        return replace(_objected(answer, line, reason, f"{calls[line]}: {reason}"), calls=()), ""
     found = objection(calls, held=held, known=known)
     if found is None:
         return answer, ""
