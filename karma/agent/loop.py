@@ -13,7 +13,14 @@ from karma.agent.memory import AgentMemory
 from karma.agent.planning.planner import Planner, grounded
 from karma.agent.seeing.eyes import Eyes
 from karma.agent.seeing.perception import Perception
-from karma.agent.session import LOOK_OVER, NO_ADVICE, SURVEY, Executor, Remembered, Session
+from karma.agent.session import (
+    LOOK_OVER,
+    NO_ADVICE,
+    SURVEY,
+    Executor,
+    InstructionSession,
+    Remembered,
+)
 from karma.contracts import (
     Advice,
     AgentEvent,
@@ -30,7 +37,7 @@ from karma.contracts import (
 )
 
 
-class Agent:
+class KarmaAgent:
     """An agent in a home: a planner, skills in a world, and both memories."""
 
     def __init__(
@@ -90,16 +97,16 @@ class Agent:
 def planned(subtask: SubTask) -> Executor:
     """Return the executor that leaves an instruction to the planner."""
 
-    def execute(session: Session) -> Generator[AgentEvent, None, bool]:
+    def execute(session: InstructionSession) -> Generator[AgentEvent, None, bool]:
         return (yield from session.do(subtask)).finished
 
     return execute
 
 
 class AgentSession:
-    """The agent while it carries out an instruction; see `karma.agent.session.Session`."""
+    """The agent while it carries out an instruction: an `InstructionSession`."""
 
-    def __init__(self, agent: Agent, instruction: str, keep_shut: Collection[str]) -> None:
+    def __init__(self, agent: KarmaAgent, instruction: str, keep_shut: Collection[str]) -> None:
         memory = agent.memory
         self._agent, self._memory = agent, memory
         self._beliefs = memory.beliefs(agent.world)

@@ -9,7 +9,8 @@ from typing import Any
 import typer
 
 from karma import __version__ as karma_version
-from karma.cli.commands import LazyGroup, option
+from karma.cli.commands import LazyGroup
+from karma.cli.parameters import option
 
 app = typer.Typer(
     cls=LazyGroup,

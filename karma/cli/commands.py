@@ -166,16 +166,3 @@ def _function(target: str) -> Callable[..., None]:
     module, _, name = target.partition(":")
     made = getattr(import_module(module), name)
     return clear_errors(as_function(made) if isinstance(made, type) else made)
-
-
-def option(usual: Any, text: str, *names: str, panel: str | None = None, **how: Any) -> Any:
-    """Return the default of a field that is an option; `usual` ...: it must be given.
-
-    `names` stand in place of the field's own, `how` is more of `typer.Option`.
-    """
-    return typer.Option(usual, *names, help=text, rich_help_panel=panel, **how)
-
-
-def argument(usual: Any, text: str, **how: Any) -> Any:
-    """Return the default of what stands without a name; as in `option`."""
-    return typer.Argument(usual, help=text, **how)

@@ -23,20 +23,13 @@ from karma.errors import FileError, KarmaError, UnwritableError
 from karma.files import LARGEST_LOG, append_line, read_bytes, read_json, to_json, write_atomic
 from karma.plugins.homes.habits import check_people
 from karma.plugins.homes.memory.sighting_age import chance_in_place
+from karma.plugins.homes.types import HomeCard
 from karma.plugins.rules.language.clock import time_of_day
 from karma.plugins.rules.talk.remembering import age
 from karma.world.sim import EmbeddedWorld
 
 HOMES = Path("runs/homes")
 _CARD, _LOG = "home.json", "log.jsonl"
-
-
-class HomeCard(msgspec.Struct, frozen=True, kw_only=True):
-    """What stands at the door."""
-
-    scene: str  # what the world is reset to: a name, or a file wherever one stands
-    people: int = 0  # who live there while the agent is away
-    seed: int = 0  # of their days
 
 
 def home_folder(name: str | Path) -> Path:

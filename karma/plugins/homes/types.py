@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
+import msgspec
+
 from karma.contracts import Meaning, Vec3
 
 
@@ -137,3 +139,11 @@ class HomeMemory(Protocol):
 
     def close(self) -> None:
         """Let go of what it holds."""
+
+
+class HomeCard(msgspec.Struct, frozen=True, kw_only=True):
+    """What stands at the door."""
+
+    scene: str  # what the world is reset to: a name, or a file wherever one stands
+    people: int = 0  # who live there while the agent is away
+    seed: int = 0  # of their days

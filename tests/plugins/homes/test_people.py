@@ -14,9 +14,9 @@ from karma.contracts import MemoryChange, SeenObject
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.household.ids import type_of
-from karma.plugins.homes.home import HomeCard
 from karma.plugins.homes.memory.sighting_age import chance_in_place
 from karma.plugins.homes.people import live
+from karma.plugins.homes.types import HomeCard
 from karma.plugins.rules.language.clock import DAY_S, HOUR_S
 from karma.plugins.rules.talk.history import moves
 from karma.world.sim import EmbeddedWorld
