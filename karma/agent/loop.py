@@ -5,7 +5,7 @@ planner answers again, with the failure in its prompt. Memory takes in the exper
 """
 
 from collections.abc import Collection, Generator, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from karma.agent.attempts import Attempts, bound
 from karma.agent.body.skills import Skills
@@ -37,19 +37,15 @@ from karma.contracts import (
 )
 
 
+@dataclass(eq=False)
 class KarmaAgent:
     """An agent in a home: a planner, skills in a world, and both memories."""
 
-    def __init__(
-        self,
-        world: World,
-        planner: Planner,
-        memory: AgentMemory,
-        perception: Perception,
-        attempts: int,
-    ) -> None:
-        self.world, self.planner, self.attempts = world, planner, attempts
-        self.memory, self._perception = memory, perception
+    world: World
+    planner: Planner
+    memory: AgentMemory
+    perception: Perception
+    attempts: int
 
     def enter(self, scene: SceneRef) -> None:
         """Be in a room; its first visit explores it."""
@@ -57,7 +53,7 @@ class KarmaAgent:
 
     def eyes(self, instruction: str) -> Eyes | None:
         """Return the eyes for this room; None: the simulator's metadata."""
-        return self._perception.eyes(self.memory.scene, instruction)
+        return self.perception.eyes(self.memory.scene, instruction)
 
     def do(self, subtask: SubTask) -> Iterator[AgentEvent]:
         """Let the planner carry out an instruction; yield answers, results and the report."""
