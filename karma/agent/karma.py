@@ -5,7 +5,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from karma.agent.loop import Agent
+from karma.agent.loop import KarmaAgent
 from karma.agent.memory import AgentMemory, MapFolder
 from karma.agent.options import settings_of
 from karma.agent.planning.planner import Planner
@@ -54,7 +54,7 @@ class KarmaMethod:
             detector=detector_of(settings.perception, resources),
         )
 
-    def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> Agent:
+    def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> KarmaAgent:
         """Start an episode: short-term memory empty, long-term memory loaded or explored."""
         perception = Perception(self.settings.perception, self.vision, self.detector)
         maps = MapFolder(path=self.maps, learn=self.learn)
@@ -62,6 +62,6 @@ class KarmaMethod:
             self.settings, self.recall, self.vision,
             maps=maps, perception=perception, seed=seed, pictures=folder,
         )  # fmt: skip
-        agent = Agent(world, self.planner, memory, perception, self.attempts)
+        agent = KarmaAgent(world, self.planner, memory, perception, self.attempts)
         agent.enter(scene)
         return agent

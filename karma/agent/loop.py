@@ -5,7 +5,7 @@ planner answers again, with the failure in its prompt. Memory takes in the exper
 """
 
 from collections.abc import Collection, Generator, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from karma.agent.attempts import Attempts, bound
 from karma.agent.body.skills import Skills
@@ -13,7 +13,14 @@ from karma.agent.memory import AgentMemory
 from karma.agent.planning.planner import Planner, grounded
 from karma.agent.seeing.eyes import Eyes
 from karma.agent.seeing.perception import Perception
-from karma.agent.session import LOOK_OVER, NO_ADVICE, SURVEY, Executor, Remembered, Session
+from karma.agent.session import (
+    LOOK_OVER,
+    NO_ADVICE,
+    SURVEY,
+    Executor,
+    InstructionSession,
+    Remembered,
+)
 from karma.contracts import (
     Advice,
     AgentEvent,
@@ -30,19 +37,15 @@ from karma.contracts import (
 )
 
 
-class Agent:
+@dataclass(eq=False)
+class KarmaAgent:
     """An agent in a home: a planner, skills in a world, and both memories."""
 
-    def __init__(
-        self,
-        world: World,
-        planner: Planner,
-        memory: AgentMemory,
-        perception: Perception,
-        attempts: int,
-    ) -> None:
-        self.world, self.planner, self.attempts = world, planner, attempts
-        self.memory, self._perception = memory, perception
+    world: World
+    planner: Planner
+    memory: AgentMemory
+    perception: Perception
+    attempts: int
 
     def enter(self, scene: SceneRef) -> None:
         """Be in a room; its first visit explores it."""
@@ -50,7 +53,7 @@ class Agent:
 
     def eyes(self, instruction: str) -> Eyes | None:
         """Return the eyes for this room; None: the simulator's metadata."""
-        return self._perception.eyes(self.memory.scene, instruction)
+        return self.perception.eyes(self.memory.scene, instruction)
 
     def do(self, subtask: SubTask) -> Iterator[AgentEvent]:
         """Let the planner carry out an instruction; yield answers, results and the report."""
@@ -90,16 +93,16 @@ class Agent:
 def planned(subtask: SubTask) -> Executor:
     """Return the executor that leaves an instruction to the planner."""
 
-    def execute(session: Session) -> Generator[AgentEvent, None, bool]:
+    def execute(session: InstructionSession) -> Generator[AgentEvent, None, bool]:
         return (yield from session.do(subtask)).finished
 
     return execute
 
 
 class AgentSession:
-    """The agent while it carries out an instruction; see `karma.agent.session.Session`."""
+    """The agent while it carries out an instruction: an `InstructionSession`."""
 
-    def __init__(self, agent: Agent, instruction: str, keep_shut: Collection[str]) -> None:
+    def __init__(self, agent: KarmaAgent, instruction: str, keep_shut: Collection[str]) -> None:
         memory = agent.memory
         self._agent, self._memory = agent, memory
         self._beliefs = memory.beliefs(agent.world)

@@ -33,7 +33,7 @@ class Remembered:
     taken: Mapping[str, str]  # id -> receptacle it was taken from
 
 
-class Session(Protocol):
+class InstructionSession(Protocol):
     """The agent while it carries out an instruction; an executor acts through it only."""
 
     def do(
@@ -54,5 +54,5 @@ class Session(Protocol):
         """Add a line to the report: a state, and the evidence for it."""
 
 
-Executor = Callable[[Session], Generator[AgentEvent, None, bool]]
+Executor = Callable[[InstructionSession], Generator[AgentEvent, None, bool]]
 """Carries out an instruction; returns whether it finished."""

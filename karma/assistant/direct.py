@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Instruction:
+class DirectRequest:
     """The whole text."""
 
     text: str
@@ -28,11 +28,11 @@ class DirectAssistant:
     def __init__(self, agent: "Agent") -> None:
         self._agent = agent
 
-    def requests(self, text: str) -> Iterator[Instruction]:
+    def requests(self, text: str) -> Iterator[DirectRequest]:
         """Yield the text."""
-        yield Instruction(text.strip())
+        yield DirectRequest(text.strip())
 
-    def handle(self, said: Instruction, whole: str) -> Iterator[Moment]:
+    def handle(self, said: DirectRequest, whole: str) -> Iterator[Moment]:
         """Have the text carried out, and log it."""
         subtask = SubTask(instruction=said.text, whole=whole)
 

@@ -10,7 +10,7 @@ import typer
 
 from karma import __version__ as karma_version
 from karma.cli.commands import LazyGroup
-from karma.cli.options import option
+from karma.cli.parameters import option
 
 app = typer.Typer(
     cls=LazyGroup,

@@ -24,8 +24,8 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from karma import registry
-from karma.cli.options import argument as argument
-from karma.cli.options import option as option
+from karma.cli.parameters import argument as argument
+from karma.cli.parameters import option as option
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
 from karma.offline.guard import settle

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 from rich.table import Table
 
-from karma.cli.options import argument, option
+from karma.cli.parameters import argument, option
 from karma.cli.progress import bar
 from karma.cli.shared import Json, console, tell, write_json
 from karma.errors import KarmaError

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from karma.agent.loop import Agent
+    from karma.agent.loop import KarmaAgent
     from karma.contracts import Resources, VisionModel
 
 
@@ -39,7 +39,7 @@ def karma_resources(tmp_path: Path) -> "Callable[..., Resources]":
 @pytest.fixture
 def karma_episode(
     karma_resources: "Callable[..., Resources]", tmp_path: Path
-) -> "Callable[..., Agent]":
+) -> "Callable[..., KarmaAgent]":
     """Return what begins an episode in a room: the agent, with a planner's answers given.
 
     `karma_episode(answers, scene="kitchen_1", vision=None, **options)`; options are those of a row.
@@ -50,7 +50,7 @@ def karma_episode(
         scene: str = "kitchen_1",
         vision: "VisionModel | None" = None,
         **options: Any,
-    ) -> "Agent":
+    ) -> "KarmaAgent":
         from karma.agent.karma import KarmaMethod
         from karma.agent.loading.models import world_maker
         from karma.contracts import SceneRef

@@ -14,7 +14,7 @@ import msgspec
 from karma.agent.journal.records import Key, NotRun
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.loading.models import Models, Row, check_asked, language_model
-from karma.bench.figures.drawing import Picture
+from karma.bench.figures.drawing import Plot
 from karma.bench.figures.tables import Sheet
 from karma.contracts import LanguageModel
 from karma.models.session import Session
@@ -132,7 +132,7 @@ class Benchmark(Protocol):
     def results(self, records: Sequence[Any]) -> BenchmarkResults:
         """Return what records come to, finished or not; FileError for damaged published scores."""
 
-    def pictures(self, records: Sequence[Any]) -> Sequence[Picture]:
+    def pictures(self, records: Sequence[Any]) -> Sequence[Plot]:
         """Return the pictures of the report page; () for none."""
 
 

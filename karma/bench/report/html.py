@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from karma import __version__
-from karma.bench.figures.drawing import Picture, svg_of
+from karma.bench.figures.drawing import Plot, svg_of
 
 if TYPE_CHECKING:
     import jinja2
@@ -38,7 +38,7 @@ def data_uri(kind: str, data: bytes) -> str:
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"
 
 
-def _uri_of(picture: Picture) -> str:
+def _uri_of(picture: Plot) -> str:
     return data_uri("image/svg+xml", svg_of(picture.figure))
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from karma.agent.journal.records import ALL, KINDS
 from karma.bench.figures.columns import COLUMNS, Figures
-from karma.bench.figures.drawing import Picture, empty_figure
+from karma.bench.figures.drawing import Plot, empty_figure
 from karma.bench.figures.failures import CAUSES, Failure, count
 from karma.bench.figures.tables import Result
 
@@ -15,21 +15,21 @@ NAME_LETTERS = 22  # of a line of a method's name
 HEIGHT_IN = 0.36  # of a bar with its gap
 
 
-def plots_of(result: Result) -> Iterator[Picture]:
+def plots_of(result: Result) -> Iterator[Plot]:
     """Yield the plots of a run, the methods in the order of its tables."""
     rows = list(dict.fromkeys(line.row for line in result.figures))
-    yield Picture(
+    yield Plot(
         title="Tasks solved",
         caption="Share of the tasks, of sequences of their instructions; whiskers: 95 % intervals.",
         figure=_success(rows, result.figures),
     )
     if result.failures:
-        yield Picture(
+        yield Plot(
             title="Causes of failure",
             caption="Episodes by the cause of the first instruction that failed.",
             figure=_causes(rows, result.failures),
         )
-    yield Picture(
+    yield Plot(
         title="Per episode",
         caption="Means over all episodes of a method.",
         figure=_amounts(rows, [line for line in result.figures if line.kind == ALL]),

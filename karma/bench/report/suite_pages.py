@@ -6,7 +6,7 @@ from pathlib import Path
 from karma.agent.journal.formats import UNKNOWN, range_text
 from karma.agent.journal.header import BenchmarkHeader
 from karma.bench.engine.benchmark_runs import read_played
-from karma.bench.figures.drawing import Picture
+from karma.bench.figures.drawing import Plot
 from karma.bench.figures.tables import Sheet
 from karma.bench.policies.figure import Results, caption_of, pictures_of, read_figure
 from karma.bench.policies.paper_claims import claims_sheets
@@ -56,7 +56,7 @@ def figure_page(folder: Path) -> str:
         FileError: the folder has no results yet, or they are torn.
     """
     results = read_figure(folder)
-    pictures = (Picture(title=name, figure=drawn) for name, drawn in pictures_of(results))
+    pictures = (Plot(title=name, figure=drawn) for name, drawn in pictures_of(results))
     return fill(
         "suite.html.j2",
         title=results.figure.name,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from karma.cli.options import option
+from karma.cli.parameters import option
 from karma.cli.shared import Json, console, tell, write_json
 
 File = Annotated[Path, typer.Argument(help="The bundle.")]

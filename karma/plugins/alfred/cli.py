@@ -8,7 +8,7 @@ import typer
 from rich.markup import escape
 
 from karma.agent.journal.formats import percent_text
-from karma.cli.options import option
+from karma.cli.parameters import option
 from karma.cli.progress import track
 from karma.cli.shared import Json, console, tell, write_json
 from karma.errors import KarmaError

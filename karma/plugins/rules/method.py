@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 
 from karma import registry
 from karma.agent.karma import KarmaMethod
-from karma.agent.loop import Agent
+from karma.agent.loop import KarmaAgent
 from karma.agent.settings import KarmaSettings
 from karma.contracts import AgentEvent, Embedder, Resources, SceneRef, SubTask, World
 from karma.plugins.rules.language.clauses import context_left_out
@@ -78,7 +78,7 @@ class RulesMethod:
 class RulesEpisode:
     """An agent whose instructions are parsed before it carries them out."""
 
-    def __init__(self, agent: Agent, reader: RequestReader) -> None:
+    def __init__(self, agent: KarmaAgent, reader: RequestReader) -> None:
         self.agent, self._reader = agent, reader
         self._mentioned: tuple[Mention, ...] = ()  # in the last instruction that was parsed
         self._deeds: tuple[SaidDeed, ...] = ()  # likewise

@@ -10,7 +10,7 @@ from typing import TypeVar
 from karma.agent.attempts import Attempts
 from karma.agent.planning.planner import by_no_model
 from karma.agent.seeing.perceive import place_of
-from karma.agent.session import LOOK_OVER, Session
+from karma.agent.session import LOOK_OVER, InstructionSession
 from karma.contracts import (
     AgentEvent,
     Found,
@@ -81,7 +81,7 @@ def refusal(refused: RefusedRequest) -> Plan:
 class ObjectFinder:
     """Finds the objects that one request means, among what was seen here or is looked for now."""
 
-    session: Session
+    session: InstructionSession
     asked: Request
     earlier: Earlier
     progress: Progress

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 
-from karma.agent.session import Session
+from karma.agent.session import InstructionSession
 from karma.contracts import SkillCall, SkillResult
 from karma.household.ids import type_of
 from karma.household.places import HAND
@@ -11,7 +11,7 @@ from karma.plugins.rules.deeds import deed_kind
 from karma.plugins.rules.types import Request, SaidDeed
 
 
-def put_back(asked: Request, session: Session) -> Iterator[SkillResult]:
+def put_back(asked: Request, session: InstructionSession) -> Iterator[SkillResult]:
     """Undo all changes that the request does not ask for, as far as the world allows."""
     for call in _tool_put_down(asked, session):
         yield session.call(call)
@@ -20,7 +20,7 @@ def put_back(asked: Request, session: Session) -> Iterator[SkillResult]:
             yield session.call(SkillCall.of(skill, name))
 
 
-def _tool_put_down(asked: Request, session: Session) -> Iterator[SkillCall]:
+def _tool_put_down(asked: Request, session: InstructionSession) -> Iterator[SkillCall]:
     """Yield the calls that return a held tool to the receptacle it was taken from."""
     known = session.remembered()
     held = known.held

@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from karma.agent.journal.formats import figure_text
-from karma.cli.options import option
+from karma.cli.parameters import option
 from karma.cli.progress import track
 from karma.cli.shared import Json, console, tell, write_json
 from karma.files import below, to_json, write_atomic

@@ -7,7 +7,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from karma.agent.journal.formats import figure_text
-from karma.cli.options import argument, option
+from karma.cli.parameters import argument, option
 from karma.cli.progress import bar
 from karma.cli.shared import Json, console, tell, write_json
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from karma.agent.loading.models import filled
 from karma.bench.engine.suite import BenchmarkResults, Chain, Play
-from karma.bench.figures.drawing import Picture
+from karma.bench.figures.drawing import Plot
 from karma.contracts import Embedder
 from karma.errors import KarmaError
 from karma.models.session import Session
@@ -89,7 +89,7 @@ class LivedHomes:
             remarks=(*remarks_on(self._experiment), *self._without_room(records)),
         )
 
-    def pictures(self, records: Sequence[LivedRecord]) -> list[Picture]:
+    def pictures(self, records: Sequence[LivedRecord]) -> list[Plot]:
         """Return success by kind, over settings, and over days where there is one setting."""
         found = list(lived_pictures(figures_of(records), stale_shares(records)))
         if len({one.setting for one in records}) == 1 and len({one.day for one in records}) > 1:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from karma.bench.figures.drawing import Picture, empty_figure
+from karma.bench.figures.drawing import Plot, empty_figure
 from karma.plugins.homes.lived.table import ALL, KINDS, OURS, LivedFigures, StaleShare
 
 WIDTH = 0.8  # of all rows of one kind, beside each other
@@ -12,15 +12,13 @@ STALE = "stale actions"
 LEAST = 10  # chances of a tenth that is drawn
 
 
-def lived_pictures(
-    figures: Sequence[LivedFigures], stale: Sequence[StaleShare]
-) -> Iterator[Picture]:
+def lived_pictures(figures: Sequence[LivedFigures], stale: Sequence[StaleShare]) -> Iterator[Plot]:
     """Yield the curves where there are several settings, then each setting's bars."""
     settings = list(dict.fromkeys(one.setting for one in figures))
     if len(settings) > 1:
         yield curves_picture("Over settings", figures, stale)
     for setting in settings:
-        yield Picture(
+        yield Plot(
             title=f"Served rightly, by kind: {setting}",
             caption="Whiskers: 95 % intervals over homes. Reliability: what rows that give a "
             "chance said of “it is still there”, in tenths with ten or more, against what was so.",
@@ -30,9 +28,9 @@ def lived_pictures(
 
 def curves_picture(
     title: str, figures: Sequence[LivedFigures], stale: Sequence[StaleShare]
-) -> Picture:
+) -> Plot:
     """Return the hard kinds and stale actions over settings, or over what stands as such."""
-    return Picture(
+    return Plot(
         title=title,
         caption="Shares with their 95 % intervals over homes; stale actions: of the world "
         "actions for requests, those spent on a belief that was false.",

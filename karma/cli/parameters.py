@@ -1,4 +1,4 @@
-"""Options and arguments of commands."""
+"""Options and arguments of commands: the default of a field, with its help."""
 
 from typing import Any
 
