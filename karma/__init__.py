@@ -1,6 +1,6 @@
 """KARMA Offline: a household agent that remembers, on local inference only.
 
-How data flows; each arrow is a frozen dataclass of `karma.contracts`, save the world's event::
+How data flows; each arrow is a frozen dataclass of `karma.types`, save the world's event::
 
     see    world -Event-> perceive -Observation-> skills -Experience-> method -MemoryUnit-> memory
     plan   memory -Recalled-> method -PlanRequest-> planner -Prompt-> models -Completion-> planner

@@ -13,7 +13,6 @@ from statistics import median
 import typer
 from measuring import table, taken
 
-from karma.contracts import Meaning
 from karma.household.types import object_types
 from karma.models.embed.minilm import MiniLm
 from karma.plugins.homes.memory.episodes import EpisodeQuery
@@ -21,6 +20,7 @@ from karma.plugins.homes.memory.setting import KnownPlace, MemorySetting
 from karma.plugins.homes.memory.true_memory import TrueMemory
 from karma.plugins.homes.types import Deed, HomeMoment, HomeQuestion, SaidThing, Sighting
 from karma.seeds import stream
+from karma.types.planning import Meaning
 
 DAY_S = 86_400.0
 KINDS = ("Cabinet", "Drawer", "Shelf", "CounterTop", "SideTable", "Desk")

@@ -24,7 +24,6 @@ from typing import Annotated, Any
 import typer
 from measuring import CHILDREN, Clock, resident_mb, table, taken
 
-from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.files import sha256_of
 from karma.models.automaton import ProgramAutomaton
 from karma.models.checks.gguf import check_gguf
@@ -35,6 +34,7 @@ from karma.models.llama.opening import LlamaOptions
 from karma.models.manifest import resolve_planner
 from karma.offline.guard import go_offline
 from karma.testing import make_llama
+from karma.types.planning import ProgramSpec, Prompt, Skill
 
 NANO = "nano"  # the planner that ships
 CLASSES = {  # shapes of Qwen 2.5 0.5B and 1.5B, Llama 3.2 3B, Llama 3.1 8B

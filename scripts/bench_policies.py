@@ -20,11 +20,11 @@ from measuring import table, taken
 
 from karma import registry
 from karma.bench.policies.simulate import Trace, simulate
-from karma.contracts import MemoryUnit
 from karma.memory.policies import make_policy
 from karma.memory.short_term import ShortTermMemory
 from karma.offline.guard import go_offline
 from karma.seeds import stream
+from karma.types.memory import MemoryUnit
 
 KINDS = 1000
 

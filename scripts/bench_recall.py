@@ -21,11 +21,12 @@ import typer
 from measuring import in_turns, table
 
 from karma.agent.loading.models import Models, load_resources
-from karma.contracts import MemoryUnit, Recall
 from karma.memory.recall import UnitIndex
 from karma.offline.guard import go_offline
 from karma.plugins.rules.language.lexemes import lexicon
 from karma.seeds import stream
+from karma.types.memory import MemoryUnit
+from karma.types.roles import Recall
 
 DIMENSION, K = 384, 3
 STATES = ((), ("cleaned",), ("dirty",), ("sliced",), ("cleaned", "sliced"), ("filled",))

@@ -28,7 +28,6 @@ from support.every_score import every_score
 from support.naive_scoring import PLACES, THINGS, Naive, lines, tokens_of
 
 from karma.bench.engine.experiment_file import beside
-from karma.contracts import Choice
 from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.opening import LlamaOptions
 from karma.models.llama.scoring import SkillScorer
@@ -41,6 +40,7 @@ from karma.plugins.alfred.suites.lota_planner import LotaPromptOptions, followed
 from karma.plugins.alfred.suites.players import ExpertPlayer
 from karma.seeds import stream
 from karma.testing import make_llama
+from karma.types.completion import Choice
 
 NANO = Path("models/nano/planner.gguf")
 LONG = 2000  # tokens of the prompt that speed is measured on

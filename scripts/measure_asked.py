@@ -33,8 +33,8 @@ from support.judging import asking_resources, say
 from karma.agent.goals.files import load_said
 from karma.agent.goals.goals import parse_goal
 from karma.agent.loading.models import Models
-from karma.contracts import Resources
 from karma.offline.guard import go_offline
+from karma.types.roles import Resources
 
 _UNDONE_BY = {  # property of an object that a later goal overwrites
     "HOLDON": "at", "ON": "at", "INSIDE": "at", "OPEN": "door", "CLOSED": "door",

@@ -17,8 +17,10 @@ import typer
 
 from karma.agent.karma import KarmaMethod
 from karma.agent.loading.models import Models, load_resources
-from karma.contracts import Outcome, SceneRef, SubTask
 from karma.offline.guard import go_offline
+from karma.types.events import Outcome
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask
 from karma.world.sim import EmbeddedWorld
 
 PACKAGE = str(Path(__file__).resolve().parents[1] / "karma")

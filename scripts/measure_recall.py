@@ -37,12 +37,12 @@ from support.recall_questions import (
 from karma import registry
 from karma.agent.loading.models import Models, load_resources
 from karma.bench.figures.statistics import interval_text
-from karma.contracts import Recall
 from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
 from karma.language.hints import write_words
 from karma.offline.guard import go_offline
 from karma.plugins.training.hinted import words_file
+from karma.types.roles import Recall
 
 OURS = Path("eval/recall/questions.jsonl")
 BEFORE = Path("eval/recall/before.json")

@@ -34,8 +34,8 @@ from support.talk_judge import VERDICTS, Talk, TalkJudge, Turn, Verdict, read_ta
 
 from karma.agent.loading.models import Models
 from karma.assistant.agent import Agent
-from karma.contracts import Resources
 from karma.offline.guard import go_offline
+from karma.types.roles import Resources
 
 _LEANS = ("yes", "no", "says", "in")  # on what was done before
 

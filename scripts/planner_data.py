@@ -25,7 +25,6 @@ from karma.agent.journal.formats import figure_text
 from karma.agent.loading.planner_files import hints_for
 from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import compact
-from karma.contracts import PlanRequest
 from karma.errors import ProgramError
 from karma.files import to_json
 from karma.models.llama.opening import LlamaOptions
@@ -43,6 +42,7 @@ from karma.plugins.training.samples import TrainingExample, draw_alfred
 from karma.plugins.training.sources import DEVELOPMENT, Sources, held_out_packs
 from karma.plugins.training.task_files import draw_tasks, fresh_rooms
 from karma.seeds import stream
+from karma.types.planning import PlanRequest
 from karma.world.core.scene import Scene
 
 SHARED = Path(os.environ.get("KARMA_SHARED", ROOT.parent / "shared"))

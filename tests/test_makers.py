@@ -5,10 +5,12 @@ import pytest
 from support.sights import seen
 from support.tiny import opened
 
-from karma.contracts import Embedder, Prompt, SubTask, VisionModel
 from karma.errors import FileError, UnknownNameError
 from karma.models.checks.gguf import check_gguf
 from karma.testing import FAMILIES, StubEmbedder, StubVision, make_llama, make_planner
+from karma.types.planning import Prompt
+from karma.types.roles import Embedder, VisionModel
+from karma.types.tasks import SubTask
 
 SIZE = {"layers": 3, "width": 64, "heads": 4, "kv_heads": 2, "feed_forward": 96}
 

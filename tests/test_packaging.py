@@ -92,7 +92,7 @@ def test_command_line_loads():
     assert callable(command.load())
 
 
-@pytest.mark.parametrize("module", ["karma", "karma.contracts", "karma.registry", "karma.cli"])
+@pytest.mark.parametrize("module", ["karma", "karma.types.roles", "karma.registry", "karma.cli"])
 def test_import_is_light_and_leaves_nothing_behind(module, tmp_path):
     program = (
         "import sys, threading\n"

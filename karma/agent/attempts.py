@@ -8,16 +8,10 @@ from karma.agent.body.refusals import NOT_FOUND
 from karma.agent.planning.first_program import left_undone, replaces_first
 from karma.agent.planning.planner import grounded
 from karma.agent.planning.program import PUTS
-from karma.contracts import (
-    Check,
-    Experience,
-    FailedProgram,
-    Plan,
-    PlanRequest,
-    SkillCall,
-    SkillResult,
-)
 from karma.household.uses import kind_of
+from karma.types.events import Check, Plan, SkillResult
+from karma.types.memory import Experience
+from karma.types.planning import FailedProgram, PlanRequest, SkillCall
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,10 +7,12 @@ from pathlib import Path
 from karma.agent.body.sightings import offset, shifted
 from karma.agent.seeing.perceive import place_of
 from karma.agent.seeing.picture_states import look_at
-from karma.contracts import Experience, MemoryUnit, SeenObject, VisionModel
 from karma.household.ids import is_part, type_of, whole_id
 from karma.household.places import STAND_CLOSED
 from karma.memory.short_term import merged, merged_states
+from karma.types.memory import Experience, MemoryUnit
+from karma.types.observation import SeenObject
+from karma.types.roles import VisionModel
 
 
 def units_of(

@@ -11,7 +11,8 @@ from karma.agent.options import settings_of
 from karma.agent.planning.planner import Planner
 from karma.agent.seeing.perception import Perception, detector_of
 from karma.agent.settings import KarmaSettings
-from karma.contracts import Detector, Recall, Resources, SceneRef, VisionModel, World
+from karma.types.roles import Detector, Recall, Resources, VisionModel, World
+from karma.types.space import SceneRef
 
 
 @dataclass(eq=False)

@@ -21,20 +21,12 @@ from karma.agent.session import (
     InstructionSession,
     Remembered,
 )
-from karma.contracts import (
-    Advice,
-    AgentEvent,
-    Check,
-    Found,
-    Outcome,
-    PlanRequest,
-    SceneRef,
-    SeenObject,
-    SkillCall,
-    SkillResult,
-    SubTask,
-    World,
-)
+from karma.types.events import AgentEvent, Check, Found, Outcome, SkillResult
+from karma.types.observation import SeenObject
+from karma.types.planning import Advice, PlanRequest, SkillCall
+from karma.types.roles import World
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask
 
 
 @dataclass(eq=False)

@@ -11,28 +11,18 @@ from karma.agent.planning.full_profile import furniture_names
 from karma.agent.seeing.perception import Perception
 from karma.agent.settings import KarmaSettings
 from karma.agent.tour import explore_room, position_of
-from karma.contracts import (
-    Advice,
-    Area,
-    Experience,
-    Known,
-    MemoryChange,
-    MemoryUnit,
-    PlanRequest,
-    Recall,
-    Recalled,
-    SceneRef,
-    SeenObject,
-    SubTask,
-    VisionModel,
-    World,
-)
 from karma.household.ids import type_of
 from karma.household.pieces import goes_by
 from karma.household.places import HAND
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory
+from karma.types.memory import Area, Experience, Known, MemoryChange, MemoryUnit, Recalled
+from karma.types.observation import SeenObject
+from karma.types.planning import Advice, PlanRequest
+from karma.types.roles import Recall, VisionModel, World
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask
 
 
 @dataclass(slots=True)

@@ -5,16 +5,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from karma.agent.attempts import Attempts
-from karma.contracts import (
-    Advice,
-    AgentEvent,
-    Found,
-    MemoryUnit,
-    SeenObject,
-    SkillCall,
-    SkillResult,
-    SubTask,
-)
+from karma.types.events import AgentEvent, Found, SkillResult
+from karma.types.memory import MemoryUnit
+from karma.types.observation import SeenObject
+from karma.types.planning import Advice, SkillCall
+from karma.types.tasks import SubTask
 
 LOOK_OVER = "LookOver"  # a call: look at everything on a surface or in a container
 SURVEY = "Survey"  # a call: look around from every place of the map, and open nothing

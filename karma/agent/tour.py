@@ -8,8 +8,11 @@ from karma.agent.body.skills import Skills
 from karma.agent.planning.prompt import position_text
 from karma.agent.seeing.eyes import Eyes
 from karma.agent.seeing.perceive import cells_of, fixed_of, pose_of
-from karma.contracts import Area, Known, SceneRef, SkillCall, Tour, Vec3, World
 from karma.memory.scene_graph import SceneGraph
+from karma.types.memory import Area, Known, Tour
+from karma.types.planning import SkillCall
+from karma.types.roles import World
+from karma.types.space import SceneRef, Vec3
 
 LOOKOUT_M = 0.75  # every cell is this near to a place looked around from; the eye reaches 1.5 m
 

@@ -37,23 +37,17 @@ from karma.assistant.replies import AgentReply, RequestReply, Understanding, as_
 from karma.assistant.session_log import PastAction, SessionLog
 from karma.assistant.talk_folder import Keeper, TalkFolder
 from karma.assistant.views import Memory, RoomMap
-from karma.contracts import (
-    Known,
-    Listener,
-    MemoryChange,
-    Outcome,
-    Plan,
-    Resources,
-    SceneRef,
-    SkillResult,
-    SubTask,
-    Tour,
-)
 from karma.errors import KarmaError
 from karma.files import read_bytes
 from karma.models.llama.model import LlamaModel
 from karma.models.manifest import default_planner, resolve_planner
 from karma.models.session import Session, Spent
+from karma.types.completion import Listener
+from karma.types.events import Outcome, Plan, SkillResult
+from karma.types.memory import Known, MemoryChange, Tour
+from karma.types.roles import Resources
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask
 
 if TYPE_CHECKING:
     from karma.world.event import WorldEvent

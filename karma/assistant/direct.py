@@ -9,7 +9,8 @@ from karma.agent.planning.refusal_text import sentence
 from karma.assistant.program_words import in_words
 from karma.assistant.protocol import Moment, Resolved
 from karma.assistant.replies import Understanding
-from karma.contracts import Plan, SubTask
+from karma.types.events import Plan
+from karma.types.tasks import SubTask
 
 if TYPE_CHECKING:
     from karma.assistant.agent import Agent

@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Sequence
 
 from karma.agent.planning.program import DEEDS, WAYS
-from karma.contracts import SkillCall
 from karma.household.ids import is_id, type_of
 from karma.household.places import HAND
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types
+from karma.types.planning import SkillCall
 
 
 def in_words(calls: Sequence[SkillCall]) -> tuple[str, ...]:

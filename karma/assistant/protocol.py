@@ -6,9 +6,9 @@ from typing import Protocol, TypeVar
 
 from karma import registry
 from karma.assistant.replies import RequestReply, Understanding
-from karma.contracts import Plan, SkillResult
 from karma.errors import UnknownNameError
 from karma.models.manifest import read_manifest
+from karma.types.events import Plan, SkillResult
 
 DIRECT = "direct"  # the assistant of planners that want no other
 Moment = Understanding | Plan | SkillResult | RequestReply  # what happens while an agent acts

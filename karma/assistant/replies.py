@@ -13,8 +13,9 @@ from typing import Literal
 
 from karma.agent.body.afterwards import taken_back
 from karma.agent.journal.records import SubTaskRecord, Turn
-from karma.contracts import Check, Found, MemoryChange, Plan, SkillResult
 from karma.models.session import Spent
+from karma.types.events import Check, Found, Plan, SkillResult
+from karma.types.memory import MemoryChange
 
 Status = Literal["done", "answered", "partly", "unfinished", "refused", "asked"]
 Mark = Literal["said", "meant", "sure", "asked", "did", "failed", "seen", "not seen"]

@@ -8,8 +8,10 @@ import msgspec
 
 from karma.agent.journal.steps import Action
 from karma.agent.seeing.perceive import digest_of
-from karma.contracts import Event, MemoryChange, SeenObject, World
 from karma.errors import KarmaError
+from karma.types.memory import MemoryChange
+from karma.types.observation import SeenObject
+from karma.types.roles import Event, World
 from karma.world.sim import EmbeddedWorld
 
 DEFAULT_SCENE = "kitchen_1"

@@ -19,9 +19,11 @@ from karma.agent.journal.records import SAID, EpisodeRecord, SubTaskRecord, Turn
 from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.journal.writer import EpisodeWriter
 from karma.agent.loading.models import Models, Row
-from karma.contracts import Resources, SceneRef, SubTask, Task
 from karma.errors import FileError
 from karma.files import read_bytes
+from karma.types.roles import Resources
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask, Task
 
 TALKS = Path("runs/talks")
 _FIX = "--out another folder"

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from html import escape
 
-from karma.contracts import Area, MemoryUnit
 from karma.household.places import FLOOR
 from karma.household.saying import told_place
 from karma.household.uses import KNOB
 from karma.memory.scene_graph import SceneGraph
+from karma.types.memory import Area, MemoryUnit
 
 _HEADS = ("object", "states", "where", "handled")
 _CM, _MARGIN_CM = 100.0, 30.0

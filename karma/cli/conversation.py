@@ -59,7 +59,7 @@ def say(agent: "Agent", instruction: str, view: AnswerView | None = None) -> "Ag
     """
     from karma.assistant import replies
     from karma.assistant.replies import Line, RequestReply, Understanding
-    from karma.contracts import Plan, SkillResult
+    from karma.types.events import Plan, SkillResult
 
     most = replies.rows_for(len(agent.clauses(instruction))) if _watched() else _ALL
     number, printed = 0, 0

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from rich.status import Status
 
     from karma.bench.engine.run import Run
-    from karma.contracts import Heard, Plan
+    from karma.types.completion import Heard
+    from karma.types.events import Plan
 
 T = TypeVar("T")
 _LINE_S = 10.0  # between lines of a log

@@ -106,7 +106,7 @@ class ChatCommand(Computed, Kept, RequestOptions):
     def do(self) -> None:
         """Converse in a home that lasts, unless it is to be fresh, or no plug-in keeps homes."""
         from karma.assistant.session_log import DEFAULT_SCENE
-        from karma.contracts import SceneRef
+        from karma.types.space import SceneRef
 
         view, lasts = AnswerView(), ""
         if "kept" in registry.names("homes"):

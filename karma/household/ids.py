@@ -5,7 +5,7 @@ behind the whole's id: `Sink|x|y|z|SinkBasin`, `Apple|2|0|AppleSliced_2`. A type
 an id everywhere.
 """
 
-from karma.contracts import Vec3
+from karma.types.space import Vec3
 
 
 def _sections(object_id: str) -> tuple[list[str], list[str]]:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Literal, NamedTuple, Self
 
-from karma.contracts import SkillCall
 from karma.household.ids import short_type, type_of
 from karma.household.pieces import piece_type
 from karma.household.places import FLOOR, HAND
@@ -29,6 +28,7 @@ from karma.household.uses import (
     TOASTER,
     kind_of,
 )
+from karma.types.planning import SkillCall
 
 Need = Literal["empty hand", "held", "not held", "knife", "opened", "closed", "off"]
 _CLOSED_TO_RUN = (MICROWAVE,)

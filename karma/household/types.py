@@ -10,9 +10,9 @@ from typing import Literal
 
 import msgspec
 
-from karma.contracts import Vec3
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_toml
+from karma.types.space import Vec3
 
 Capability = Literal[
     "receptacle", "pickupable", "moveable", "openable", "toggleable", "breakable",

@@ -10,10 +10,10 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from karma.contracts import Vec3
 from karma.household.ids import part_id
 from karma.household.types import types_with
 from karma.household.uses import BASIN_OF, TAPS, WHOLE_OF
+from karma.types.space import Vec3
 
 POURS_M = 1.0  # across the floor: a tap pours into the nearest basin within it
 _ABOVE_M = 0.1  # by which a basin's middle may be higher than its tap's

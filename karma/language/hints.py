@@ -16,11 +16,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.contracts import Embedder, Hint, Meaning, Vectors
 from karma.files import read_json, read_toml, to_json, write_atomic
 from karma.language.parts import NounPhrase, VerbPhrase
 from karma.language.phrases import phrases_of
 from karma.language.words import base_of, word_lists
+from karma.types.planning import Hint, Meaning
+from karma.types.roles import Embedder
+from karma.types.space import Vectors
 
 HERE = Path(__file__).parent
 TYPE_WORDS = HERE / "type_words.json"  # what types are called, with MiniLM's vectors beside it

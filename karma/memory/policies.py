@@ -11,8 +11,8 @@ from inspect import signature
 from typing import Any, Generic, TypeVar
 
 from karma import registry
-from karma.contracts import ReplacementPolicy
 from karma.errors import KarmaError
+from karma.types.roles import ReplacementPolicy
 
 K = TypeVar("K", bound=Hashable)
 

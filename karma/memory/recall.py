@@ -16,10 +16,12 @@ import faiss
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.contracts import Embedder, ImageEmbedder, MemoryUnit, Recalled, Vectors
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.household.types import in_words
 from karma.memory.short_term import listing
+from karma.types.memory import MemoryUnit, Recalled
+from karma.types.roles import Embedder, ImageEmbedder
+from karma.types.space import Vectors
 
 Value = Hashable
 Property = Callable[[MemoryUnit], Value]

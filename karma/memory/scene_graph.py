@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from karma.contracts import Area, Fixture, Known, SeenObject, Tour, Vec3
 from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
 from karma.household.uses import with_wholes
+from karma.types.memory import Area, Fixture, Known, Tour
+from karma.types.observation import SeenObject
+from karma.types.space import Vec3
 
 VERSION = 1
 SPACING_M = 1.25  # no cell is farther from its area node, on foot

@@ -8,8 +8,9 @@ from collections import OrderedDict
 from dataclasses import replace
 from typing import Any
 
-from karma.contracts import MemoryUnit, ReplacementPolicy
 from karma.household.states import ENDS
+from karma.types.memory import MemoryUnit
+from karma.types.roles import ReplacementPolicy
 
 
 class ShortTermMemory:

@@ -20,7 +20,6 @@ from itertools import chain, islice
 
 import numpy as np
 
-from karma.contracts import Embedder, MemoryUnit, Recalled, Vectors
 from karma.household.ids import root_type
 from karma.household.pieces import base_type
 from karma.household.states import ALIKE, OPPOSITES, state_words
@@ -31,6 +30,9 @@ from karma.language.parts import NounPhrase, Phrases
 from karma.language.phrases import phrases_of
 from karma.language.words import word_lists
 from karma.memory.recall import FoundUnit, UnitIndex, row_of
+from karma.types.memory import MemoryUnit, Recalled
+from karma.types.roles import Embedder
+from karma.types.space import Vectors
 
 _NOT = r"(?:not|never|no longer|\w+n't)(?: yet| been| being| very| so)*"
 _PLURAL = frozenset(("them", "they", "these", "those", "both", "'em"))

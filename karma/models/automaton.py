@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from karma.contracts import AnswerSpec, PlanSpec, ProgramSpec, RefusedRequest
+from karma.types.planning import AnswerSpec, PlanSpec, ProgramSpec, RefusedRequest
 
 CLOSINGS = ("\n", "```", "#")  # on the line below a call: the program has ended above it
 _FAR = 64  # bytes that are looked ahead

@@ -8,9 +8,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from karma.contracts import Frame, Point, Region, SeenObject, State
 from karma.errors import ModelError
 from karma.household.pieces import base_type
+from karma.types.observation import SeenObject, State
+from karma.types.space import Frame, Point, Region
 
 STATES: tuple[str, ...] = get_args(State)
 Profile = Literal["full", "compact"]

@@ -2,19 +2,11 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from karma.contracts import (
-    END,
-    AnswerSpec,
-    Choice,
-    Completion,
-    Frame,
-    Heard,
-    Listener,
-    Prompt,
-    Scoring,
-    SeenObject,
-)
 from karma.errors import ModelError, RequestRefused
+from karma.types.completion import END, Choice, Completion, Heard, Listener, Scoring
+from karma.types.observation import SeenObject
+from karma.types.planning import AnswerSpec, Prompt
+from karma.types.space import Frame
 
 
 class ScriptedModel:

@@ -12,7 +12,6 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from karma.contracts import Frame, SeenObject
 from karma.errors import ModelError
 from karma.files import read_json
 from karma.models.checks.folder import CheckedFolder
@@ -26,6 +25,8 @@ from karma.models.torch_load import (
     quiet,
     threads,
 )
+from karma.types.observation import SeenObject
+from karma.types.space import Frame
 
 FAMILIES = {
     "llava": ("LlavaForConditionalGeneration",),

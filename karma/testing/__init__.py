@@ -9,10 +9,11 @@ from hashlib import blake2b
 
 import numpy as np
 
-from karma.contracts import Frame, SeenObject, Vectors
 from karma.models.scripted import ScriptedModel
 from karma.testing.families import FAMILIES, PICTURE_FAMILIES, Size
 from karma.testing.models import MadePair, make_llama, make_picture_model, make_planner
+from karma.types.observation import SeenObject
+from karma.types.space import Frame, Vectors
 
 __all__ = [
     "FAMILIES",

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.agent.planning.prompt import render, skills_of
-from karma.contracts import PlanRequest
 from karma.errors import FileError, UnknownNameError
 from karma.household.types import object_types
 from karma.models.llama.gguf_files import add_special_tokens, add_vocabulary, new_tokenizer
@@ -29,6 +28,7 @@ from karma.testing.families import (
     language_keys,
     language_tensors,
 )
+from karma.types.planning import PlanRequest
 
 TRAINED = 1200  # tokens, the family's own among them
 

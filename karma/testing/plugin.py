@@ -11,15 +11,16 @@ import pytest
 
 if TYPE_CHECKING:
     from karma.agent.loop import KarmaAgent
-    from karma.contracts import Resources, VisionModel
+    from karma.types.roles import Resources, VisionModel
 
 
 @pytest.fixture
 def karma_resources(tmp_path: Path) -> "Callable[..., Resources]":
     """Return what makes `Resources` of a planner's answers: stand-ins in all other roles."""
     from karma import registry
-    from karma.contracts import Decoding, Resources
     from karma.testing import ScriptedModel, StubEmbedder, StubVision
+    from karma.types.completion import Decoding
+    from karma.types.roles import Resources
 
     def make(answers: Iterable[str], vision: "VisionModel | None" = None) -> "Resources":
         embedder = StubEmbedder()
@@ -53,7 +54,7 @@ def karma_episode(
     ) -> "KarmaAgent":
         from karma.agent.karma import KarmaMethod
         from karma.agent.loading.models import world_maker
-        from karma.contracts import SceneRef
+        from karma.types.space import SceneRef
 
         method = KarmaMethod.build(karma_resources(answers, vision), options)
         world = world_maker("embedded", [options])()

@@ -7,9 +7,9 @@ surface first, or dropped where none takes it. Time stands still in a room that 
 from collections.abc import Callable
 from typing import Any
 
-from karma.contracts import Event, World
 from karma.errors import KarmaError
 from karma.household.places import BESIDE_A_DOOR
+from karma.types.roles import Event, World
 
 
 class Home:

@@ -13,8 +13,8 @@ from typing import Any
 
 import msgspec
 
-from karma.contracts import Vec3
 from karma.errors import KarmaError
+from karma.types.space import Vec3
 from karma.world.actions.setup import unfit
 from karma.world.actions.table import ACTIONS
 from karma.world.core.effects import settle
@@ -39,7 +39,7 @@ _PAST = (0.0, -0.05, 0.0)  # what it has slipped through does not catch it
 
 
 class EmbeddedWorld:
-    """A household of boxes; implements `contracts.World`.
+    """A household of boxes; implements `karma.types.roles.World`.
 
     A scene, by name or path or read already, is loaded at once when given. AI2-THOR's names and
     units; gridSize None = the scene's own; flags as `renderDepthImage=True` say which pictures are

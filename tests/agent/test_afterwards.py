@@ -6,7 +6,9 @@ from support.household import bring
 from support.talking import STORE, TAKE, WASH, agent_saying
 
 from karma.agent.body.afterwards import checked, taken_back
-from karma.contracts import Experience, SkillCall, SkillResult
+from karma.types.events import SkillResult
+from karma.types.memory import Experience
+from karma.types.planning import SkillCall
 
 
 def told(reply):

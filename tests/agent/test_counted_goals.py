@@ -10,7 +10,7 @@ from support.written_tasks import write_tasks
 
 from karma.agent.goals.files import load_tasks
 from karma.agent.goals.goals import ARITY, MOST, GoalTracker, object_names, parse_goal, read_goal
-from karma.contracts import Goal
+from karma.types.tasks import Goal
 
 DESKS = [thing(f"Desk|{i}", receptacle=True) for i in (1, 2)]
 

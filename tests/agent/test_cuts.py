@@ -11,11 +11,13 @@ from support.hosted_server import endpoint, plant_key, wire_server
 from support.needs import need_models
 
 from karma.agent.planning.planner import Planner
-from karma.contracts import Area, Decoding, MemoryUnit, PlanRequest
 from karma.errors import ServerLost
 from karma.models.llama.model import LlamaModel
 from karma.models.manifest import resolve_planner
 from karma.plugins.hosted.model import HostedLanguageModel
+from karma.types.completion import Decoding
+from karma.types.memory import Area, MemoryUnit
+from karma.types.planning import PlanRequest
 
 PROGRAMS = (
     "OpenObject(robot, 'Fridge')\nPickupObject(robot, 'Apple')\nCloseObject(robot, 'Fridge')\n",

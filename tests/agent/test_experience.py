@@ -4,9 +4,10 @@ import pytest
 from support.experiences import experience
 
 from karma.agent.experience import unit_of, units_of
-from karma.contracts import MemoryUnit, SeenObject
 from karma.household.places import HAND
 from karma.models.scripted import MetadataVision
+from karma.types.memory import MemoryUnit
+from karma.types.observation import SeenObject
 
 
 def sight(*parents):

@@ -6,8 +6,8 @@ from karma.agent.body.skills import Skills
 from karma.agent.seeing.eyes import GivenBoxes, PictureEyes
 from karma.agent.seeing.perceive import observe, truth_of
 from karma.agent.tour import KnownFloor
-from karma.contracts import SkillCall
 from karma.models.scripted import BlindVision, MetadataVision
+from karma.types.planning import SkillCall
 from karma.world.sim import EmbeddedWorld
 
 FLAGS = {"renderDepthImage": True, "renderInstanceSegmentation": True}

@@ -13,11 +13,13 @@ from karma.agent.planning.inspector import narrowed
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import SKILLS, parse_program
 from karma.agent.planning.prompt import GOALS
-from karma.contracts import Area, Decoding, MemoryUnit, PlanRequest, ProgramSpec, WorkedExample
 from karma.household.ids import short_type
 from karma.household.types import object_types
 from karma.models.automaton import ProgramAutomaton
 from karma.models.scripted import ScriptedModel
+from karma.types.completion import Decoding
+from karma.types.memory import Area, MemoryUnit
+from karma.types.planning import PlanRequest, ProgramSpec, WorkedExample
 
 AREAS = (
     Area(name="node_1", position_m=(0.0, 0.9, 0.0), contains=("CounterTop", "Fridge", "Sink")),

@@ -5,9 +5,9 @@ from support.made_events import event, goals, thing, unmet
 
 from karma import registry
 from karma.agent.goals.goals import MOST, GoalTracker, object_names, parse_goal, read_goal
-from karma.contracts import SubTask
 from karma.errors import KarmaError
 from karma.household.states import canonical_state
+from karma.types.tasks import SubTask
 from karma.world.core import scene as scenes
 
 BASIN = "Sink|1|SinkBasin"

@@ -6,7 +6,8 @@ import pytest
 
 from karma.agent.planning.inspector import mend, objection
 from karma.agent.planning.program import parse_program
-from karma.contracts import Area, SkillCall
+from karma.types.memory import Area
+from karma.types.planning import SkillCall
 
 NODES = (
     Area(name="node_1", position_m=(0, 0, 0), contains=("Toilet",)),

@@ -6,11 +6,14 @@ from support.household import bring, find, kitchen
 
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
-from karma.contracts import Decoding, Plan, Resources, SkillResult, SubTask
 from karma.errors import FileError, KarmaError
 from karma.memory.recall import CosineRecall
 from karma.memory.scene_graph import SceneGraph
 from karma.models.scripted import MetadataVision, ScriptedModel
+from karma.types.completion import Decoding
+from karma.types.events import Plan, SkillResult
+from karma.types.roles import Resources
+from karma.types.tasks import SubTask
 from karma.world.sim import EmbeddedWorld
 
 FIND_APPLE = "Explore(robot, 'Apple', ['node_3'])\n"

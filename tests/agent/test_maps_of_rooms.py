@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 from karma import Agent
 from karma.agent.tour import contents_of, explore_room
 from karma.cli import app
-from karma.contracts import SceneRef
 from karma.files import to_json
 from karma.memory.scene_graph import SceneGraph
+from karma.types.space import SceneRef
 from karma.world.sim import EmbeddedWorld
 
 COUNTER = thing("CounterTop", (0.0, 0.45, 1.2), (3.4, 0.9, 0.6))

@@ -11,8 +11,10 @@ import pytest
 from support.experiences import begun
 from support.household import kitchen
 
-from karma.contracts import Decoding, MemoryUnit, SubTask
 from karma.models.scripted import ScriptedModel
+from karma.types.completion import Decoding
+from karma.types.memory import MemoryUnit
+from karma.types.tasks import SubTask
 from karma.world.core import scene as scenes
 from karma.world.sim import EmbeddedWorld
 

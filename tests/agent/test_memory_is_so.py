@@ -5,8 +5,9 @@ import pytest
 from support.experiences import begun
 from support.household import kitchen
 
-from karma.contracts import Decoding, SubTask
 from karma.models.scripted import ScriptedModel
+from karma.types.completion import Decoding
+from karma.types.tasks import SubTask
 
 
 @pytest.fixture

@@ -9,9 +9,9 @@ from support.random_programs import random_program
 
 from karma.agent.planning.inspector import narrowed, objection
 from karma.agent.planning.program import OUR_SKILLS, SKILLS, parse_program
-from karma.contracts import ProgramSpec
 from karma.household.types import object_types
 from karma.models.automaton import ProgramAutomaton
+from karma.types.planning import ProgramSpec
 
 SAMPLE = int(os.environ.get("KARMA_SAMPLE", "0")) or 200  # of the 2,000 and 10,000
 ROOM = (

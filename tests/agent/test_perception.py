@@ -8,10 +8,12 @@ from support.household import kitchen
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.loading.models import Models, load_resources, world_maker
 from karma.agent.planning.planner import Planner
-from karma.contracts import Decoding, SceneRef, SubTask
 from karma.files import to_json
 from karma.memory.recall import CosineRecall, MultimodalRecall
 from karma.models.scripted import BlindVision, ScriptedModel
+from karma.types.completion import Decoding
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask
 
 LOOKS = {"perception": "pictures"}
 

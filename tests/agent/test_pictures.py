@@ -10,8 +10,8 @@ from support.experiences import begun
 from karma.agent.body.sightings import Sightings
 from karma.agent.seeing.perceive import observe, shown_states, truth_of
 from karma.agent.seeing.picture_states import keep, look_at, png
-from karma.contracts import SubTask
 from karma.models.scripted import MetadataVision, ScriptedModel
+from karma.types.tasks import SubTask
 from karma.world.sim import EmbeddedWorld
 
 PROGRAM = (

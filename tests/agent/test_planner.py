@@ -11,22 +11,19 @@ from karma.agent.planning.expert import ExpertView, NamedThing, solve
 from karma.agent.planning.planner import Planner, grounded, program_spec
 from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import compact
-from karma.contracts import (
+from karma.household.places import landmark_types
+from karma.models.automaton import ProgramAutomaton
+from karma.models.scripted import ScriptedModel
+from karma.types.completion import Certainty, Decoding
+from karma.types.memory import Area, Fixture, MemoryUnit
+from karma.types.planning import (
     REFUSAL_KINDS,
-    Area,
-    Certainty,
-    Decoding,
-    Fixture,
     Hint,
     Meaning,
-    MemoryUnit,
     PlanRequest,
     RefusedRequest,
     SkillCall,
 )
-from karma.household.places import landmark_types
-from karma.models.automaton import ProgramAutomaton
-from karma.models.scripted import ScriptedModel
 
 GOOD = "GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
 BAD = "FlyToObject(robot, 'Apple')\n"

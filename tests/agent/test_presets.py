@@ -16,9 +16,9 @@ from karma.agent.options import settings_of
 from karma.bench.engine.experiment_file import kind_of, read_experiment
 from karma.cli import app
 from karma.cli.talking import RequestOptions
-from karma.contracts import Resources
 from karma.errors import FileError
 from karma.models.scripted import MetadataVision, ScriptedModel
+from karma.types.roles import Resources
 
 SETTING = ("recall", "recall_k", "paper_prompt")
 PAPERS = ("cosine:listing", 10, True)

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from karma.agent.planning.program import MAX_LINES, MAX_NAME, SKILLS, parse_program, parse_refusal
-from karma.contracts import REFUSAL_KINDS, RefusedRequest, SkillCall
 from karma.errors import ProgramError
+from karma.types.planning import REFUSAL_KINDS, RefusedRequest, SkillCall
 
 NAMES = st.text("ABCabc019|+-._ ", min_size=1, max_size=MAX_NAME).map(str.strip).filter(bool)
 METRES = st.floats(-1000, 1000, allow_nan=False)

@@ -10,21 +10,14 @@ from support.paths import GOLDEN
 from karma.agent.planning.full_profile import fixture_names, in_names, short_names, skill_needs
 from karma.agent.planning.program import OUR_SKILLS, SKILLS, parse_program
 from karma.agent.planning.prompt import PROFILES, render
-from karma.contracts import (
-    Area,
-    FailedProgram,
-    Fixture,
-    Hint,
-    Meaning,
-    MemoryUnit,
-    PlanRequest,
-    SeenObject,
-)
 from karma.errors import UnknownNameError
 from karma.household.pieces import base_type
 from karma.household.places import landmark_types
 from karma.household.types import object_types
 from karma.household.uses import with_wholes
+from karma.types.memory import Area, Fixture, MemoryUnit
+from karma.types.observation import SeenObject
+from karma.types.planning import FailedProgram, Hint, Meaning, PlanRequest
 
 AREAS = (
     Area(name="node_1", position_m=(0.0, 0.9, 0.0), contains=("Chair", "CounterTop", "Fridge")),

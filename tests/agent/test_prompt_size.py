@@ -15,10 +15,12 @@ from statistics import median
 from support.paths import ROOT
 
 from karma.agent.planning.prompt import PROFILES, render
-from karma.contracts import FailedProgram, MemoryUnit, PlanRequest, SeenObject
 from karma.memory.scene_graph import SceneGraph
 from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.seeds import stream
+from karma.types.memory import MemoryUnit
+from karma.types.observation import SeenObject
+from karma.types.planning import FailedProgram, PlanRequest
 from karma.world.generation.generate import build_scene
 
 SAMPLE = int(os.environ.get("KARMA_SAMPLE", "0"))

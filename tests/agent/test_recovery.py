@@ -6,8 +6,9 @@ from hypothesis import strategies as st
 
 from karma.agent.planning.program import parse_program
 from karma.agent.planning.recovery import program_of, recover_program
-from karma.contracts import Completion, RefusedRequest
 from karma.errors import ProgramError
+from karma.types.completion import Completion
+from karma.types.planning import RefusedRequest
 
 PROGRAM = "GoToObject(robot, 'Mug')\nPutObject(robot, 'Mug', 'Sink')\n"
 CALLS = ["GoToObject(robot, 'Mug')", "PutObject(robot, 'Mug', 'Sink')"]

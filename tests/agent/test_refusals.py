@@ -11,7 +11,9 @@ from karma.agent.body.refusals import contents, explained
 from karma.agent.body.sightings import Sightings
 from karma.agent.body.skills import Skills
 from karma.agent.seeing.perceive import reason_of
-from karma.contracts import Area, Fixture, Known, SeenObject, SkillCall
+from karma.types.memory import Area, Fixture, Known
+from karma.types.observation import SeenObject
+from karma.types.planning import SkillCall
 from karma.world.sim import EmbeddedWorld
 
 MICROWAVE = Known(

@@ -5,7 +5,7 @@ import pytest
 
 from karma.agent.seeing.perceive import camera_of, pose_of, truth_of
 from karma.agent.seeing.projection import placed, region_of, silhouette_of
-from karma.contracts import CameraPose
+from karma.types.space import CameraPose
 from karma.world.sim import EmbeddedWorld
 
 CAMERA = CameraPose(

@@ -10,7 +10,10 @@ import pytest
 from support.experiences import begun
 from support.household import kitchen, look, on, thing
 
-from karma.contracts import Completion, Decoding, Outcome, Recalled, SkillResult, SubTask
+from karma.types.completion import Completion, Decoding
+from karma.types.events import Outcome, SkillResult
+from karma.types.memory import Recalled
+from karma.types.tasks import SubTask
 
 CALL = re.compile(r"[A-Z]\w+\(robot, '[^']+'(?:, '[^']+')?\)")
 MARK = "  # FAILED: "

@@ -7,9 +7,10 @@ from support.household import kitchen, on
 from karma.agent.body.reach import SkillLimits
 from karma.agent.body.skills import Skills
 from karma.agent.tour import KnownFloor, floor_of, position_of
-from karma.contracts import Known, SkillCall
 from karma.files import to_json
 from karma.memory.scene_graph import SceneGraph
+from karma.types.memory import Known
+from karma.types.planning import SkillCall
 from karma.world.sim import EmbeddedWorld
 
 

@@ -12,10 +12,12 @@ from statistics import mean
 from karma.agent.body.skills import Skills
 from karma.agent.tour import explore_room, position_of
 from karma.bench.engine.episode import drawn
-from karma.contracts import SceneRef, SkillCall, Task
 from karma.files import to_json
 from karma.offline.children import forking, starting
 from karma.plugins.thor_tools.importing.scenes import import_dump
+from karma.types.planning import SkillCall
+from karma.types.space import SceneRef
+from karma.types.tasks import Task
 from karma.world.core.scene import SCENES
 from karma.world.sim import EmbeddedWorld
 

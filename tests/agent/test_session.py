@@ -5,8 +5,10 @@ from support.household import kitchen
 
 from karma.agent.loop import planned
 from karma.agent.session import LOOK_OVER, SURVEY
-from karma.contracts import Advice, Outcome, Plan, SkillCall, SkillResult, SubTask
 from karma.models.scripted import ScriptedModel
+from karma.types.events import Outcome, Plan, SkillResult
+from karma.types.planning import Advice, SkillCall
+from karma.types.tasks import SubTask
 
 TAKE = "Explore(robot, 'Apple')\nGoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
 

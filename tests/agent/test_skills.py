@@ -11,7 +11,8 @@ from karma.agent.body.reach import SkillLimits
 from karma.agent.body.skills import Skills
 from karma.agent.planning.program import SKILLS, parse_program
 from karma.agent.tour import KnownFloor
-from karma.contracts import Area, Known, SkillCall
+from karma.types.memory import Area, Known
+from karma.types.planning import SkillCall
 from karma.world.core import scene
 from karma.world.sim import EmbeddedWorld
 

@@ -3,7 +3,7 @@
 import pytest
 
 from karma.agent.goals.goals import GoalTracker, Standing
-from karma.contracts import SubTask
+from karma.types.tasks import SubTask
 from tests.support.made_events import event, goals, thing
 
 APPLE, PLATE, FRIDGE, TABLE = "Apple|1", "Plate|1", "Fridge|1", "DiningTable|1"

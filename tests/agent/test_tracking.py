@@ -8,10 +8,11 @@ from karma.agent.seeing.eyes import PictureEyes
 from karma.agent.seeing.perceive import camera_of, pixels_of
 from karma.agent.seeing.perception import TrackedBoxes, words_by_type
 from karma.agent.tour import KnownFloor
-from karma.contracts import Detection, SkillCall
 from karma.household.ids import type_of
 from karma.household.types import object_types
 from karma.models.scripted import BlindVision
+from karma.types.observation import Detection
+from karma.types.planning import SkillCall
 from karma.world.sim import EmbeddedWorld
 
 

@@ -9,14 +9,11 @@ from karma.agent.planning.program import parse_program
 from karma.bench.methods.baseline import BaselineSettings, likely_places
 from karma.bench.methods.capeam import ANYWHERE, CapeamMethod, EnvironmentMemory
 from karma.bench.methods.capeam_frames import ProgramReader, SubGoal, expand
-from karma.contracts import (
-    Plan,
-    SceneRef,
-    SkillResult,
-    SubTask,
-)
 from karma.files import to_json
 from karma.models.scripted import ScriptedModel
+from karma.types.events import Plan, SkillResult
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask
 from karma.world.sim import EmbeddedWorld
 
 

@@ -8,9 +8,11 @@ from support.needs import need_models
 from karma import registry
 from karma.agent.loading.planner_files import examples_for, read_bank
 from karma.bench.methods.expert import CopyingMethod
-from karma.contracts import Decoding, PlanRequest, Resources
 from karma.errors import KarmaError
 from karma.models.scripted import MetadataVision, ScriptedModel
+from karma.types.completion import Decoding
+from karma.types.planning import PlanRequest
+from karma.types.roles import Resources
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from karma.agent.goals.files import load_tasks
 from karma.agent.goals.goals import parse_goal
 from karma.agent.tour import explore_room
 from karma.bench.engine.episode import Days, done_already, drawn
-from karma.contracts import SubTask, Task
+from karma.types.tasks import SubTask, Task
 from karma.world.sim import EmbeddedWorld
 
 TASKS = {task.id: task for task in load_tasks(Path("eval/alfred_l/tasks.jsonl"))}

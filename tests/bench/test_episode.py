@@ -13,7 +13,6 @@ from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.bench.engine.episode import run_episode
 from karma.bench.methods.expert import ExpertMethod
-from karma.contracts import MemoryUnit, Outcome, SceneRef, SubTask, Task
 from karma.errors import (
     FileError,
     KarmaError,
@@ -30,6 +29,10 @@ from karma.memory.recall import CosineRecall
 from karma.models.scripted import MetadataVision, ScriptedModel
 from karma.offline.guard import NetworkRefused
 from karma.plugins.hosted.cassette import CassetteError
+from karma.types.events import Outcome
+from karma.types.memory import MemoryUnit
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask, Task
 from karma.world.sim import EmbeddedWorld
 
 AWAY = (

@@ -14,11 +14,13 @@ from karma.agent.planning.expert import ExpertView, NamedThing, solve
 from karma.agent.planning.program import SKILLS, parse_program
 from karma.bench.engine.episode import run_episode
 from karma.bench.methods.expert import ExpertMethod
-from karma.contracts import Area, Goal, SceneRef, SubTask, Task
 from karma.household.pieces import base_type
 from karma.household.places import STAND_CLOSED
 from karma.household.types import object_types
 from karma.household.uses import KNIVES
+from karma.types.memory import Area
+from karma.types.space import SceneRef
+from karma.types.tasks import Goal, SubTask, Task
 from karma.world.sim import EmbeddedWorld
 
 TASKS = load_tasks(ROOT / "eval" / "alfred_l" / "tasks.jsonl")

@@ -11,8 +11,10 @@ from karma.agent.seeing.perceive import truth_of
 from karma.bench.engine.task_check import OUT_OF_REACH, TAKES_NONE, TOO_BIG, Possible
 from karma.bench.methods.expert import ExpertEpisode
 from karma.bench.methods.expert_choices import Chooser, Lessons, Surroundings, left
-from karma.contracts import Outcome, SceneRef, SubTask
 from karma.household.places import NEAR_M
+from karma.types.events import Outcome
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask
 from karma.world.core.scene import load
 from karma.world.sim import EmbeddedWorld
 

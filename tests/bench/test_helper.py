@@ -17,15 +17,12 @@ from karma.bench.methods.helper_memory import (
     with_object,
     without_object,
 )
-from karma.contracts import (
-    Plan,
-    SceneRef,
-    SkillResult,
-    SubTask,
-    WorkedExample,
-)
 from karma.files import to_json
 from karma.models.scripted import ScriptedModel
+from karma.types.events import Plan, SkillResult
+from karma.types.planning import WorkedExample
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask
 from karma.world.sim import EmbeddedWorld
 
 APPLE = "GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"

@@ -26,13 +26,16 @@ from karma.bench.methods.lota import (
     steps_in_words,
     words_prompt,
 )
-from karma.contracts import END, Decoding, Plan, SceneRef, SkillResult, SubTask
 from karma.errors import ModelError
 from karma.files import to_json
 from karma.models.llama.model import LlamaModel
 from karma.models.llama.opening import LlamaOptions
 from karma.models.llama.scoring import SkillScorer
 from karma.models.scripted import ScriptedModel
+from karma.types.completion import END, Decoding
+from karma.types.events import Plan, SkillResult
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask
 from karma.world.sim import EmbeddedWorld
 
 PICK = " find an apple,\n pick up the apple,\n"

@@ -14,24 +14,17 @@ from karma import registry
 from karma.agent.goals.files import load_tasks
 from karma.agent.goals.goals import parse_goal
 from karma.bench.engine.episode import run_episode
-from karma.contracts import (
-    Episode,
-    Method,
-    Outcome,
-    Plan,
-    Resources,
-    SceneRef,
-    SkillResult,
-    SubTask,
-    Task,
-    WorkedExample,
-)
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.models.llama.model import LlamaModel
 from karma.models.llama.opening import LlamaOptions
 from karma.models.manifest import resolve_planner
 from karma.models.scripted import MetadataVision, ScriptedModel
+from karma.types.events import Outcome, Plan, SkillResult
+from karma.types.planning import WorkedExample
+from karma.types.roles import Episode, Method, Resources
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask, Task
 from karma.world.core.scene import SCENES
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld

@@ -27,8 +27,9 @@ from karma.bench.figures.metrics import (
     episodes_of,
 )
 from karma.bench.figures.results import result_of
-from karma.contracts import MemoryUnit, RefusedRequest, Tour
 from karma.models.session import Spent
+from karma.types.memory import MemoryUnit, Tour
+from karma.types.planning import RefusedRequest
 
 CUT, KEEP = "STATE(Apple, sliced): 1", "INSIDE(Apple, Fridge): 1"
 HOLD = "HOLDON(robot, Mug): 1"

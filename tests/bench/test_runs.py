@@ -46,10 +46,10 @@ from karma.agent.seeing.picture_states import PICTURES, picture_name
 from karma.bench.engine.run import Run
 from karma.bench.figures.columns import added_up
 from karma.cli import app
-from karma.contracts import SubTask
 from karma.errors import FileError, KarmaError
 from karma.files import TEMPORARY
 from karma.seeds import stream
+from karma.types.tasks import SubTask
 from karma.world.sim import EmbeddedWorld
 
 

@@ -14,7 +14,7 @@ from karma.plugins.hosted.cassette import Cassette
 
 DEADLY = """
 import os, signal
-from karma.contracts import Outcome
+from karma.types.events import Outcome
 
 class Deadly:
     name = "deadly"

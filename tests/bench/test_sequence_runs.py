@@ -15,8 +15,9 @@ from karma.bench.engine.run import Run
 from karma.bench.figures.metrics import related_needs
 from karma.bench.figures.results import result_of, to_csv
 from karma.bench.figures.tables import sheets
-from karma.contracts import SceneRef, Task
 from karma.errors import KarmaError
+from karma.types.space import SceneRef
+from karma.types.tasks import Task
 
 ROOMS = ("kitchen_1", "bedroom_1")
 

@@ -15,8 +15,8 @@ from karma.cli import app, conversation, progress
 from karma.cli.conversation import say
 from karma.cli.progress import AnswerView
 from karma.cli.shared import SafeConsole
-from karma.contracts import Heard
 from karma.errors import KarmaError
+from karma.types.completion import Heard
 
 NO_TIME = "0.000001"  # is over before a prompt is read
 

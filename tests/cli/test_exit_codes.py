@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 from karma import Agent
 from karma.agent.journal.records import read_records
 from karma.cli import app, shared
-from karma.contracts import SkillResult
 from karma.errors import KarmaError
+from karma.types.events import SkillResult
 
 KARMA = (sys.executable, "-P", "-m", "karma")
 CODES = {

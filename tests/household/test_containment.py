@@ -4,9 +4,11 @@ import pytest
 
 from karma.agent.planning.expert import ExpertView, NamedThing, solve
 from karma.agent.planning.inspector import objection
-from karma.contracts import Area, Goal, SkillCall
 from karma.household.containment import brings, fits_whole_or_cut, goes_in
 from karma.household.types import WIDEST, object_types, types_with
+from karma.types.memory import Area
+from karma.types.planning import SkillCall
+from karma.types.tasks import Goal
 
 WHOLE = [name for name, kind in object_types().items() if not kind.made_by_slicing]
 CARRIED = [name for name in WHOLE if name in types_with("pickupable")]

@@ -5,9 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from karma.agent.planning.recovery import program_of
-from karma.contracts import Completion
 from karma.errors import ProgramError
 from karma.language.whole import LONGEST, cycle, repeated
+from karma.types.completion import Completion
 
 LINES = st.lists(st.sampled_from("abc"), max_size=14)
 

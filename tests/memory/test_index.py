@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from karma.contracts import MemoryUnit
 from karma.memory.recall import UnitIndex
 from karma.seeds import stream
+from karma.types.memory import MemoryUnit
 
 DIMENSION = 16
 KINDS = [f"Kind{number}" for number in range(40)]

@@ -5,10 +5,10 @@ import pytest
 from support import tiny_models
 
 from karma.agent.seeing.picture_states import keep
-from karma.contracts import MemoryUnit
 from karma.errors import FileError, KarmaError
 from karma.memory.recall import MultimodalRecall
 from karma.models.embed.clip import ClipEmbedder
+from karma.types.memory import MemoryUnit
 
 
 class Space:

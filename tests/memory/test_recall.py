@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from karma import registry
-from karma.contracts import MemoryUnit
 from karma.errors import KarmaError, UnknownNameError
 from karma.memory.recall import VERBALISERS, CosineRecall, unit_sentence, unit_text
+from karma.types.memory import MemoryUnit
 
 
 class HashingEmbedder:

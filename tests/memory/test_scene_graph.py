@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from karma.contracts import Known, SeenObject
 from karma.errors import FileError
 from karma.memory.scene_graph import AreaNode, SceneGraph
+from karma.types.memory import Known
+from karma.types.observation import SeenObject
 
 CELL = 0.25
 GRID = st.sets(st.tuples(st.integers(0, 14), st.integers(0, 14)), min_size=1, max_size=120)

@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from karma import registry
-from karma.contracts import MemoryUnit, State
 from karma.memory.policies import Fifo, Lru
 from karma.memory.short_term import ShortTermMemory, merged_states
+from karma.types.memory import MemoryUnit
+from karma.types.observation import State
 
 STATES = get_args(State)
 

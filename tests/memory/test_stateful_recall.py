@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from karma import registry
-from karma.contracts import MemoryUnit
+from karma.types.memory import MemoryUnit
 
 
 @pytest.fixture(scope="module")

@@ -10,12 +10,12 @@ from support.rpc_device import rpc_device
 from support.sights import about
 from support.tiny import make_layers, opened
 
-from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.models.automaton import ProgramAutomaton
 from karma.models.llama.opening import LlamaOptions
 from karma.models.llama.vision import LlamaVision
 from karma.models.manifest import PicturePair
 from karma.testing import make_picture_model
+from karma.types.planning import ProgramSpec, Prompt, Skill
 
 PROMPT = Prompt(stable="#areas\nnode_1 Fridge Sink\n" * 12, changing="#task go\n#program\n")
 SPEC = ProgramSpec(

@@ -11,9 +11,10 @@ from support.needs import need_models
 
 from karma.agent.planning.planner import program_spec
 from karma.agent.planning.prompt import compact
-from karma.contracts import REFUSAL_KINDS, Area, PlanRequest, ProgramSpec, Skill
 from karma.models.llama.answer import CertaintyLog, TokenTable
 from karma.models.llama.model import LlamaModel
+from karma.types.memory import Area
+from karma.types.planning import REFUSAL_KINDS, PlanRequest, ProgramSpec, Skill
 
 PIECES = (b"Go", b"re", b"refuse('", b"r", b"robot", b"", b"x", b"refused")
 TABLE = TokenTable(PIECES, [5])

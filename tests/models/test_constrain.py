@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.random_programs import random_program
 
-from karma.contracts import REFUSAL_KINDS, ProgramSpec, Skill, SkillCall
 from karma.errors import ModelError
 from karma.models.automaton import ProgramAutomaton, without_closing
 from karma.models.llama.answer import TokenTable, choose_token, descending, gumbel
+from karma.types.planning import REFUSAL_KINDS, ProgramSpec, Skill, SkillCall
 
 SKILLS = (
     Skill(name="GoToObject", arguments=("object",)),

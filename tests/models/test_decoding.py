@@ -8,12 +8,12 @@ import pytest
 from support.every_score import every_score
 from support.paths import ROOT
 
-from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.models.automaton import ProgramAutomaton
 from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.model import LlamaModel, NameBegun, best_name
 from karma.models.llama.opening import LlamaOptions
 from karma.models.llama.scoring import SkillScorer
+from karma.types.planning import ProgramSpec, Prompt, Skill
 
 NANO = ROOT / "models/nano/planner.gguf"
 SKILLS = (

@@ -10,9 +10,10 @@ from support import tiny
 from karma.agent.planning.planner import program_spec
 from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import render, skills_of
-from karma.contracts import Area, MemoryUnit, PlanRequest, Prompt
 from karma.models.automaton import ProgramAutomaton
 from karma.testing import FAMILIES, Size, make_planner
+from karma.types.memory import Area, MemoryUnit
+from karma.types.planning import PlanRequest, Prompt
 
 PROGRAMS = int(os.environ.get("KARMA_PROGRAMS", "60"))  # drawn of each family
 REQUEST = PlanRequest(

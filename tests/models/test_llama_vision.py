@@ -78,7 +78,7 @@ def test_every_picture_family_answers_another_picture_with_other_words(pairs, fa
 def test_nothing_is_written_to_the_terminal_by_the_library(pairs):
     program = (
         "import sys, numpy as np\n"
-        "from karma.contracts import SeenObject\n"
+        "from karma.types.observation import SeenObject\n"
         "from karma.models.llama import vision\n"
         "mug = SeenObject(object_id='Mug|1', object_type='Mug', position_m=(0, 0, 0),\n"
         "    box_center_m=(0, 0, 0), box_size_m=(1, 1, 1), pickupable=True)\n"

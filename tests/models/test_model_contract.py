@@ -9,16 +9,6 @@ from support import tiny
 from support.llama_export import export_llama, random_llama
 from support.tiny_models import save_clip, save_sentence
 
-from karma.contracts import (
-    Embedder,
-    ImageEmbedder,
-    LanguageModel,
-    ProgramSpec,
-    Prompt,
-    ScoringModel,
-    Skill,
-    VisionModel,
-)
 from karma.errors import ModelError
 from karma.models.automaton import ProgramAutomaton
 from karma.models.checks.gguf import check_gguf
@@ -27,6 +17,8 @@ from karma.models.llama.model import LlamaModel
 from karma.models.scripted import ScriptedModel
 from karma.registry import load, names
 from karma.testing import make_llama
+from karma.types.planning import ProgramSpec, Prompt, Skill
+from karma.types.roles import Embedder, ImageEmbedder, LanguageModel, ScoringModel, VisionModel
 
 CORPUS = ["PutObject(robot, 'Apple', 'Fridge')\nThe apple is in the fridge; put it on the table.\n"]
 CHAT = (

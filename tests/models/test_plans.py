@@ -11,10 +11,10 @@ from support.needs import need_models
 from support.plans import ACTIONS, ILLEGAL, LEGAL, PLANS
 from support.tiny import export_tiny
 
-from karma.contracts import PlanSpec, Prompt
 from karma.models.automaton import ProgramAutomaton
 from karma.models.llama.model import LlamaModel
 from karma.models.llama.opening import LlamaOptions
+from karma.types.planning import PlanSpec, Prompt
 
 PROMPT = Prompt(stable="#areas\n", changing="#task put the apple in the fridge\n")
 

@@ -10,11 +10,11 @@ import sys
 import pytest
 from support.tiny import export_tiny
 
-from karma.contracts import Prompt
 from karma.errors import ModelError
 from karma.models.llama.model import LlamaModel
 from karma.models.manifest import find_model
 from karma.testing import make_planner
+from karma.types.planning import Prompt
 
 NAME = "smollm2-135m"
 QUESTION = Prompt(stable="You answer in one word.\n", changing="What is the capital of France?")

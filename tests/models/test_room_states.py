@@ -5,11 +5,11 @@ import pytest
 from support.paths import ROOT
 from support.tiny import answer, opened
 
-from karma.contracts import Prompt
 from karma.models.checks import memory
 from karma.models.llama import room_states
 from karma.models.llama.room_states import RoomStates
 from karma.testing import make_planner
+from karma.types.planning import Prompt
 
 NANO = ROOT / "models" / "nano" / "planner.gguf"
 ROOMS = [  # the last is longer than a batch for the models made here

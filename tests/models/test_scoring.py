@@ -13,12 +13,13 @@ from support.needs import need_models
 from support.paths import ROOT
 from support.tiny import export_tiny
 
-from karma.contracts import END, Prompt
 from karma.errors import ModelError
 from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.model import LlamaModel
 from karma.models.llama.opening import LlamaOptions
 from karma.models.llama.scoring import SkillScorer
+from karma.types.completion import END
+from karma.types.planning import Prompt
 
 NANO = ROOT / "models/nano/planner.gguf"
 PROMPT = ("#areas\nunknown\n", "#task put the apple in the fridge\n#memory\n#program\n")

@@ -12,7 +12,7 @@ import msgspec
 
 from karma.agent.goals.files import load_lines
 from karma.agent.goals.goals import parse_goal
-from karma.contracts import Goal
+from karma.types.tasks import Goal
 
 Act = Literal["do", "partly", "ask", "refuse", "answer"]  # what is to come of it
 Came = Literal["done", "partly", "unfinished", "refused", "asked", "answered"]  # by the agent

@@ -17,13 +17,17 @@ from karma.agent.planning.program import WAYS
 from karma.agent.planning.prompt import GOALS
 from karma.agent.tour import explore_room
 from karma.assistant.agent import Agent
-from karma.contracts import Completion, Decoding, Prompt, Resources, SceneRef, SkillResult
 from karma.household.containment import goes_in, has_door
 from karma.household.ids import short_type, type_of
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types, types_with
 from karma.household.uses import BASIN_OF
 from karma.seeds import stream
+from karma.types.completion import Completion, Decoding
+from karma.types.events import SkillResult
+from karma.types.planning import Prompt
+from karma.types.roles import Resources
+from karma.types.space import SceneRef
 from karma.world.sim import EmbeddedWorld
 
 SCENES = [

@@ -6,10 +6,13 @@ import numpy as np
 
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
-from karma.contracts import Decoding, Experience, SceneRef, SeenObject
 from karma.files import to_json
 from karma.memory.recall import CosineRecall
 from karma.models.scripted import MetadataVision
+from karma.types.completion import Decoding
+from karma.types.memory import Experience
+from karma.types.observation import SeenObject
+from karma.types.space import SceneRef
 from karma.world.sim import EmbeddedWorld
 from support.household import kitchen
 

@@ -27,9 +27,9 @@ import msgspec
 import pytest
 from gguf.scripts.gguf_new_metadata import MetadataDetails, copy_with_new_metadata
 
-from karma.contracts import Prompt
 from karma.errors import ModelError
 from karma.models.endpoint import Endpoint
+from karma.types.planning import Prompt
 from support.paths import ROOT
 
 KEY = "sk-planted-4f1c9be2d7"

@@ -1,7 +1,7 @@
 """A kitchen of boxes, made by hand, in which every rule of the world can be tried."""
 
-from karma.contracts import Known
 from karma.household.types import object_types
+from karma.types.memory import Known
 from karma.world.core.scene import AgentPose, Scene, SceneObject
 
 

@@ -11,8 +11,9 @@ from karma.agent.goals.goals import Goal, GoalTracker
 from karma.agent.loading.models import Models, load_resources
 from karma.assistant.agent import Agent, asking
 from karma.assistant.replies import AgentReply
-from karma.contracts import Resources, SubTask
 from karma.errors import KarmaError
+from karma.types.roles import Resources
+from karma.types.tasks import SubTask
 from support.asked import AskedRequest, states_of
 
 MAPS = Path("runs/maps-asked")

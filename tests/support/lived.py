@@ -5,12 +5,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from karma.contracts import Meaning
 from karma.plugins.homes.houses import build_home
 from karma.plugins.homes.lived.designs import DESIGNS
 from karma.plugins.homes.lived.home_map import HomeMap
 from karma.plugins.homes.memory.setting import KnownPlace, MemorySetting
 from karma.plugins.homes.types import Deed, HomeMoment, HomeQuestion, SaidThing, Sighting
+from karma.types.planning import Meaning
 
 DAY_S, HOUR_S = 86_400.0, 3_600.0
 

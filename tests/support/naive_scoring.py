@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.agent.goals.files import load_tasks
-from karma.contracts import END
 from karma.models.llama.gguf_model import GgufModel
+from karma.types.completion import END
 from support.paths import ROOT
 
 TASKS = ROOT / "eval/alfred_l/tasks.jsonl"

@@ -2,7 +2,7 @@
 
 import json
 
-from karma.contracts import PlanSpec
+from karma.types.planning import PlanSpec
 
 ACTIONS = ("find a Apple", "find a Fridge", *(f"open the Drawer_{n}" for n in range(2, 14)))
 PLANS = PlanSpec(

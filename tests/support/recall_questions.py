@@ -14,7 +14,6 @@ from typing import Literal
 import msgspec
 
 from karma.bench.figures.statistics import Estimate, mean
-from karma.contracts import MemoryUnit, Recall, Recalled
 from karma.files import decode_json, read_bytes
 from karma.household.pieces import EGG, base_type
 from karma.household.places import HAND, ROOMS, SEVERAL
@@ -23,6 +22,8 @@ from karma.household.types import object_types
 from karma.household.uses import COOKED, TOASTED
 from karma.plugins.training.drawing.memories import KnownRoom, Rng, pick, room_of, unit_of
 from karma.seeds import stream
+from karma.types.memory import MemoryUnit, Recalled
+from karma.types.roles import Recall
 from karma.world.core.scene import load
 
 Marks = Literal["lived", "none", "against"]  # see `marked`

@@ -14,9 +14,10 @@ from karma.agent.planning.planner import Planner
 from karma.bench.engine.episode import run_episode
 from karma.bench.figures.columns import added_up
 from karma.bench.methods.expert import ExpertMethod
-from karma.contracts import SceneRef, SubTask, Task
 from karma.memory.recall import CosineRecall
 from karma.models.scripted import MetadataVision, ScriptedModel
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask, Task
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
 

@@ -1,7 +1,7 @@
 """Objects as a detector labels them, and questions, for tests of readers of pictures."""
 
-from karma.contracts import SeenObject
 from karma.models.picture_questions import picture_url
+from karma.types.observation import SeenObject
 
 _SOMEWHERE = {"position_m": (0, 0, 0), "box_center_m": (0, 0, 0), "box_size_m": (1, 1, 1)}
 

@@ -5,10 +5,11 @@ from itertools import count
 import numpy as np
 
 from karma.assistant.agent import Agent
-from karma.contracts import Decoding, Resources
 from karma.files import to_json
 from karma.memory.recall import CosineRecall
 from karma.models.scripted import MetadataVision, ScriptedModel
+from karma.types.completion import Decoding
+from karma.types.roles import Resources
 from support.household import kitchen
 
 _numbers = count()  # of runs in kept homes

@@ -53,7 +53,7 @@ _ELSEWHERE = """
 import json, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
-from karma.contracts import Prompt
+from karma.types.planning import Prompt
 from support.tiny import answer, opened
 path, stable, changing = sys.argv[2:]
 model = opened(Path(path), chat=False)

@@ -21,13 +21,15 @@ from karma.agent.journal.steps import (
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.bench.engine.episode import run_episode
-from karma.contracts import MemoryUnit, SceneRef, SubTask, Task
 from karma.errors import FileError, KarmaError
 from karma.household.places import BESIDE_A_DOOR
 from karma.memory.policies import make_policy
 from karma.memory.recall import CosineRecall
 from karma.memory.short_term import ShortTermMemory
 from karma.models.scripted import MetadataVision, ScriptedModel
+from karma.types.memory import MemoryUnit
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask, Task
 from karma.world.core.scene import SCENES
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from support.household import bring, find, kitchen, look, on, reach, thing
 
-from karma.contracts import Pose
+from karma.types.space import Pose
 from karma.world.core.hiding import holes
 from karma.world.core.objects import Objects
 from karma.world.core.rules import rules

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 
 from karma.agent.planning.program import PUTS, SWITCH_AFTER
 from karma.agent.seeing.perceive import place_of
-from karma.contracts import Check, Experience, Found, SeenObject, SkillCall, SkillResult
 from karma.household.ids import is_part, root_id, type_of
 from karma.household.pieces import EGG, base_type, goes_by, piece_type
 from karma.household.places import FLOOR, HAND
@@ -24,6 +23,10 @@ from karma.household.uses import (
     TAPS,
     covers,
 )
+from karma.types.events import Check, Found, SkillResult
+from karma.types.memory import Experience
+from karma.types.observation import SeenObject
+from karma.types.planning import SkillCall
 
 
 def checked(

@@ -10,7 +10,6 @@ from karma.agent.body.sightings import known, means
 from karma.agent.body.walk import Stance
 from karma.agent.planning.program import CHANGES, DOOR_AFTER, SKILL_OF
 from karma.agent.seeing.eyes import SWITCH_M, nearest
-from karma.contracts import Known, SeenObject, Vec3
 from karma.household.containment import goes_in
 from karma.household.ids import part_id, root_id, type_of
 from karma.household.pieces import is_piece
@@ -19,6 +18,9 @@ from karma.household.saying import preposition
 from karma.household.states import OPPOSITES
 from karma.household.types import object_types
 from karma.household.uses import BASIN_OF, BURNER, KNOB, STOVE, TAP_OF, TAPS
+from karma.types.memory import Known
+from karma.types.observation import SeenObject
+from karma.types.space import Vec3
 
 THROW_FORCE = 100.0  # AI2-THOR's moveMagnitude
 _OTHER_RECEPTACLES = 3  # tried when the one that was meant is full

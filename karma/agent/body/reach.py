@@ -10,10 +10,13 @@ from karma.agent.body.walk import Stance, Target, Walker
 from karma.agent.seeing.eyes import Eyes
 from karma.agent.seeing.perceive import place_of, refusal
 from karma.agent.seeing.projection import unseen
-from karma.contracts import Event, Knowledge, Known, Observation, SeenObject, Stage, Vec3
 from karma.household.pieces import base_type
 from karma.household.types import object_types, types_with
 from karma.household.uses import BASIN_OF, without_basin
+from karma.types.memory import Known
+from karma.types.observation import Observation, SeenObject
+from karma.types.roles import Event, Knowledge, Stage
+from karma.types.space import Vec3
 
 _CURES = {"open": "CloseObject", "on": "ToggleOff", "closed": "OpenObject"}  # what would help
 _SMALL_M = 1.0  # furniture up to this long is seen whole from its edge

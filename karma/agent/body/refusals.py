@@ -10,10 +10,11 @@ from karma.agent.body.sightings import Sightings
 from karma.agent.planning.full_profile import stand_ins
 from karma.agent.planning.inspector import TOLD, goes_where, takers
 from karma.agent.planning.program import SKILL_OF
-from karma.contracts import Known, Reason, ReasonKind, SeenObject
 from karma.household.ids import type_of, whole_id
 from karma.household.places import SURFACES
 from karma.household.uses import BASINS
+from karma.types.memory import Known
+from karma.types.observation import Reason, ReasonKind, SeenObject
 
 NOT_FOUND = "could not find"  # how a search that left nothing out begins its refusal
 _DO_FIRST = {

@@ -10,11 +10,13 @@ from karma.agent.body.refusals import NOT_FOUND, RefusedError
 from karma.agent.body.sightings import known, means
 from karma.agent.body.walk import OutOfActionsError
 from karma.agent.seeing.projection import before, spots
-from karma.contracts import Known, SeenObject, Vec3
 from karma.household.containment import goes_in
 from karma.household.ids import type_of
 from karma.household.places import FLOOR
 from karma.household.types import object_types
+from karma.types.memory import Known
+from karma.types.observation import SeenObject
+from karma.types.space import Vec3
 
 Place = TypeVar("Place")
 _LEFT_TO_CLOSE = 30  # actions; with fewer nothing is opened that would be left standing open

@@ -7,21 +7,15 @@ from typing import Any
 
 from karma.agent.planning.program import UNDONE_BY
 from karma.agent.seeing.perceive import place_of
-from karma.contracts import (
-    CameraPose,
-    Experience,
-    Knowledge,
-    Known,
-    Observation,
-    Pose,
-    SeenObject,
-    Vec3,
-)
 from karma.household.ids import is_part, whole_id
 from karma.household.pieces import goes_by, is_piece
 from karma.household.places import HAND
 from karma.household.states import ENDS
 from karma.household.types import object_types
+from karma.types.memory import Experience, Known
+from karma.types.observation import Observation, SeenObject
+from karma.types.roles import Knowledge
+from karma.types.space import CameraPose, Pose, Vec3
 
 _CHANGES_M = 2.0  # from so far away a deed may have changed what is seen
 

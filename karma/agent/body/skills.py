@@ -18,16 +18,11 @@ from karma.agent.body.search import Search, best_next
 from karma.agent.body.walk import OutOfActionsError
 from karma.agent.planning.program import OUR_SKILLS, SKILLS, SWITCH_AFTER
 from karma.agent.seeing.eyes import Eyes, MetadataEyes
-from karma.contracts import (
-    Area,
-    Experience,
-    Knowledge,
-    Known,
-    SeenObject,
-    SkillCall,
-    SkillResult,
-    World,
-)
+from karma.types.events import SkillResult
+from karma.types.memory import Area, Experience, Known
+from karma.types.observation import SeenObject
+from karma.types.planning import SkillCall
+from karma.types.roles import Knowledge, World
 
 _SHUT_IN = "it is in a closed container; open that first"
 _GO_ON = "not all of this room was searched: Explore(robot, '{}') goes on where it stopped"

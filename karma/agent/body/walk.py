@@ -15,7 +15,8 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order
 
 from karma.agent.seeing.perceive import camera_of, cells_of, pose_of, scene_of
-from karma.contracts import CameraPose, Event, Pose, Stage, Vec3
+from karma.types.roles import Event, Stage
+from karma.types.space import CameraPose, Pose, Vec3
 
 Cell = tuple[int, int]  # steps along x and z from where the map was asked for
 State = tuple[int, int, int]  # cell and heading (0 = +z, 1 = +x, 2 = -z, 3 = -x)

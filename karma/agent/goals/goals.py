@@ -33,13 +33,15 @@ from karma.agent.goals.objects import (
     suited,
 )
 from karma.agent.seeing.perceive import truth_of
-from karma.contracts import Event, Goal, SubTask, TrueObject, Truth, World
 from karma.errors import KarmaError
 from karma.household.ids import is_position
 from karma.household.pieces import EGG, is_piece, piece_type
 from karma.household.places import NEAR_M
 from karma.household.states import END_STATES, GOAL_STATES, canonical_state
 from karma.household.uses import MOMENTARY
+from karma.types.observation import TrueObject, Truth
+from karma.types.roles import Event, World
+from karma.types.tasks import Goal, SubTask
 
 ARITY = {
     "ON": 2, "INSIDE": 2, "STATE": 2, "HOLDON": 2, "TOGGLEON": 1, "TOGGLEOFF": 1, "OPEN": 1,

@@ -16,11 +16,12 @@ A new slice has all that is so of the whole that it was cut from.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
 
-from karma.contracts import Goal, TrueObject, Truth
 from karma.household.ids import is_id, is_part, type_of, whole_id
 from karma.household.pieces import is_piece
 from karma.household.places import FLOOR
 from karma.household.uses import FRIDGE, covers
+from karma.types.observation import TrueObject, Truth
+from karma.types.tasks import Goal
 
 
 class ObjectIndex:

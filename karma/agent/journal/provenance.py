@@ -17,13 +17,14 @@ from karma.agent.journal.header import FORMAT, Header, Machine, without_places
 from karma.agent.loading.models import OPENAI, Models, Row
 from karma.agent.loading.planner_files import words_path
 from karma.agent.planning.prompt import template_files
-from karma.contracts import SceneRef, Task
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, sha256_of, to_json
 from karma.models.checks.memory import MEMINFO
 from karma.models.llama.opening import devices
 from karma.models.manifest import find_model, resolve_planner
 from karma.offline.guard import network_allowed
+from karma.types.space import SceneRef
+from karma.types.tasks import Task
 from karma.world.core.scene import find
 
 _DEFAULT_MODELS = {  # of what is named without one: a model, or the constant that names it

@@ -16,10 +16,14 @@ from typing import Any, get_args
 import msgspec
 
 from karma.agent.journal.owned_folder import read_lines
-from karma.contracts import Engine, Kind, KvState, Plan, RefusedRequest, SkillResult, Tour
 from karma.errors import FileError
 from karma.files import read_bytes, to_json
 from karma.models.session import Spent
+from karma.types.completion import Engine, KvState
+from karma.types.events import Plan, SkillResult
+from karma.types.memory import Tour
+from karma.types.planning import RefusedRequest
+from karma.types.tasks import Kind
 
 KINDS: tuple[str, ...] = get_args(Kind)
 ALL, TRAINED, NOT_TRAINED = "all", "in training", "not in training"  # beside kinds

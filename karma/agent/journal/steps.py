@@ -20,9 +20,12 @@ import msgspec
 from karma.agent.journal.owned_folder import STEPS
 from karma.agent.planning.refusal_text import sentence
 from karma.agent.seeing.perceive import refusal
-from karma.contracts import Event, MemoryUnit, Outcome, Plan, SkillResult, SubTask
 from karma.errors import FileError
 from karma.files import read_bytes, to_json, unpack
+from karma.types.events import Outcome, Plan, SkillResult
+from karma.types.memory import MemoryUnit
+from karma.types.roles import Event
+from karma.types.tasks import SubTask
 
 _LONGEST_SLUG = 80  # characters
 

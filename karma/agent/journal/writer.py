@@ -17,10 +17,13 @@ from karma.agent.journal.records import (
     waited,
 )
 from karma.agent.journal.steps import StepLog
-from karma.contracts import AgentEvent, Outcome, Plan, SkillResult, SubTask, Tour, World
 from karma.errors import KarmaError
 from karma.household.pieces import base_type
 from karma.models.session import Cassette, Ledger
+from karma.types.events import AgentEvent, Outcome, Plan, SkillResult
+from karma.types.memory import Tour
+from karma.types.roles import World
+from karma.types.tasks import SubTask
 
 
 class TimeLog:

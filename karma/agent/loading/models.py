@@ -19,23 +19,14 @@ from karma.agent.loading.planner_files import (
     may_refuse,
 )
 from karma.agent.planning.prompt import GOALS, render
-from karma.contracts import (
-    Constraint,
-    Decoding,
-    Embedder,
-    LanguageModel,
-    PlanRequest,
-    Recall,
-    Resources,
-    Thinking,
-    VisionModel,
-    World,
-)
 from karma.errors import KarmaError, ModelError, RequestRefused, did_you_mean
 from karma.models.endpoint import Endpoint, Hosted
 from karma.models.llama.opening import LlamaOptions
 from karma.models.manifest import default_planner, resolve_planner
 from karma.models.session import Session
+from karma.types.completion import Constraint, Decoding, Thinking
+from karma.types.planning import PlanRequest
+from karma.types.roles import Embedder, LanguageModel, Recall, Resources, VisionModel, World
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

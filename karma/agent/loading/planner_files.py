@@ -13,7 +13,6 @@ from karma import registry
 from karma.agent.goals.files import load_said
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.goal_lines import as_lines, plain_program
-from karma.contracts import Embedder, Examples, Hints, Vectors, WorkedExample
 from karma.errors import KarmaError
 from karma.files import cache, read_bytes, shipped, write_atomic
 from karma.language.hints import Hinter, load_words
@@ -25,6 +24,9 @@ from karma.models.manifest import (
     is_gguf_path,
     resolve_planner,
 )
+from karma.types.planning import WorkedExample
+from karma.types.roles import Embedder, Examples, Hints
+from karma.types.space import Vectors
 
 WORDS = "words.json"  # beside a GGUF that has no entry, if it has one
 _EMBEDDER = "minilm"  # whatever recall uses: planners have learnt its similarities

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from karma.agent.planning.inspector import likely_areas
-from karma.contracts import Area, Goal, SkillCall
 from karma.household import uses
 from karma.household.containment import brings, fits_whole_or_cut, goes_in
 from karma.household.ids import is_position
@@ -18,6 +17,9 @@ from karma.household.places import FLOOR, HAND, LIKELY, STAND_CLOSED, SURFACES
 from karma.household.skill_effects import SIDE_EFFECTS, BeliefState, Item, apply
 from karma.household.states import END_STATES, deed_for
 from karma.household.types import object_types
+from karma.types.memory import Area
+from karma.types.planning import SkillCall
+from karma.types.tasks import Goal
 
 _Errand = tuple[str, list[Goal]]  # a subject and the goals about it
 _PLACED = ("ON", "INSIDE")

@@ -9,13 +9,13 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from karma.agent.planning.program import CHANGES, DEEDS, DOOR_AFTER, PUTS, SWITCH_AFTER, WAYS
-from karma.contracts import SkillCall
 from karma.household.containment import fits_whole_or_cut
 from karma.household.places import FLOOR, HAND
 from karma.household.saying import spoken
 from karma.household.skill_effects import BeliefState, apply, changes
 from karma.household.types import WIDEST, object_types, types_with
 from karma.household.uses import BIN, KNIVES, TAP_OF, TAPS, kind_of
+from karma.types.planning import SkillCall
 
 _DEEDS = {name: DEEDS[name] for name in (*CHANGES, *SWITCH_AFTER)}
 _FIND = "find"

@@ -11,7 +11,6 @@ from functools import cache
 
 from karma.agent.planning.program import SKILL_OF
 from karma.agent.seeing.perceive import place_of
-from karma.contracts import Area, FailedProgram, Fixture, MemoryUnit, PlanRequest, SeenObject, Vec3
 from karma.household.ids import is_part, root_id, short_type, type_of, whole_id
 from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import FLOOR, HAND, NEAR_M
@@ -28,6 +27,10 @@ from karma.household.uses import (
     with_wholes,
     without_basin,
 )
+from karma.types.memory import Area, Fixture, MemoryUnit
+from karma.types.observation import SeenObject
+from karma.types.planning import FailedProgram, PlanRequest
+from karma.types.space import Vec3
 
 _ID = re.compile(r"\b[A-Z]\w*\|[\w|+.\-]*\w")
 

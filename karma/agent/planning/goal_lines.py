@@ -17,12 +17,14 @@ from dataclasses import replace
 from typing import Literal
 
 from karma.agent.planning.expert import ExpertView, NamedThing, solve
-from karma.contracts import Goal, MemoryUnit, Skill, SkillCall
 from karma.household import uses
 from karma.household.ids import short_type
 from karma.household.pieces import base_type
 from karma.household.places import SURFACES, landmark_types
 from karma.household.states import DONE_BY, END_STATES
+from karma.types.memory import MemoryUnit
+from karma.types.planning import Skill, SkillCall
+from karma.types.tasks import Goal
 
 _STATES = {
     "Clean": ("cleaned", "", "it was washed or rinsed"),

@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 from karma.agent.planning.program import PUTS, SKILL_OF, WAYS
-from karma.contracts import Area, Skill, SkillCall
 from karma.household.containment import fits_whole_or_cut, goes_in, vessels
 from karma.household.ids import short_type, type_of
 from karma.household.places import FLOOR, LIKELY, SURFACES
 from karma.household.skill_effects import BeliefState, Item, apply, outcome, unmet
 from karma.household.types import WIDEST, object_types
 from karma.household.uses import KNIVES, SWITCHED_BY_A_PART
+from karma.types.memory import Area
+from karma.types.planning import Skill, SkillCall
 
 _FREES_HAND = {"empty hand", "not held"}
 TOLD = 12  # receptacles in one sentence: as many types as a room has

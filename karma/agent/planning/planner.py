@@ -12,28 +12,23 @@ from karma.agent.planning.prompt import GOALS, render, skills_of
 from karma.agent.planning.recovery import Recovered, program_of
 from karma.agent.planning.refused import KNOWN, cannot_be, with_words
 from karma.agent.planning.turns import with_turns
-from karma.contracts import (
-    REFUSAL_KINDS,
-    Completion,
-    Decoding,
-    Examples,
-    FailedProgram,
-    Hints,
-    LanguageModel,
-    Listener,
-    Plan,
-    PlanRequest,
-    ProgramSpec,
-    RefusalKind,
-    RefusedRequest,
-    Resources,
-    Skill,
-    SkillCall,
-)
 from karma.errors import ProgramError
 from karma.household.ids import short_type, type_of
 from karma.household.places import OVERLOOKED, STAND_CLOSED, landmark_types
 from karma.household.types import object_types
+from karma.types.completion import Completion, Decoding, Listener
+from karma.types.events import Plan
+from karma.types.planning import (
+    REFUSAL_KINDS,
+    FailedProgram,
+    PlanRequest,
+    ProgramSpec,
+    RefusalKind,
+    RefusedRequest,
+    Skill,
+    SkillCall,
+)
+from karma.types.roles import Examples, Hints, LanguageModel, Resources
 
 MIN_REFUSAL_CHANCE = 0.6  # by the model; below it a program is asked for instead
 

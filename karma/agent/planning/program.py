@@ -13,9 +13,10 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 from typing import Literal
 
-from karma.contracts import REFUSAL_KINDS, RefusedRequest, Skill, SkillCall, Vec3
 from karma.errors import ProgramError
 from karma.household.skill_effects import SKILL_EFFECTS
+from karma.types.planning import REFUSAL_KINDS, RefusedRequest, Skill, SkillCall
+from karma.types.space import Vec3
 
 MAX_LINES = 200
 MAX_CHARACTERS = 20_000

@@ -33,11 +33,13 @@ from karma.agent.planning.full_profile import (
 )
 from karma.agent.planning.goal_lines import GOAL_LINES
 from karma.agent.planning.program import OUR_SKILLS, SKILLS
-from karma.contracts import Area, Hint, MemoryUnit, PlanRequest, Prompt, Skill, Vec3
 from karma.errors import FileError, UnknownNameError, did_you_mean
 from karma.files import read_bytes
 from karma.household.pieces import base_type
 from karma.household.places import HAND, landmark_types
+from karma.types.memory import Area, MemoryUnit
+from karma.types.planning import Hint, PlanRequest, Prompt, Skill
+from karma.types.space import Vec3
 
 GOALS = "goals"  # the profile that asks what is to be so, not for skills
 PROFILES: Mapping[str, tuple[Skill, ...]] = MappingProxyType(

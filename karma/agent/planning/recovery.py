@@ -13,9 +13,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from karma.agent.planning.program import SKILLS, parse_program, parse_refusal
-from karma.contracts import Completion, FailedProgram, RefusedRequest, Skill, SkillCall
 from karma.errors import ProgramError
 from karma.language.whole import going_round, in_plain_signs, own_text, repeated
+from karma.types.completion import Completion
+from karma.types.planning import FailedProgram, RefusedRequest, Skill, SkillCall
 
 _LABEL = r"(?:[Ss]tep|STEP|[Aa]ction|[Cc]all|[Ll]ine)"
 _MARKS = (

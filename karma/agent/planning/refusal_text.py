@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from karma.contracts import RefusalKind, RefusedRequest
+from karma.types.planning import RefusalKind, RefusedRequest
 
 _WITH_WORDS: Mapping[RefusalKind, str] = {
     "deed": "I have no skill for {words}.",

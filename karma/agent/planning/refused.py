@@ -6,12 +6,12 @@ The words for people are in `refusal_text`; refusals of a skill by the world in
 
 from dataclasses import replace
 
-from karma.contracts import Hint, PlanRequest, RefusedRequest
 from karma.household.places import OVERLOOKED, landmark_types
 from karma.household.saying import spoken
 from karma.household.types import object_types
 from karma.language.hints import bare_words, singular
 from karma.language.phrases import phrases_of
+from karma.types.planning import Hint, PlanRequest, RefusedRequest
 
 NEAR = 0.6  # cosine from which on a phrase has a meaning here
 KNOWN = "known, so the request is not refused for that"  # ends the reason why a refusal is wrong

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from karma.contracts import SkillCall
 from karma.household.ids import short_type
+from karma.types.planning import SkillCall
 
 
 @dataclass(slots=True)

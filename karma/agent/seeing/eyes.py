@@ -31,21 +31,14 @@ from karma.agent.seeing.projection import (
     region_of,
     silhouette_of,
 )
-from karma.contracts import (
-    CameraPose,
-    Capture,
-    Event,
-    Observation,
-    Pose,
-    SeenObject,
-    Vec3,
-    VisionModel,
-)
 from karma.household.ids import is_part, type_of
 from karma.household.places import FLOOR, HAND
 from karma.household.types import Capability, ObjectType, object_types
 from karma.household.uses import BURNER, KNOB, MICROWAVE
 from karma.household.water import wetted
+from karma.types.observation import Capture, Observation, SeenObject
+from karma.types.roles import Event, VisionModel
+from karma.types.space import CameraPose, Pose, Vec3
 
 REACH_M = 1.5  # across the floor, as AI2-THOR's; what is farther away is left out
 LEAST_PIXELS = 16  # of fewer nothing can be said

@@ -10,25 +10,23 @@ from collections.abc import Collection, Container, Iterable, Iterator, Mapping, 
 from hashlib import sha256
 from typing import Any
 
-from karma.contracts import (
-    CameraPose,
-    Capture,
-    Event,
-    Observation,
-    Pose,
-    Reason,
-    ReasonKind,
-    SeenObject,
-    TrueObject,
-    Truth,
-    Vec3,
-)
 from karma.errors import KarmaError
 from karma.household.ids import is_part
 from karma.household.pieces import is_piece
 from karma.household.places import FLOOR, HAND
 from karma.household.uses import FRIDGE, MICROWAVE
 from karma.household.water import Lying, wetted
+from karma.types.observation import (
+    Capture,
+    Observation,
+    Reason,
+    ReasonKind,
+    SeenObject,
+    TrueObject,
+    Truth,
+)
+from karma.types.roles import Event
+from karma.types.space import CameraPose, Pose, Vec3
 
 _Object = Mapping[str, Any]
 _FLAGS = (

@@ -17,19 +17,12 @@ from numpy.typing import NDArray
 
 from karma.agent.seeing.eyes import LEAST_PIXELS, Eyes, GivenBoxes, Instance, PictureEyes
 from karma.agent.seeing.projection import box_round, core_of, points_in
-from karma.contracts import (
-    CameraPose,
-    Capture,
-    Detection,
-    Detector,
-    Region,
-    Resources,
-    Vec3,
-    VisionModel,
-)
 from karma.errors import KarmaError
 from karma.household.places import FLOOR
 from karma.household.types import object_types
+from karma.types.observation import Capture, Detection
+from karma.types.roles import Detector, Resources, VisionModel
+from karma.types.space import CameraPose, Region, Vec3
 
 WORDS_PER_TURN = 20  # a detector's context holds some 80
 SAME_M = 0.4  # between two looks at one thing, whose sides one sees differently

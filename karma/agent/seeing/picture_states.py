@@ -13,8 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from karma.agent.seeing.projection import placed
-from karma.contracts import Frame, Observation, SeenObject, VisionModel
 from karma.files import write_atomic
+from karma.types.observation import Observation, SeenObject
+from karma.types.roles import VisionModel
+from karma.types.space import Frame
 
 PICTURES = "short_term/images"  # below the run folder, as Listing 1 has it
 

@@ -13,9 +13,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.contracts import CameraPose, Point, Region, SeenObject, Vec3
 from karma.household.places import FLOOR, ROUND_A_CORNER
 from karma.household.types import object_types
+from karma.types.observation import SeenObject
+from karma.types.space import CameraPose, Point, Region, Vec3
 
 NEAR_M = 0.05
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b).bit_count() == 1]

@@ -19,20 +19,14 @@ from karma.agent.journal.records import EpisodeRecord, SubTaskRecord, untimed, w
 from karma.agent.journal.steps import Enter, StepLog
 from karma.agent.journal.writer import EpisodeWriter, TimeLog, through
 from karma.agent.seeing.perceive import cells_of, pose_of, refusal, truth_of
-from karma.contracts import (
-    Episode,
-    Event,
-    Method,
-    SceneRef,
-    SubTask,
-    Task,
-    Tour,
-    World,
-)
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.household.uses import BIN
 from karma.models.session import Cassette, CassetteError, Ledger, NoCassette
 from karma.seeds import stream
+from karma.types.memory import Tour
+from karma.types.roles import Episode, Event, Method, World
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask, Task
 from karma.world.home import Home
 
 _DRAWS = 20  # starts tried; then the one in which the least is done is taken

@@ -17,9 +17,10 @@ from karma import registry
 from karma.agent.goals.files import load_tasks
 from karma.agent.loading.models import Models, Row
 from karma.bench.engine.episode import check_seeds
-from karma.contracts import SceneRef, Task
 from karma.errors import FileError, KarmaError
 from karma.files import below, read_bytes
+from karma.types.space import SceneRef
+from karma.types.tasks import Task
 
 MOST_SEEDS = 10_000
 

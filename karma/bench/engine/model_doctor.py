@@ -17,7 +17,6 @@ from karma import registry
 from karma.agent.loading.models import OPENAI, Models, check_asked, filled, language_model
 from karma.agent.loading.names import opened_as
 from karma.bench.engine.workers import listed_mb
-from karma.contracts import SeenObject
 from karma.errors import KarmaError, ModelError
 from karma.files import rebuild_llama
 from karma.models.checks.gguf import check_gguf
@@ -27,6 +26,7 @@ from karma.models.llama.opening import devices, free_mb
 from karma.models.manifest import ModelEntry, resolve_planner
 from karma.models.session import Session
 from karma.models.torch_load import import_transformers
+from karma.types.observation import SeenObject
 
 CARDS = {  # what a driver puts on this machine -> (whose, what llama.cpp is built with for it)
     "/dev/nvidia0": ("an NVIDIA card", "-DGGML_CUDA=on"),

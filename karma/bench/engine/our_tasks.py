@@ -31,11 +31,13 @@ from karma.bench.engine.experiment import Experiment, RunOptions, load, scene_pa
 from karma.bench.engine.experiment_file import Changes, read_experiment
 from karma.bench.engine.suite import Chain, Done
 from karma.bench.figures.columns import added_up
-from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
 from karma.errors import FileError, KarmaError
 from karma.models.manifest import resolve_planner
 from karma.models.session import Session
 from karma.offline.guard import settle
+from karma.types.roles import Method, Resources, VisionModel, World
+from karma.types.space import SceneRef
+from karma.types.tasks import Task
 from karma.world.home import Home
 
 MAPS = "maps"  # below the run folder

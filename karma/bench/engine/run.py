@@ -12,9 +12,9 @@ from karma.bench.engine.experiment_file import Changes, kind_of
 from karma.bench.engine.our_tasks import OurTasks, our_tasks
 from karma.bench.engine.suite import BenchmarkResults, Chain, Suite
 from karma.bench.engine.workers import IN_FLIGHT, Suggestion, check_far, perform, suggest_workers
-from karma.contracts import Task
 from karma.errors import KarmaError
 from karma.models.session import Cassette, Session
+from karma.types.tasks import Task
 
 
 class Run:

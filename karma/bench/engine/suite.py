@@ -16,8 +16,8 @@ from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.loading.models import Models, Row, check_asked, language_model
 from karma.bench.figures.drawing import Plot
 from karma.bench.figures.tables import Sheet
-from karma.contracts import LanguageModel
 from karma.models.session import Session
+from karma.types.roles import LanguageModel
 
 
 class ExperimentFile(Protocol):

@@ -15,12 +15,14 @@ from karma.agent.goals.goals import GoalTracker, Meanings, alternatives, object_
 from karma.agent.seeing.perceive import cells_of
 from karma.bench.engine.episode import run_episode
 from karma.bench.methods.expert import ExpertMethod
-from karma.contracts import Goal, SceneRef, Task, World
 from karma.household.containment import fits_whole_or_cut
 from karma.household.ids import is_id, is_position, root_type
 from karma.household.pieces import base_type, is_piece
 from karma.household.types import object_types
 from karma.household.uses import covers
+from karma.types.roles import World
+from karma.types.space import SceneRef
+from karma.types.tasks import Goal, Task
 from karma.world.core import scene as rooms
 from karma.world.core.placement import find_place
 from karma.world.core.scene import Scene, SceneObject

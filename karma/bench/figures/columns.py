@@ -38,8 +38,8 @@ from karma.bench.figures.metrics import (
     seconds,
 )
 from karma.bench.figures.statistics import Estimate, Floats, bootstrap
-from karma.contracts import Tour
 from karma.files import to_json
+from karma.types.memory import Tour
 
 OFF_ROW = "memory off"  # name of the twin in the experiments of eval/paper
 LOTA_ROW = "LoTa-Bench (modified)"  # what the paper's figures seem to be measured against

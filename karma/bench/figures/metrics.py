@@ -21,10 +21,10 @@ from karma.agent.journal.records import (
     SubTaskRecord,
 )
 from karma.bench.figures.statistics import Estimate, mean, rate
-from karma.contracts import Tour
 from karma.household.ids import root_type
 from karma.household.pieces import base_type
 from karma.household.types import types_with
+from karma.types.memory import Tour
 
 Need = frozenset[str]  # types of which any will do
 

@@ -15,26 +15,18 @@ from karma.agent.options import settings_of
 from karma.agent.planning.planner import Planner
 from karma.agent.seeing.perceive import place_of
 from karma.agent.tour import floor_of, position_of
-from karma.contracts import (
-    Area,
-    Experience,
-    Known,
-    Plan,
-    PlanRequest,
-    Resources,
-    SceneRef,
-    SeenObject,
-    SkillCall,
-    SkillResult,
-    Vec3,
-    World,
-)
 from karma.files import read_toml
 from karma.household.pieces import base_type
 from karma.household.places import surface_for
 from karma.household.uses import TAPS
 from karma.memory.scene_graph import SceneGraph
 from karma.seeds import stream
+from karma.types.events import Plan, SkillResult
+from karma.types.memory import Area, Experience, Known
+from karma.types.observation import SeenObject
+from karma.types.planning import PlanRequest, SkillCall
+from karma.types.roles import Resources, World
+from karma.types.space import SceneRef, Vec3
 
 TABLE = Path(__file__).parent / "likely_places.toml"
 Room = TypeVar("Room")

@@ -24,21 +24,16 @@ from karma.bench.methods.baseline import (
     likely_places,
 )
 from karma.bench.methods.capeam_frames import ProgramReader, SubGoal, expand
-from karma.contracts import (
-    Area,
-    Outcome,
-    Plan,
-    SceneRef,
-    SeenObject,
-    SkillCall,
-    SkillResult,
-    SubTask,
-    Vec3,
-    World,
-)
 from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.household.uses import FOUND_BY_SKILL, covers
+from karma.types.events import Outcome, Plan, SkillResult
+from karma.types.memory import Area
+from karma.types.observation import SeenObject
+from karma.types.planning import SkillCall
+from karma.types.roles import World
+from karma.types.space import SceneRef, Vec3
+from karma.types.tasks import SubTask
 
 NEAR_M = 1.5  # furniture this near to an area speaks for it
 ANYWHERE = 0.05  # what a place weighs of which nothing is known

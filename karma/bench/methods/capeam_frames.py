@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from karma.agent.planning.program import SWITCH_AFTER
-from karma.contracts import SkillCall
 from karma.household.ids import short_type
 from karma.household.types import object_types
 from karma.household.uses import (
@@ -24,6 +23,7 @@ from karma.household.uses import (
     SINK,
     without_basin,
 )
+from karma.types.planning import SkillCall
 
 Action = Literal["Pickup", "Put", "Clean", "Cool", "Heat", "Slice", "ToggleOn", "ToggleOff"]
 _of = SkillCall.of

@@ -24,24 +24,15 @@ from karma.agent.seeing.perceive import truth_of
 from karma.agent.settings import KarmaSettings
 from karma.bench.methods.baseline import WithoutOptions
 from karma.bench.methods.expert_choices import Chooser, Lessons, Surroundings, left
-from karma.contracts import (
-    Area,
-    Examples,
-    Goal,
-    Known,
-    Outcome,
-    Plan,
-    Resources,
-    SceneRef,
-    SkillCall,
-    SkillResult,
-    SubTask,
-    WorkedExample,
-    World,
-)
 from karma.errors import KarmaError
 from karma.household.ids import is_id, type_of
 from karma.models.scripted import ScriptedModel
+from karma.types.events import Outcome, Plan, SkillResult
+from karma.types.memory import Area, Known
+from karma.types.planning import SkillCall, WorkedExample
+from karma.types.roles import Examples, Resources, World
+from karma.types.space import SceneRef
+from karma.types.tasks import Goal, SubTask
 
 PROGRAMS = 24  # written for one instruction, at most
 _SAME = 6  # times that the same line may be refused in the same words

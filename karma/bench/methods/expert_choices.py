@@ -14,13 +14,14 @@ from itertools import islice, product
 from karma.agent.goals.goals import Meanings, alternatives, object_names
 from karma.agent.goals.objects import linked
 from karma.agent.planning.expert import ExpertView, NamedThing
-from karma.contracts import Goal, TrueObject, Truth
 from karma.household.ids import is_id, is_position, part_id, whole_id
 from karma.household.pieces import base_type, goes_by, is_piece
 from karma.household.places import FLOOR, STAND_CLOSED
 from karma.household.states import deed_for
 from karma.household.types import object_types
 from karma.household.uses import BASIN_OF, with_wholes
+from karma.types.observation import TrueObject, Truth
+from karma.types.tasks import Goal
 
 PLACED = ("ON", "INSIDE")
 _CHANGED_ELSEWHERE = ("cleaned", "filled", "heated", "cooked", "cooled")

@@ -31,24 +31,16 @@ from karma.bench.methods.helper_memory import (
     with_object,
     without_object,
 )
-from karma.contracts import (
-    Area,
-    Embedder,
-    Outcome,
-    Plan,
-    Resources,
-    SceneRef,
-    SeenObject,
-    SkillCall,
-    SkillResult,
-    SubTask,
-    Vec3,
-    WorkedExample,
-    World,
-)
 from karma.errors import FileError, KarmaError, ProgramError
 from karma.files import read_toml
 from karma.household.uses import FOUND_BY_SKILL
+from karma.types.events import Outcome, Plan, SkillResult
+from karma.types.memory import Area
+from karma.types.observation import SeenObject
+from karma.types.planning import SkillCall, WorkedExample
+from karma.types.roles import Embedder, Resources, World
+from karma.types.space import SceneRef, Vec3
+from karma.types.tasks import SubTask
 
 LIKELY = 3  # kinds of places asked for
 INSTANCES = 2  # of each kind

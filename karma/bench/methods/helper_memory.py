@@ -5,11 +5,13 @@ from dataclasses import dataclass, field
 
 from karma.agent.planning.program import DOOR_AFTER
 from karma.bench.methods.baseline import RoomMemory
-from karma.contracts import Experience, SeenObject, SkillCall
 from karma.household.pieces import base_type, goes_by, is_piece
 from karma.household.skill_effects import BeliefState, Item, unmet
 from karma.household.types import object_types
 from karma.household.uses import KNIVES, covers
+from karma.types.memory import Experience
+from karma.types.observation import SeenObject
+from karma.types.planning import SkillCall
 
 _SEEN, _PLACED = 1.0, 1.01  # what was put down by oneself is surer than what was seen
 _LESS = 0.01

@@ -21,30 +21,18 @@ from karma.agent.planning.prompt import compact, template
 from karma.agent.planning.recovery import program_of
 from karma.agent.tour import KnownFloor, floor_of, position_of
 from karma.bench.methods.baseline import NoOptions, PlannerRow, RoomByRoom, request_for
-from karma.contracts import (
-    END,
-    Choice,
-    Completion,
-    LanguageModel,
-    Outcome,
-    Plan,
-    ProgramSpec,
-    Prompt,
-    Resources,
-    SceneRef,
-    ScoringModel,
-    SeenObject,
-    Skill,
-    SkillCall,
-    SkillResult,
-    SubTask,
-    World,
-)
 from karma.errors import ModelError, ProgramError
 from karma.household.pieces import base_type
 from karma.household.types import in_words, object_types
 from karma.household.uses import BASIN_OF, has_a_switch
 from karma.memory.scene_graph import SceneGraph
+from karma.types.completion import END, Choice, Completion
+from karma.types.events import Outcome, Plan, SkillResult
+from karma.types.observation import SeenObject
+from karma.types.planning import ProgramSpec, Prompt, Skill, SkillCall
+from karma.types.roles import LanguageModel, Resources, ScoringModel, World
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask
 
 Form = Literal["words", "compact"]
 

@@ -15,8 +15,10 @@ from karma.agent.journal.records import EpisodeRecord
 from karma.agent.journal.run_folder import RunData
 from karma.agent.journal.steps import read_steps, steps_path
 from karma.bench.report.html import data_uri
-from karma.contracts import Event, Frame, MemoryUnit
 from karma.errors import KarmaError
+from karma.types.memory import MemoryUnit
+from karma.types.roles import Event
+from karma.types.space import Frame
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
 

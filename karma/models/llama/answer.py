@@ -18,10 +18,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.contracts import AnswerSpec, Certainty, Heard, Listener, ProgramSpec
 from karma.errors import ModelError
 from karma.language.whole import cut_off
 from karma.models.automaton import ProgramAutomaton, State, refusal_lines
+from karma.types.completion import Certainty, Heard, Listener
+from karma.types.planning import AnswerSpec, ProgramSpec
 
 Logits = NDArray[np.float32]
 

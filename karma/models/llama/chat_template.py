@@ -10,12 +10,13 @@ from contextlib import suppress
 from datetime import datetime
 from typing import Any, NamedTuple
 
-from karma.contracts import Prompt, Thinking
 from karma.errors import ModelError
 from karma.models.checks.template import TEMPLATE, try_template
 from karma.models.llama.answer import UnderWay
 from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.opening import LlamaOptions
+from karma.types.completion import Thinking
+from karma.types.planning import Prompt
 
 _MARK = "\ue000changing\ue000"  # private use: no template treats it specially
 _FIX = "\n  To fix: --no-chat, or chat = false, opens it without"

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from karma.contracts import Engine, KvState
 from karma.errors import ModelError
 from karma.files import repair
 from karma.models.checks.gguf import check_gguf
@@ -30,6 +29,7 @@ from karma.models.llama.opening import (
 )
 from karma.models.llama.room_states import RoomStates, put_back, taken_out
 from karma.models.manifest import check_file
+from karma.types.completion import Engine, KvState
 
 _TRIAL = "karma.models.llama.chat_template:trial"
 _N_BATCH = 512  # tokens per call; measured to change nothing but memory and speed

@@ -17,17 +17,6 @@ from typing import Literal
 
 import numpy as np
 
-from karma.contracts import (
-    AnswerSpec,
-    Choice,
-    Completion,
-    KvState,
-    Listener,
-    ProgramSpec,
-    Prompt,
-    Scoring,
-    Thinking,
-)
 from karma.errors import ModelError, RequestRefused
 from karma.language.whole import cut_off, cycle, going_round
 from karma.models.automaton import ProgramAutomaton, State, without_closing
@@ -51,6 +40,8 @@ from karma.models.llama.gguf_model import GgufModel, OutOfTime
 from karma.models.llama.opening import LlamaOptions
 from karma.models.llama.scoring import SkillScorer, path_to, trie_of
 from karma.seeds import stream
+from karma.types.completion import Choice, Completion, KvState, Listener, Scoring, Thinking
+from karma.types.planning import AnswerSpec, ProgramSpec, Prompt
 
 
 @dataclass(frozen=True, slots=True)

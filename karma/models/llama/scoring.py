@@ -27,10 +27,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.contracts import END, Choice, Scoring
 from karma.errors import ModelError, RequestRefused
 from karma.models.llama.answer import Logits
 from karma.models.llama.gguf_model import GgufModel
+from karma.types.completion import END, Choice, Scoring
 
 Floats = NDArray[np.float64]
 _ROWS = 16  # of logits turned to log-probabilities at a time

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from karma.contracts import Engine, Frame, SeenObject
 from karma.errors import ModelError
 from karma.files import rebuild_llama, repair
 from karma.models.checks.gguf import check_projector
@@ -23,6 +22,9 @@ from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.opening import LlamaOptions, try_in_own_process
 from karma.models.manifest import PicturePair, resolve_pair
 from karma.models.picture_questions import picture_url, question, some_picture, states_told
+from karma.types.completion import Engine
+from karma.types.observation import SeenObject
+from karma.types.space import Frame
 
 MAX_TOKENS = 768  # of an answer with its four steps
 ATTEMPTS = 2

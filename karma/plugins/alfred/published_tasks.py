@@ -35,7 +35,6 @@ import msgspec
 
 from karma.agent.goals.files import with_whole
 from karma.agent.goals.goals import parse_goal
-from karma.contracts import Goal, SceneRef, SubTask, Task
 from karma.errors import FileError, KarmaError
 from karma.files import read_json, read_toml, to_json
 from karma.household.pieces import piece_type
@@ -46,6 +45,8 @@ from karma.plugins.alfred.replay.replay import fitted
 from karma.plugins.alfred.replay.trial import Trial, read_trials
 from karma.plugins.alfred.sentences import plain, sentences_in
 from karma.plugins.thor_tools.importing.scenes import import_dump
+from karma.types.space import SceneRef
+from karma.types.tasks import Goal, SubTask, Task
 
 
 class _ListedEntry(msgspec.Struct, frozen=True, kw_only=True):

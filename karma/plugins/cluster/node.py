@@ -30,11 +30,11 @@ from karma.bench.engine.experiment_file import beside
 from karma.bench.engine.our_tasks import OurTasks
 from karma.bench.engine.suite import Do, Done, Suite
 from karma.bench.engine.workers import loaded
-from karma.contracts import SceneRef
 from karma.errors import FileError, KarmaError, ModelError, UnknownNameError
 from karma.files import shipped, write_atomic
 from karma.models.manifest import read_manifest, resolve_planner
 from karma.models.session import Session
+from karma.types.space import SceneRef
 
 T = TypeVar("T", bound=msgspec.Struct)
 

@@ -18,7 +18,6 @@ import msgspec
 from karma.agent.journal.formats import plural
 from karma.agent.journal.owned_folder import locked, read_lines
 from karma.assistant.session_log import CLOCK_START_S, DEFAULT_SCENE, PastRequest, SessionLog
-from karma.contracts import SeenObject, World
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.files import LARGEST_LOG, append_line, read_bytes, read_json, to_json, write_atomic
 from karma.plugins.homes.habits import check_people
@@ -26,6 +25,8 @@ from karma.plugins.homes.memory.sighting_age import chance_in_place
 from karma.plugins.homes.types import HomeCard
 from karma.plugins.rules.language.clock import time_of_day
 from karma.plugins.rules.talk.remembering import age
+from karma.types.observation import SeenObject
+from karma.types.roles import World
 from karma.world.sim import EmbeddedWorld
 
 HOMES = Path("runs/homes")

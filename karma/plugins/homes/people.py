@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from karma.assistant.session_log import CLOCK_START_S
-from karma.contracts import World
 from karma.plugins.homes.residents import Household
 from karma.plugins.homes.types import HomeCard
+from karma.types.roles import World
 from karma.world.core.scene import load
 from karma.world.sim import EmbeddedWorld
 

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from karma.contracts import Pose
 from karma.errors import KarmaError
 from karma.household.ids import type_of
 from karma.household.places import FLOOR, HAND
@@ -21,6 +20,7 @@ from karma.plugins.homes.habits import Span, habits, rates_drawn
 from karma.plugins.homes.houses import room_name
 from karma.plugins.homes.types import Deed, Sighting
 from karma.seeds import stream
+from karma.types.space import Pose
 from karma.world.actions.table import ACTIONS
 from karma.world.core.effects import settle
 from karma.world.core.scene import Scene, SceneObject

@@ -6,7 +6,8 @@ from typing import Literal, Protocol
 
 import msgspec
 
-from karma.contracts import Meaning, Vec3
+from karma.types.planning import Meaning
+from karma.types.space import Vec3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

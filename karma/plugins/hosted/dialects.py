@@ -10,7 +10,6 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
-from karma.contracts import AnswerSpec, PlanSpec, Thinking
 from karma.errors import ModelError
 from karma.models.automaton import ProgramAutomaton
 from karma.models.endpoint import Constraint, DialectName, Endpoint
@@ -23,6 +22,8 @@ from karma.plugins.hosted.grammars import (
     program_text,
     schema,
 )
+from karma.types.completion import Thinking
+from karma.types.planning import AnswerSpec, PlanSpec
 
 Fields = dict[str, Any]  # of a request
 

@@ -13,7 +13,6 @@ from typing import Any
 
 import msgspec
 
-from karma.contracts import REFUSAL_KINDS, PlanSpec, ProgramSpec, RefusedRequest, SkillCall
 from karma.models.automaton import (
     CLOSINGS,
     Argument,
@@ -23,6 +22,7 @@ from karma.models.automaton import (
     items_of,
     refusal_lines,
 )
+from karma.types.planning import REFUSAL_KINDS, PlanSpec, ProgramSpec, RefusedRequest, SkillCall
 
 _CLASS = r"[ !#-\[\]-~]"  # printable ASCII without quotes and backslashes
 
@@ -33,7 +33,7 @@ def gbnf(spec: ProgramSpec) -> str:
     Raises:
         ValueError: the spec admits no program.
 
-    >>> from karma.contracts import Skill
+    >>> from karma.types.planning import Skill
     >>> go = Skill(name="GoToObject", arguments=("object",))
     >>> print(gbnf(ProgramSpec(skills=(go,), objects=("Mug", "Sink"), max_calls=3)))
     root ::= line ("\n" line){0,2} ("\n" ("\n" | "```" | "#")?)?

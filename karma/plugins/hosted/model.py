@@ -12,18 +12,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from karma.contracts import (
-    AnswerSpec,
-    Completion,
-    Frame,
-    Heard,
-    Listener,
-    PlanSpec,
-    ProgramSpec,
-    Prompt,
-    SeenObject,
-    Vectors,
-)
 from karma.errors import ModelError, RequestRefused
 from karma.language.whole import CUTS, cut_off, filtered
 from karma.models.automaton import without_closing
@@ -35,6 +23,10 @@ from karma.plugins.hosted.cassette import Exchange
 from karma.plugins.hosted.connection import Connection
 from karma.plugins.hosted.dialects import Language, Manner, language_of, manner_of
 from karma.plugins.hosted.usage import cost_of, usage_of
+from karma.types.completion import Completion, Heard, Listener
+from karma.types.observation import SeenObject
+from karma.types.planning import AnswerSpec, PlanSpec, ProgramSpec, Prompt
+from karma.types.space import Frame, Vectors
 
 _VISION_TOKENS = 1024  # four steps of reasoning
 _VISION_ATTEMPTS = 2  # the second quotes what could not be used

@@ -7,7 +7,6 @@ model that is not held to them says something else.
 
 import re
 
-from karma.contracts import LanguageModel, Prompt, Thinking
 from karma.errors import ModelError
 from karma.models.endpoint import Endpoint
 from karma.models.session import Session
@@ -16,6 +15,9 @@ from karma.plugins.hosted.dialects import Language, manner_of
 from karma.plugins.hosted.grammars import literal, object_schema
 from karma.plugins.hosted.model import HostedLanguageModel
 from karma.seeds import stream
+from karma.types.completion import Thinking
+from karma.types.planning import Prompt
+from karma.types.roles import LanguageModel
 
 _TIMES = 2
 _MAX_TOKENS = 256  # of letters one by one, and of the white space that JSON may have

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from karma.agent.planning.goal_lines import program_for
 from karma.agent.planning.inspector import objection
 from karma.agent.planning.planner import grounded, known_here
-from karma.contracts import Advice, PlanRequest, RefusedRequest, SkillCall
 from karma.plugins.rules.language.clauses import plainly, said
 from karma.plugins.rules.request_checker import Guard
 from karma.plugins.rules.request_goals import asked_lines
 from karma.plugins.rules.trimming import trimmed
 from karma.plugins.rules.types import Request
+from karma.types.planning import Advice, PlanRequest, RefusedRequest, SkillCall
 
 _LOOSE_AFTER = 2  # failed answers after which a mug will do for a cup
 

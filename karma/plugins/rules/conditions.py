@@ -4,7 +4,6 @@ from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from karma.contracts import RefusedRequest, SeenObject, SkillCall
 from karma.household.types import object_types
 from karma.household.uses import kind_of
 from karma.plugins.rules.object_finder import (
@@ -17,6 +16,8 @@ from karma.plugins.rules.object_finder import (
 )
 from karma.plugins.rules.request_checker import here_of
 from karma.plugins.rules.types import Condition, Mention
+from karma.types.observation import SeenObject
+from karma.types.planning import RefusedRequest, SkillCall
 
 
 @dataclass(slots=True)

@@ -10,13 +10,16 @@ from karma import registry
 from karma.agent.karma import KarmaMethod
 from karma.agent.loop import KarmaAgent
 from karma.agent.settings import KarmaSettings
-from karma.contracts import AgentEvent, Embedder, Resources, SceneRef, SubTask, World
 from karma.plugins.rules.language.clauses import context_left_out
 from karma.plugins.rules.language.lexicon import Lexicon
 from karma.plugins.rules.language.request import RequestReader, asked_last
 from karma.plugins.rules.object_finder import Earlier, Progress
 from karma.plugins.rules.request_executor import RequestExecutor, not_to_open
 from karma.plugins.rules.types import Mention, Parser, Request, SaidDeed
+from karma.types.events import AgentEvent
+from karma.types.roles import Embedder, Resources, World
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask
 
 
 @cache

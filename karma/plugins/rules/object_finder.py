@@ -11,16 +11,6 @@ from karma.agent.attempts import Attempts
 from karma.agent.planning.planner import by_no_model
 from karma.agent.seeing.perceive import place_of
 from karma.agent.session import LOOK_OVER, InstructionSession
-from karma.contracts import (
-    AgentEvent,
-    Found,
-    Plan,
-    Prompt,
-    RefusedRequest,
-    SeenObject,
-    SkillCall,
-    SkillResult,
-)
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import is_piece
 from karma.household.places import HAND
@@ -32,6 +22,9 @@ from karma.plugins.rules.deeds import FOR_GOOD, deed_kind
 from karma.plugins.rules.language.request_words import request_words
 from karma.plugins.rules.request_checker import meant_by, stated
 from karma.plugins.rules.types import Mention, Request, SaidDeed
+from karma.types.events import AgentEvent, Found, Plan, SkillResult
+from karma.types.observation import SeenObject
+from karma.types.planning import Prompt, RefusedRequest, SkillCall
 
 T = TypeVar("T")
 Steps = Generator[AgentEvent, None, T]  # what happens on the way to a value

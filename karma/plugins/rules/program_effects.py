@@ -7,10 +7,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from karma.contracts import SkillCall
 from karma.household.places import FLOOR, HAND
 from karma.household.skill_effects import BeliefChange, BeliefState, Item, changes
 from karma.household.uses import BIN, kind_of, switch_of
+from karma.types.planning import SkillCall
 
 _DEEDS: Mapping[str, tuple[str, ...]] = MappingProxyType({
     "cleaned": ("wash",), "filled": ("fill",), "coffee": ("coffee",), "empty": ("empty",),

@@ -3,12 +3,13 @@
 from collections.abc import Iterable, Iterator
 
 from karma.agent.session import InstructionSession
-from karma.contracts import SkillCall, SkillResult
 from karma.household.ids import type_of
 from karma.household.places import HAND
 from karma.household.uses import LAMPS, kind_of, switch_of
 from karma.plugins.rules.deeds import deed_kind
 from karma.plugins.rules.types import Request, SaidDeed
+from karma.types.events import SkillResult
+from karma.types.planning import SkillCall
 
 
 def put_back(asked: Request, session: InstructionSession) -> Iterator[SkillResult]:

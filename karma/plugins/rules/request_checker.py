@@ -9,7 +9,6 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from karma.agent.planning.turns import with_turns
-from karma.contracts import RefusalKind, RefusedRequest, SkillCall
 from karma.household.pieces import EGG
 from karma.household.places import HAND, OVERLOOKED, SURFACES, landmark_types
 from karma.household.saying import preposition, spoken, told_place
@@ -32,6 +31,7 @@ from karma.plugins.rules.deeds import FOR_GOOD, able_to, deed_kind
 from karma.plugins.rules.language.request_words import deed_states, request_words
 from karma.plugins.rules.program_effects import ProgramEffects, effects_of
 from karma.plugins.rules.types import Mention, Request, SaidDeed
+from karma.types.planning import RefusalKind, RefusedRequest, SkillCall
 
 # ----------------------------------------------------------------- before any planner
 

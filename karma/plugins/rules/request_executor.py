@@ -11,7 +11,6 @@ from karma.agent.attempts import Attempts
 from karma.agent.planning.inspector import put_down
 from karma.agent.seeing.perceive import place_of
 from karma.agent.session import SURVEY
-from karma.contracts import RefusedRequest, SkillCall, SubTask
 from karma.household.containment import has_door
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import is_piece
@@ -37,6 +36,8 @@ from karma.plugins.rules.object_finder import (
 from karma.plugins.rules.put_back import put_back
 from karma.plugins.rules.request_checker import Guard, cannot_serve, here_of, meant_by
 from karma.plugins.rules.types import Mention, Request, SaidDeed
+from karma.types.planning import RefusedRequest, SkillCall
+from karma.types.tasks import SubTask
 
 _HEATED: tuple[Capability, ...] = ("cookable", "sliceable", "canFillWithLiquid")
 _IN_VAIN = 2  # things of a plural that may fail before the rest is left

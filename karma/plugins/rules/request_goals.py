@@ -3,7 +3,6 @@
 from collections.abc import Collection, Iterator
 
 from karma.agent.planning.goal_lines import COFFEE, GOAL_LINES, HOLD, LINE_OF_STATE, NEAR, PUT
-from karma.contracts import SkillCall
 from karma.household import uses
 from karma.household.pieces import piece_type
 from karma.household.uses import kind_of, switch_of
@@ -11,6 +10,7 @@ from karma.plugins.rules.deeds import able_to, deed_kind
 from karma.plugins.rules.language.request_words import deed_states
 from karma.plugins.rules.request_checker import Guard, meant_by
 from karma.plugins.rules.types import Mention, Request, SaidDeed
+from karma.types.planning import SkillCall
 
 _MOVES = ("put", "throw")
 _BY_DEED = {"put": PUT, "throw": PUT, "take": HOLD, "coffee": COFFEE}

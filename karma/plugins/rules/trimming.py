@@ -5,9 +5,9 @@ from itertools import combinations
 
 from karma.agent.planning.program import WAYS
 from karma.agent.planning.turns import with_turns
-from karma.contracts import SkillCall
 from karma.household.skill_effects import BeliefState, outcome
 from karma.household.uses import kind_of
+from karma.types.planning import SkillCall
 
 
 def trimmed(

@@ -12,7 +12,6 @@ from karma.agent.planning.planner import grounded
 from karma.agent.planning.refusal_text import sentence
 from karma.assistant.program_words import in_words
 from karma.assistant.replies import Meant, Understanding
-from karma.contracts import Known, Plan, RefusalKind, RefusedRequest, SkillCall
 from karma.household.ids import type_of
 from karma.household.pieces import base_type
 from karma.household.saying import spoken, told_place
@@ -21,6 +20,9 @@ from karma.household.uses import KNOB, TAPS, without_basin
 from karma.language.hints import bare_words, singular
 from karma.language.phrases import phrases_of
 from karma.plugins.rules.language.lexicon import ALIKE, Lexicon
+from karma.types.events import Plan
+from karma.types.memory import Known
+from karma.types.planning import RefusalKind, RefusedRequest, SkillCall
 
 Where = Callable[[str], Known | None]  # of a type or id: where the agent believes it to be
 _QUESTIONS: Mapping[RefusalKind, str] = {
@@ -74,7 +76,8 @@ def understood(
 def sureness(plan: Plan) -> str:
     """Return how sure a planner is of its answer, and by which measure; "" where it is not told.
 
-    >>> from karma.contracts import Certainty, Completion, Prompt
+    >>> from karma.types.completion import Certainty, Completion
+    >>> from karma.types.planning import Prompt
     >>> said = Completion(text="", finish="stop", prompt_tokens=1, reused_tokens=0,
     ...     completion_tokens=9, first_token_s=None, total_s=0.0,
     ...     certainty=Certainty(mean_logprob=-0.01, least_logprob=-0.1))

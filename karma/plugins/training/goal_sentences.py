@@ -14,11 +14,12 @@ from typing import Any
 
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.goal_lines import plain_program
-from karma.contracts import Goal, SkillCall
 from karma.household import uses
 from karma.household.ids import short_type
 from karma.plugins.alfred.sentences import read_demonstrations
 from karma.plugins.rules.language.lexemes import every_word
+from karma.types.planning import SkillCall
+from karma.types.tasks import Goal
 
 _TYPES = {
     "look_at_obj_in_light": "look", "pick_and_place_simple": "simple",

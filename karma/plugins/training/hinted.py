@@ -17,7 +17,6 @@ from safetensors import safe_open
 from safetensors.numpy import save
 
 from karma.agent.planning.prompt import compact_words
-from karma.contracts import Embedder, Hint, Vectors
 from karma.files import write_atomic
 from karma.language.hints import (
     MOST,
@@ -32,6 +31,9 @@ from karma.language.hints import (
 from karma.plugins.rules.language.lexemes import Entry, lexicon, types_called, unseen_lexemes
 from karma.plugins.training.drawing.memories import Rng, pick
 from karma.plugins.training.samples import TrainingExample
+from karma.types.planning import Hint
+from karma.types.roles import Embedder
+from karma.types.space import Vectors
 
 UNKNOWN = 0.20  # share of examples in which known phrases are treated as unknown
 EACH = {False: 0.6, True: 0.25}  # share of their noun phrases then, and of their verbs

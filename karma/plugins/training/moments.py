@@ -14,11 +14,11 @@ import numpy as np
 
 from karma.agent.seeing.perceive import camera_of, shown_states, truth_of
 from karma.agent.seeing.projection import placed
-from karma.contracts import SeenObject
 from karma.household.pieces import EGG
 from karma.household.places import FLOOR
 from karma.household.uses import BURNER, KNOB, MICROWAVE
 from karma.seeds import stream
+from karma.types.observation import SeenObject
 from karma.world.core.scene import Scene, SceneObject
 from karma.world.event import WorldEvent
 from karma.world.generation.generate import build_scene

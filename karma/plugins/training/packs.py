@@ -13,7 +13,6 @@ from functools import cache, cached_property
 from karma.agent.goals.files import SaidRequest
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.goal_lines import plain_program
-from karma.contracts import Goal, MemoryUnit, PlanRequest, RefusedRequest
 from karma.household import uses
 from karma.household.containment import goes_in
 from karma.household.pieces import EGG, base_type, is_piece
@@ -40,6 +39,9 @@ from karma.plugins.training.samples import (
     program_text,
 )
 from karma.seeds import stream
+from karma.types.memory import MemoryUnit
+from karma.types.planning import PlanRequest, RefusedRequest
+from karma.types.tasks import Goal
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 from karma.agent.planning.program import SKILL_OF
-from karma.contracts import Goal, MemoryUnit, SkillCall
 from karma.household import uses
 from karma.household.containment import goes_in
 from karma.household.ids import part_id, short_type
@@ -30,6 +29,9 @@ from karma.plugins.training.drawing.memories import (
 )
 from karma.plugins.training.drawing.referring_expressions import Situation
 from karma.plugins.training.drawing.requests import NEEDS, STATE_AFTER, suits
+from karma.types.memory import MemoryUnit
+from karma.types.planning import SkillCall
+from karma.types.tasks import Goal
 
 EVENTS = {
     "place": 30, "stack": 10, "clean": 14, "slice": 10, "heat": 6, "cook": 4, "cool": 5, "fill": 5,

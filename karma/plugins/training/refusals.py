@@ -15,7 +15,6 @@ from pathlib import Path
 import msgspec
 
 from karma.agent.planning.inspector import objection
-from karma.contracts import RefusalKind, RefusedRequest, SkillCall
 from karma.files import read_toml
 from karma.household import uses
 from karma.household.pieces import base_type, is_piece
@@ -36,6 +35,7 @@ from karma.plugins.training.samples import (
     misspelt,
     situation,
 )
+from karma.types.planning import RefusalKind, RefusedRequest, SkillCall
 
 HERE = Path(__file__).parent
 Drawer = Callable[[Rng, Situation], str | None]

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from karma.agent.planning.expert import ExpertView, NamedThing
 from karma.agent.planning.goal_lines import plain_program
 from karma.agent.planning.prompt import compact
-from karma.contracts import MemoryUnit, PlanRequest, SkillCall
 from karma.household.ids import short_type
 from karma.household.pieces import base_type
 from karma.household.places import HAND, likest
@@ -28,6 +27,8 @@ from karma.plugins.training.drawing.referring_expressions import Situation
 from karma.plugins.training.drawing.requests import WITH_PAIRS, Ask, one_ask, pick_kind, wrapped
 from karma.plugins.training.goal_sentences import Sentence, program_of
 from karma.plugins.training.past import draw_failure, live_memory, with_twins
+from karma.types.memory import MemoryUnit
+from karma.types.planning import PlanRequest, SkillCall
 
 RECALLED = 0.75  # share of prompts with a few units, as recall leaves them, not all
 FEW = 3  # units then

@@ -15,7 +15,6 @@ from karma.agent.goals.files import load_tasks
 from karma.bench.engine.episode import run_episode
 from karma.bench.engine.task_check import Possible
 from karma.bench.methods.expert import ExpertMethod
-from karma.contracts import World
 from karma.errors import FileError
 from karma.files import to_json, write_atomic
 from karma.plugins.rules.language.lexemes import unseen_lexemes
@@ -25,6 +24,7 @@ from karma.plugins.training.drawing.phrases import Book
 from karma.plugins.training.drawing.requests import KINDS
 from karma.plugins.training.sources import DRAWN_ROOMS
 from karma.seeds import stream
+from karma.types.roles import World
 from karma.world.core.scene import Scene
 from karma.world.generation.generate import build_scene
 

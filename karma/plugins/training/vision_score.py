@@ -8,9 +8,9 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from karma.contracts import VisionModel
 from karma.models.picture_questions import STATES, names_of
 from karma.plugins.training.moments import Sample, generator, moments, room, samples, thinned
+from karma.types.roles import VisionModel
 from karma.world.core import scene as scenes
 from karma.world.core.scene import Scene
 from karma.world.event import WorldEvent

@@ -6,7 +6,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
-from karma.contracts import Vec3
+from karma.types.space import Vec3
 from karma.world.actions.moving import hang
 from karma.world.core.arguments import Place
 from karma.world.core.boxes import Floats

@@ -7,8 +7,8 @@ from typing import Any
 
 import msgspec
 
-from karma.contracts import Vec3
 from karma.household.types import Capability, object_types
+from karma.types.space import Vec3
 from karma.world.actions.aiming import on_object, target
 from karma.world.actions.moving import hang
 from karma.world.core.effects import broken, in_pieces, left_behind

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from karma.contracts import Pose
 from karma.household.places import FLOOR
+from karma.types.space import Pose
 from karma.world.core.arguments import Place
 from karma.world.core.hiding import inert_rows
 from karma.world.core.navigate import BODY_TOP_M, Ground, finer, snapped

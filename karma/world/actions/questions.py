@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from karma.contracts import Pose
+from karma.types.space import Pose
 from karma.world.actions.aiming import outside, ray_through
 from karma.world.actions.moving import between_cells, lacks, unknown, yaw_of
 from karma.world.core import navigate, scene

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.contracts import Vec3
+from karma.types.space import Vec3
 from karma.world.core.scene import SceneObject
 
 

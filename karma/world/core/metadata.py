@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from karma.contracts import Vec3
+from karma.types.space import Vec3
 from karma.world.core.objects import Objects, derived, per_object
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from karma.contracts import Pose
 from karma.household.places import FLOOR
+from karma.types.space import Pose
 from karma.world.core.boxes import Flags, Floats
 from karma.world.core.ground import outside, walk
 from karma.world.core.hiding import blocking, hidden_rows

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from karma.contracts import Vec3
 from karma.household.places import FLOOR
 from karma.household.types import object_types
+from karma.types.space import Vec3
 from karma.world.core.boxes import Flags, Floats
 from karma.world.core.hiding import blocking, inert_rows, solid_boxes
 from karma.world.core.objects import Objects

@@ -6,7 +6,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
-from karma.contracts import Vec3
+from karma.types.space import Vec3
 from karma.world.core.arguments import Place
 from karma.world.core.boxes import Flags, Floats
 from karma.world.core.hiding import inert_rows, solid_boxes

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.contracts import Vec3
+from karma.types.space import Vec3
 from karma.world.core.boxes import Flags, Floats, crossing
 from karma.world.core.ground import outside
 from karma.world.core.hiding import holes_by_row, solid_boxes

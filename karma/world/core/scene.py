@@ -13,10 +13,10 @@ from typing import Literal
 
 import msgspec
 
-from karma.contracts import Vec3
 from karma.errors import FileError, did_you_mean
 from karma.files import read_json
 from karma.household.types import Capability, RoomType, RuleSet, object_types
+from karma.types.space import Vec3
 
 Temperature = Literal["RoomTemp", "Hot", "Cold"]
 

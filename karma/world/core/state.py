@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from karma.contracts import Pose, Vec3
 from karma.household.places import FLOOR
 from karma.household.types import RULES
+from karma.types.space import Pose, Vec3
 from karma.world.core.hiding import walked_in
 from karma.world.core.metadata import box
 from karma.world.core.objects import Derived, Objects

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from karma.contracts import Vec3
+from karma.types.space import Vec3
 from karma.world.core.boxes import Box
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject

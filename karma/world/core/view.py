@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.contracts import Pose, Vec3
+from karma.types.space import Pose, Vec3
 from karma.world.core.boxes import Flags, Floats
 from karma.world.core.hiding import blocking, hidden_rows, solid_boxes
 from karma.world.core.objects import Change, Derived, Objects

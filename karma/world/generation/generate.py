@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from karma.contracts import Vec3
 from karma.errors import KarmaError, UnknownNameError
 from karma.household.places import FLOOR
 from karma.household.types import object_type
 from karma.household.uses import BURNER, KNOB
 from karma.seeds import stream
+from karma.types.space import Vec3
 from karma.world.core.boxes import Box, rounded
 from karma.world.core.ground import Cell, distances, nearest_to_centre, reachable_cells
 from karma.world.core.scene import AgentPose, Scene, SceneObject

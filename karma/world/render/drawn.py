@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from karma.contracts import Vec3
 from karma.household.places import FLOOR
 from karma.household.types import object_types
 from karma.household.uses import BURNER
+from karma.types.space import Vec3
 from karma.world.core.boxes import Box, Floats
 from karma.world.core.hiding import WORKTOP, hidden_rows, holes_by_row
 from karma.world.core.objects import Objects

@@ -7,8 +7,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.contracts import Pose
 from karma.household.uses import LAMPS
+from karma.types.space import Pose
 from karma.world.core.boxes import Box
 from karma.world.core.objects import Objects
 from karma.world.core.state import Camera, Room, WorldState

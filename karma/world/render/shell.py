@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.contracts import Vec3
 from karma.household.places import FLOOR
 from karma.household.types import RoomType
 from karma.household.uses import BURNER, FRIDGE, SHOWER_HEAD
+from karma.types.space import Vec3
 from karma.world.core.ground import outside
 from karma.world.core.hiding import inert_rows
 from karma.world.core.objects import Objects

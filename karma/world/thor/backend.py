@@ -115,7 +115,7 @@ class ClientProcess:
 
 
 class ThorWorld:
-    """AI2-THOR through its own client; implements `contracts.World`.
+    """AI2-THOR through its own client; implements `karma.types.roles.World`.
 
     The player starts with the first `reset`.
 

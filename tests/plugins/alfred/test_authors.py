@@ -7,11 +7,11 @@ import pytest
 
 from karma.agent.goals.goals import is_position, object_names, parse_goal
 from karma.agent.planning.prompt import render
-from karma.contracts import PlanRequest
 from karma.errors import FileError
 from karma.files import read_toml
 from karma.household.types import object_types
 from karma.plugins.alfred.published_tasks import READ, load_authors_tasks
+from karma.types.planning import PlanRequest
 
 ROW = {"FloorPlan": 7, "ID": 1, "Goal Condition": "ON(cup, table): 1", "Instruction": "Hide a cup."}
 

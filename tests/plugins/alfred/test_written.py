@@ -11,10 +11,10 @@ from karma.agent.goals.files import load_said, load_tasks, load_texts
 from karma.agent.loading.planner_files import examples_for, kept_vectors
 from karma.bench.engine.episode import run_episode
 from karma.bench.methods.expert import ExpertMethod
-from karma.contracts import REFUSAL_KINDS
 from karma.files import to_json
 from karma.models.embed.minilm import MiniLm
 from karma.plugins.alfred.sentences import plain
+from karma.types.planning import REFUSAL_KINDS
 from karma.world.sim import EmbeddedWorld
 
 WRITTEN = ROOT / "eval" / "requests" / "written.jsonl"

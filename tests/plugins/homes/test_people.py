@@ -10,7 +10,6 @@ from test_kept_home import gone, left
 
 from karma.agent.seeing.perceive import digest_of
 from karma.assistant.session_log import PastRequest
-from karma.contracts import MemoryChange, SeenObject
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.household.ids import type_of
@@ -19,6 +18,8 @@ from karma.plugins.homes.people import live
 from karma.plugins.homes.types import HomeCard
 from karma.plugins.rules.language.clock import DAY_S, HOUR_S
 from karma.plugins.rules.talk.history import moves
+from karma.types.memory import MemoryChange
+from karma.types.observation import SeenObject
 from karma.world.sim import EmbeddedWorld
 
 SCENES = ("kitchen_1", "living_2", "bedroom_1", "bathroom_1")

@@ -14,11 +14,12 @@ from support.plans import PLANS, plan
 
 from karma.agent.planning.program import SKILLS
 from karma.bench.methods.lota import chooser_of
-from karma.contracts import ProgramSpec, ScoringModel
 from karma.errors import ModelError, ServerLost
 from karma.plugins.hosted.dialects import DIALECTS
 from karma.plugins.hosted.grammars import plan_gbnf, plan_schema
 from karma.plugins.hosted.planner import open_planner
+from karma.types.planning import ProgramSpec
+from karma.types.roles import ScoringModel
 
 SPEC = ProgramSpec(skills=SKILLS, objects=("Mug",), max_calls=2)
 PROGRAM = "GoToObject(robot, 'Mug')\n"

@@ -14,13 +14,13 @@ from support.hosted_server import (
     wire_server,
 )
 
-from karma.contracts import Prompt
 from karma.errors import ModelError
 from karma.models.endpoint import Endpoint
 from karma.models.session import Session
 from karma.plugins.hosted.cassette import Cassette
 from karma.plugins.hosted.keys import Key
 from karma.plugins.hosted.model import HostedLanguageModel
+from karma.types.planning import Prompt
 
 
 @pytest.fixture(autouse=True)

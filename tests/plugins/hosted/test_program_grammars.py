@@ -17,7 +17,6 @@ from support.plans import ILLEGAL, LEGAL, PLANS, plan
 from support.random_programs import random_program
 
 from karma.agent.planning.program import SKILLS, parse_program, parse_refusal
-from karma.contracts import REFUSAL_KINDS, ProgramSpec
 from karma.errors import ProgramError
 from karma.household.types import object_types
 from karma.models.automaton import ProgramAutomaton
@@ -28,6 +27,7 @@ from karma.plugins.hosted.grammars import (
     program_text,
     schema,
 )
+from karma.types.planning import REFUSAL_KINDS, ProgramSpec
 
 SAMPLES = int(os.environ.get("KARMA_SAMPLE", "2000"))
 NODES = tuple(f"node_{number}" for number in range(1, 13))

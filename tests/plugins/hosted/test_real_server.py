@@ -23,7 +23,6 @@ from support.hosted_server import (
 from support.needs import need_models
 
 from karma.agent.planning.program import SKILLS, parse_program
-from karma.contracts import ProgramSpec
 from karma.errors import ModelError
 from karma.household.types import object_types
 from karma.models.automaton import ProgramAutomaton
@@ -32,6 +31,7 @@ from karma.models.session import Session
 from karma.plugins.hosted.cassette import Cassette
 from karma.plugins.hosted.planner import open_planner
 from karma.testing import make_planner
+from karma.types.planning import ProgramSpec
 
 SPEC = ProgramSpec(
     skills=SKILLS, objects=tuple(sorted(object_types())), positions=("node_1", "node_2")

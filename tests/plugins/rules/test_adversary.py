@@ -22,7 +22,6 @@ from karma.agent.karma import KarmaMethod
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.program import SKILLS
 from karma.assistant.replies import AgentReply
-from karma.contracts import Completion, SceneRef, SkillCall, SubTask
 from karma.household.containment import goes_in
 from karma.household.types import object_types
 from karma.plugins.rules.method import joined, reader_of
@@ -30,6 +29,10 @@ from karma.plugins.rules.request_checker import Guard, cannot_serve
 from karma.plugins.training.goal_sentences import names_its_place, program_of, read_sentences
 from karma.plugins.training.sources import Sources
 from karma.seeds import stream
+from karma.types.completion import Completion
+from karma.types.planning import SkillCall
+from karma.types.space import SceneRef
+from karma.types.tasks import SubTask
 from karma.world.sim import EmbeddedWorld
 
 SAMPLE = int(os.environ.get("KARMA_SAMPLE", "0"))

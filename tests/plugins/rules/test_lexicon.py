@@ -7,7 +7,6 @@ from functools import cache
 import pytest
 
 from karma.agent.planning.prompt import compact
-from karma.contracts import PlanRequest
 from karma.household.types import types_with
 from karma.plugins.rules.language.lexemes import (
     Lexemes,
@@ -22,6 +21,7 @@ from karma.plugins.training.drawing.phrases import our_book
 from karma.plugins.training.drawing.referring_expressions import Situation, call
 from karma.plugins.training.drawing.requests import one_ask
 from karma.seeds import stream
+from karma.types.planning import PlanRequest
 from karma.world.core import scene
 
 WORDS = every_word()

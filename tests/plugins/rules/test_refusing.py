@@ -7,8 +7,9 @@ from karma.agent.journal.records import Answer
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.refusal_text import sentence
 from karma.agent.planning.refused import nearness, with_words
-from karma.contracts import REFUSAL_KINDS, Decoding, Hint, Meaning, PlanRequest, RefusedRequest
 from karma.models.scripted import ScriptedModel
+from karma.types.completion import Decoding
+from karma.types.planning import REFUSAL_KINDS, Hint, Meaning, PlanRequest, RefusedRequest
 
 SOFA = "GoToObject(robot, 'Sofa')\nSliceObject(robot, 'Sofa')\n"
 BED = "SliceObject(robot, 'Bed')\n"

@@ -9,7 +9,6 @@ from karma.agent.loading.planner_files import bank_file
 from karma.agent.planning.goal_lines import as_lines
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import SKILLS, parse_program
-from karma.contracts import Area, Decoding, PlanRequest
 from karma.household.types import object_types
 from karma.models.scripted import ScriptedModel
 from karma.plugins.rules.answer_checker import advice_for
@@ -18,6 +17,9 @@ from karma.plugins.rules.language.request import RequestReader
 from karma.plugins.rules.parser import SpacyParser
 from karma.plugins.rules.request_checker import Guard, cannot_serve
 from karma.plugins.rules.request_goals import asked_lines
+from karma.types.completion import Decoding
+from karma.types.memory import Area
+from karma.types.planning import PlanRequest
 
 MANY = ("CoffeeTable", "DeskLamp", "FloorLamp", "ShelvingUnit")  # a table, a lamp: which?
 HERE = frozenset(object_types()) - {*MANY}

@@ -6,11 +6,11 @@ from hypothesis import strategies as st
 
 from karma.agent.planning.inspector import objection
 from karma.agent.planning.program import parse_program
-from karma.contracts import SkillCall
 from karma.plugins.rules.language.clauses import clauses_of
 from karma.plugins.rules.method import reader_of
 from karma.plugins.rules.request_checker import Guard
 from karma.plugins.rules.trimming import trimmed
+from karma.types.planning import SkillCall
 
 HERE = ("Apple", "Bread", "CounterTop", "DeskLamp", "DiningTable", "Fridge", "Mug", "Pen")
 TAKE = "GoToObject(robot, '{0}')\nPickupObject(robot, '{0}')\n"

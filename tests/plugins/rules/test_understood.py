@@ -6,10 +6,12 @@ import pytest
 from support.talking import STORE, TAKE, agent_saying
 
 from karma import registry
-from karma.contracts import REFUSAL_KINDS, Certainty, Plan, RefusedRequest, SkillResult
 from karma.models.scripted import ScriptedModel
 from karma.plugins.rules.language.lexicon import Lexicon
 from karma.plugins.rules.understanding import Understanding, question, understood
+from karma.types.completion import Certainty
+from karma.types.events import Plan, SkillResult
+from karma.types.planning import REFUSAL_KINDS, RefusedRequest
 
 HERE = ("Bottle", "Bowl", "CounterTop", "Fridge", "Mug", "Plate", "Toaster")
 

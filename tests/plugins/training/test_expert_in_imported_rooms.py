@@ -7,7 +7,6 @@ import pytest
 from karma.agent.goals.files import load_tasks
 from karma.bench.engine.episode import run_episode
 from karma.bench.methods.expert import ExpertMethod
-from karma.contracts import SceneRef
 from karma.files import to_json
 from karma.plugins.alfred.published_tasks import task_of
 from karma.plugins.alfred.replay.facts import gather, side_files
@@ -16,6 +15,7 @@ from karma.plugins.alfred.replay.trial import read_trials
 from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.plugins.training.drawing.phrases import our_book
 from karma.plugins.training.task_files import draw_tasks
+from karma.types.space import SceneRef
 from karma.world.sim import EmbeddedWorld
 
 

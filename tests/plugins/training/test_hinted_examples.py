@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from karma.contracts import PlanRequest
 from karma.language.hints import WordFile, Words
 from karma.plugins.training.hinted import INVENTED, UNKNOWN, DrawnHints
 from karma.plugins.training.samples import TrainingExample
 from karma.seeds import stream
+from karma.types.planning import PlanRequest
 
 FILE = WordFile(
     types={"Cup": ("glass", "beaker"), "Mug": ("mug", "tea mug"), "Pen": ("pen",)},

@@ -7,7 +7,6 @@ from dataclasses import replace
 import pytest
 
 from karma.agent.planning.program import parse_program, parse_refusal
-from karma.contracts import REFUSAL_KINDS
 from karma.plugins.rules.language.lexemes import types_called
 from karma.plugins.training import refusals
 from karma.plugins.training.drawing.memories import generated_rooms
@@ -15,6 +14,7 @@ from karma.plugins.training.drawing.phrases import our_book
 from karma.plugins.training.packs import Data, PlannerRecipe, draw_pack
 from karma.plugins.training.samples import draw_facts, situation
 from karma.seeds import stream
+from karma.types.planning import REFUSAL_KINDS
 
 BOOK = our_book().part(held_out=False)
 PATTERNS = (

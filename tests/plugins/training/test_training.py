@@ -13,7 +13,6 @@ from support.paths import ROOT
 from karma.agent.planning.inspector import mend, narrowed
 from karma.agent.planning.planner import program_spec
 from karma.agent.planning.program import parse_program
-from karma.contracts import Area, PlanRequest
 from karma.files import to_json
 from karma.household.types import object_types
 from karma.language.whole import TIMES, repeated
@@ -26,6 +25,8 @@ from karma.plugins.training.drawing.requests import KINDS
 from karma.plugins.training.packs import Unseen
 from karma.plugins.training.samples import draw
 from karma.seeds import stream
+from karma.types.memory import Area
+from karma.types.planning import PlanRequest
 from karma.world.core import scene
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"

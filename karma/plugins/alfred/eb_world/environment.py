@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from karma.contracts import Frame
 from karma.plugins.alfred.eb_world.actions import (
     EB_ALFRED,
     ActionTypes,
@@ -20,6 +19,7 @@ from karma.plugins.alfred.replay.facts import RoomFacts
 from karma.plugins.alfred.replay.goal import Conditions, conditions
 from karma.plugins.alfred.replay.replay import FOV_DEG, REACH_M, fitted
 from karma.plugins.alfred.replay.trial import Trial
+from karma.types.space import Frame
 from karma.world.sim import EmbeddedWorld
 
 UNKNOWN = -1  # number of what is no action

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from karma.contracts import Vec3
 from karma.household.ids import type_of
 from karma.household.places import FLOOR
 from karma.household.types import object_types, type_now
@@ -20,6 +19,7 @@ from karma.plugins.thor_tools.importing.scenes import (
     room_by_name,
     room_by_things,
 )
+from karma.types.space import Vec3
 from karma.world.core.posing import posed
 from karma.world.core.rules import rules
 from karma.world.core.scene import AgentPose, Scene, SceneObject, check

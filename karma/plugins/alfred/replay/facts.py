@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import msgspec
 
-from karma.contracts import Vec3
 from karma.household.ids import made_at, part_id, type_of
 from karma.household.uses import WHOLE_OF, without_basin
 from karma.plugins.alfred.replay.steps import named, visited
@@ -26,6 +25,7 @@ from karma.plugins.alfred.replay.trial import (
     spelt_out,
 )
 from karma.plugins.thor_tools.importing.scenes import import_dump
+from karma.types.space import Vec3
 from karma.world.core.scene import Scene, SceneObject
 
 SAME_M = 0.03  # two places of one type that are one object, where ids carry centimetres

@@ -17,13 +17,13 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import msgspec
 
-from karma.contracts import Vec3
 from karma.household.ids import is_part, made_at, root_id, root_type, type_of
 from karma.household.places import FLOOR
 from karma.household.types import object_types, type_now
 from karma.household.uses import BASIN_OF, BASINS, FAUCET
 from karma.household.water import POURS_M
 from karma.plugins.alfred.replay.facts import LabelledSpot, RoomFacts
+from karma.types.space import Vec3
 from karma.world.core.boxes import Box
 from karma.world.core.hiding import EDGE_M, WORKTOP, built_in
 from karma.world.core.rules import rules

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 
-from karma.contracts import Vec3
 from karma.errors import FileError
 from karma.household.ids import made_at, root_id, type_of
 from karma.plugins.thor_tools.importing.dump import COPY, Coordinate, Xyz, read_unzipped
+from karma.types.space import Vec3
 
 _SEVEN_DIGITS = Context(prec=7, rounding=ROUND_HALF_EVEN)
 _CENT = Decimal("0.01")

@@ -18,10 +18,12 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from karma.contracts import Frame, LanguageModel, PlanSpec, Prompt
 from karma.files import read_toml
 from karma.plugins.alfred.eb_world.environment import Environment, Step
 from karma.plugins.alfred.suites.players import BenchmarkAnswer, kept
+from karma.types.planning import PlanSpec, Prompt
+from karma.types.roles import LanguageModel
+from karma.types.space import Frame
 
 _HERE = Path(__file__).parent / "eb_alfred"
 _AGAIN_TEMPERATURE = 0.6  # once an answer was of no use, the same again will not help

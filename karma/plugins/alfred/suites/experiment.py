@@ -9,11 +9,11 @@ from msgspec import Meta
 
 from karma.agent.loading.models import Models
 from karma.bench.engine.experiment import check_listed, select
-from karma.contracts import Scoring
 from karma.errors import FileError
 from karma.plugins.alfred.published_tasks import ListedTask, read_lists
 from karma.plugins.alfred.suites.eb_planner import PromptOptions, kind_of
 from karma.plugins.alfred.suites.lota_planner import LotaPromptOptions
+from karma.types.completion import Scoring
 
 SUBSETS = (
     "base", "common_sense", "complex_instruction", "visual_appearance", "spatial", "long_horizon",

@@ -12,11 +12,13 @@ from pathlib import Path
 
 import msgspec
 
-from karma.contracts import LanguageModel, Prompt, Scoring, ScoringModel
 from karma.files import read_toml
 from karma.plugins.alfred.eb_world.actions import DONE
 from karma.plugins.alfred.eb_world.environment import Environment, Step
 from karma.plugins.alfred.suites.players import BenchmarkAnswer, kept
+from karma.types.completion import Scoring
+from karma.types.planning import Prompt
+from karma.types.roles import LanguageModel, ScoringModel
 
 _HERE = Path(__file__).parent / "lota_alfred"
 LONGEST = 200_000  # characters that are looked at

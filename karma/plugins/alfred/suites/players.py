@@ -9,13 +9,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from karma.contracts import Completion
 from karma.household.ids import root_id, root_type
 from karma.household.uses import FAUCET
 from karma.plugins.alfred.eb_world.actions import Thing, Verb, by_id, hides
 from karma.plugins.alfred.eb_world.environment import Environment
 from karma.plugins.alfred.replay.trial import PlannerAction
 from karma.seeds import stream
+from karma.types.completion import Completion
 
 KEPT = 20_000  # characters of an answer that a record keeps
 _Said = tuple[Verb, str]  # verb, and the id or type that it is about

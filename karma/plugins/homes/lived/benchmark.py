@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 from karma.agent.loading.models import filled
 from karma.bench.engine.suite import BenchmarkResults, Chain, Play
 from karma.bench.figures.drawing import Plot
-from karma.contracts import Embedder
 from karma.errors import KarmaError
 from karma.models.session import Session
 from karma.plugins.homes.habits import TABLE
@@ -28,6 +27,7 @@ from karma.plugins.homes.lived.table import (
     work_sheet,
 )
 from karma.plugins.homes.memory.ageing import PRIOR
+from karma.types.roles import Embedder
 
 
 class LivedHomes:

@@ -15,12 +15,14 @@ from karma.agent.body.search import best_next
 from karma.agent.body.walk import OutOfActionsError
 from karma.agent.seeing.eyes import MetadataEyes
 from karma.agent.seeing.perceive import observe
-from karma.contracts import Event, Pose, SeenObject
 from karma.household.places import HAND, LIKELY
 from karma.household.types import object_types
 from karma.plugins.homes.lived.home_map import HomeMap
 from karma.plugins.homes.residents import Household
 from karma.plugins.homes.types import Deed, Fact, HomeMoment, LikelyPlace, Sighting
+from karma.types.observation import SeenObject
+from karma.types.roles import Event
+from karma.types.space import Pose
 
 UNTOLD = frozenset(("off", "closed", "heated"))  # words of `State` that no sighting keeps
 

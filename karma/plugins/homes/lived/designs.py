@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.contracts import Embedder, Vectors
 from karma.household.types import in_words
 from karma.memory.policies import make_policy
 from karma.plugins.homes.memory.setting import MemorySetting, is_said_place, ranks_of, sighting_text
@@ -27,6 +26,8 @@ from karma.plugins.homes.types import (
     LikelyPlace,
     Sighting,
 )
+from karma.types.roles import Embedder
+from karma.types.space import Vectors
 
 
 class TextVectors:

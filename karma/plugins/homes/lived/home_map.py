@@ -8,10 +8,11 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from karma.contracts import Area, Known, Pose
 from karma.plugins.homes.houses import room_name
 from karma.plugins.homes.memory.setting import KnownPlace
 from karma.plugins.homes.residents import kind_of_room, resting_places
+from karma.types.memory import Area, Known
+from karma.types.space import Pose
 from karma.world.core.boxes import Flags, Floats
 from karma.world.core.hiding import blocking
 from karma.world.core.navigate import interactable_poses

@@ -7,7 +7,6 @@ import re
 from dataclasses import replace
 from functools import cache
 
-from karma.contracts import Embedder, Meaning
 from karma.errors import KarmaError
 from karma.household.places import ROOMS
 from karma.household.types import in_words, object_types
@@ -15,6 +14,8 @@ from karma.language.hints import TYPE_WORDS, Words, kept_words, singular
 from karma.plugins.homes.lived.request import request_forms
 from karma.plugins.homes.types import Asked, HomeQuestion, SaidThing
 from karma.plugins.rules.language.clock import SaidSpan, read_span, unread_times
+from karma.types.planning import Meaning
+from karma.types.roles import Embedder
 
 _ASKED: tuple[tuple[str, Asked], ...] = (
     (r"\bhow many\b|^count\b|\bnumber of\b", "count"),

@@ -43,7 +43,7 @@ class Recollection:
 def fact_text(fact: Fact, places: Mapping[str, KnownPlace]) -> str:
     """Return a fact as a line of a prompt.
 
-    >>> from karma.contracts import Sighting
+    >>> from karma.plugins.homes.types import Sighting
     >>> fact_text(Fact(sighting=Sighting(time_s=90_000.0, object_id="a", object_type="Mug",
     ...     place_id=None, room="living_1", position_m=(0, 0, 0)), holds=0.8), {})
     'Tue 01:00 mug, living; 0.80'

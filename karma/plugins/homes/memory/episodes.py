@@ -15,9 +15,9 @@ from typing import Any, Literal
 import faiss
 import numpy as np
 
-from karma.contracts import Embedder
 from karma.plugins.homes.memory.setting import KnownPlace, sighting_text
 from karma.plugins.homes.types import Deed, Sighting
+from karma.types.roles import Embedder
 
 MOST_EPISODES = 200_000  # closed ones kept; beyond it the oldest go
 SPARE = 0.02  # share of the most that goes at once, so that it is not done for every row

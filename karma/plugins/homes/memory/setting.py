@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from karma.contracts import Embedder
 from karma.household.types import in_words
 from karma.plugins.homes.types import SaidThing, Sighting
+from karma.types.roles import Embedder
 
 MARGIN = 0.03  # below the best meaning, within which another type may be meant as well
 

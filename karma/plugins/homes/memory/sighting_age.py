@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 from karma.agent.seeing.perceive import place_of
 from karma.assistant.session_log import CLOCK_START_S, PastRequest
-from karma.contracts import SeenObject
 from karma.household.pieces import base_type
 from karma.plugins.homes.memory.ageing import HOUR_S, Ageing, home_prior
 from karma.plugins.rules.talk.history import can_move
+from karma.types.observation import SeenObject
 
 
 def chance_in_place(

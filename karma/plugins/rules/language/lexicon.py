@@ -4,13 +4,14 @@ from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from functools import cached_property
 
-from karma.contracts import Embedder, Vectors
 from karma.files import read_json
 from karma.household.saying import spoken
 from karma.household.types import types_with
 from karma.language.hints import TYPE_WORDS, WordFile, kept_words, singular
 from karma.plugins.rules.language.request_words import deed_states, request_words
 from karma.plugins.rules.language.slips import is_a_slip
+from karma.types.roles import Embedder
+from karma.types.space import Vectors
 
 LEAST_LETTERS, SLIP = 5, 0.87  # of a word that may be misspelt, and how alike it has to be
 _MANY = ("can",)  # that may be anything: a tin, a bin, a toilet

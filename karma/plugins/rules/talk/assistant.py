@@ -8,7 +8,6 @@ from karma.agent.session import Executor
 from karma.assistant.agent import Agent
 from karma.assistant.protocol import Moment, Resolved
 from karma.assistant.replies import AgentReply, MemoryAnswer, RequestReply, Understanding
-from karma.contracts import Plan, SubTask
 from karma.household.pieces import base_type
 from karma.plugins.rules.language.clauses import clauses_of, completed, context_left_out
 from karma.plugins.rules.language.lexicon import Lexicon
@@ -23,6 +22,8 @@ from karma.plugins.rules.talk.remembering import Remembering
 from karma.plugins.rules.talk.telling import told_of
 from karma.plugins.rules.types import Mention, Request, SaidDeed
 from karma.plugins.rules.understanding import misspelt, understood
+from karma.types.events import Plan
+from karma.types.tasks import SubTask
 
 if find_spec("spacy") is None:  # it is imported with the first sentence: far too late to say so
     raise ModuleNotFoundError("No module named 'spacy'", name="spacy")

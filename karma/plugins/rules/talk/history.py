@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from karma.agent.planning.program import DEEDS, PUTS
 from karma.agent.seeing.perceive import place_of
 from karma.assistant.session_log import PLACE_TOLD, TOLD, PastAction, PastRequest
-from karma.contracts import SeenObject, SkillResult
 from karma.household.ids import type_of
 from karma.household.pieces import base_type
 from karma.household.places import FLOOR, HAND
@@ -26,6 +25,8 @@ from karma.plugins.rules.language.request_words import (
     request_words,
 )
 from karma.plugins.rules.types import Mention, Request, SaidDeed
+from karma.types.events import SkillResult
+from karma.types.observation import SeenObject
 
 _LINKS = "in|on|into|onto|to|at|under|from|near|next|back|away|where|wherever|with|and|then"
 _IT = (

@@ -4,10 +4,10 @@ import re
 from dataclasses import replace
 
 from karma.assistant.replies import Understanding
-from karma.contracts import RefusedRequest
 from karma.plugins.rules.language.request import RequestReader
 from karma.plugins.rules.language.request_words import request_words
 from karma.plugins.rules.types import Request
+from karma.types.planning import RefusedRequest
 
 _YES = re.compile(
     r"\W*(?:(?:yes|yeah|yep|yup|sure|ok|okay|right|exactly|correct|please|do|it|so|that|go|ahead"

@@ -13,7 +13,6 @@ from karma.agent.journal.formats import plural
 from karma.agent.seeing.perceive import place_of
 from karma.assistant.replies import MemoryAnswer
 from karma.assistant.session_log import PLACE_TOLD, STATE_TOLD
-from karma.contracts import SeenObject
 from karma.household.containment import has_door
 from karma.household.ids import root_id
 from karma.household.pieces import base_type
@@ -37,6 +36,7 @@ from karma.plugins.rules.talk.remembering import (
     unknown,
 )
 from karma.plugins.rules.types import Mention, Request
+from karma.types.observation import SeenObject
 
 _POURED = ("water", "coffee", "wine", "liquid")
 _OFFER = 'Say "go and see", or /look, and I look for it.'

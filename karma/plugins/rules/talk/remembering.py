@@ -7,13 +7,14 @@ from typing import TypeVar
 from karma.agent.seeing.perceive import place_of
 from karma.assistant.replies import MemoryAnswer
 from karma.assistant.session_log import PLACE_TOLD, TOLD, PastRequest
-from karma.contracts import MemoryUnit, SeenObject
 from karma.household.ids import root_id, type_of
 from karma.household.pieces import base_type, is_piece
 from karma.household.uses import HAVE_PARTS, PARTS_OF_FURNITURE, without_basin
 from karma.plugins.rules.language.request_words import request_words
 from karma.plugins.rules.object_finder import is_below
 from karma.plugins.rules.types import Mention
+from karma.types.memory import MemoryUnit
+from karma.types.observation import SeenObject
 
 T = TypeVar("T")
 Sight = tuple[SeenObject, float]  # of a thing, and when it was in view

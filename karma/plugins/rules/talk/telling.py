@@ -8,7 +8,6 @@ from karma.agent.experience import unit_of
 from karma.agent.seeing.perceive import place_of
 from karma.assistant.replies import MemoryAnswer
 from karma.assistant.session_log import PLACE_TOLD, STATE_TOLD
-from karma.contracts import MemoryChange
 from karma.household.places import HAND
 from karma.household.saying import name_of, told_place
 from karma.household.states import ENDS, SAID_AS
@@ -19,6 +18,7 @@ from karma.plugins.rules.talk.history import can_lie_in, habits_in
 from karma.plugins.rules.talk.offers import offer_against
 from karma.plugins.rules.talk.remembering import Remembering, answer, unknown
 from karma.plugins.rules.types import Mention, Request
+from karma.types.memory import MemoryChange
 
 _BELOW = re.compile(r"\b(?:under|underneath|below|beneath|behind|above|over)\b", re.IGNORECASE)
 _NOT_NOW = frozenset(

@@ -7,10 +7,10 @@ from typing import Annotated, Any
 
 import msgspec
 
-from karma.contracts import Vec3
 from karma.errors import FileError
 from karma.files import read_bytes, unpack
 from karma.household.types import object_types
+from karma.types.space import Vec3
 from karma.world.core.boxes import Box
 from karma.world.core.ground import Cell
 from karma.world.core.scene import FARTHEST_M, AgentPose, Temperature

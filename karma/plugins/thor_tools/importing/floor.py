@@ -8,7 +8,6 @@ from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 
-from karma.contracts import Vec3
 from karma.household.places import (
     BACK_TO_WALLS,
     FACE_EITHER_WAY,
@@ -18,6 +17,7 @@ from karma.household.places import (
 )
 from karma.household.uses import BASINS
 from karma.plugins.thor_tools.importing.dump import Seen
+from karma.types.space import Vec3
 from karma.world.core.boxes import Box, Flags, Floats
 from karma.world.core.ground import AGENT_HEIGHT_M, AGENT_RADIUS_M, Cell, Key, distances, parts
 from karma.world.core.thing import heading

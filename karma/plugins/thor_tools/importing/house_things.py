@@ -9,7 +9,6 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from karma.contracts import Vec3
 from karma.errors import FileError
 from karma.household.ids import root_type, type_of
 from karma.household.places import FLOOR
@@ -18,6 +17,7 @@ from karma.household.uses import BASIN_OF, BURNER, FRIDGE, KNOB
 from karma.plugins.thor_tools.importing.dump import Xyz
 from karma.plugins.thor_tools.importing.house_floor import HouseShell, off
 from karma.plugins.thor_tools.importing.house_record import FIX, HouseRecord, HouseThing
+from karma.types.space import Vec3
 from karma.world.core.boxes import Box, rounded
 from karma.world.core.posing import rotation_matrix
 from karma.world.core.scene import LARGEST_M, SceneObject

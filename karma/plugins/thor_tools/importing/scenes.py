@@ -8,7 +8,6 @@ from typing import Any
 
 import msgspec
 
-from karma.contracts import Vec3
 from karma.errors import FileError
 from karma.household.places import FLOOR
 from karma.household.types import Capability, RoomType, object_types
@@ -21,6 +20,7 @@ from karma.plugins.thor_tools.importing.dump import (
     stance,
 )
 from karma.plugins.thor_tools.importing.floor import Floor, start_of
+from karma.types.space import Vec3
 from karma.world.core.boxes import Box
 from karma.world.core.ground import AGENT_RADIUS_M, Cell, nearest_to_centre
 from karma.world.core.scene import AgentPose, Scene, SceneObject, check

@@ -12,7 +12,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from karma.contracts import Goal
 from karma.household.ids import short_type
 from karma.household.pieces import base_type
 from karma.household.places import HAND
@@ -28,6 +27,7 @@ from karma.plugins.training.drawing.memories import (
 from karma.plugins.training.drawing.phrases import Book
 from karma.plugins.training.drawing.referring_expressions import Situation
 from karma.plugins.training.drawing.requests import KINDS, Ask, one_ask, pick_kind, wrapped
+from karma.types.tasks import Goal
 
 Kind = Literal["simple", "composite", "complex"]
 FOLLOW_UPS = tuple(kind for kind in KINDS if kind not in ("coffee", "toast", "break"))

@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from karma.agent.planning.prompt import compact
-from karma.contracts import Area, Goal, MemoryUnit, PlanRequest, SeenObject
 from karma.household.ids import type_of
 from karma.household.pieces import base_type
 from karma.household.places import HAND, ROOMS, landmark_types
@@ -19,6 +18,10 @@ from karma.household.uses import CHANGED_IN, FRIDGE, KNIFE
 from karma.memory.scene_graph import SceneGraph
 from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.seeds import stream
+from karma.types.memory import Area, MemoryUnit
+from karma.types.observation import SeenObject
+from karma.types.planning import PlanRequest
+from karma.types.tasks import Goal
 from karma.world.core.scene import Scene
 from karma.world.generation.generate import build_scene
 

@@ -7,7 +7,6 @@ last seen.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from karma.contracts import MemoryUnit, PlanRequest
 from karma.household.pieces import base_type
 from karma.household.places import HAND
 from karma.household.saying import plural_of
@@ -19,6 +18,8 @@ from karma.plugins.rules.language.lexemes import (
 )
 from karma.plugins.training.drawing.memories import KnownRoom, Rng, pick, place_type, weighted
 from karma.plugins.training.drawing.phrases import Book
+from karma.types.memory import MemoryUnit
+from karma.types.planning import PlanRequest
 
 Fits = Callable[[MemoryUnit], bool]
 WEIGHTS = {"name": 0.42, "kind": 0.30, "anything": 0.14, "pronoun": 0.14}

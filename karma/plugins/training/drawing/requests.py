@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 
-from karma.contracts import Goal
 from karma.household import uses
 from karma.household.containment import goes_in
 from karma.household.pieces import EGG, base_type, is_piece
@@ -25,6 +24,7 @@ from karma.plugins.training.drawing.referring_expressions import (
     vaguely,
     with_article,
 )
+from karma.types.tasks import Goal
 
 ENDS_IN = {
     "clean_place": (uses.SINK,), "heat_place": (uses.MICROWAVE,), "cook_place": (uses.MICROWAVE,),

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import pytest
 
-from karma.contracts import Meaning
 from karma.plugins.homes.lived.body import HomeRobot
 from karma.plugins.homes.lived.designs import DESIGNS
 from karma.plugins.homes.lived.experiment import LivedRow
@@ -12,6 +11,7 @@ from karma.plugins.homes.lived.serve import Server
 from karma.plugins.homes.memory.setting import MemorySetting
 from karma.plugins.homes.residents import Household
 from karma.plugins.homes.types import HomeQuestion, SaidThing
+from karma.types.planning import Meaning
 from tests.support.lived import HOUR_S, LetterEmbedder, small_home, small_map
 
 TRUSTING = LivedRow(name="trusting", design="none", verify="never")

@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 from support.talking import STORE, TAKE, WASH, agent_saying
 
-from karma.contracts import MemoryChange
 from karma.plugins.rules.language.clock import DAY_S, HOUR_S, read_span, time_of_day
 from karma.plugins.rules.method import reader_of
 from karma.plugins.rules.talk.history import habits_in, in_plain_words, in_turn, moves
+from karma.types.memory import MemoryChange
 
 BACK = (
     "PickupObject(robot, 'Apple')\nGoToObject(robot, 'DiningTable')\n"
