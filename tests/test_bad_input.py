@@ -17,7 +17,6 @@ from karma.errors import FileError, ModelError
 from karma.files import append_line, decode_json, read_toml, to_json, write_atomic
 from karma.models.llama.model import LlamaModel
 from karma.models.manifest import check_file
-from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.world.core import scene as scenes
 from karma.world.sim import EmbeddedWorld
 
@@ -75,18 +74,6 @@ def test_unknown_type_in_a_scene_is_refused_by_name(tmp_path):
         scenes.load(path)
     with pytest.raises(FileError, match="'Unicorn'"):
         EmbeddedWorld(str(path))
-
-
-def test_unknown_type_in_a_dump_is_refused_with_line_and_object(tmp_path):
-    objects = [dict(thing) for thing in EmbeddedWorld(kitchen()).last_event.metadata["objects"]]
-    good = {"scene": "FloorPlan1", "objects": objects}
-    bad = {"scene": "FloorPlan2", "objects": [objects[0], {**objects[1], "objectType": "Unicorn"}]}
-    path = tmp_path / "dump.jsonl"
-    path.write_text(f"{json.dumps(good)}\n{json.dumps(bad)}\n")
-    found = import_dump(path)
-    assert next(found).name == "FloorPlan1"
-    with pytest.raises(FileError, match=r"dump\.jsonl: line 2: .*unknown objectType 'Unicorn'"):
-        next(found)
 
 
 # ----------------------------------------------------------------- tasks

@@ -9,13 +9,12 @@ import shutil
 import subprocess
 import sys
 import zipfile
+from pathlib import Path
 
 import pytest
 from support.paths import ROOT
 
-from karma.files import cache
 from karma.models.manifest import find_model
-from karma.plugins.airgap import build
 
 PYTHON = """#!/usr/bin/env bash
 case "$*" in
@@ -142,11 +141,8 @@ def test_setup_goes_on_and_says_so_where_real_weights_cannot_be_had(checkout):
     assert len(weights(checkout)) == 1
 
 
-def test_bundle_takes_the_wheel_that_setup_installed(checkout, monkeypatch):
+def test_setup_notes_where_it_keeps_the_wheel_that_it_installed(checkout):
     set_up(checkout, CMAKE_ARGS="-DGGML_CUDA=on")
-    monkeypatch.setattr(sys, "prefix", str(checkout / ".venv"))
-    folder = build.kept_wheels()
-    assert (folder / "cmake-args.txt").read_text() == "-DGGML_CUDA=on\n"
-    assert len(list(folder.glob("llama_cpp_python-*.whl"))) == 1
-    (checkout / ".venv" / build.BUILT).unlink()
-    assert build.kept_wheels() == cache() / "wheels"
+    *_, folder = (checkout / ".venv" / ".karma-llama").read_text().splitlines()
+    assert (Path(folder) / "cmake-args.txt").read_text() == "-DGGML_CUDA=on\n"
+    assert len(list(Path(folder).glob("llama_cpp_python-*.whl"))) == 1

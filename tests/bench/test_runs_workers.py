@@ -8,9 +8,8 @@ from support.run_files import ONLY, plant_plugin, write_experiment
 from karma.agent.loading.models import Models
 from karma.bench.engine.run import Run
 from karma.bench.engine.workers import suggest_workers
-from karma.errors import KarmaError, WorkerLost
+from karma.errors import WorkerLost
 from karma.models.endpoint import Endpoint, Hosted
-from karma.plugins.hosted.cassette import Cassette
 
 DEADLY = """
 import os, signal
@@ -69,24 +68,6 @@ def test_episode_that_kills_two_workers_ends_the_run_and_is_nobody_s_failure(
     assert "simple-14" not in {record.task for record in again.records}
     assert not any(record.error for record in again.records)
     assert again.left > 0
-
-
-HOSTED = """
-[models.hosted.planner]
-base_url = "http://127.0.0.1:9/v1"
-model = "m"
-"""
-
-
-def test_what_is_not_for_a_cluster_is_refused_by_name(planner, tmp_path):
-    path = write_experiment(tmp_path / "x.toml", "openai")
-    path.write_text(path.read_text() + HOSTED)
-    hosted = Run(path, tmp_path / "hosted")
-    path = write_experiment(tmp_path / "y.toml", planner)
-    recorded = Run(path, tmp_path / "tape-run", cassette=Cassette(tmp_path / "tape", "record"))
-    for run in (hosted, recorded):
-        with pytest.raises(KarmaError, match=r"for workers on this machine\n  To fix: --workers"):
-            next(run.episodes(ray="127.0.0.1:1"))
 
 
 def test_workers_that_wait_for_a_server_need_no_core_each(monkeypatch, tmp_path):

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from support.bundles import pack, wheel_bytes
 
 from karma.errors import FileError, KarmaError
+from karma.files import cache
 from karma.models.manifest import find_model
 from karma.models.manifest import verify as verify_model
 from karma.plugins.airgap import build as building
@@ -162,6 +163,13 @@ def test_missing_bundle_is_named(tmp_path):
 
 
 # ----------------------------------------------------------------- building
+
+
+def test_bundle_takes_the_wheel_that_setup_installed(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
+    assert building.kept_wheels() == cache() / "wheels"
+    (tmp_path / building.BUILT).write_text(f"pins\n-DGGML_CUDA=on\n{tmp_path / 'kept'}\n")
+    assert building.kept_wheels() == tmp_path / "kept"
 
 
 @pytest.fixture

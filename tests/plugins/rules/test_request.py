@@ -7,10 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.paths import ROOT
 
+from karma.errors import KarmaError
 from karma.models.embed.minilm import MiniLm
 from karma.plugins.rules.language.clauses import clauses_of, completed, context_left_out, plainly
 from karma.plugins.rules.language.lexicon import Lexicon
-from karma.plugins.rules.language.request import RequestReader, asked_last
+from karma.plugins.rules.language.request import RequestReader, asked_last, check_length
 from karma.plugins.rules.language.slips import as_meant, in_order, spelt
 from karma.plugins.rules.parser import SpacyParser
 
@@ -515,3 +516,9 @@ def test_a_condition_is_of_so_many(reader, text, of, holds):
     assert (condition.of, condition.holds) == (of, holds)
     assert condition.state
     assert [one.deed for one in request.deeds] == [request.deeds[0].deed]
+
+
+def test_what_is_too_long_to_be_said_is_refused():
+    check_length("put the apple in the fridge " * 100)
+    with pytest.raises(KarmaError, match="say it in several"):
+        check_length("put the apple in the fridge " * 400)

@@ -5,6 +5,7 @@ import json
 import math
 
 import pytest
+from support.household import kitchen
 from support.paths import SHARED
 
 from karma.errors import FileError
@@ -13,6 +14,7 @@ from karma.plugins.thor_tools.importing.scenes import floor_scores, import_dump,
 from karma.world.core.ground import parts
 from karma.world.core.scene import AgentPose, Scene, check
 from karma.world.generation.generate import object_id
+from karma.world.sim import EmbeddedWorld
 
 DUMPS = SHARED / "data/thor5/scenes.jsonl.gz"
 LAYOUTS = SHARED / "data/alfred/layouts.json.gz"
@@ -375,3 +377,15 @@ def test_real_room_written_reads_back(rooms, tmp_path):
         path = tmp_path / f"{scene.name}.json"
         write_atomic(path, to_json(scene))
         assert read_json(path, Scene) == scene
+
+
+def test_unknown_type_in_a_dump_is_refused_with_line_and_object(tmp_path):
+    objects = [dict(thing) for thing in EmbeddedWorld(kitchen()).last_event.metadata["objects"]]
+    good = {"scene": "FloorPlan1", "objects": objects}
+    bad = {"scene": "FloorPlan2", "objects": [objects[0], {**objects[1], "objectType": "Unicorn"}]}
+    path = tmp_path / "dump.jsonl"
+    path.write_text(f"{json.dumps(good)}\n{json.dumps(bad)}\n")
+    found = import_dump(path)
+    assert next(found).name == "FloorPlan1"
+    with pytest.raises(FileError, match=r"dump\.jsonl: line 2: .*unknown objectType 'Unicorn'"):
+        next(found)

@@ -17,7 +17,7 @@ from support.hosted_server import (
     wire_server,
 )
 from support.paths import ROOT
-from support.run_files import karma
+from support.run_files import karma, write_experiment
 
 from karma.agent.journal.records import read_records
 from karma.bench.engine.run import Run
@@ -267,3 +267,21 @@ def test_run_ends_where_several_episodes_in_a_row_were_not_run(experiment, tmp_p
             list(run.episodes())
     assert [one.task for one in run.not_run] == ONLY[:3]
     assert run.left == 8
+
+
+HOSTED = """
+[models.hosted.planner]
+base_url = "http://127.0.0.1:9/v1"
+model = "m"
+"""
+
+
+def test_what_is_not_for_a_cluster_is_refused_by_name(planner, tmp_path):
+    path = write_experiment(tmp_path / "x.toml", "openai")
+    path.write_text(path.read_text() + HOSTED)
+    hosted = Run(path, tmp_path / "hosted")
+    path = write_experiment(tmp_path / "y.toml", planner)
+    recorded = Run(path, tmp_path / "tape-run", cassette=Cassette(tmp_path / "tape", "record"))
+    for run in (hosted, recorded):
+        with pytest.raises(KarmaError, match=r"for workers on this machine\n  To fix: --workers"):
+            next(run.episodes(ray="127.0.0.1:1"))
