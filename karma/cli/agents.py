@@ -11,6 +11,7 @@ from rich.markup import escape
 from karma.cli.progress import bar, workers_for
 from karma.cli.shared import (
     STOPPED,
+    UNFINISHED,
     Computed,
     Json,
     Kept,
@@ -63,6 +64,9 @@ class EvalOptions:
     limit: int | None = option(None, "The first so many of the tasks.", min=1, panel=OTHERWISE)
     seeds: str = option("", 'These seeds, "0-4" or "0,2,5".', panel=OTHERWISE)
     row: list[str] | None = option(None, "This row only; again for more.", panel=OTHERWISE)
+    fail_under: float | None = option(
+        None, "Exit code 4 if the success rate over all rows is lower.", min=0, max=1
+    )
 
     @property
     def changes(self) -> "Changes":
@@ -82,16 +86,16 @@ class EvalOptions:
 _FIGURE = frozenset({"out", "fresh", "workers", "ray"})
 _RUN = frozenset(one.name for kind in (EvalOptions, Kept, Computed) for one in fields(kind))
 USED_BY: Mapping["Kind", frozenset[str]] = {  # kind of run -> options that it can use
-    "figure": _FIGURE, "benchmark": _RUN - {"tasks", "steps"}, "run": _RUN,
+    "figure": _FIGURE, "benchmark": _RUN - {"tasks", "steps", "fail_under"}, "run": _RUN,
 }  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvalCommand(Computed, Kept, EvalOptions):
-    """Do an experiment: every row on every task. Stopped or killed, the same command goes on.
+    """Run an experiment: every row on every task. Stopped or killed, the same command resumes.
 
     Exit code 0: every episode was run, whatever its success; 1: an error, or some were not run;
-    130: stopped.
+    4: all run, and the success rate is below --fail-under; 130: stopped.
     """
 
     def do(self) -> None:
@@ -151,6 +155,11 @@ class EvalCommand(Computed, Kept, EvalOptions):
         write_json(self.json, plain(lines))
         if run.not_run:
             raise KarmaError(in_words(run.not_run))
+        successes = [record.success for record in run.records if not record.unjudged]
+        rate = sum(successes) / len(successes) if successes else 0.0
+        if self.fail_under is not None and rate < self.fail_under:
+            tell(f"success rate {rate:.2f} is below --fail-under {self.fail_under:.2f}")
+            raise typer.Exit(UNFINISHED)
 
     def _do_episodes(self, run: "Run") -> None:
         """Do what is left of a run, with a line that says how far it is."""

@@ -161,6 +161,19 @@ def test_rooms_of_a_task_file_lie_beside_it(tmp_path, monkeypatch, where):
     assert (record.scene, record.success) == ("my room", True)
 
 
+@pytest.mark.parametrize(("method", "code"), [("expert", 0), ("idle", 4)])
+def test_success_rate_below_the_floor_ends_with_four(tmp_path, method, code):
+    file = tmp_path / "e.toml"
+    tasks = ROOT / "eval/alfred_l/tasks.jsonl"
+    file.write_text(
+        f'name = "e"\ntasks = "{tasks}"\nonly = ["simple-03"]\n'
+        f'[[rows]]\nname = "row"\nmethod = "{method}"\n'
+    )
+    words = ["eval", str(file), "--out", str(tmp_path / "run"), "--workers", "1"]
+    shown = CliRunner().invoke(app, [*words, "--fail-under", "0.5"])
+    assert shown.exit_code == code, shown.output
+
+
 # ----------------------------------------------------------------- stopped
 
 
