@@ -12,11 +12,11 @@ import re
 from pathlib import Path
 from statistics import median
 
-from support.paths import ROOT
+from support.floor_plans import floor_plans
+from support.paths import ROOT, SHARED
 
 from karma.agent.planning.prompt import PROFILES, render
 from karma.memory.scene_graph import SceneGraph
-from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.seeds import stream
 from karma.types.memory import MemoryUnit
 from karma.types.observation import SeenObject
@@ -33,10 +33,8 @@ STATES = ("cleaned", "sliced", "dirty", "filled", "heated")
 
 def rooms():
     """What rooms are measured, in words, and the rooms."""
-    data = Path(os.environ.get("KARMA_SHARED", ROOT.parent / "shared")) / "data"
-    dumps = data / "thor5" / "scenes.jsonl.gz"
-    if SAMPLE and dumps.exists():
-        scenes = list(import_dump(dumps, layouts=data / "alfred" / "layouts.json.gz"))
+    if SAMPLE and (SHARED / "data").exists():
+        scenes = list(floor_plans(SHARED, layouts=True))
         return f"{len(scenes)} floor plans", scenes
     kinds, count = ("kitchen", "living", "bedroom", "bathroom"), SAMPLE or 8
     drawn = [build_scene(kinds[number % len(kinds)], number, 0) for number in range(count)]

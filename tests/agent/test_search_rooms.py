@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean
 
+from support.floor_plans import floor_plans
+
 from karma.agent.body.skills import Skills
 from karma.agent.tour import explore_room, position_of
 from karma.bench.engine.episode import drawn
 from karma.files import to_json
 from karma.offline.children import forking, starting
-from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.types.planning import SkillCall
 from karma.types.space import SceneRef
 from karma.types.tasks import Task
@@ -102,10 +103,8 @@ def test_nearly_all_that_can_be_carried_is_found_in_our_rooms():
 
 
 def test_nearly_all_that_a_pose_shows_is_found_in_a_sample_of_ai2thor_s_rooms(shared, tmp_path):
-    data, rooms = shared / "data", []
-    for scene in import_dump(
-        data / "thor5/scenes.jsonl.gz", layouts=data / "alfred/layouts.json.gz"
-    ):
+    rooms = []
+    for scene in floor_plans(shared, layouts=True):
         rooms.append(str(tmp_path / f"{scene.name}.json"))
         Path(rooms[-1]).write_bytes(to_json(scene))
     shown, found = found_in(rooms if SAMPLE else rooms[::30])

@@ -2,12 +2,12 @@
 
 import msgspec
 import pytest
+from support.floor_plans import floor_plans
 from support.household import find, kitchen, on, thing
 
 from karma.agent.seeing.perceive import observe, truth_of
 from karma.household.uses import BASINS, TAPS
 from karma.household.water import Lying, wetted
-from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.world.sim import EmbeddedWorld
 
 
@@ -111,7 +111,7 @@ def test_water_stays_in_the_nearest_basin_below_the_tap(things, wet):
 def test_world_judge_and_memory_agree_on_every_tap_of_every_floor_plan(shared):
     """With one more thing in every basin; nothing is called washed that does not lie over one."""
     laden = ran = 0
-    for scene in import_dump(shared / "data/thor5/scenes.jsonl.gz"):
+    for scene in floor_plans(shared):
         world = EmbeddedWorld(soiled(scene))
         basins = [one for one in scene.objects if one.type in BASINS]
         spare = [one.id for one in scene.objects if one.type in ("Cloth", "Cup", "SoapBar", "Egg")]

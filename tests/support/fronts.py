@@ -7,7 +7,6 @@ from importlib.util import find_spec
 import pytest
 
 from karma.files import to_json
-from karma.plugins.thor_tools.player import command
 from karma.world.sim import EmbeddedWorld
 from support.household import kitchen
 
@@ -87,6 +86,11 @@ class Embedded:
         return self.world.step(*action, **arguments)
 
 
+def player_command(scenes):
+    """Return the player's command for a folder of scenes; skips where it is not installed."""
+    return pytest.importorskip("karma.plugins.thor_tools.player").command(scenes)
+
+
 def write_scenes(folder):
     """Write the handmade kitchen under a name of ours and one of AI2-THOR's."""
     folder.mkdir(exist_ok=True)
@@ -99,9 +103,9 @@ def open_fronts(stack, folder):
     """Return name -> front, the player started once; without the client there is only ours."""
     scenes = write_scenes(folder / "scenes of ours")
     found = {"embedded": Embedded(scenes)}
-    if find_spec("ai2thor") is not None:
+    if find_spec("ai2thor") is not None and find_spec("karma.plugins.thor_tools") is not None:
         stack.enter_context(at_home(folder))
-        made = stack.enter_context(controller(command(scenes), scene="handmade"))
+        made = stack.enter_context(controller(player_command(scenes), scene="handmade"))
         found["player"] = Genuine(made)
     return found
 
@@ -109,7 +113,7 @@ def open_fronts(stack, folder):
 def choose(fronts, name):
     """Return one front, or skip the test."""
     if name not in fronts:
-        pytest.skip("needs AI2-THOR's own client: pip install ai2thor==5.0.0")
+        pytest.skip("needs AI2-THOR's own client and the player: karma-offline[thor_tools]")
     return fronts[name]
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.floor_plans import floor_plans
 from support.household import kitchen, reach, thing
 from support.stage import facing, map_camera, moment, room, towards
 
-from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.world.core.scene import SCENES, load
 from karma.world.core.state import Camera, Room, Settings, begin
 from karma.world.render.drawn import drawn, tasks
@@ -400,10 +400,7 @@ def test_an_empty_room_can_be_drawn():
 
 @pytest.mark.shared
 def test_imported_scenes_can_be_drawn(shared):
-    scenes = import_dump(
-        shared / "data/thor5/scenes.jsonl.gz", layouts=shared / "data/alfred/layouts.json.gz"
-    )
-    for number, scene in enumerate(scenes):
+    for number, scene in enumerate(floor_plans(shared, layouts=True)):
         if number % 8 == 0:
             state = begin(scene, Settings())
             picture = render(state, map_camera(state), 60, 60)

@@ -8,12 +8,12 @@ import json
 import math
 
 import pytest
+from support.fronts import player_command
 from support.household import kitchen
 
 from karma import registry
 from karma.errors import KarmaError
 from karma.files import to_json
-from karma.plugins.thor_tools.player import command
 
 TEXT, NUMBER, FLAG, LIST, DICT, NULL = str, (int, float), bool, list, dict, type(None)
 EVENT_FIELDS = {
@@ -89,7 +89,9 @@ def scene(opened):
 def open_world(name, path):
     """Return a world, and what it calls the scene at `path`."""
     if name == "thor by the player":  # AI2-THOR's own client, our world behind its protocol
-        made = registry.load("worlds", "thor")(command(path.parent), folder=path.parent / "thor")
+        made = registry.load("worlds", "thor")(
+            player_command(path.parent), folder=path.parent / "thor"
+        )
         return made, path.stem
     return registry.load("worlds", name)(), str(path)
 

@@ -3,13 +3,13 @@
 Every effect of `rules.toml` has a test: `test_table_has_no_effect_without_a_test` counts them.
 """
 
-import gzip
-import json
 import math
+from itertools import islice
 
 import msgspec
 import numpy as np
 import pytest
+from support.floor_plans import recorded_rooms
 from support.household import bring, find, kitchen, look, on, reach, thing
 
 from karma.types.space import Pose
@@ -549,31 +549,20 @@ def test_object_behind_glass_is_visible_but_not_interactable():
 
 def test_visibility_agrees_with_the_genuine_simulator_at_reset(shared):
     """120 recorded scenes; the agent's place follows from its distances to all objects."""
-    from karma.plugins.thor_tools.importing.scenes import scene_from_dump
-
     agree = extra = missing = 0
-    with gzip.open(shared / "data/thor5/scenes.jsonl.gz") as lines:
-        for line in list(lines)[::4]:
-            row = json.loads(line)
-            objects = Objects(
-                {o.id: o for o in scene_from_dump(row["scene"], row["objects"]).objects}
-            )
-            truth = {o["objectId"] for o in row["objects"] if o["visible"]}
-            seen = _best_view(objects, _agent_place(row["objects"]), truth)
-            agree += len(seen & truth)
-            extra += len(seen - truth)
-            missing += len(truth - seen)
+    for row, room in islice(recorded_rooms(shared), 0, None, 4):
+        objects = Objects({thing.id: thing for thing in room.objects})
+        truth = {o["objectId"] for o in row["objects"] if o["visible"]}
+        seen = _best_view(objects, _agent_place(row["objects"]), truth)
+        agree += len(seen & truth)
+        extra += len(seen - truth)
+        missing += len(truth - seen)
     assert agree / (agree + missing) > 0.95  # recall
     assert agree / (agree + extra) > 0.80  # precision: boxes are coarser than meshes
 
 
 def test_things_in_basins_of_recorded_rooms_are_seen_from_three_poses_and_more(shared):
-    from karma.plugins.thor_tools.importing.scenes import scene_from_dump
-
-    with gzip.open(shared / "data/thor5/scenes.jsonl.gz") as lines:
-        rows = [json.loads(line) for line in lines]
-    for row in rows[2:20:3]:  # kitchens
-        room = scene_from_dump(row["scene"], row["objects"])
+    for _, room in islice(recorded_rooms(shared), 2, 20, 3):  # kitchens
         objects = Objects({thing.id: thing for thing in room.objects})
         for one, center in _in_basins(room):
             near = [c for c in room.reachable if math.dist(c, (center[0], center[2])) < 1.2]
@@ -583,7 +572,7 @@ def test_things_in_basins_of_recorded_rooms_are_seen_from_three_poses_and_more(s
                 for yaw in (0.0, 90.0, 180.0, 270.0)
             ]
             seen = sum(one in sight(objects, pose).visible for pose in poses)
-            assert seen >= 3, (row["scene"], one, seen)
+            assert seen >= 3, (room.name, one, seen)
 
 
 def _in_basins(room):
