@@ -3,43 +3,18 @@
 import ast
 import os
 import re
-import shlex
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from support.hostile_folder import KARMA, done_in, write_folder
 from support.needs import need_models
 from support.paths import ROOT
 
 from karma.offline.children import child_command, run_child
-from karma.plugins.thor_tools.player import command
 from karma.testing import make_picture_model, make_planner
 
-NAMES = (
-    "random", "json", "typing", "queue", "ctypes", "sitecustomize", "usercustomize", "signal",
-    "logging", "socket", "tempfile", "numpy", "llama_cpp", "jinja2", "karma", "tqdm",
-)  # fmt: skip
-HOSTILE = """import os
-with open({mark!r}, "a") as mark:
-    mark.write("{name}\\n")
-"""
-EXPERIMENT = """name = "e"
-tasks = "tasks.jsonl"
-[[rows]]
-name = "KARMA"
-"""
-EXPERT = f'{EXPERIMENT}method = "expert"\n'
-TASK = (
-    '{"id": "%s", "kind": "simple", "scene": "kitchen_1", "subtasks": [{"instruction": '
-    '"Open the fridge.", "goals": ["OPEN(Fridge)"]}]}\n'
-)
-THOR = """from karma.plugins.thor_tools.player import command
-from karma.world.thor.backend import ThorWorld
-world = ThorWorld(command())
-world.reset("kitchen_1")
-"""
 IN_PYTHON = """from pathlib import Path
 from karma.bench.engine.run import Run
 import llama_cpp, sys
@@ -67,31 +42,7 @@ def models(tmp_path_factory):
 
 @pytest.fixture
 def folder(tmp_path):
-    """The folder of somebody who has such files beside tasks; with a file that takes marks."""
-    place = tmp_path / "folder"
-    place.mkdir()
-    for name in NAMES:
-        text = HOSTILE.format(mark=str(tmp_path / "marks"), name=name)
-        (place / f"{name}.py").write_text(text)
-    (place / "e.toml").write_text(EXPERIMENT)
-    (place / "expert.toml").write_text(EXPERT)
-    (place / "tasks.jsonl").write_text(TASK % "a" + TASK % "b")
-    return place
-
-
-def done_in(folder, *words, codes=(0,), **environment):
-    """Run a command there; return what it said, after a look for marks."""
-    done = subprocess.run(
-        list(map(str, words)), cwd=folder, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONSAFEPATH": "", **environment},
-    )  # fmt: skip
-    marks = folder.parent / "marks"
-    assert not marks.exists(), f"executed: {marks.read_text()}"
-    assert done.returncode in codes, done.stdout + done.stderr
-    return done.stdout
-
-
-KARMA = (sys.executable, "-P", "-m", "karma")
+    return write_folder(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -119,15 +70,6 @@ def test_models_are_added_and_the_folder_is_not_executed(folder, models):
     settings = {"KARMA_MODELS": str(models / "models")}
     done_in(folder, *KARMA, "models", "add", models / "any.gguf", "--name", "one", **settings)
     done_in(folder, *KARMA, "models", "add", models / "pair", "--name", "two", **settings)
-
-
-def test_player_and_the_client_of_a_build_execute_nothing_of_the_folder(folder):
-    done_in(folder, *shlex.split(command()), "--scenes", "none", codes=(2,))
-    pytest.importorskip("ai2thor", reason="needs the package ai2thor")
-    home = {"HOME": str(folder.parent)}
-    done_in(folder, sys.executable, "-P", "-c", THOR, **home)
-    given = ("--executable", command(), "--start")
-    done_in(folder, *KARMA, "doctor", "thor", *given, codes=(1,), **home)  # it asks for FloorPlan1
 
 
 def test_what_libraries_start_by_themselves_executes_nothing_of_the_folder(folder):

@@ -1,5 +1,6 @@
 """Imports point down only; every module has its layer."""
 
+import ast
 import re
 import subprocess
 import sys
@@ -69,3 +70,33 @@ def test_every_class_of_the_core_has_a_name_of_its_own():
         for name in re.findall(r"^class (\w+)", path.read_text(encoding="utf-8"), re.MULTILINE):
             found.setdefault(name, []).append(str(path))
     assert {name: modules for name, modules in found.items() if len(modules) > 1} == {}
+
+
+def test_tests_of_the_core_and_their_support_import_no_plug_in():
+    tests = ROOT / "tests"
+    own = {path: name_in(tests, path) for path in tests.rglob("*.py")}
+    imports = {name: imported_by(path) for path, name in own.items() if "plugins" not in path.parts}
+    reached = {name for name in imports if not name.startswith("support.")}
+    while more := {name for one in reached for name in imports[one] & imports.keys()} - reached:
+        reached |= more
+    assert len(reached) > 100
+    plugins = {
+        name: sorted(one for one in imports[name] if one.startswith("karma.plugins"))
+        for name in sorted(reached)
+    }
+    assert {name: found for name, found in plugins.items() if found} == {}
+
+
+def name_in(folder: Path, path: Path) -> str:
+    return ".".join(path.relative_to(folder).with_suffix("").parts).removesuffix(".__init__")
+
+
+def imported_by(path: Path) -> set[str]:
+    """All names of modules that a file may import, also inside functions."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {one.name for one in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module, *(f"{node.module}.{one.name}" for one in node.names)}
+    return found

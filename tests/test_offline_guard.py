@@ -273,14 +273,6 @@ def test_planted_call_fails_the_run_and_is_named(kind, tmp_path):
     assert not (tmp_path / "runs/x/episodes.jsonl").exists()
 
 
-def test_player_is_guarded(tmp_path):
-    program = (
-        "import karma.plugins.thor_tools.player.main as m, karma.offline.guard as o; m.main([])"
-    )
-    program += "; print(o.is_armed())"
-    assert python(program, tmp_path)[1] == "True\n"
-
-
 def test_log_names_every_question(tmp_path):
     program = (
         "import socket; from karma.offline.guard import go_offline; go_offline()\n"

@@ -16,7 +16,7 @@ from karma.world.core import scene as scenes
 
 
 def test_hostile_files_of_every_kind_are_refused_by_name_and_leave_nothing(tmp_path):
-    all_held(files, 520, tmp_path)
+    all_held(files, 336, tmp_path)
 
 
 # ----------------------------------------------------------------- the user's own files

@@ -2,12 +2,9 @@
 
 import json
 
-import pytest
-from support.abuse.faults import small_bundle
 from typer.testing import CliRunner
 
 from karma.cli import app
-from karma.plugins.airgap.install import BundleError, install
 
 TASK = {"id": "a", "kind": "simple", "scene": "kitchen_1",
         "subtasks": [{"instruction": "x", "goals": ["OPEN(Fridge)"]}]}  # fmt: skip
@@ -39,22 +36,3 @@ def test_names_in_markup_are_printed_by_every_command_that_shows_a_run(tmp_path)
                   ("export", tmp_path / "run")):  # fmt: skip
         assert karma(*words)[0] == 0, words
     assert "[/red]" in karma("table", tmp_path / "run")[1]
-
-
-def test_link_planted_where_an_installation_writes_is_not_followed(tmp_path):
-    mine, into = tmp_path / "mine.txt", tmp_path / "into"
-    mine.write_text("mine")
-    into.mkdir()
-    (into / ".karma-lock").symlink_to(mine)
-    with pytest.raises(BundleError, match="symbolic link"):
-        install(small_bundle(), into, smoke=False)
-    (into / ".karma-lock").unlink()
-    (into / ".karma-part").symlink_to(mine)
-    install(small_bundle(), into, smoke=False)
-    assert mine.read_text() == "mine"
-    for planted, to in (("eval/1.toml", mine), ("eval", tmp_path)):
-        (into / planted).rename(into / f".karma-was-{to.name}")
-        (into / planted).symlink_to(to)
-        with pytest.raises(BundleError, match="outside"):
-            install(small_bundle(), into, smoke=False)
-        assert mine.read_text() == "mine"

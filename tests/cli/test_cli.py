@@ -260,7 +260,7 @@ finally:
     )
     assert "The agent at work" in done.stdout
     loaded = done.stderr.split()
-    assert "karma.plugins.airgap.commands" in loaded
+    assert "karma.registry" in loaded
     assert {"karma.bench", "karma.agent", "karma.world", "karma.models"}.isdisjoint(loaded)
 
 

@@ -90,8 +90,8 @@ SECONDS_TO_IMPORT = "torch transformers sentence_transformers sklearn"
             "import karma.models.embed.sentence, karma.models.embed.clip\n"
             "import karma.models.llama.model\n"
             "import karma.models.llama.gguf_files, karma.models.added\n"
-            "import karma.models.transformers_vision, karma.plugins.hosted.model\n",
-            f"{SECONDS_TO_IMPORT} llama_cpp gguf openai PIL safetensors",
+            "import karma.models.transformers_vision\n",
+            f"{SECONDS_TO_IMPORT} llama_cpp gguf PIL safetensors",
         ),
         (
             "from karma.models.embed.minilm import MiniLm; MiniLm().embed(['mug'])\n",

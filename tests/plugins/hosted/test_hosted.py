@@ -282,3 +282,8 @@ def test_other_machine_is_reached_with_leave_only_and_the_header_says_so(tmp_pat
     assert "planner wire-1: " in leave
     assert json.loads((tmp_path / "with" / "header.json").read_text())["network"] is True
     assert not (tmp_path / "without" / "episodes.jsonl").exists()
+
+
+def test_import_of_the_model_does_not_import_the_client():
+    program = "import karma.plugins.hosted.model, sys; sys.exit('openai' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

@@ -1,16 +1,12 @@
-"""Processes that are killed, and a small bundle."""
+"""Processes that are killed."""
 
 import multiprocessing
 import os
 import signal
-import tempfile
 import time
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 from typing import Any
-
-from support.bundles import pack
 
 _PATIENCE_S = 240.0
 
@@ -59,16 +55,3 @@ def until_free(folder: Path) -> None:
         except KarmaError:
             assert time.monotonic() < until, "workers outlive their run"
             time.sleep(0.05)
-
-
-@cache
-def small_bundle() -> Path:
-    """Return a bundle of one wheel, pip, and some files; made once per process."""
-    import ensurepip
-
-    sources = [*Path(ensurepip.__file__).parent.glob("_bundled/pip-*.whl")]
-    parts = {f"wheels/{one.name}": one.read_bytes() for one in sources}
-    parts |= {f"eval/{n}.toml": f"n = {n}\n".encode() * 20_000 for n in range(30)}
-    path = Path(tempfile.mkdtemp(prefix="bundle-")) / "karma.tar"
-    path.write_bytes(pack(parts))
-    return path

@@ -5,15 +5,13 @@ import json
 import os
 import random
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from unittest.mock import patch
 
-from karma.errors import KarmaError
 from support.abuse import Case, refused, stream
-from support.bundles import pack
 
 Read = Callable[[Path], object]
 
@@ -40,12 +38,6 @@ def _tasks(path: Path) -> object:
     return load_tasks(path)
 
 
-def _authors(path: Path) -> object:
-    from karma.plugins.alfred.published_tasks import load_authors_tasks
-
-    return load_authors_tasks([path])
-
-
 def _requests(path: Path) -> object:
     from karma.agent.goals.files import load_texts
 
@@ -58,24 +50,6 @@ def _experiment(path: Path) -> object:
     return read_experiment(path)
 
 
-def _dump(path: Path) -> object:
-    from karma.plugins.thor_tools.importing.scenes import import_dump
-
-    return list(import_dump(path))
-
-
-def _trial(path: Path) -> object:
-    from karma.plugins.alfred.replay.trial import read_trials
-
-    return list(read_trials(path))
-
-
-def _layouts(path: Path) -> object:
-    from karma.plugins.thor_tools.importing.dump import read_layouts
-
-    return read_layouts(path)
-
-
 def _map(path: Path) -> object:
     from karma.memory.scene_graph import SceneGraph
 
@@ -86,12 +60,6 @@ def _steps(path: Path) -> object:
     from karma.agent.journal.steps import read_steps
 
     return read_steps(path)
-
-
-def _cassette(path: Path) -> object:
-    from karma.plugins.hosted.cassette import Cassette
-
-    return Cassette(path.parent, "replay")
 
 
 def _header(path: Path) -> object:
@@ -131,15 +99,6 @@ def _config(path: Path) -> object:
     return read_config(path, fix="bring another")
 
 
-def _bundle(path: Path) -> object:
-    from karma.plugins.airgap.install import BundleError, verify
-
-    try:
-        return verify(path)
-    except BundleError as error:
-        raise KarmaError(str(error)) from error
-
-
 # ----------------------------------------------------------------- sound ones
 
 
@@ -151,23 +110,8 @@ def _kitchen() -> bytes:
     return to_json(kitchen())
 
 
-def _json(value: object) -> Callable[[], bytes]:
+def as_json(value: object) -> Callable[[], bytes]:
     return lambda: json.dumps(value).encode() + b"\n"
-
-
-@cache
-def _dumped() -> bytes:
-    from karma.world.sim import EmbeddedWorld
-    from support.household import kitchen
-
-    objects = EmbeddedWorld(kitchen()).last_event.metadata["objects"]
-    row = {"scene": "FloorPlan1", "objects": [dict(thing) for thing in objects][:6]}
-    return json.dumps(row, default=list).encode() + b"\n"
-
-
-def dumped_as(scene: str) -> bytes:
-    """Return a dump of a room whose name is this piece of JSON."""
-    return _dumped().replace(b'"FloorPlan1"', scene.encode(), 1)
 
 
 @cache
@@ -182,32 +126,19 @@ def _graph() -> bytes:
         return path.read_bytes()
 
 
-def _gguf_bytes(*, architecture: str = "llama", template: str = "") -> bytes:
-    """Return the smallest model: sizes, one number, and a chat template."""
+def _gguf_bytes() -> bytes:
+    """Return the smallest model: sizes and one number."""
 
     def text(value: str) -> bytes:
         return struct.pack("<Q", len(value.encode())) + value.encode()
 
-    pairs = [("general.architecture", 8, text(architecture))]
+    pairs = [("general.architecture", 8, text("llama"))]
     sizes = ("context_length", "embedding_length", "block_count", "attention.head_count")
-    pairs += [(f"{architecture}.{name}", 4, struct.pack("<I", 8)) for name in sizes]
-    if template:
-        pairs.append(("tokenizer.chat_template", 8, text(template)))
+    pairs += [(f"llama.{name}", 4, struct.pack("<I", 8)) for name in sizes]
     tensor = text("t") + struct.pack("<IQIQ", 1, 1, 0, 0)  # one number
     body = b"".join(text(name) + struct.pack("<I", kind) + value for name, kind, value in pairs)
     whole = b"GGUF" + struct.pack("<IQQ", 3, 1, len(pairs)) + body + tensor
     return whole + bytes(-len(whole) % 32 + 32)
-
-
-def _bundled() -> bytes:
-    return bundle_for("x")
-
-
-@cache
-def bundle_for(platform: str) -> bytes:
-    """Return a bundle of one file for a platform."""
-    about: dict[str, object] = {"karma": "1", "python": "3.11", "platform": platform, "models": []}
-    return pack({"licences/x": b"a licence\n"}, about=about)
 
 
 def _tensors() -> bytes:
@@ -221,27 +152,19 @@ TASK = {"id": "a", "kind": "simple", "scene": "kitchen_1",
 EXPERIMENT = (
     b'name = "x"\ntasks = "t.jsonl"\nseeds = [0]\n[[rows]]\nname = "r"\n[models]\nthreads = 1\n'
 )
-TICK = {"type": "Tick", "scope": "a", "count": 0, "seconds": 1.0}
 KINDS = (
     Kind(name="home.json", sound=_kitchen, read=_scene),
-    Kind(name="tasks.jsonl", sound=_json(TASK), read=_tasks),
-    Kind(name="requests.jsonl", sound=_json({"id": "a", "text": "Go."}), read=_requests),
-    Kind(name="authors.json", sound=_json([]), read=_authors),
+    Kind(name="tasks.jsonl", sound=as_json(TASK), read=_tasks),
+    Kind(name="requests.jsonl", sound=as_json({"id": "a", "text": "Go."}), read=_requests),
     Kind(name="x.toml", sound=lambda: EXPERIMENT, read=_experiment),
-    Kind(name="dump.jsonl", sound=_dumped, read=_dump),
-    Kind(name="dump.jsonl.gz", sound=lambda: gzip.compress(_dumped()), read=_dump, text=False),
-    Kind(name="trials.jsonl", sound=_json({"id": "t"}), read=_trial),
-    Kind(name="layouts.json", sound=_json({"a": {"reachable": [[0, 0]]}}), read=_layouts),
     Kind(name="map.json", sound=_graph, read=_map),
     Kind(name="a-0.jsonl.gz", sound=lambda: gzip.compress(b"{}"), read=_steps, text=False),
-    Kind(name="exchanges.jsonl", sound=_json(TICK), read=_cassette),
-    Kind(name="header.json", sound=_json({"name": "x"}), read=_header),
+    Kind(name="header.json", sound=as_json({"name": "x"}), read=_header),
     Kind(name="manifest.toml", sound=lambda: b"", read=_manifest),
-    Kind(name="config.json", sound=_json({"a": 1}), read=_config),
+    Kind(name="config.json", sound=as_json({"a": 1}), read=_config),
     Kind(name="model.gguf", sound=_gguf_bytes, read=_gguf, text=False),
     Kind(name="mmproj.gguf", sound=_gguf_bytes, read=_projector, text=False),
     Kind(name="model.safetensors", sound=_tensors, read=_safetensors, text=False),
-    Kind(name="karma.tar", sound=_bundled, read=_bundle, text=False),
 )
 
 
@@ -278,13 +201,13 @@ HOSTILE_TEXTS: tuple[tuple[str, Callable[[int], bytes]], ...] = (
 )
 
 
-def files(seed: int, count: int) -> Iterator[Case]:
-    """Yield damaged and hostile files of all kinds, in turns."""
+def files(seed: int, count: int, kinds: Sequence[Kind] = KINDS) -> Iterator[Case]:
+    """Yield damaged and hostile files of some kinds, in turns."""
     rng = stream(seed, "files")
-    fixed = [(kind, what) for what in _whole_kinds() for kind in KINDS]
+    fixed = [(kind, what) for what in _whole_kinds() for kind in kinds]
     for number in range(count):
         kind, (name, make) = fixed[number] if number < len(fixed) else (
-            KINDS[number % len(KINDS)], ("damaged", _damaged(rng.randrange(1 << 30)))
+            kinds[number % len(kinds)], ("damaged", _damaged(rng.randrange(1 << 30)))
         )  # fmt: skip
         attack = _attack(kind, make, rng.randrange(1 << 30))
         yield Case(name=f"{kind.name}: {name} {number}", attack=attack)
@@ -350,8 +273,3 @@ def _attack(
         assert sorted(one.name for one in folder.iterdir()) == before, "something was left"
 
     return attack
-
-
-def a_gguf(template: str) -> bytes:
-    """Return a header with a chat template."""
-    return _gguf_bytes(template=template)
