@@ -7,14 +7,18 @@ failure, leave out was not done. Types count, not ids: any mug will do for a mug
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 from karma.agent.planning.program import CHANGES, DEEDS, DOOR_AFTER, PUTS, SWITCH_AFTER, WAYS
+from karma.files import read_json
 from karma.household.containment import fits_whole_or_cut
 from karma.household.places import FLOOR, HAND
 from karma.household.saying import spoken
 from karma.household.skill_effects import BeliefState, apply, changes
 from karma.household.types import WIDEST, object_types, types_with
 from karma.household.uses import BIN, KNIVES, TAP_OF, TAPS, kind_of
+from karma.language.hints import TYPE_WORDS, WordFile, bare_words, singular
+from karma.language.phrases import phrases_of
 from karma.types.planning import SkillCall
 
 _DEEDS = {name: DEEDS[name] for name in (*CHANGES, *SWITCH_AFTER)}
@@ -100,16 +104,38 @@ def _takes(place: str, thing: str) -> bool:
 def replaces_first(
     first: Sequence[SkillCall], later: Sequence[SkillCall], instruction: str
 ) -> bool:
-    """Return whether a later program is about what the instruction names, unlike the first.
+    """Return whether a later program is about what the instruction means, unlike the first.
 
-    Each of its new types is named. So the first program was wrong, or the instruction gives a
-    choice: "the kettle, or a pan if there is none".
+    Each of its new types is named, and the first program was wrong or the instruction gives a
+    choice ("the kettle, or a pan if there is none"); or words of the instruction are used for the
+    new type and for one left out ("the cleaning tool").
     """
     aims, asked = aims_of(later), aims_of(first).types
     now = aims.types - {kind for deed, kind in aims.deeds if deed == _FIND}
-    was_wrong = not any(_is_said(kind, instruction) for kind in asked - now)
+    left, new = asked - now, now - asked
+    was_wrong = not any(_is_said(kind, instruction) for kind in left)
     free = was_wrong or bool(_CHOICE.search(instruction))
-    return free and bool(now - asked) and all(_is_said(kind, instruction) for kind in now - asked)
+    return bool(new) and all(
+        (free and _is_said(kind, instruction)) or _share_words(kind, left, instruction)
+        for kind in new
+    )
+
+
+def _share_words(kind: str, others: Collection[str], instruction: str) -> bool:
+    """Return whether a noun phrase of the instruction is used for a type and one of others."""
+    words = _type_words()
+    shared = words[kind] & frozenset[str]().union(*(words[other] for other in others))
+    phrases = (bare_words(noun.text.lower().split()) for noun in phrases_of(instruction).nouns)
+    return any(
+        not shared.isdisjoint((phrase, singular(phrase))) for phrase in map(" ".join, phrases)
+    )
+
+
+@cache
+def _type_words() -> Mapping[str, frozenset[str]]:
+    """Return what object types are called."""
+    texts = read_json(TYPE_WORDS, WordFile).types
+    return {kind: frozenset(texts.get(kind, ())) for kind in object_types()}
 
 
 def substitution(
