@@ -13,6 +13,7 @@ from karma.models.manifest import PLANNER, find_model, is_present, verify
 from karma.offline import guard as offline
 
 pytest_plugins = ("support.bench_fixtures",)
+collect_ignore = ["support"]  # no tests or examples there; some of it needs a plug-in
 
 # The same examples in every run of a tree, and no deadline: two cores are shared with other work.
 EXAMPLES = int(os.environ.get("KARMA_EXAMPLES", "50"))  # where a test says no other number

@@ -75,9 +75,10 @@ def test_every_fact_of_homes_stands_in_the_household_package_only():
     assert not found, "\n".join(found)
 
 
-def test_exempt_modules_are_there_and_need_it():
-    for name in EXEMPT:
-        assert any(faults(ast.parse((PACKAGE / name).read_text(encoding="utf-8")))), name
+def test_exempt_modules_need_it():
+    for path in (PACKAGE / name for name in EXEMPT):
+        if path.exists():  # a plug-in can be deleted
+            assert any(faults(ast.parse(path.read_text(encoding="utf-8")))), path
 
 
 @pytest.mark.parametrize(
