@@ -17,7 +17,6 @@ from karma import registry
 from karma.cli import app
 from karma.cli.commands import all_commands, imported
 from karma.world.core import scene as scenes
-from karma.world.sim import EmbeddedWorld
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 
@@ -72,32 +71,6 @@ def test_world_show_of_an_unknown_scene_says_which_command_lists_them():
     assert "no scene named 'attic'" in text
     assert "To fix: karma world list" in text
     assert not list(Path().iterdir())
-
-
-@pytest.fixture
-def dump(tmp_path):
-    objects = EmbeddedWorld("bathroom_1").last_event.metadata["objects"]
-    path = tmp_path / "dump.jsonl"
-    path.write_text(json.dumps({"scene": "FloorPlan401", "objects": list(objects)}) + "\n")
-    return path
-
-
-def test_world_import_writes_scenes_that_load(dump, tmp_path):
-    report = tmp_path / "report.json"
-    text = karma("world", "import", dump, "--out", tmp_path / "scenes", "--json", report)
-    assert "1 scenes" in text
-    (row,) = json.loads(report.read_text())
-    found = scenes.load(row["path"])
-    ours = scenes.load("bathroom_1")
-    assert (found.name, found.room) == ("FloorPlan401", "Bathroom")
-    assert {thing.id for thing in found.objects} == {thing.id for thing in ours.objects}
-    assert "FloorPlan401" in karma("world", "show", row["path"])
-
-
-def test_world_import_of_a_name_that_is_not_there_is_refused(dump, tmp_path):
-    text = refused("world", "import", dump, "--only", "FloorPlan2", "--out", tmp_path / "scenes")
-    assert "dump.jsonl: no scene named 'FloorPlan2'" in text
-    assert not (tmp_path / "scenes").exists()
 
 
 # ----------------------------------------------------------------- models
