@@ -81,7 +81,7 @@ def front_page() -> Iterator[Claim]:
         *kinds("table1", "KARMA", "re", KINDS[1:]), *published("table1", "KARMA", "re")[1:],
     ]  # fmt: skip
     yield "Actions saved (RT): {} / {}", kinds("table1", "KARMA", "rt", KINDS[1:])
-    yield "by the clock, beside other work, {} / {}.", saved(TABLE1, "RT (clock)")
+    yield "wall-clock time saved (shared machine): {} / {}.", saved(TABLE1, "RT (clock)")
 
 
 def read(name: str, line: str) -> list[Figure]:
