@@ -61,6 +61,8 @@ def deeds(request):
         ("I'd love the curtains closed", ["close Curtains"]),
         ("the kettle should sit on the stove", ["put Kettle > StoveBurner/StoveKnob"]),
         ("Mary wants the mug washed", ["wash Mug"]),
+        ("place rinsed fork in drawer", ["put Fork > Drawer"]),
+        ("put a fork and rinsed plate on the counter", ["put Fork, Plate > CounterTop"]),
         ("somebody left the faucet running", ["off Faucet"]),
         ("sponge on the counter", ["put DishSponge > CounterTop"]),
         ("get the tomato hot and the apple cold", ["heat Tomato", "cool Apple"]),

@@ -23,6 +23,7 @@ from karma.plugins.rules.language.nouns import Nouns
 from karma.plugins.rules.language.pairs import Pairs
 from karma.plugins.rules.language.request_words import (
     base_of_deed,
+    deed_states,
     deed_verbs,
     is_deed,
     request_words,
@@ -148,6 +149,7 @@ class RequestReader:
             replace(word, head=min(max(word.head - first, 0), ends), tag=self._tag(words, number))
             for number, word in enumerate(words)
         ]
+        _tag_states(moved)
         named = [one for one in before if one.types]
         deed = last[-1] if last else None
         return _read(SaidSentence(text, moved, self._lexicon, named, deed, older))
@@ -253,6 +255,24 @@ class RequestReader:
     @cached_property
     def _vocabulary_set(self) -> frozenset[str]:
         return frozenset(self._vocabulary)
+
+
+def _tag_states(words: list[Word]) -> None:
+    """Tag states before a noun as adjectives, and the verb before them as the verb.
+
+    "Stow rinsed ladle in drawer", "put a fork and washed plate away".
+    """
+    for number, word in enumerate(words[1:-1], 1):
+        joined = words[number - 1].text.lower() == "and" and word.tag in ("VBD", "VBN")
+        noun = words[number + 1].tag[:2] in ("NN", "JJ")
+        if joined and noun and word.text.lower() in deed_states():
+            words[number] = replace(word, tag="JJ", dep="amod", head=number + 1)
+    if len(words) < 3 or words[1].tag not in ("VBD", "VBN") or words[2].tag[:2] not in ("NN", "JJ"):
+        return
+    first, second = words[0].text.lower(), words[1].text.lower()
+    if first in request_words().needs_place and second in deed_states():
+        words[0] = replace(words[0], tag="VB", dep="ROOT", lemma=first, head=0)
+        words[1] = replace(words[1], tag="JJ", dep="amod", head=2)
 
 
 def _going_on(request: Request, last: Sequence[SaidDeed]) -> Request:
