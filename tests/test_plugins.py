@@ -1,9 +1,11 @@
 """A plug-in that is not what its role asks for is named at load, with its package."""
 
 import sys
+import tomllib
 from importlib.metadata import EntryPoints
 
 import pytest
+from support.paths import ROOT
 
 from karma import registry
 from karma.errors import UnknownNameError
@@ -84,3 +86,26 @@ def test_name_of_a_plug_in_that_is_missing_names_its_extra(monkeypatch, role, na
     monkeypatch.setattr(registry, "_installed", EntryPoints)
     with pytest.raises(UnknownNameError, match=r"pip install 'karma-offline\[\w+\]'"):
         registry.load(role, name)
+
+
+def ours():
+    """The names that our own plug-ins register: role, name, plug-in."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for group, entries in project["entry-points"].items():
+        for name, target in entries.items():
+            if target.startswith("karma.plugins."):
+                yield group.removeprefix("karma."), name, target.split(".")[2]
+    for name in registry.names("commands"):
+        for spec in registry.load("commands", name):
+            if spec.target:
+                yield "commands", spec.path, name
+
+
+def test_every_name_of_our_plug_ins_is_explained_without_them():
+    unexplained = [
+        (role, name)
+        for role, name, plugin in ours()
+        if role != "commands" or name != plugin  # the entry points of commands are no commands
+        if plugin not in (registry.extra_of(role, name), registry.extra_of(role, name.split()[0]))
+    ]
+    assert unexplained == []

@@ -24,7 +24,7 @@ TOLD = (PLACE_TOLD, STATE_TOLD)
 class PastAction(msgspec.Struct, frozen=True, kw_only=True):
     """An action that was requested or executed, by the object types it concerned."""
 
-    deed: str  # of `karma/plugins/rules/language/request_words.toml`, or a verb
+    deed: str  # the name of the action, or the verb of the request
     things: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
     done: bool = False  # by a skill, or because the whole request succeeded
