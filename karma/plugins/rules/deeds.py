@@ -1,4 +1,4 @@
-"""What is done to things: how it is said, what the thing has to be, and how it is afterwards."""
+"""Actions that requests name: required capability, resulting state, receptacles and tools."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -29,15 +29,17 @@ _POTS = frozenset(("Pan", "Pot"))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeedKind:
-    """One kind of action, whatever words ask for it."""
+    """An action, independent of the words that request it."""
 
-    said: str = ""  # in few words; "": as it was said
-    takes: Capability | None = None  # what its thing has to be
-    leaves: str = ""  # the state (`household.states`) of the thing afterwards
-    put_in: frozenset[str] = frozenset()  # where a thing may be put for it
-    runs: frozenset[str] = frozenset()  # what may run for it
-    tools: frozenset[str] = frozenset()  # what may be moved for it
-    for_good: bool = False  # nothing takes it back
+    said: str = ""  # the action in a few words; "": in the words of the request
+    takes: Capability | None = None  # capability that its object needs
+    leaves: str = ""  # resulting state of the object (`household.states`)
+    put_in: frozenset[str] = (
+        frozenset()
+    )  # receptacle types used on the way
+    runs: frozenset[str] = frozenset()  # device types that may run for it
+    tools: frozenset[str] = frozenset()  # types of tools that may be moved for it
+    for_good: bool = False  # whether it cannot be undone
 
 
 DEED_KINDS: Mapping[str, DeedKind] = MappingProxyType({
@@ -92,12 +94,12 @@ _NO_KIND = DeedKind()
 
 
 def deed_kind(name: str) -> DeedKind:
-    """Return what is known of a deed; nothing of one that no skill is called so."""
+    """Return the facts about an action; empty facts for an unknown name."""
     return DEED_KINDS.get(name, _NO_KIND)
 
 
 def able_to(kind: str, need: str) -> bool:
-    """Return whether a deed that needs something of a type may be done to one."""
+    """Return whether an object type has a capability, itself or through a part."""
     known = object_types()[kind]
     if need == "toggleable":
         return known.can("toggleable") or kind in SWITCHED_BY_A_PART

@@ -1,4 +1,4 @@
-"""`karma read`: how a request is parsed."""
+"""The command `karma read`: print how a request is parsed."""
 
 from karma.cli.shared import Json, argument, readable, tell, write_json
 from karma.plugins.rules.method import reader_of
@@ -6,39 +6,41 @@ from karma.plugins.rules.types import Mention, Request, SaidDeed
 
 
 def read(
-    text: str = argument(..., "What somebody says, in quotes."),
+    text: str = argument(..., "A request, in quotes."),
     json: Json = None,
 ) -> None:
-    """Say what a request asks for: form, deeds, things, what it rules out, times, conditions."""
-    found = reader_of(None).read(readable(text))
-    for request in found:
+    """Print how a request is parsed: form, actions, objects, exclusions, times, conditions."""
+    requests = reader_of(None).read(readable(text))
+    for request in requests:
         for line in lines_of_request(request):
             tell(line)
-    write_json(json, found)
+    write_json(json, requests)
 
 
-def lines_of_request(one: Request) -> list[str]:
-    """Return what a sentence was read as, a line for each thing that it says."""
-    lines = [one.text, f"  form: {one.form}" + (f", lacks {one.lacking}" if one.lacking else "")]
-    lines += [f"  to do: {_deed(deed)}" for deed in one.deeds]
-    lines += [f"  not to do: {_deed(deed)}" for deed in one.forbidden]
-    lines += [f"  ruled out: {_thing(thing)}" for thing in one.exclusions]
-    lines += [f"  time: {time}" for time in one.times]
-    for held in one.conditions:
-        state = f"{_thing(held.thing)} is {held.state or '?'}" if held.thing else "not understood"
-        lines.append(f"  only {held.text}: {'' if held.holds else 'not '}{state}")
-    lines += [f"  not understood: {word}" for word in one.unread]
+def lines_of_request(request: Request) -> list[str]:
+    """Return a parsed sentence, one line for each of its parts."""
+    lacks = f", lacks {request.lacking}" if request.lacking else ""
+    lines = [request.text, f"  form: {request.form}{lacks}"]
+    lines += [f"  to do: {_action_text(deed)}" for deed in request.deeds]
+    lines += [f"  not to do: {_action_text(deed)}" for deed in request.forbidden]
+    lines += [f"  ruled out: {_object_text(mention)}" for mention in request.exclusions]
+    lines += [f"  time: {time}" for time in request.times]
+    for held in request.conditions:
+        state = f"{_object_text(held.thing)} is {held.state or '?'}" if held.thing else ""
+        negation = "" if held.holds else "not "
+        lines.append(f"  only {held.text}: {negation}{state or 'not understood'}")
+    lines += [f"  not understood: {word}" for word in request.unread]
     return lines
 
 
-def _deed(deed: SaidDeed) -> str:
-    things = ", ".join(map(_thing, deed.things))
-    place = f" {'near' if deed.near else 'to'} {_thing(deed.place)}" if deed.place else ""
-    return f"{deed.deed or 'no skill for'} ({deed.verb}) {things}{place}".rstrip()
+def _action_text(deed: SaidDeed) -> str:
+    objects = ", ".join(map(_object_text, deed.things))
+    place = f" {'near' if deed.near else 'to'} {_object_text(deed.place)}" if deed.place else ""
+    return f"{deed.deed or 'no skill for'} ({deed.verb}) {objects}{place}".rstrip()
 
 
-def _thing(one: Mention) -> str:
-    kinds = "/".join(one.types) or ("whatever is there" if one.anything else "?")
-    count = f" x {one.number}" if one.number else " all" if one.every else ""
-    at = f", told by {'/'.join(one.at)}" if one.at else ""
-    return f"{one.text!r} = {kinds}{count}{at}"
+def _object_text(mention: Mention) -> str:
+    types = "/".join(mention.types) or ("any object" if mention.anything else "?")
+    count = f" x {mention.number}" if mention.number else " all" if mention.every else ""
+    at = f", identified by location {'/'.join(mention.at)}" if mention.at else ""
+    return f"{mention.text!r} = {types}{count}{at}"

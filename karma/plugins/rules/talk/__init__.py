@@ -1,1 +1,1 @@
-"""An agent that one talks to: what it understood, what it did, what is so afterwards."""
+"""The assistant `rules`: dialogue, questions about memory, and answers."""
