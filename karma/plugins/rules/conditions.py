@@ -1,4 +1,4 @@
-"""What a request hangs on: looked for behind doors, of so many things, before anything is done."""
+"""Check the conditions of a request by looking, before anything is done."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
@@ -24,10 +24,10 @@ from karma.types.planning import RefusedRequest, SkillCall
 class ConditionCheck(ObjectFinder):
     """The conditions of one request."""
 
-    meant: dict[str, str] = field(default_factory=dict)  # the things that they are of: kind -> id
+    meant: dict[str, str] = field(default_factory=dict)  # objects of the conditions: type -> id
 
     def hold(self) -> Steps[bool]:
-        """Look whether all conditions hold; says which does not."""
+        """Return whether all conditions hold; report a condition that does not."""
         for condition in self.asked.conditions:
             holds = yield from self._decided(condition)
             if holds is None:
@@ -42,7 +42,7 @@ class ConditionCheck(ObjectFinder):
         return True
 
     def _decided(self, condition: Condition) -> Steps[bool | None]:
-        """Look once for what is asked "if it is on" and "otherwise", whatever is done between."""
+        """Check a condition once for both "if it is on" and "otherwise"."""
         thing = condition.thing
         told = (*thing.types, "of", *thing.at) if thing is not None else ()
         key = (condition.state, condition.of, *told, "at", *condition.at)
@@ -55,7 +55,7 @@ class ConditionCheck(ObjectFinder):
         return holds
 
     def _looked_at(self, condition: Condition) -> Steps[bool | None]:
-        """Look whether a condition holds; returns None where that cannot be seen."""
+        """Return whether a condition holds, or None if it cannot be observed."""
         thing = condition.thing
         if thing is None or not condition.state:
             return None
@@ -77,7 +77,7 @@ class ConditionCheck(ObjectFinder):
     def _looked_for(
         self, thing: Mention, kinds: Collection[str], *, several: bool
     ) -> Steps[list[SeenObject]]:
-        """Return the first that is found of each kind, or all; or the one that is at its place."""
+        """Return the first object of each type, or all; or the object at the described location."""
         if thing.at and several:
             places = self.places([*map(kind_of, thing.at)])
             yield from self.looked_over(places[:PLACES], lambda: None)
@@ -105,7 +105,7 @@ class ConditionCheck(ObjectFinder):
         return self.of_kinds(kinds) if len(places) <= PLACES else []
 
     def _is_so(self, state: str, sight: SeenObject) -> Steps[bool]:
-        """Return whether a thing is in a state; whether it is empty is looked for in it."""
+        """Return whether an object has a state; look inside to check whether it is empty."""
         name = sight.object_id
         if state in ("empty", "filled") and object_types()[sight.object_type].can("receptacle"):
             yield self.look_over(sight)
@@ -114,7 +114,7 @@ class ConditionCheck(ObjectFinder):
         return is_so(state, self.sights.get(name) or sight)
 
     def _is_there(self, thing: Mention, kinds: Collection[str]) -> Steps[str | None]:
-        """Look for a thing as it is told; "": there is none, None: not every place was seen."""
+        """Search for a described object; return "" if absent, None if the search is incomplete."""
         known = partial(self.next_known, kinds, frozenset[str](), thing)
         if not thing.at:
             while (one := known()) is None:
@@ -132,7 +132,7 @@ class ConditionCheck(ObjectFinder):
         return found or (None if len(places) > PLACES else "")
 
     def _mean(self, thing: Mention, name: str | None) -> None:
-        """Note which thing a condition was looked at of: what is done to it is done to that one."""
+        """Store the object whose condition was checked: the action is done to it."""
         deeds = self.asked.deeds
         said = [*(one for deed in deeds for one in deed.things), *(deed.place for deed in deeds)]
         for one in (one for one in said if one is not None and name):

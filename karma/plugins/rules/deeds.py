@@ -34,9 +34,7 @@ class DeedKind:
     said: str = ""  # the action in a few words; "": in the words of the request
     takes: Capability | None = None  # capability that its object needs
     leaves: str = ""  # resulting state of the object (`household.states`)
-    put_in: frozenset[str] = (
-        frozenset()
-    )  # receptacle types used on the way
+    put_in: frozenset[str] = frozenset()  # receptacle types used on the way
     runs: frozenset[str] = frozenset()  # device types that may run for it
     tools: frozenset[str] = frozenset()  # types of tools that may be moved for it
     for_good: bool = False  # whether it cannot be undone

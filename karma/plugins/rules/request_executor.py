@@ -1,6 +1,6 @@
-"""A request carried out as it was said.
+"""Execute a parsed request.
 
-Conditions are looked at first, every thing of a plural has its turn, and what was not done is told.
+Conditions are checked first, the objects of a plural follow each other, and failures are reported.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -40,20 +40,20 @@ from karma.types.planning import RefusedRequest, SkillCall
 from karma.types.tasks import SubTask
 
 _HEATED: tuple[Capability, ...] = ("cookable", "sliceable", "canFillWithLiquid")
-_IN_VAIN = 2  # things of a plural that may fail before the rest is left
-_SWITCHED = (*LAMPS, "LightSwitch", "Television")  # "everything" that is switched off
+_MAX_FAILURES = 2  # failed objects of a plural after which the others are left
+_SWITCHED = (*LAMPS, "LightSwitch", "Television")  # switched off by "everything"
 
 
 @dataclass(slots=True)
 class RequestExecutor(ObjectFinder):
-    """Carries out one request; is_clause: an assistant has cut it out of a longer text."""
+    """Executes a request; `is_clause`: an assistant has cut it out of a longer text."""
 
     subtask: SubTask
     is_clause: bool = False
-    meant: dict[str, str] = field(default_factory=dict)  # by its conditions: kind -> id
+    meant: dict[str, str] = field(default_factory=dict)  # objects of its conditions: type -> id
 
     def carry_out(self) -> Steps[bool]:
-        """Do what was asked, if it can be and its conditions hold; then put back the rest.
+        """Execute the request if its conditions hold, then undo its side effects.
 
         Where it cannot be, it is said why. Returns whether all of it was done.
         """
@@ -64,7 +64,7 @@ class RequestExecutor(ObjectFinder):
             return False
         conditions = ConditionCheck(self.session, asked, self.earlier, progress, meant=self.meant)
         if (yield from conditions.hold()):
-            if not self.is_clause:  # planned without what is no errand
+            if not self.is_clause:  # the planner sees the requests only
                 text = asked.errand or self.subtask.instruction
                 self.subtask = replace(self.subtask, instruction=text)
             yield from self._in_turn()
@@ -81,22 +81,22 @@ class RequestExecutor(ObjectFinder):
     def _planned(
         self, subtask: SubTask, asked: Request, only: Mapping[str, str] | None = None
     ) -> Steps[Attempts]:
-        """Let the planner do a request, held to what its words ask for."""
+        """Let the planner execute a request under the answer checker."""
         return (yield from self.session.do(subtask, advice_for(asked, only)))
 
     def _plan_all(self, only: Mapping[str, str] | None) -> Steps[None]:
-        """Let the planner do the whole request."""
+        """Let the planner execute the whole request."""
         attempts = yield from self._planned(self.subtask, self.asked, only)
         self.progress.programs.append(attempts)
 
     def _in_turn(self) -> Steps[None]:
-        """Do what was asked, each thing of a plural in its turn."""
+        """Execute the request; the objects of a plural one after the other."""
         deeds = self.asked.deeds
         alone = len(deeds) == 1 and len(deeds[0].things) == 1
         if alone and _is_sought(deeds[0]):
             yield from self._find()
         elif alone and deeds[0].things[0].anything and deeds[0].things[0].told:
-            words = (deeds[0].things[0].text,)  # "whatever you left there": nothing tells what
+            words = (deeds[0].things[0].text,)  # "whatever you left there" identifies no object
             yield refusal(RefusedRequest(kind="unclear", by="guard", words=words))
         elif alone and is_several(deeds[0].things[0]):
             along = self._goes_along(deeds[0].things[0], deeds[0])
@@ -109,7 +109,7 @@ class RequestExecutor(ObjectFinder):
             yield from self._plan_all(self._own() or None)
 
     def _own(self) -> dict[str, str]:
-        """Return the things of one's own that are meant: kind -> id; "the other mug" is none."""
+        """Return the ids that earlier words gave to types; none for "the other mug"."""
         single = (
             one for one in self.asked.mentions
             if not (is_several(one) or one.other or one.at or one.told)
@@ -121,7 +121,7 @@ class RequestExecutor(ObjectFinder):
     # ------------------------------------------------------------- without a planner
 
     def _find(self) -> Steps[None]:
-        """Look for things, which takes no planner: of a plural for all that there are."""
+        """Search for objects without the planner; for a plural, for all of them."""
         progress, thing, found = self.progress, self.asked.deeds[0].things[0], list[str]()
         wanted = None if thing.every else thing.number or 1
         while wanted is None or len(found) < wanted:
@@ -142,13 +142,13 @@ class RequestExecutor(ObjectFinder):
             self.say(f"I found {more}{thing.text}", "otherwise")
 
     def _go(self, deed: SaidDeed) -> Steps[None]:
-        """Go to a thing, which takes no planner; nobody knows where "here" is."""
+        """Go to an object without the planner; refuse "here"."""
         goal = deed.place or next(iter(deed.things), None)
         kinds = [] if goal is None else self.kinds_of(goal)
         if goal is None or not kinds:
             yield refusal(RefusedRequest(kind="unclear", by="guard", words=(deed.verb,)))
             return
-        for way in ("GoToObject", "Explore"):  # to what is known, else it is looked for
+        for way in ("GoToObject", "Explore"):  # to a known object, else search
             result = self.call(SkillCall.of(way, kinds[0]))
             yield result
             if result.ok:
@@ -159,7 +159,7 @@ class RequestExecutor(ObjectFinder):
     # ------------------------------------------------------------- one thing, or each of several
 
     def _the_same(self) -> Steps[None]:
-        """Do one deed to one thing: to the one that the same word meant before."""
+        """Do one action to one object: the object that the same word meant before, if any."""
         asked, progress = self.asked, self.progress
         thing = asked.deeds[0].things[0]
         kinds = list(dict.fromkeys(self.kinds_of(thing)))
@@ -198,7 +198,7 @@ class RequestExecutor(ObjectFinder):
                 self.earlier.chosen.setdefault((key[0], at), used[0])
 
     def _hand_freed(self, kinds: Collection[str], before: str | None) -> Steps[str | None]:
-        """Return what is to be taken: what is held, if nothing else; else put down what is held."""
+        """Return the object to take; put down the held object if it is another one."""
         held = next((one for one, sight in self.sights.items() if place_of(sight) == HAND), "")
         if not held or kind_of(type_of(held)) not in kinds or before == held:
             return before
@@ -208,7 +208,7 @@ class RequestExecutor(ObjectFinder):
         return before or held
 
     def _each(self) -> Steps[None]:
-        """Do a deed to each thing of a plural: to those that are known, then to what is found."""
+        """Do an action to each object of a plural: to known objects, then to found ones."""
         progress, deed, thing = self.progress, self.asked.deeds[0], self.asked.deeds[0].things[0]
         kinds: list[str] = []
         found: list[str] = []
@@ -221,8 +221,8 @@ class RequestExecutor(ObjectFinder):
         wanted = thing.number
         done: list[str] = []
         failed: list[str] = []
-        others = self.meant_before(thing) if thing.other else set()  # not as they are told
-        while (wanted is None or len(done) < wanted) and len(failed) < _IN_VAIN:
+        others = self.meant_before(thing) if thing.other else set()  # not as they are described
+        while (wanted is None or len(done) < wanted) and len(failed) < _MAX_FAILURES:
             if done and deed.deed == "take" and not self._is_taken_out():
                 self.say("I can hold one thing at a time", "otherwise")
                 progress.short = True
@@ -257,7 +257,7 @@ class RequestExecutor(ObjectFinder):
         self._tell_count(thing, done, failed)
 
     def _each_along(self) -> Steps[None]:
-        """Put each thing in what carries it, then that: "the forks in a bowl on the table"."""
+        """Move objects in their container: "the forks in a bowl on the table"."""
         deed = self.asked.deeds[0]
         thing = deed.things[0]
         carrier = replace(
@@ -283,14 +283,14 @@ class RequestExecutor(ObjectFinder):
         self.progress.programs.append(attempts)
 
     def _asking(self, deed: SaidDeed) -> "RequestExecutor":
-        """Return this errand with one deed in place of its own."""
+        """Return this request with another action."""
         asked = replace(self.asked, deeds=(deed,))
         return RequestExecutor(
             self.session, asked, self.earlier, self.progress, self.subtask, self.is_clause
         )
 
     def _vessel(self, things: Iterable[str], place: Mention | None = None) -> dict[str, str]:
-        """Return what the first of some things lies in, type -> id, where that can be carried.
+        """Return the portable container of the first of some objects, type -> id.
 
         `place`: where they were to go, the deed's by default; {} where that is several.
         """
@@ -304,7 +304,7 @@ class RequestExecutor(ObjectFinder):
         return {kind_of(vessel): vessel} if vessel is not None else {}
 
     def _of_one(self, kind: str) -> tuple[SubTask, Request]:
-        """Return a request that is made of one object of a type, as it is planned."""
+        """Return the request for one object of a type, for the planner."""
         deed = self.asked.deeds[0]
         single = replace(
             deed.things[0], types=(kind,), text=spoken(kind).lower(), number=None, every=False,
@@ -315,12 +315,12 @@ class RequestExecutor(ObjectFinder):
         return replace(self.subtask, instruction=text, whole=text), request
 
     def _is_taken_out(self) -> bool:
-        """Return whether things are only to leave a place: "take everything out of the fridge"."""
+        """Return whether objects only leave a place: "take everything out of the fridge"."""
         me = request_words().me & {*self.asked.text.lower().split()}
         return bool(self.asked.deeds[0].things[0].at) and not me
 
     def _one_more(self, tried: set[str]) -> Steps[str | None]:
-        """Return one more thing of a plural: one that is known, else one that is searched for."""
+        """Return another object of a plural: a known object, else search for it."""
         thing = self.asked.deeds[0].things[0]
         kinds = self._not_ruled_out(meant_by(thing, self.here))
         if not self._counts_pieces():
@@ -340,19 +340,19 @@ class RequestExecutor(ObjectFinder):
         return one
 
     def _counts_pieces(self) -> bool:
-        """Return whether each piece of what was cut is one more: not of "slice two potatoes"."""
+        """Return whether slices count as objects; they do not for "slice two potatoes"."""
         deed = self.asked.deeds[0]
         whole = deed.things[0].number is not None or deed.deed in FOR_GOOD
         return not whole or bool(Guard(self.asked, self.here).in_pieces())
 
     def _not_ruled_out(self, kinds: Iterable[str]) -> list[str]:
-        """Return the kinds of wholes that a request does not leave out."""
+        """Return the object types that the request does not exclude."""
         whole = (one for one in self.asked.exclusions if not (one.at or one.states))
         ruled_out = {kind_of(kind) for one in whole for kind in one.types}
         return [kind for kind in dict.fromkeys(map(kind_of, kinds)) if kind not in ruled_out]
 
     def _tell_count(self, thing: Mention, done: Sequence[str], failed: Sequence[str]) -> None:
-        """Say of how many things it was done, and of which not."""
+        """Report how many objects succeeded and list the failures."""
         progress = self.progress
         wanted = thing.number if thing.number is not None else len(done) + len(failed)
         text = f"{len(done)} of {wanted}: {thing.text}"
@@ -372,7 +372,7 @@ class RequestExecutor(ObjectFinder):
     # ------------------------------------------------------------- looking
 
     def _whatever(self) -> Steps[tuple[list[str], list[str]]]:
-        """Look at a place, or everywhere; returns the kinds and ids of what is meant there."""
+        """Look at a place, or everywhere; return types and ids of the objects meant there."""
         deed = self.asked.deeds[0]
         thing, switched = deed.things[0], deed.deed in ("on", "off")
         if not thing.at and (thing.states or switched):
@@ -392,18 +392,18 @@ class RequestExecutor(ObjectFinder):
         return sorted({*map(kind_of, there)}), there
 
     def _all_switches(self) -> tuple[list[str], list[str]]:
-        """Return kinds and ids of what "everything" means that is switched."""
+        """Return types and ids of the devices that "everything" means."""
         here, sights = self.here, sorted(self.sights.items())
         kinds = [kind for kind in _SWITCHED if kind in here or kind == "LightSwitch"]
         found = [name for name, sight in sights if kind_of(sight.object_type) in kinds]
-        if self.asked.deeds[0].deed == "off":  # a tap, a knob: whatever runs
+        if self.asked.deeds[0].deed == "off":  # also a tap or a burner that runs
             runs = [(name, one.object_type) for name, one in sights if "on" in one.states]
             apart = {*kinds, BURNER} | types_with("pickupable")
             found += [name for name, kind in runs if kind not in apart]
         return [*dict.fromkeys(map(kind_of, found))], found
 
     def _all_that_are_so(self) -> tuple[list[str], list[str]]:
-        """Return kinds and ids of what was seen in the states that a thing is told by."""
+        """Return types and ids of the objects observed in the described states."""
         deed = self.asked.deeds[0]
         thing, takes = deed.things[0], deed_kind(deed.deed).takes
         found = [
@@ -415,7 +415,7 @@ class RequestExecutor(ObjectFinder):
 
 
 def not_to_open(asked: Request) -> set[str]:
-    """Return the types that a request says not to open, or to leave alone."""
+    """Return the types that a request forbids to open or to touch."""
     kinds = {kind for one in asked.exclusions if not (one.at or one.states) for kind in one.types}
     for deed in asked.forbidden:
         if deed.verb == "open":  # not "leave open"
@@ -424,25 +424,25 @@ def not_to_open(asked: Request) -> set[str]:
 
 
 def _is_sought(deed: SaidDeed) -> bool:
-    """Return whether a deed is to find things, wherever they are."""
+    """Return whether an action is a search without a location."""
     thing = deed.things[0]
     return deed.deed == "find" and deed.place is None and not (thing.at or thing.anything)
 
 
 def _is_ended(deed: SaidDeed, thing: Mention) -> bool:
-    """Return whether a deed ends the state that its thing is told by: "close what is open"."""
+    """Return whether an action ends the state in its description: "close what is open"."""
     leaves = deed_kind(deed.deed).leaves
     ends = {ENDS.get(one, "empty" if one == "filled" else "") for one in thing.states}
     return bool(leaves) and leaves in ends
 
 
 def _is_for(deed: SaidDeed, kind: str) -> bool:
-    """Return whether a deed is meant of a kind among all that lies there: no knife is heated."""
+    """Return whether an action applies to a type among all objects there: no knife is heated."""
     heats = deed.deed in ("heat", "cook", "toast")
     return not heats or any(map(object_types()[kind].can, _HEATED))
 
 
 def _piece_of(sights: Collection[str], object_id: str) -> str:
-    """Return a piece of a thing that has been cut since; the thing itself where it is whole."""
+    """Return a slice of an object that was cut since, or the object itself."""
     pieces = (one for one in sorted(sights) if is_piece(type_of(one)) and root_id(one) == object_id)
     return next(pieces, object_id)
