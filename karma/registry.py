@@ -48,6 +48,8 @@ _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
         "language_models": {"hosted": ("openai",)},
         "methods": {"rules": ("rules",)},
         "parsers": {"rules": ("spacy",)},
+        "phrase_readers": {"rules": ("rules",)},
+        "recalls": {"rules": ("stateful",)},
         "task_pools": {"alfred": ("alfred",)},
         "task_sources": {"alfred": ("alfred", "authors")},
         "planners": {"hosted": ("openai",)},

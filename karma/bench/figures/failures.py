@@ -11,7 +11,7 @@ from typing import Literal, get_args
 
 from karma.agent.journal.records import Call, SubTaskRecord
 from karma.agent.journal.steps import Ended, Enter, Instruction, Start, Step
-from karma.agent.planning.refusal_text import sentence
+from karma.agent.planning.refused import sentence
 from karma.bench.figures.metrics import Need, TimedEpisode, needs, related_needs, types_of
 
 Cause = Literal["planner", "refused", "recall", "evicted", "not stored", "skill", "world", "error"]
