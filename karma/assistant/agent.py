@@ -21,9 +21,6 @@ from weakref import proxy
 
 from karma import registry
 from karma.agent.goals.goals import GoalTracker, WatchedWorld
-from karma.agent.journal.records import SubTaskRecord
-from karma.agent.journal.steps import StepLog
-from karma.agent.journal.writer import EpisodeWriter, TimeLog
 from karma.agent.karma import KarmaMethod
 from karma.agent.loading.models import Models, Row, load_resources, world_maker
 from karma.agent.loading.models import preset as preset_of
@@ -39,6 +36,9 @@ from karma.assistant.talk_folder import Keeper, TalkFolder
 from karma.assistant.views import Memory, RoomMap
 from karma.errors import KarmaError
 from karma.files import read_bytes
+from karma.journal.records import SubTaskRecord
+from karma.journal.steps import StepLog
+from karma.journal.writer import EpisodeWriter, TimeLog
 from karma.models.llama.model import LlamaModel
 from karma.models.manifest import default_planner, resolve_planner
 from karma.models.session import Session, Spent

@@ -5,10 +5,10 @@ from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from karma.agent.journal.records import NotRun
 from karma.bench.engine.suite import BenchmarkResults, Chain, Play, planner_of
 from karma.bench.methods.lota import chooser_of
 from karma.errors import FileError, KarmaError
+from karma.journal.records import NotRun
 from karma.models.session import Session
 from karma.plugins.alfred.eb_world.actions import EB_ALFRED, LOTA_ALFRED, ActionTypes, read_types
 from karma.plugins.alfred.eb_world.environment import UNKNOWN, Environment, Step

@@ -15,9 +15,9 @@ from typing import Any, get_args
 
 import msgspec
 
-from karma.agent.journal.owned_folder import read_lines
 from karma.errors import FileError
 from karma.files import read_bytes, to_json
+from karma.journal.owned_folder import read_lines
 from karma.models.session import Spent
 from karma.types.completion import Engine, KvState
 from karma.types.events import Plan, SkillResult
