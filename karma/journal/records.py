@@ -92,7 +92,7 @@ class Answer:
             cost=said.cost,
             constrained=said.constrained,
             reasoning=said.reasoning,
-            prompt=plan.prompt.stable + plan.prompt.changing if plan.error else "",
+            prompt=plan.prompt.text if plan.error else "",
             dropped=plan.dropped,
             refused=plan.refused,
         )
