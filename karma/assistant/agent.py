@@ -25,7 +25,6 @@ from karma.agent.karma import KarmaMethod
 from karma.agent.loading.models import Models, Row, load_resources, world_maker
 from karma.agent.loading.models import preset as preset_of
 from karma.agent.loading.names import check_options
-from karma.agent.loop import planned
 from karma.agent.memory import AgentMemory, Snapshot
 from karma.agent.planning.prompt import GOALS
 from karma.agent.session import Executor
@@ -251,7 +250,10 @@ class Agent:
         """
         clock_s = self.home.clock_s
         events = self.episode.execute(
-            subtask, executor or planned(subtask), keep_shut=keep_shut, clock_s=clock_s
+            subtask,
+            executor or self.episode.executor(subtask),
+            keep_shut=keep_shut,
+            clock_s=clock_s,
         )
         described: list[Understanding] = []
         plans: list[Plan] = []

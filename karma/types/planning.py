@@ -141,6 +141,17 @@ class RefusedRequest:
         return f"refuse('{self.kind}')"
 
 
+EndKind = Literal["done", "tell", "ask", "refuse"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class End:
+    """How a model ends an instruction in tool mode, in its own words."""
+
+    kind: EndKind
+    text: str
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProgramSpec:
     """What a program may say: the language that constrained decoding admits."""
