@@ -22,6 +22,7 @@ COMMAND = {  # a command that each plug-in brings, where it brings one
     "airgap": ("bundle", "verify", "x.tar"), "alfred": ("world", "replay", "x"),
     "homes": ("home", "list"), "rules": ("read", "wash the mug"),
     "thor_tools": ("world", "replay-events", "x"), "training": ("vlm", "eval"),
+    "vision": ("eval", "eval/alfred_l_vlm.toml", "--out", "out"),
 }  # fmt: skip
 
 

@@ -12,13 +12,12 @@ from karma.agent.planning.prompt import check_profile
 from karma.errors import KarmaError, ModelError, UnknownNameError, did_you_mean
 from karma.models.manifest import ModelEntry, Role, find_model, is_gguf_path, read_manifest
 
-MODELS = ("planner", "profile", "recall", "embedder", "vision", "detector")  # of [models]
+MODELS = ("planner", "profile", "recall", "embedder", "vision")  # of [models]
 _HOSTED = "openai"
 _PLURALS = {
     "recall": "recalls",
     "embedder": "embedders",
     "vision": "vision_models",
-    "detector": "detectors",
     "world": "worlds",
 }
 _ROLES: Mapping[tuple[str, str], tuple[Role, ...]] = {  # of the model after "KIND:", where ours say
