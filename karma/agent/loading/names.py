@@ -93,7 +93,8 @@ def _check_recall(name: str) -> None:
 
 def _check_filled(role: str, name: str) -> None:
     kind, _, model = name.partition(":")
-    if kind not in registry.names(role) and not model:
+    known = kind in registry.names(role) or registry.extra_of(role, kind)
+    if not known and not model:
         _check_listed(role, kind)
     made = registry.load(role, kind)
     if model and not _takes_model(made):
