@@ -60,8 +60,6 @@ def table(
     json: Json = None,
 ) -> None:
     """Write a run's tables as Markdown, LaTeX and CSV, beside the published figures."""
-    from karma.agent.journal.owned_folder import kind_in, write_beside
-    from karma.agent.journal.run_folder import read_run
     from karma.bench.figures import tables
     from karma.bench.figures.columns import LOTA_ROW, OFF_ROW, plain
     from karma.bench.figures.results import (
@@ -73,6 +71,8 @@ def table(
         unfinished,
     )
     from karma.bench.figures.tables import to_latex, to_markdown
+    from karma.journal.owned_folder import kind_in, write_beside
+    from karma.journal.run_folder import read_run
 
     if kind_in(run) == "benchmark":
         refuse_options(context, f"{run}: such a table", {"beside", "out", "json"})
@@ -122,10 +122,10 @@ def _write_benchmark(runs: Sequence[Path], folder: Path, json: Path | None) -> N
     Raises:
         KarmaError: the run has no episodes yet; or see `read_results`.
     """
-    from karma.agent.journal.header import TABLE
-    from karma.agent.journal.owned_folder import write_beside
     from karma.bench.engine.benchmark_runs import read_results, written
     from karma.bench.figures.tables import to_markdown
+    from karma.journal.header import TABLE
+    from karma.journal.owned_folder import write_beside
 
     results = read_results(*runs)
     if not results.figures:
@@ -138,9 +138,9 @@ def _write_benchmark(runs: Sequence[Path], folder: Path, json: Path | None) -> N
 
 def _sheets(comparisons: "Sequence[Comparison]") -> "Iterator[Sheet]":
     """Yield every metric of two arms, and their success rates by kind of task."""
-    from karma.agent.journal.formats import figure_text
     from karma.bench.figures.statistics import interval_text
     from karma.bench.figures.tables import Sheet
+    from karma.journal.formats import figure_text
 
     whole = comparisons[0]
     yield Sheet(
@@ -183,7 +183,7 @@ def _sheets(comparisons: "Sequence[Comparison]") -> "Iterator[Sheet]":
 
 def _remarks(one: "Comparison") -> str:
     """Return where the arms differ."""
-    from karma.agent.journal.formats import UNKNOWN, figure_text, percent_text
+    from karma.journal.formats import UNKNOWN, figure_text, percent_text
 
     def said(splits: "tuple[Split, ...]") -> str:
         words = (f"{one.task} (seed {', '.join(map(str, one.seeds))})" for one in splits)

@@ -29,7 +29,7 @@ class ReportCommand:
 
     def do(self) -> None:
         """Write the page of a run, a benchmark's run, or a figure."""
-        from karma.agent.journal.owned_folder import kind_in
+        from karma.journal.owned_folder import kind_in
 
         match kind_in(self.run):
             case "figure":
@@ -48,10 +48,10 @@ class ReportCommand:
         tell(f"page: {path}, {path.stat().st_size / 1e6:.1f} MB")
 
     def _run_page(self) -> str:
-        from karma.agent.journal.run_folder import read_run
         from karma.bench.figures.results import load_published, result_of
         from karma.bench.report.page import render
         from karma.bench.report.replay import choose, frame_choice, replays
+        from karma.journal.run_folder import read_run
 
         run, choice = read_run(self.run), frame_choice(self.frames)
         if not run.records:

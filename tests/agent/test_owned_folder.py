@@ -7,7 +7,9 @@ import pytest
 from support.run_files import write_experiment
 from typer.testing import CliRunner
 
-from karma.agent.journal.owned_folder import (
+from karma.cli import app
+from karma.errors import FileError
+from karma.journal.owned_folder import (
     MADE,
     MARK,
     OwnedFolder,
@@ -15,8 +17,6 @@ from karma.agent.journal.owned_folder import (
     read_mark,
     write_beside,
 )
-from karma.cli import app
-from karma.errors import FileError
 
 RUN = 'name = "expert"\nmethod = "expert"\n'
 FIGURE = (

@@ -11,10 +11,10 @@ from support.made_records import answer, episode, plain, sub, write_run
 from support.paths import ROOT
 from support.run_files import karma
 
-from karma.agent.journal.records import EpisodeTiming, SubTaskTiming
 from karma.bench.figures.compare import Arm, compare
 from karma.bench.figures.metrics import episodes_of
 from karma.errors import KarmaError
+from karma.journal.records import EpisodeTiming, SubTaskTiming
 
 
 def arm(name, records, timings=None):

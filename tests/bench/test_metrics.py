@@ -17,8 +17,6 @@ from support.made_records import (
     write_run,
 )
 
-from karma.agent.journal.run_folder import read_run
-from karma.agent.journal.steps import Ended, Enter, Instruction, Start
 from karma.bench.figures.columns import LOTA_ROW, OFF_ROW, figures, reductions
 from karma.bench.figures.columns import plain as plain_figures
 from karma.bench.figures.failures import CAUSES, count, failures
@@ -27,6 +25,8 @@ from karma.bench.figures.metrics import (
     episodes_of,
 )
 from karma.bench.figures.results import result_of
+from karma.journal.run_folder import read_run
+from karma.journal.steps import Ended, Enter, Instruction, Start
 from karma.models.session import Spent
 from karma.types.memory import MemoryUnit, Tour
 from karma.types.planning import RefusedRequest

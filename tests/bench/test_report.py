@@ -17,9 +17,13 @@ from support.paths import ROOT
 from support.report_run import AGENT, EVIL, EXPERT, KEYS, POURED, SEQUENCE_KEYS, make_run
 from support.run_files import karma
 
-from karma.agent.journal.records import EpisodeRecord, EpisodeTiming
-from karma.agent.journal.run_folder import Finished, RunFolder, read_run
-from karma.agent.journal.steps import (
+from karma.bench.figures.results import result_of
+from karma.bench.figures.tables import sheets
+from karma.bench.report.page import render
+from karma.bench.report.replay import choose, episode_key, replay, replays
+from karma.journal.records import EpisodeRecord, EpisodeTiming
+from karma.journal.run_folder import Finished, RunFolder, read_run
+from karma.journal.steps import (
     Action,
     Ended,
     Instruction,
@@ -28,10 +32,6 @@ from karma.agent.journal.steps import (
     read_steps,
     steps_path,
 )
-from karma.bench.figures.results import result_of
-from karma.bench.figures.tables import sheets
-from karma.bench.report.page import render
-from karma.bench.report.replay import choose, episode_key, replay, replays
 from karma.world.core import scene as scenes
 
 

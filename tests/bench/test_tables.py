@@ -10,8 +10,6 @@ from support.made_records import plain, write_run
 from support.paths import ROOT
 from support.run_files import karma
 
-from karma.agent.journal.header import RESULTS
-from karma.agent.journal.run_folder import read_run
 from karma.bench.engine.experiment_file import read_experiment
 from karma.bench.figures.columns import COLUMNS
 from karma.bench.figures.results import load_published, margins, result_of, to_csv
@@ -22,6 +20,8 @@ from karma.bench.figures.tables import (
     to_markdown,
 )
 from karma.errors import FileError
+from karma.journal.header import RESULTS
+from karma.journal.run_folder import read_run
 
 PAPER = ROOT / "eval" / "paper"
 PUBLISHED = load_published(PAPER / "published.csv")

@@ -13,16 +13,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from karma.agent.journal.records import (
-    ALL,
-    NOT_TRAINED,
-    TRAINED,
-    EpisodeRecord,
-    EpisodeTiming,
-    Key,
-    is_of,
-    kinds_of,
-)
 from karma.bench.figures.metrics import (
     METRICS,
     Amount,
@@ -39,6 +29,16 @@ from karma.bench.figures.metrics import (
 )
 from karma.bench.figures.statistics import Estimate, Floats, bootstrap
 from karma.files import to_json
+from karma.journal.records import (
+    ALL,
+    NOT_TRAINED,
+    TRAINED,
+    EpisodeRecord,
+    EpisodeTiming,
+    Key,
+    is_of,
+    kinds_of,
+)
 from karma.types.memory import Tour
 
 OFF_ROW = "memory off"  # name of the twin in the experiments of eval/paper

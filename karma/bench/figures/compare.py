@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from karma.agent.journal.records import ALL, EpisodeRecord, is_of, kinds_of
 from karma.bench.figures.columns import Pair, paired, paired_sums
 from karma.bench.figures.metrics import METRICS, SUCCESS, Metric, TimedEpisode, measure
 from karma.bench.figures.statistics import (
@@ -18,6 +17,7 @@ from karma.bench.figures.statistics import (
     sign_flip,
 )
 from karma.errors import KarmaError
+from karma.journal.records import ALL, EpisodeRecord, is_of, kinds_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,10 +9,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from karma.agent.journal.records import Call, SubTaskRecord
-from karma.agent.journal.steps import Ended, Enter, Instruction, Start, Step
 from karma.agent.planning.refusal_text import sentence
 from karma.bench.figures.metrics import Need, TimedEpisode, needs, related_needs, types_of
+from karma.journal.records import Call, SubTaskRecord
+from karma.journal.steps import Ended, Enter, Instruction, Start, Step
 
 Cause = Literal["planner", "refused", "recall", "evicted", "not stored", "skill", "world", "error"]
 CAUSES: tuple[Cause, ...] = get_args(Cause)

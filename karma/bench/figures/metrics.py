@@ -10,8 +10,12 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 from karma.agent.goals.goals import alternatives, object_names, parse_goal
-from karma.agent.journal.formats import COST_DIGITS
-from karma.agent.journal.records import (
+from karma.bench.figures.statistics import Estimate, mean, rate
+from karma.household.ids import root_type
+from karma.household.pieces import base_type
+from karma.household.types import types_with
+from karma.journal.formats import COST_DIGITS
+from karma.journal.records import (
     Answer,
     AnswerTiming,
     Call,
@@ -20,10 +24,6 @@ from karma.agent.journal.records import (
     Key,
     SubTaskRecord,
 )
-from karma.bench.figures.statistics import Estimate, mean, rate
-from karma.household.ids import root_type
-from karma.household.pieces import base_type
-from karma.household.types import types_with
 from karma.types.memory import Tour
 
 Need = frozenset[str]  # types of which any will do

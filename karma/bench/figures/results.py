@@ -6,12 +6,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from karma.agent.journal.formats import figure_text
-from karma.agent.journal.header import all_apart, read_config, rows_apart, told_apart
-from karma.agent.journal.owned_folder import changed
-from karma.agent.journal.records import in_words
-from karma.agent.journal.run_folder import RunData, read_run
-from karma.agent.journal.steps import read_steps, steps_path
 from karma.bench.figures.columns import COLUMNS, LOTA_ROW, OFF_ROW, figures_of, reductions
 from karma.bench.figures.compare import Arm, Comparison, arm_of, compare_kinds, rows_of
 from karma.bench.figures.failures import Failure, failures
@@ -20,6 +14,12 @@ from karma.bench.figures.statistics import Estimate, interval_text
 from karma.bench.figures.tables import PUBLISHED_COLUMNS, PublishedFigures, Result, Sheet
 from karma.errors import FileError, KarmaError
 from karma.files import read_bytes, shipped
+from karma.journal.formats import figure_text
+from karma.journal.header import all_apart, read_config, rows_apart, told_apart
+from karma.journal.owned_folder import changed
+from karma.journal.records import in_words
+from karma.journal.run_folder import RunData, read_run
+from karma.journal.steps import read_steps, steps_path
 
 
 def result_of(

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.agent.journal.formats import range_text
+from karma.journal.formats import range_text
 from karma.seeds import stream
 
 Groups = Sequence[Sequence[float]]  # observations, task by task

@@ -6,8 +6,6 @@ A table is a `Sheet`, written as Markdown or LaTeX.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from karma.agent.journal.formats import UNKNOWN, figure_text, plural
-from karma.agent.journal.records import ALL, KINDS, NOT_TRAINED, TRAINED
 from karma.bench.figures.columns import (
     COLUMNS,
     SAVINGS,
@@ -20,6 +18,8 @@ from karma.bench.figures.compare import Comparison
 from karma.bench.figures.failures import CAUSES, Failure, count
 from karma.bench.figures.metrics import METRICS, SUCCESS
 from karma.bench.figures.statistics import interval_text
+from karma.journal.formats import UNKNOWN, figure_text, plural
+from karma.journal.records import ALL, KINDS, NOT_TRAINED, TRAINED
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

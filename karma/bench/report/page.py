@@ -6,15 +6,15 @@ from typing import Any
 
 import msgspec
 
-from karma.agent.journal.formats import UNKNOWN, plural
-from karma.agent.journal.records import SAID, EpisodeRecord, Turn, read_turns
-from karma.agent.journal.run_folder import RunData
 from karma.bench.figures.compare import rows_of
 from karma.bench.figures.failures import Failure
 from karma.bench.figures.tables import Result, Sheet, main_sheets, sheets
 from karma.bench.report.html import fill
 from karma.bench.report.plots import plots_of
 from karma.bench.report.replay import EpisodeReplay, episode_key
+from karma.journal.formats import UNKNOWN, plural
+from karma.journal.records import SAID, EpisodeRecord, Turn, read_turns
+from karma.journal.run_folder import RunData
 
 Facts = tuple[tuple[str, tuple[tuple[str, str], ...]], ...]  # groups of names and values
 SHOWN_INSTRUCTIONS = 12  # of a task in the list

@@ -10,12 +10,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, cast, get_args
 
-from karma.agent.journal import steps
-from karma.agent.journal.records import EpisodeRecord
-from karma.agent.journal.run_folder import RunData
-from karma.agent.journal.steps import read_steps, steps_path
 from karma.bench.report.html import data_uri
 from karma.errors import KarmaError
+from karma.journal import steps
+from karma.journal.records import EpisodeRecord
+from karma.journal.run_folder import RunData
+from karma.journal.steps import read_steps, steps_path
 from karma.types.memory import MemoryUnit
 from karma.types.roles import Event
 from karma.types.space import Frame

@@ -8,9 +8,9 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from karma.agent.journal.formats import UNKNOWN, figure_text, range_text
 from karma.bench.figures.statistics import bootstrap, rate, times_in
 from karma.bench.figures.tables import Sheet
+from karma.journal.formats import UNKNOWN, figure_text, range_text
 from karma.plugins.homes.lived.experiment import LivedExperiment
 from karma.plugins.homes.lived.request import LivedKind, LivedRecord, ServedRequest
 from karma.seeds import stream

@@ -12,12 +12,12 @@ from typing import Any
 import msgspec
 
 from karma import __version__, registry
-from karma.agent.journal.header import FORMAT, Header, Machine, without_places
 from karma.agent.loading.models import OPENAI, Models, Row
 from karma.agent.loading.planner_files import words_path
 from karma.agent.planning.prompt import template_files
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, sha256_of, to_json
+from karma.journal.header import FORMAT, Header, Machine, without_places
 from karma.models.checks.memory import MEMINFO
 from karma.models.llama.opening import devices
 from karma.models.manifest import find_model, resolve_planner
@@ -27,7 +27,7 @@ from karma.types.tasks import Task
 from karma.world.core.scene import find
 
 _GROUPS = {"embedder": "embedders", "vision": "vision_models"}
-PACKAGE = Path(__file__).parents[2]
+PACKAGE = Path(__file__).parents[1]
 COMPUTING = (  # packages whose next version may give other bits
     "faiss-cpu", "llama-cpp-python", "numpy", "sentence-transformers", "tokenizers", "torch",
     "transformers",
