@@ -1,7 +1,7 @@
 """The programs tried for an instruction, and the request to the planner after a failure."""
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from karma.agent.body.afterwards import checked
 from karma.agent.body.refusals import NOT_FOUND
@@ -19,7 +19,7 @@ class Attempts:
     """The programs of a request; the first executed program defines its objects and effects."""
 
     instruction: str
-    objects: Mapping[str, Collection[str]]  # that it mentions, and the types called so
+    objects: Mapping[str, Collection[str]] = field(default_factory=dict)  # mentioned, and types
     first: tuple[SkillCall, ...] = ()
     calls: tuple[SkillCall, ...] = ()  # of the last program
     results: tuple[SkillResult, ...] = ()  # of the last program, up to its first failure
