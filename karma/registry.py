@@ -52,12 +52,11 @@ _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
         },
         "parsers": {"rules": ("spacy",)},
         "phrase_readers": {"rules": ("rules",)},
-        "recalls": {"rules": ("stateful",)},
+        "recalls": {"rules": ("stateful",), "vision": ("multimodal",)},
         "task_pools": {"alfred": ("alfred",)},
         "task_sources": {"alfred": ("alfred", "authors")},
         "planners": {"hosted": ("openai",)},
         "perceptions": {"vision": ("pictures",)},
-        "recalls": {"vision": ("multimodal",)},
         "vision_models": {"hosted": ("openai",), "vision": ("nano-vlm", "transformers")},
     }
 )
