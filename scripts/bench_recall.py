@@ -20,7 +20,7 @@ import numpy as np
 import typer
 from measuring import in_turns, table
 
-from karma.agent.loading.models import Models, load_resources
+from karma.loading.models import Models, load_resources
 from karma.memory.recall import UnitIndex
 from karma.offline.guard import go_offline
 from karma.plugins.rules.language.lexemes import lexicon

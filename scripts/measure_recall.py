@@ -35,10 +35,10 @@ from support.recall_questions import (
 )
 
 from karma import registry
-from karma.agent.loading.models import Models, load_resources
 from karma.bench.figures.statistics import interval_text
 from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
+from karma.loading.models import Models, load_resources
 from karma.offline.guard import go_offline
 from karma.plugins.rules.wording.hints import write_words
 from karma.plugins.training.hinted import words_file

@@ -12,7 +12,6 @@ from pathlib import Path
 from shutil import copytree
 from typing import Any
 
-from karma.agent.loading.models import Models, load_resources
 from karma.agent.planning.program import WAYS
 from karma.agent.planning.prompt import GOALS
 from karma.agent.tour import explore_room
@@ -22,6 +21,7 @@ from karma.household.ids import short_type, type_of
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types, types_with
 from karma.household.uses import BASIN_OF
+from karma.loading.models import Models, load_resources
 from karma.seeds import stream
 from karma.types.completion import Completion, Decoding
 from karma.types.events import SkillResult

@@ -33,13 +33,13 @@ def _scene(path: Path) -> object:
 
 
 def _tasks(path: Path) -> object:
-    from karma.agent.goals.files import load_tasks
+    from karma.goals.files import load_tasks
 
     return load_tasks(path)
 
 
 def _requests(path: Path) -> object:
-    from karma.agent.goals.files import load_texts
+    from karma.goals.files import load_texts
 
     return load_texts(path)
 
