@@ -35,25 +35,15 @@ class _Room:
     names: dict[str, str] = field(default_factory=dict)  # of furniture in prompts (-> id)
 
 
-@dataclass(frozen=True, slots=True)
-class Snapshot:
-    """Both memories at one moment."""
-
-    scene: str
-    short_term: ShortTermMemory
-    rooms: "defaultdict[str, _Room]"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MapFolder:
-    """Where maps are kept, one file a room."""
-
-    path: Path | None  # None: each room is explored anew
-    learn: bool  # episodes write their maps back
+Snapshot = tuple[str, ShortTermMemory, "defaultdict[str, _Room]"]  # both memories at one moment
 
 
 class AgentMemory:
-    """Short-term memory, and a map of each room entered; `scene` is the room the agent is in."""
+    """Short-term memory, and a map of each room entered; `scene` is the room the agent is in.
+
+    `maps` is a folder with one map a room, or None if each room is explored anew; to `learn` is to
+    write the maps back.
+    """
 
     def __init__(
         self,
@@ -61,12 +51,14 @@ class AgentMemory:
         recall: Recall,
         vision: VisionModel,
         *,
-        maps: MapFolder,
+        maps: Path | None,
+        learn: bool,
         perception: Perception,
         seed: int,
         pictures: Path,
     ) -> None:
         self.settings, self._recall, self._vision = settings, recall, vision
+        self._learn_maps = learn
         self._maps, self._perception, self._seed, self._pictures = maps, perception, seed, pictures
         self.short_term = ShortTermMemory(make_policy(settings.policy))
         self._rooms: defaultdict[str, _Room] = defaultdict(_Room)  # by name
@@ -98,7 +90,7 @@ class AgentMemory:
     def _map_path(self) -> Path | None:
         """Return where the map of this room lies, or None if it is explored each time."""
         name = self._perception.map_file(self.scene, self._seed)
-        return self._maps.path / name if self._maps.path and name else None
+        return self._maps / name if self._maps and name else None
 
     # ------------------------------------------------------------- what is known
 
@@ -225,17 +217,16 @@ class AgentMemory:
 
     def _keep_map(self) -> None:
         """Save the map of this room if maps learn."""
-        if self.graph is not None and self._maps.learn and (path := self._map_path()) is not None:
+        if self.graph is not None and self._learn_maps and (path := self._map_path()) is not None:
             self.graph.save(path)
 
     def snapshot(self) -> Snapshot:
         """Return a copy of both memories."""
-        return deepcopy(Snapshot(self.scene, self.short_term, self._rooms))
+        return deepcopy((self.scene, self.short_term, self._rooms))
 
     def go_back(self, before: Snapshot) -> None:
         """Restore both memories from a snapshot."""
-        kept = deepcopy(before)
-        self.scene, self.short_term, self._rooms = kept.scene, kept.short_term, kept.rooms
+        self.scene, self.short_term, self._rooms = deepcopy(before)
         self._keep_map()
 
 
@@ -254,15 +245,14 @@ class Beliefs:
                     object_type=unit.object_type,
                     position_m=unit.position_m,
                     place_id=None if unit.place_id == HAND else unit.place_id,
-                    source="memory",
                 )
         near = position_of(self._world)
-        found = self._graph.known(name, near=near) if self._graph else None
-        inside = next((unit for unit in self.units if unit.place_id == name != HAND), None)
-        if found or inside is None:
+        if self._graph and (found := self._graph.known(name, near=near)):
             return found
-        at = inside.position_m
-        return Known(object_id=name, object_type=type_of(name), position_m=at, source="memory")
+        for unit in self.units:
+            if unit.place_id == name != HAND:
+                return Known(object_id=name, object_type=type_of(name), position_m=unit.position_m)
+        return None
 
     def areas(self) -> tuple[Area, ...]:
         """Return the area nodes; () without long-term memory."""

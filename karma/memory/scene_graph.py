@@ -208,7 +208,6 @@ class SceneGraph:
             object_id=node.id,
             object_type=node.type,
             position_m=node.position_m,
-            source="graph",
             box_center_m=node.box_center_m,
             box_size_m=node.box_size_m,
         )

@@ -423,7 +423,6 @@ def test_thing_on_top_of_a_closed_container_is_not_taken_to_be_shut_in():
                 object_type="HandTowel",
                 position_m=tuple(towel["position"][axis] for axis in "xyz"),
                 place_id=ids["Toilet"],
-                source="memory",
             )
 
     (result,) = run(Skills(world, There(())), "PickupObject(robot, 'HandTowel')")

@@ -59,7 +59,7 @@ def test_where_no_way_leads_costs_nothing_that_is_a_number():
     assert routes.cost((8, 0, 0)) is None
     assert routes.to((8, 0, 0)) is None
     assert routes.cost((3, 3, 0)) is None
-    floor.add((7, 0))
+    floor.add((1.75, 0.0, 0.0))
     assert Routes(floor, (7, 0, 1)).to((8, 0, 1)) == ["MoveAhead"]
 
 

@@ -208,7 +208,6 @@ def test_known_finds_by_id_and_the_nearest_by_type():
         object_id="Cabinet|2",
         object_type="Cabinet",
         position_m=(1.0, 0.5, 1.0),
-        source="graph",
         box_center_m=node.box_center_m,
         box_size_m=node.box_size_m,
     )

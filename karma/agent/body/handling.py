@@ -3,7 +3,7 @@
 import math
 from contextlib import suppress
 
-from karma.agent.body.reach import Reach
+from karma.agent.body.reach import Reach, off_m
 from karma.agent.body.refusals import RefusedError, hand_full, put_refused
 from karma.agent.body.search import Search
 from karma.agent.body.sightings import known, means
@@ -16,11 +16,10 @@ from karma.household.pieces import is_piece
 from karma.household.places import NEAR_M
 from karma.household.saying import preposition
 from karma.household.states import OPPOSITES
-from karma.household.types import object_types
+from karma.household.types import types_with
 from karma.household.uses import BASIN_OF, BURNER, KNOB, STOVE, TAP_OF, TAPS
 from karma.types.memory import Known
 from karma.types.observation import SeenObject
-from karma.types.space import Vec3
 
 THROW_FORCE = 100.0  # AI2-THOR's moveMagnitude
 _OTHER_RECEPTACLES = 3  # tried when the one that was meant is full
@@ -53,19 +52,26 @@ class Handling:
         One that is full gives way to another of its type, unless it is `exact`, or a thing that is
         carried about and was named by its id.
         """
-        held = self._held(thing)
+        held, log = self._held(thing), self._log
         target = self._reach.resolve(name, state="opened", held=False)
+        is_furniture = target.object_type not in types_with("pickupable")
         try:
             self._put_into(held, target)
         except RefusedError as refusal:
-            others = self._reach.names.others(target)
-            if refusal.is_for("full") and not exact and _is_one_of(name, target):
-                for other in others[:_OTHER_RECEPTACLES]:
+            others = self._reach.others(target)
+            if (
+                refusal.is_for("full")
+                and not exact
+                and (is_furniture or name == target.object_type)
+            ):
+                seen = [log.seen[one.object_id] for one in others if one.object_id in log.seen]
+                standing_open = [sight for sight in seen if "closed" not in log.states(sight)]
+                for sight in standing_open[:_OTHER_RECEPTACLES]:
                     with suppress(RefusedError):
-                        self._put_into(held, other)
+                        self._put_into(held, known(sight))
                         return f"the nearest {target.object_type} is full, another one was taken"
-            others, types = self._reach.others(target), self._reach.known_types()
-            detail = put_refused(refusal, held, target, others, self._log, types)
+            types = self._reach.known_types()
+            detail = put_refused(refusal, held, target, self._reach.others(target), log, types)
             raise RefusedError(str(refusal), detail or refusal.detail, refusal.why) from None
         return ""
 
@@ -81,24 +87,17 @@ class Handling:
         while len(tried) < self._reach.limits.views:
             if not self._reach.next_stance(other, tried, nearest=True):
                 break
-            if any(self._is_put_near(held, place, other) for place in self._under(other, held)):
-                return ""
+            for place in self._under(other, held):
+                with suppress(RefusedError):
+                    self._reach.act(place, "PutObject", also=held.object_id, from_here=True)
+                    lies = self._log.seen[held.object_id]
+                    if math.dist(lies.position_m, other.position_m) <= NEAR_M:
+                        return ""
+                    self._reach.act(known(lies), "PickupObject")
         raise RefusedError(f"there is no room for {held.object_type} near {name}")
 
-    def _is_put_near(self, held: SeenObject, place: Known, other: Known) -> bool:
-        """Put what is held into a receptacle, and take it up again if it lies too far away."""
-        try:
-            self._reach.act(place, "PutObject", also=held.object_id, from_here=True)
-        except RefusedError:
-            return False
-        lies = self._log.seen[held.object_id]
-        if math.dist(lies.position_m, other.position_m) <= NEAR_M:
-            return True
-        self._reach.act(known(lies, "seen"), "PickupObject")
-        return False
-
     def _spot(self, name: str) -> Known:
-        """Return what a thing is to be near, a thing or a place; refuses what is neither."""
+        """Return what an object is to be near, an object or a place; refuses what is neither."""
         if not name.startswith("("):
             other = self._reach.resolve(name, held=False)
             self._reach.approach(other)
@@ -110,28 +109,27 @@ class Handling:
         return Known(object_id=name, object_type=name, position_m=(x, y, z))
 
     def _under(self, other: Known, held: SeenObject) -> list[Known]:
-        """Return what is within reach and may take a thing near another one, the likeliest first.
+        """Return the receptacles within reach that may take an object near another.
 
-        What the other lies on, then what is nearest to it.
+        First the receptacle that the other lies on, then the nearest to it.
         """
         on = self._log.seen.get(other.object_id)
         ranked = []
-        for one in self._log.in_view.values():
-            gap = _off_m(other.position_m, one)
-            takes = gap <= NEAR_M and goes_in(held.object_type, one.object_type)
-            inside = root_id(one.object_id) == root_id(other.object_id)
-            inside = inside and preposition(one.object_type) == "in"  # beside a sink, not in it
-            if takes and not inside and one.object_id in self._log.within_reach:
-                is_under = on is not None and one.object_id in on.parent_ids
-                ranked.append((not is_under, gap, one.object_id))
-        return [known(self._log.in_view[name], "seen") for _, _, name in sorted(ranked)]
+        for name, sight in self._log.in_view.items():
+            gap = off_m(other.position_m, sight)
+            takes = gap <= NEAR_M and goes_in(held.object_type, sight.object_type)
+            inside = root_id(name) == root_id(other.object_id)
+            inside = inside and preposition(sight.object_type) == "in"  # beside a sink, not in it
+            if takes and not inside and name in self._log.within_reach:
+                ranked.append((on is None or name not in on.parent_ids, gap, name))
+        return [known(self._log.in_view[name]) for _, _, name in sorted(ranked)]
 
     def throw(self, name: str) -> str:
         """Throw away what is held."""
         held = self._held(name)
         event = self._walker.do("ThrowObject", moveMagnitude=THROW_FORCE)
         self._log.spill(held.object_id)
-        self._reach.done(known(held, "held"), event)
+        self._reach.done(known(held), event, [held.object_id])
         return ""
 
     def empty(self, name: str) -> str:
@@ -143,7 +141,7 @@ class Handling:
             if not refusal.is_for("empty"):
                 raise
             return "it is empty already"
-        self._log.end(target.object_id, "filled")
+        self._log.emptied |= {target.object_id}
         return ""
 
     def slice(self, name: str) -> str:
@@ -200,18 +198,6 @@ class Handling:
         return self._reach.names.find(part_id(target.object_id, basin)) if basin else target
 
 
-def _off_m(point: Vec3, thing: SeenObject) -> float:
-    """Return the distance of a point from a thing's box."""
-    box = zip(point, thing.box_center_m, thing.box_size_m, strict=True)
-    return math.hypot(*(max(abs(at - mid) - size / 2, 0.0) for at, mid, size in box))
-
-
-def _is_one_of(name: str, target: Known) -> bool:
-    """Return whether a receptacle was named by its type, or is furniture."""
-    kind = object_types().get(target.object_type)
-    return name == target.object_type or (kind is not None and not kind.can("pickupable"))
-
-
 _ON, _OFF = SKILL_OF["ToggleOn"].action, SKILL_OF["ToggleOff"].action
 
 
@@ -255,7 +241,7 @@ class Switching:
 
         The believed one is taken if it is near enough; else the agent steps up and looks around.
         """
-        last = next((self._log.seen.get(name) for name in reversed(self._log.handled)), None)
+        last = next((self._log.seen.get(name) for name in reversed(self._log.handled_ids)), None)
         if last is None:
             return None
         believed = self._reach.names.find(self._name)
@@ -266,7 +252,7 @@ class Switching:
             self._walker.walk_near(last.box_center_m)
             Search(self._reach).look_around()
             near = nearest(last, self._name, self._log.seen.values())
-        return known(near, "seen") if near is not None else None
+        return known(near) if near is not None else None
 
     def _knob(self) -> Known:
         """Return the knob of a burner: the named one; else one that is on, or has a pan on it."""

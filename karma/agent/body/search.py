@@ -55,7 +55,7 @@ class Search:
         """Open the closed container that a thing is remembered in, and look for it there."""
         place = self._reach.shut_in(target)
         if place is not None:
-            self._reach.act(known(place, "seen"), "OpenObject")
+            self._reach.act(known(place), "OpenObject")
             self._reach.explorations += 1
         self._reach.approach(target)
 
@@ -127,7 +127,7 @@ class Search:
         sights = [sight for sight in sights if sight.object_id not in out]
         gap = self._walker.gap
         near = min(sights, key=lambda s: (gap(s.box_center_m), s.object_id), default=None)
-        return known(near, "seen") if near else None
+        return known(near) if near else None
 
     def look_around(self) -> Known | None:
         """Turn round looking down at tables, then straight ahead; stop at the thing."""
@@ -139,7 +139,7 @@ class Search:
                 found = self._in_view() if self._name else None
                 if found is not None:
                     return found
-                if turn < 3 and not self._walker.turn_right():
+                if turn < 3 and not self._walker.follow(["RotateRight"]):
                     break
         return None
 
@@ -227,18 +227,18 @@ class Search:
         """Look at all that is on a surface, or in a container, which is open then; no remark."""
         opens = self._may_open(place)
         if opens and "opened" not in self._log.states(place):
-            self._reach.act(known(place, "seen"), "OpenObject")
+            self._reach.act(known(place), "OpenObject")
         elif opens:
-            self._reach.approach(known(place, "seen"))
+            self._reach.approach(known(place))
         self._look_over(place, inside=opens)
         self._reach.explorations += 1
         return ""
 
     def look_into(self, container: SeenObject) -> Known | None:
         """Open a container and look; what was closed is closed again if the thing is not there."""
-        if self._walker.left < _LEFT_TO_CLOSE:
+        if self._walker.max_actions - self._walker.actions < _LEFT_TO_CLOSE:
             raise OutOfActionsError
-        target = known(container, "seen")
+        target = known(container)
         shut = "opened" not in self._log.states(container)
         try:
             if shut:
@@ -258,7 +258,7 @@ class Search:
                 with suppress(RefusedError):
                     self._reach.act(target, "CloseObject", in_passing=True)
         else:
-            self._log.handled.append(container.object_id)
+            self._log.handled_ids += (container.object_id,)
             self._log.focus[container.object_type] = container.object_id
         return found
 
