@@ -217,9 +217,7 @@ class Switching:
             if word == "off" or sight.object_type not in TAPS:
                 return f"it is {word} already"
             self._reach.act(target, _OFF)  # and on again: what lies there gets water
-        observation = self._reach.act(target, _ON if word == "on" else _OFF)
-        if word == "on":
-            self._log.switched(observation)
+        self._reach.act(target, _ON if word == "on" else _OFF)
         return ""
 
     def _switch(self) -> Known:

@@ -75,8 +75,11 @@ class Sightings:
         self.seen_from.update(dict.fromkeys(observation.reachable, observation.pose))
         for sight in (*observation.touched, *observation.seen, *held):
             self._carry_along(sight)
-        for object_id in sorted(observation.cooled):
-            self.gain(object_id, "cooled")
+        gained = {"cleaned": observation.washed, "heated": observation.heated}
+        gained["cooled"] = observation.cooled
+        for word, ids in gained.items():
+            for object_id in sorted(ids):
+                self.gain(object_id, word)
         for sight in (*observation.touched, *seen, *held):
             self._note(sight)
         self.views.update({sight.object_id: observation for sight in (*seen, *held)})
@@ -105,16 +108,12 @@ class Sightings:
         self.seen[sight.object_id] = sight
         self.missed.pop(sight.object_id, None)
         if "sliced" in sight.states or is_piece(sight.object_type):
-            self._inherit(sight)
-
-    def _inherit(self, sight: SeenObject) -> None:
-        """Give a slice what was done to the whole."""
-        whole = whole_id(sight.object_id)
-        if whole in self.seen or whole in self.effects:
-            self.cut |= {whole}
-            self.gain(sight.object_id, *self.effects.get(whole, ()), "sliced")
-        elif (kind := object_types().get(sight.object_type)) and kind.slices_into:
-            self.cut |= {sight.object_id}
+            whole = whole_id(sight.object_id)
+            if whole in self.seen or whole in self.effects:  # a slice inherits from the whole
+                self.cut |= {whole}
+                self.gain(sight.object_id, *self.effects.get(whole, ()), "sliced")
+            elif (kind := object_types().get(sight.object_type)) and kind.slices_into:
+                self.cut |= {sight.object_id}
 
     # ------------------------------------------------------------- actions
 
@@ -141,12 +140,6 @@ class Sightings:
     def gain(self, object_id: str, *words: str) -> None:
         """Note lasting effects on an object; their opposites have ended."""
         self.effects[object_id] = merged_states(self.effects.get(object_id, ()), words)
-
-    def switched(self, observation: Observation) -> None:
-        """Note what a switched-on tap or oven did to known objects."""
-        for word, ids in (("cleaned", observation.washed), ("heated", observation.heated)):
-            for object_id in sorted(ids):
-                self.gain(object_id, word)
 
     def sliced(self, whole: str, observation: Observation) -> None:
         """Note a cut: the whole is no more, its slices inherit what was done to it."""
