@@ -1,7 +1,7 @@
 """The log of what the agent saw and did since an instruction was given, and the names in it."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
 
@@ -141,11 +141,10 @@ class Sightings:
         """Note lasting effects on an object; their opposites have ended."""
         self.effects[object_id] = merged_states(self.effects.get(object_id, ()), words)
 
-    def sliced(self, whole: str, observation: Observation) -> None:
+    def slice(self, whole: str, pieces: Iterable[SeenObject]) -> None:
         """Note a cut: the whole is no more, its slices inherit what was done to it."""
-        self.gain(whole, "sliced")
         self.cut |= {whole}
-        for sight in observation.pieces:
+        for sight in pieces:
             self._note(sight)
 
     def spill(self, vessel: str) -> None:

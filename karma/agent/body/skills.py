@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 
-from karma.agent.body.handling import Handling, Switching
+from karma.agent.body.handling import Handling
 from karma.agent.body.reach import Reach, SkillLimits
 from karma.agent.body.refusals import RefusedError
 from karma.agent.body.search import Search
@@ -161,13 +161,11 @@ class Skills:
                 return hand.throw(name)
             case "EmptyObject":
                 return hand.empty(name)
-            case "SliceObject":
-                return hand.slice(name)
             case "Explore":
                 Search(self.reach, name, call.positions).explore()
                 return ""
             case skill if skill in SWITCH_AFTER:
-                return Switching(self.reach, name, SWITCH_AFTER[skill]).toggle()
+                return hand.toggle(skill, name)
             case _:
                 return hand.act(call.skill, name)
 
