@@ -17,12 +17,14 @@ from karma.household.places import HAND
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory
-from karma.types.memory import Area, Experience, Known, MemoryChange, MemoryUnit, Recalled
+from karma.types.memory import Area, Exchange, Experience, Known, MemoryChange, MemoryUnit, Recalled
 from karma.types.observation import SeenObject
 from karma.types.planning import Advice, PlanRequest
 from karma.types.roles import Recall, VisionModel, World
 from karma.types.space import SceneRef
 from karma.types.tasks import SubTask
+
+KEPT_EXCHANGES = 4  # of the conversation
 
 
 @dataclass(slots=True)
@@ -35,7 +37,9 @@ class _Room:
     names: dict[str, str] = field(default_factory=dict)  # of furniture in prompts (-> id)
 
 
-Snapshot = tuple[str, ShortTermMemory, "defaultdict[str, _Room]"]  # both memories at one moment
+Snapshot = tuple[  # both memories at one moment
+    str, ShortTermMemory, "defaultdict[str, _Room]", tuple[Exchange, ...]
+]
 
 
 class AgentMemory:
@@ -63,6 +67,7 @@ class AgentMemory:
         self.short_term = ShortTermMemory(make_policy(settings.policy))
         self._rooms: defaultdict[str, _Room] = defaultdict(_Room)  # by name
         self.scene = ""
+        self.exchanges: tuple[Exchange, ...] = ()  # of the conversation, the last one last
 
     @property
     def graph(self) -> SceneGraph | None:
@@ -171,6 +176,15 @@ class AgentMemory:
         """Keep the names of furniture in a prompt (-> id) for all later prompts."""
         self.room.names.update(furniture_names(names))
 
+    def keep_all_names(self, names: Mapping[str, str]) -> None:
+        """Keep the names of objects of any kind (-> id) for all later prompts."""
+        self.room.names.update(names)
+
+    def keep_exchange(self, exchange: Exchange) -> None:
+        """Remember a request and its report; without short-term memory nothing is."""
+        if self.settings.short_term:
+            self.exchanges = (*self.exchanges, exchange)[-KEPT_EXCHANGES:]
+
     # ------------------------------------------------------------- experience into memory
 
     def remember(self, experience: Experience, instruction: str, at_s: float) -> MemoryChange:
@@ -222,11 +236,11 @@ class AgentMemory:
 
     def snapshot(self) -> Snapshot:
         """Return a copy of both memories."""
-        return deepcopy((self.scene, self.short_term, self._rooms))
+        return deepcopy((self.scene, self.short_term, self._rooms, self.exchanges))
 
     def go_back(self, before: Snapshot) -> None:
         """Restore both memories from a snapshot."""
-        self.scene, self.short_term, self._rooms = deepcopy(before)
+        self.scene, self.short_term, self._rooms, self.exchanges = deepcopy(before)
         self._keep_map()
 
 

@@ -162,6 +162,14 @@ def test_chat_template_is_applied_and_cut_at_the_same_place(gguf):
     assert cold.prompt_tokens > plain.complete(SCENE, max_tokens=1).prompt_tokens
 
 
+def test_earlier_turns_are_messages_between_system_and_user(gguf):
+    asked = Prompt(stable="Rules", changing="Now?", turns=(("First?", "No."), ("Then?", "Yes.")))
+    before, after = opened(gguf, chat=True)._template.halves(asked)
+    said = "<|eos|>\n<|user|>First?<|eos|>\n<|assistant|>No.<|eos|>\n<|user|>Then?"
+    assert before == f"<|system|>Rules{said}<|eos|>\n<|assistant|>Yes.<|eos|>\n<|user|>"
+    assert after.startswith("Now?")
+
+
 def test_chat_without_system_role_puts_all_into_the_user_s_message(tmp_path):
     template = (
         "{% for m in messages %}{% if m.role == 'system' %}{{ raise_exception('no') }}{% endif %}"

@@ -2,7 +2,7 @@
 
 The memory is of objects instead of pictures, over one sequence of instructions.
 
-The source's networks are not rebuilt; what stands for them is in docs/methods.md.
+The source's networks are not rebuilt; what stands for them is in docs/plugins/baselines.md.
 """
 
 import math
@@ -14,7 +14,10 @@ from typing import ClassVar
 import numpy as np
 
 from karma.agent.body.search import cover
-from karma.bench.methods.baseline import (
+from karma.household.pieces import base_type
+from karma.household.types import object_types
+from karma.household.uses import FOUND_BY_SKILL, covers
+from karma.plugins.baselines.baseline import (
     BaselineSettings,
     MappedEpisode,
     MappedRoom,
@@ -23,10 +26,7 @@ from karma.bench.methods.baseline import (
     RowBody,
     likely_places,
 )
-from karma.bench.methods.capeam_frames import ProgramReader, SubGoal, expand
-from karma.household.pieces import base_type
-from karma.household.types import object_types
-from karma.household.uses import FOUND_BY_SKILL, covers
+from karma.plugins.baselines.capeam_frames import ProgramReader, SubGoal, expand
 from karma.types.events import Outcome, Plan, SkillResult
 from karma.types.memory import Area
 from karma.types.observation import SeenObject

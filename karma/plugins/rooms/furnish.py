@@ -9,8 +9,8 @@ import numpy as np
 from karma.household.places import FLOOR
 from karma.household.types import object_type
 from karma.household.uses import FRIDGE
+from karma.plugins.rooms.rooms import Furnishing, FurniturePart, Kind, Piece, RoomTable
 from karma.world.core.boxes import Box
-from karma.world.generation.rooms import Furnishing, FurniturePart, Kind, Piece, RoomTable
 
 TRIES = 40
 FRONT_M = 0.45  # kept free before what stands at a wall

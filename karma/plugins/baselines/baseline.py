@@ -198,23 +198,6 @@ class MappedEpisode(RoomByRoom[MappedRoom[Memory]]):
         return answer if answer is not None and answer.calls else None
 
 
-@dataclass(frozen=True, slots=True)
-class NoOptions:
-    """The settings of a row without options."""
-
-
-class WithoutOptions:
-    """A row that has no options."""
-
-    settings_kind: ClassVar[type] = NoOptions
-
-    @classmethod
-    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
-        """Make the row; KarmaError for any option."""
-        settings_of(NoOptions, options)
-        return cls()
-
-
 def request_for(
     instruction: str, held: SeenObject | None, furniture: SceneGraph | None = None, **more: Any
 ) -> PlanRequest:

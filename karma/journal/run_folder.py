@@ -10,7 +10,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, Self
 
-from karma.agent.journal.header import (
+from karma.agent.seeing.picture_states import PICTURES, picture_name
+from karma.errors import FileError
+from karma.files import TEMPORARY, append_line, to_json, write_atomic
+from karma.journal.header import (
     CONFIG,
     EPISODES,
     RESULTS,
@@ -20,7 +23,7 @@ from karma.agent.journal.header import (
     Header,
     read_config,
 )
-from karma.agent.journal.owned_folder import (
+from karma.journal.owned_folder import (
     HEADER,
     MARK,
     Kind,
@@ -29,7 +32,7 @@ from karma.agent.journal.owned_folder import (
     read_lines,
     refuse_other,
 )
-from karma.agent.journal.records import (
+from karma.journal.records import (
     NOT_RUN,
     EpisodeRecord,
     EpisodeTiming,
@@ -40,10 +43,7 @@ from karma.agent.journal.records import (
     read_not_run,
     read_records,
 )
-from karma.agent.journal.steps import packed, steps_path
-from karma.agent.seeing.picture_states import PICTURES, picture_name
-from karma.errors import FileError
-from karma.files import TEMPORARY, append_line, to_json, write_atomic
+from karma.journal.steps import packed, steps_path
 
 
 class OwnHeader(Protocol):

@@ -13,12 +13,12 @@ from typing import Any
 import msgspec
 
 from karma import __version__
-from karma.agent.journal.header import FORMAT, Header, Machine, without_places
 from karma.agent.loading.models import OPENAI, Models, Row
 from karma.agent.loading.planner_files import words_path
 from karma.agent.planning.prompt import template_files
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, sha256_of, to_json
+from karma.journal.header import FORMAT, Header, Machine, without_places
 from karma.models.checks.memory import MEMINFO
 from karma.models.llama.opening import devices
 from karma.models.manifest import find_model, resolve_planner
@@ -33,7 +33,7 @@ _DEFAULT_MODELS = {  # of what is named without one: a model, or the constant th
     "nano-vlm": "karma.models.transformers_vision:NANO",
     "transformers": "karma.models.transformers_vision:NANO",
 }
-PACKAGE = Path(__file__).parents[2]
+PACKAGE = Path(__file__).parents[1]
 COMPUTING = (  # packages whose next version may give other bits
     "faiss-cpu", "llama-cpp-python", "numpy", "sentence-transformers", "tokenizers", "torch",
     "transformers",

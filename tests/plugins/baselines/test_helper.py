@@ -8,8 +8,10 @@ from support.household import kitchen
 from karma.agent.loading.planner_files import ExampleMemory
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
-from karma.bench.methods.helper import HelperMethod, HelperSettings, seed_examples
-from karma.bench.methods.helper_memory import (
+from karma.files import to_json
+from karma.models.scripted import ScriptedModel
+from karma.plugins.baselines.helper import HelperMethod, HelperSettings, seed_examples
+from karma.plugins.baselines.helper_memory import (
     ObjectMemory,
     ends_there,
     idle,
@@ -17,8 +19,6 @@ from karma.bench.methods.helper_memory import (
     with_object,
     without_object,
 )
-from karma.files import to_json
-from karma.models.scripted import ScriptedModel
 from karma.types.events import Plan, SkillResult
 from karma.types.planning import WorkedExample
 from karma.types.space import SceneRef

@@ -2,7 +2,7 @@
 
 `lota.score` chooses one step after the other from a closed list, by the log-likelihood that the
 model gives each; `lota.generate` takes a whole plan in one answer. Where they deviate from their
-sources is in docs/methods.md.
+sources is in docs/plugins/baselines.md.
 """
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -20,12 +20,13 @@ from karma.agent.planning.program import SKILLS
 from karma.agent.planning.prompt import compact, template
 from karma.agent.planning.recovery import program_of
 from karma.agent.tour import KnownFloor, floor_of, position_of
-from karma.bench.methods.baseline import NoOptions, PlannerRow, RoomByRoom, request_for
+from karma.bench.methods.expert import NoOptions
 from karma.errors import ModelError, ProgramError
 from karma.household.pieces import base_type
 from karma.household.types import in_words, object_types
 from karma.household.uses import BASIN_OF, has_a_switch
 from karma.memory.scene_graph import SceneGraph
+from karma.plugins.baselines.baseline import PlannerRow, RoomByRoom, request_for
 from karma.types.completion import END, Choice, Completion
 from karma.types.events import Outcome, Plan, SkillResult
 from karma.types.observation import SeenObject

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 
 from karma.agent.goals.files import required_types
 from karma.agent.goals.goals import GoalTracker
-from karma.agent.journal.records import (
+from karma.errors import KarmaError
+from karma.household.pieces import base_type
+from karma.journal.records import (
     Answer,
     AnswerTiming,
     Call,
@@ -16,9 +18,7 @@ from karma.agent.journal.records import (
     untimed,
     waited,
 )
-from karma.agent.journal.steps import StepLog
-from karma.errors import KarmaError
-from karma.household.pieces import base_type
+from karma.journal.steps import StepLog
 from karma.models.session import Cassette, Ledger
 from karma.types.events import AgentEvent, Outcome, Plan, SkillResult
 from karma.types.memory import Tour

@@ -17,11 +17,11 @@ from typing import Any, Self
 
 import msgspec
 
-from karma.agent.journal.owned_folder import STEPS
 from karma.agent.planning.refusal_text import sentence
 from karma.agent.seeing.perceive import refusal
 from karma.errors import FileError
 from karma.files import read_bytes, to_json, unpack
+from karma.journal.owned_folder import STEPS
 from karma.types.events import Outcome, Plan, SkillResult
 from karma.types.memory import MemoryUnit
 from karma.types.roles import Event

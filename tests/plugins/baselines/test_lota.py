@@ -11,8 +11,14 @@ from support.tiny import export_tiny
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
 from karma.agent.seeing.perceive import observe
-from karma.bench.methods.baseline import NoOptions
-from karma.bench.methods.lota import (
+from karma.bench.methods.expert import NoOptions
+from karma.errors import ModelError
+from karma.files import to_json
+from karma.models.llama.model import LlamaModel
+from karma.models.llama.opening import LlamaOptions
+from karma.models.llama.scoring import SkillScorer
+from karma.models.scripted import ScriptedModel
+from karma.plugins.baselines.lota import (
     DONE,
     LotaGenerate,
     LotaScore,
@@ -26,12 +32,6 @@ from karma.bench.methods.lota import (
     steps_in_words,
     words_prompt,
 )
-from karma.errors import ModelError
-from karma.files import to_json
-from karma.models.llama.model import LlamaModel
-from karma.models.llama.opening import LlamaOptions
-from karma.models.llama.scoring import SkillScorer
-from karma.models.scripted import ScriptedModel
 from karma.types.completion import END, Decoding
 from karma.types.events import Plan, SkillResult
 from karma.types.space import SceneRef

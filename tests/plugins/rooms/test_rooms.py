@@ -7,19 +7,18 @@ import sys
 from decimal import Decimal
 from itertools import combinations
 
-import msgspec
 import pytest
 from support.paths import ROOT
 
 from karma.errors import FileError, KarmaError
 from karma.files import to_json
 from karma.household.types import object_type
+from karma.plugins.rooms import generate
+from karma.plugins.rooms.furnish import NoRoomError
+from karma.plugins.rooms.generate import build_scene, object_id
+from karma.plugins.rooms.rooms import TABLE, rooms
 from karma.world.core.boxes import Box
 from karma.world.core.scene import SCENES, load
-from karma.world.generation import generate
-from karma.world.generation.furnish import NoRoomError
-from karma.world.generation.generate import build_scene, object_id
-from karma.world.generation.rooms import TABLE, rooms
 
 NAMES = sorted(path.stem for path in SCENES.glob("*.json"))
 KINDS = ("bathroom", "bedroom", "kitchen", "living")
@@ -266,36 +265,7 @@ def test_object_id_signs_and_rounds_as_ai2thor(position, said):
 def test_rooms_damaged_table_says_where(tmp_path, monkeypatch, old, new, said):
     path = tmp_path / "rooms.toml"
     path.write_text(TABLE.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
-    monkeypatch.setattr("karma.world.generation.rooms.TABLE", path)
+    monkeypatch.setattr("karma.plugins.rooms.rooms.TABLE", path)
     with pytest.raises(FileError, match=said) as caught:
         rooms.__wrapped__()
     assert caught.value.path == path
-
-
-def test_scene_file_of_wrong_form_says_where(tmp_path):
-    good = (SCENES / "kitchen_1.json").read_bytes()
-    for data, said in [
-        (good[:-40], "truncated|Input data|invalid|malformed"),
-        (good.replace(b'"reachable":', b'"reachabel":'), "reachabel|reachable"),
-        (good.replace(b'"is_toggled":true', b'"is_toggled":1'), r"is_toggled|\$\.objects"),
-    ]:
-        path = tmp_path / "broken.json"
-        path.write_bytes(data)
-        with pytest.raises(FileError, match=said) as caught:
-            load(path)
-        assert caught.value.path == path
-
-
-def test_scene_file_inconsistent_names_the_object(tmp_path):
-    scene = load("bathroom_1")
-    first, second, *rest = scene.objects
-    lost = msgspec.structs.replace(second, parents=("Nowhere|1|2|3",))
-    for objects, said in [
-        ((first, first, *rest), "stands twice"),
-        ((first, lost, *rest), "Nowhere"),
-        ((first, msgspec.structs.replace(second, name=first.name), *rest), "not unique"),
-    ]:
-        path = tmp_path / "broken.json"
-        path.write_bytes(to_json(msgspec.structs.replace(scene, objects=objects)))
-        with pytest.raises(FileError, match=said):
-            load(path)

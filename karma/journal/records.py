@@ -15,9 +15,9 @@ from typing import Any, get_args
 
 import msgspec
 
-from karma.agent.journal.owned_folder import read_lines
 from karma.errors import FileError
 from karma.files import read_bytes, to_json
+from karma.journal.owned_folder import read_lines
 from karma.models.session import Spent
 from karma.types.completion import Engine, KvState
 from karma.types.events import Plan, SkillResult
@@ -92,7 +92,7 @@ class Answer:
             cost=said.cost,
             constrained=said.constrained,
             reasoning=said.reasoning,
-            prompt=plan.prompt.stable + plan.prompt.changing if plan.error else "",
+            prompt=plan.prompt.text if plan.error else "",
             dropped=plan.dropped,
             refused=plan.refused,
         )

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from karma.agent.planning.program import DOOR_AFTER
-from karma.bench.methods.baseline import RoomMemory
 from karma.household.pieces import base_type, goes_by, is_piece
 from karma.household.skill_effects import BeliefState, Item, unmet
 from karma.household.types import object_types
 from karma.household.uses import KNIVES, covers
+from karma.plugins.baselines.baseline import RoomMemory
 from karma.types.memory import Experience
 from karma.types.observation import SeenObject
 from karma.types.planning import SkillCall

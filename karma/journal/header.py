@@ -7,10 +7,10 @@ from typing import Any, Self
 
 import msgspec
 
-from karma.agent.journal.owned_folder import HEADER, benchmark_in, brief, changed, kind_in
-from karma.agent.journal.records import NOT_RUN
 from karma.errors import FileError
 from karma.files import read_json, to_json
+from karma.journal.owned_folder import HEADER, benchmark_in, brief, changed, kind_in
+from karma.journal.records import NOT_RUN
 
 CONFIG = "config.json"  # in the run folder
 Config = Mapping[str, Any]

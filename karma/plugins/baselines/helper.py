@@ -1,6 +1,6 @@
 """HELPER (Sarch et al. 2023), rebuilt: examples for the planner, an object memory for the body.
 
-Where it deviates from its source is in docs/methods.md.
+Where it deviates from its source is in docs/plugins/baselines.md.
 """
 
 from collections.abc import Generator, Iterator, Mapping, Sequence
@@ -16,14 +16,17 @@ from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import GOALS
 from karma.agent.tour import position_of
-from karma.bench.methods.baseline import (
+from karma.errors import FileError, KarmaError, ProgramError
+from karma.files import read_toml
+from karma.household.uses import FOUND_BY_SKILL
+from karma.plugins.baselines.baseline import (
     BaselineSettings,
     MappedEpisode,
     PlannerRow,
     RowBody,
     likely_places,
 )
-from karma.bench.methods.helper_memory import (
+from karma.plugins.baselines.helper_memory import (
     ObjectMemory,
     ends_there,
     idle,
@@ -31,9 +34,6 @@ from karma.bench.methods.helper_memory import (
     with_object,
     without_object,
 )
-from karma.errors import FileError, KarmaError, ProgramError
-from karma.files import read_toml
-from karma.household.uses import FOUND_BY_SKILL
 from karma.types.events import Outcome, Plan, SkillResult
 from karma.types.memory import Area
 from karma.types.observation import SeenObject

@@ -6,11 +6,11 @@ from support.household import kitchen
 
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
-from karma.bench.methods.baseline import BaselineSettings, likely_places
-from karma.bench.methods.capeam import ANYWHERE, CapeamMethod, EnvironmentMemory
-from karma.bench.methods.capeam_frames import ProgramReader, SubGoal, expand
 from karma.files import to_json
 from karma.models.scripted import ScriptedModel
+from karma.plugins.baselines.baseline import BaselineSettings, likely_places
+from karma.plugins.baselines.capeam import ANYWHERE, CapeamMethod, EnvironmentMemory
+from karma.plugins.baselines.capeam_frames import ProgramReader, SubGoal, expand
 from karma.types.events import Plan, SkillResult
 from karma.types.space import SceneRef
 from karma.types.tasks import SubTask
