@@ -35,7 +35,12 @@ def units_of(
     things are kept; `folder` takes the pictures that were looked at.
     """
     handled = _handled(experience)
-    others = _only_seen(experience, handled)
+    others = [
+        sight
+        for object_id, sight in experience.seen.items()
+        if sight.pickupable and object_id not in handled and object_id not in experience.cut
+        if not any(is_part(object_id, whole) for whole in experience.cut)
+    ]
     kept = others[len(others) - seen_kept :] if seen_kept else []
     sights = [*kept, *(experience.seen[object_id] for object_id in handled)]
     looked = look_at(vision, instruction, sights, experience.views, folder)
@@ -126,16 +131,6 @@ def unit_of(
         image=image,
         scene=scene,
     )
-
-
-def _only_seen(experience: Experience, handled: Sequence[str]) -> list[SeenObject]:
-    """Return the sights of what can be carried and was not handled, nor cut off a whole."""
-    return [
-        sight
-        for object_id, sight in experience.seen.items()
-        if sight.pickupable and object_id not in handled and object_id not in experience.cut
-        if not any(is_part(object_id, whole) for whole in experience.cut)
-    ]
 
 
 def _handled(experience: Experience) -> list[str]:

@@ -1,6 +1,5 @@
 """The 13 skills in our own kitchens, with a graph of the scene at reset or with nothing known."""
 
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st

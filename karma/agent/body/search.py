@@ -99,7 +99,11 @@ class Search:
         """
         limits = self._reach.limits
         areas = {area.name: area.position_m for area in self._reach.knowledge.areas()}
-        is_mapped = bool(areas)
+        is_mapped, gap = bool(areas), self._walker.gap
+
+        def by_gap(point: Vec3) -> tuple[float, Vec3]:
+            return gap(point), point
+
         for position in self._positions:
             if not isinstance(position, str):
                 yield position
@@ -108,9 +112,9 @@ class Search:
             elif (place := self._reach.names.find(position)) is not None:
                 yield place.position_m
         rest = list(areas.values()) if is_mapped else self._cover(limits.cover_m)
-        yield from self._nearest_next(rest)
+        yield from best_next(rest, by_gap)
         yield from iter(lambda: self._next(only_likely=True), None)
-        yield from self._nearest_next(self._cover(limits.look_again_m))
+        yield from best_next(self._cover(limits.look_again_m), by_gap)
         yield from iter(lambda: self._next(only_likely=False), None)
         yield from iter(lambda: self._next(surfaces=True), None)
 
@@ -152,10 +156,6 @@ class Search:
                 if turn < 3 and not self._walker.follow(["RotateRight"]):
                     break
         return None
-
-    def _nearest_next(self, points: Iterable[Vec3]) -> Iterator[Vec3]:
-        """Yield points, each time the one nearest to where the agent has come to."""
-        return best_next(points, lambda point: (self._walker.gap(point), point))
 
     def _cover(self, within_m: float) -> list[Vec3]:
         """Return cells so that every cell is near one of them, or near one looked round from."""

@@ -131,11 +131,9 @@ class Sightings:
         self.handled_ids += tuple(touched)
         self.looked_into.discard(touched[-1])
 
-        def is_far(x: float, z: float) -> bool:
-            return math.dist((x, z), at[::2]) > _CHANGES_M
-
-        self.looks = [camera for camera in self.looks if is_far(*camera.position_m[::2])]
-        self.looked_from = {cell for cell in self.looked_from if is_far(*cell)}
+        (x, _, z), far = at, _CHANGES_M
+        self.looks = [one for one in self.looks if math.dist(one.position_m[::2], (x, z)) > far]
+        self.looked_from = {cell for cell in self.looked_from if math.dist(cell, (x, z)) > far}
 
     def gain(self, object_id: str, *words: str) -> None:
         """Note lasting effects on an object; their opposites have ended."""
@@ -202,20 +200,17 @@ def means(name: str, sight: SeenObject) -> bool:
 _SAME_PLACE_M = 0.3  # a memory this near to where an object was missed is the same, stale memory
 
 
+@dataclass(eq=False, slots=True)
 class Naming:
     """From names to objects: the log and memory asked in order.
 
     `before` is what was seen here earlier, by id; no other name means such an object.
     """
 
-    def __init__(
-        self,
-        log: Sightings,
-        knowledge: Knowledge,
-        gap_m: Callable[[Vec3], float],
-        before: Mapping[str, SeenObject],
-    ) -> None:
-        self._log, self._knowledge, self._gap, self._before = log, knowledge, gap_m, before
+    _log: Sightings
+    _knowledge: Knowledge
+    _gap: Callable[[Vec3], float]
+    _before: Mapping[str, SeenObject]
 
     def __contains__(self, object_id: object) -> bool:
         """Return whether the agent has seen an object, or remembers it."""

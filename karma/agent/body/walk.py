@@ -5,7 +5,7 @@ LookDown); GetReachablePositions is asked once per scene and stands for the robo
 """
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from typing import Any
@@ -118,7 +118,8 @@ class FloorMap:
 class Routes:
     """The shortest ways from one state to all others, in steps ahead and quarter turns.
 
-    `walls` are moves that the world refused.
+    `walls` are moves that the world refused; `costs` are the actions to each state that can be
+    reached, the nearest first.
     """
 
     def __init__(
@@ -132,23 +133,15 @@ class Routes:
         rows = np.concatenate(([0], there.sum(axis=1).cumsum()))
         graph = csr_matrix((np.ones(rows[-1]), self._after[there], rows), shape=(size, size))
         order, before = breadth_first_order(graph, floor.numbers[start])
-        self._order: list[int] = order.tolist()
         self._before: list[int] = before.tolist()  # negative for the start
-        self._steps = {self._order[0]: 0}
-        for number in self._order[1:]:
-            self._steps[number] = self._steps[self._before[number]] + 1
-
-    def __iter__(self) -> Iterator[State]:
-        """Yield every state that can be reached, the nearest first."""
-        return (self._floor.states[number] for number in self._order)
-
-    def cost(self, goal: State) -> int | None:
-        """Return how many actions it takes to get to a state, or None if no way leads there."""
-        return self._steps.get(self._floor.numbers.get(goal, -1))
+        costs: dict[int, int] = {}
+        for number in order.tolist():
+            costs[number] = costs.get(self._before[number], -1) + 1
+        self.costs = {floor.states[number]: cost for number, cost in costs.items()}
 
     def to(self, goal: State) -> list[str] | None:
         """Return the actions that lead to a state, or None if no way does."""
-        if self.cost(goal) is None:
+        if goal not in self.costs:
             return None
         actions, number = list[str](), self._floor.numbers[goal]
         while (before := self._before[number]) >= 0:
@@ -241,7 +234,8 @@ class Walker:
         """Walk to the cell nearest to a point that can be walked to, with any heading."""
         for _ in range(_REPLANS):
             routes = self.routes()
-            near = min(routes, key=lambda s: (self._floor.gap_m(s, point), routes.cost(s), s))
+            gap, costs = self._floor.gap_m, routes.costs
+            near = min(costs, key=lambda state: (gap(state, point), costs[state], state))
             if self.follow(routes.to(near) or ()):
                 return True
         return False
@@ -290,8 +284,8 @@ class Walker:
 
     def cost(self, view: Stance) -> float:
         """Return how many actions it takes to get into a view; infinite where no way leads."""
-        steps = self.routes().cost(view.state)
-        return math.inf if steps is None else steps + self._tilts(view.horizon_deg)
+        steps = self.routes().costs.get(view.state, math.inf)
+        return steps + abs(view.horizon_deg - self.horizon_deg) / 30.0
 
     def views(self, target: Target, *, reach_m: float, least_gap_m: float = 0.0) -> list[Stance]:
         """Return the ways to stand and look at a target, the cheapest first.
@@ -301,7 +295,7 @@ class Walker:
         routes = self.routes()
         gaps = {
             cell: math.hypot(*self._floor.outside_m(cell, target))
-            for cell in {state[:2] for state in routes}
+            for cell in {state[:2] for state in routes.costs}
         }
         reach = max(reach_m, min(gaps.values()) + 0.3)
         eye = camera_of(self.world.last_event).position_m[1]
@@ -326,14 +320,9 @@ class Walker:
         odds = off / 15.0 + max(abs(horizon - pitch) - 15.0, 0.0) / 5.0
         odds += 1.0 if gap < 0.3 else 4.0 * max(gap - 1.0, 0.0)
         odds += 1.0 if min(self._floor.outside_m(cell, target)) > 0.05 else 0.0  # past a corner
-        walk = routes.cost(state)
-        walk = 1000 if walk is None else walk  # a heading that walls keep out of reach
-        cost = walk + self._tilts(horizon) + odds
+        walk = routes.costs.get(state, 1000)  # many for a heading that walls keep out of reach
+        cost = walk + abs(horizon - self.horizon_deg) / 30.0 + odds
         return Stance(state=state, horizon_deg=horizon, gap_m=gap, cost=cost)
-
-    def _tilts(self, horizon_deg: float) -> float:
-        """Return how many actions it takes to tilt the camera so."""
-        return abs(horizon_deg - self.horizon_deg) / 30.0
 
 
 def _after(state: State, action: str) -> State:
