@@ -2,7 +2,7 @@
 
     python scripts/measure_recall.py [--shared ../shared/data/recall] [--draws 3] [--save FILE]
         [--embedder minilm | sentence:NAME]
-    python scripts/measure_recall.py --words karma/language/type_words.json
+    python scripts/measure_recall.py --words karma/plugins/rules/wording/type_words.json
 
 Questions are our own, in words that no part of the project is trained on or embeds
 (`eval/recall/questions.jsonl`; what drew them is in the history, at commit c96376b), and those of
@@ -39,8 +39,8 @@ from karma.agent.loading.models import Models, load_resources
 from karma.bench.figures.statistics import interval_text
 from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
-from karma.language.hints import write_words
 from karma.offline.guard import go_offline
+from karma.plugins.rules.wording.hints import write_words
 from karma.plugins.training.hinted import words_file
 from karma.types.roles import Recall
 

@@ -11,7 +11,7 @@ from karma.agent.attempts import Attempts, bound
 from karma.agent.body.skills import Skills
 from karma.agent.memory import AgentMemory
 from karma.agent.planning.planner import Planner, grounded
-from karma.agent.seeing.perception import Perception
+from karma.agent.seeing.eyes import Perception
 from karma.agent.session import (
     LOOK_OVER,
     NO_ADVICE,
@@ -114,7 +114,8 @@ class AgentSession:
         self, subtask: SubTask, advice: Advice = NO_ADVICE
     ) -> Generator[AgentEvent, None, Attempts]:
         """Plan and act until a program succeeds or the attempts are used up."""
-        planner, attempts = self._agent.planner, Attempts(instruction=subtask.instruction)
+        planner, text = self._agent.planner, subtask.instruction
+        attempts = Attempts(instruction=text, objects=planner.objects(text))
         tells_all = planner.profile != "compact"
         request = self._memory.request(subtask, advice, tells_all=tells_all)
         self._beliefs.units = self._memory.beliefs(self._agent.world, request.units).units

@@ -65,7 +65,6 @@ class RequestOptions:
     perception: str = option(
         "metadata", '"pictures": sees by boxes, depth and the vision model alone.'
     )
-    detector: str = option("", "A plug-in of karma.detectors, in place of given boxes.")
     maps: Path = option(Path("runs/maps"), "Folder of long-term memories.")
     model: str = option("", "A hosted planner's, with --planner openai.")
     api: str = option("chat", '"chat" or "completions" of it.')
@@ -140,7 +139,7 @@ class ChatCommand(Computed, Kept, RequestOptions):
             options["recall_k"] = self.recall_k
         session = Session(self.tape)
         session.cassette.begin("run")
-        same = ("profile", "chat", "vision", "detector", "refusing", "thinking")
+        same = ("profile", "chat", "vision", "refusing", "thinking")
         models = Models().computed_by(
             {
                 **{key: getattr(self, key) for key in same},

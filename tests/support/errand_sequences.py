@@ -255,7 +255,7 @@ def given_planner(maps: Path) -> Resources:
     loaded = load_resources(Models(), maps=None, seed=0, learn=True)
     return replace(
         loaded, model=Given(), profile=GOALS, decoding=Decoding(),
-        hints=None, examples=None, maps=maps,
+        reader=None, examples=None, maps=maps,
     )  # fmt: skip
 
 

@@ -16,8 +16,8 @@ from support.recall_questions import (
 
 from karma.files import read_json
 from karma.household.pieces import base_type
-from karma.language.hints import TYPE_WORDS, WordFile
 from karma.plugins.rules.language.lexemes import held_out, lexicon, unseen_lexemes
+from karma.plugins.rules.wording.hints import TYPE_WORDS, WordFile
 
 OURS = Path(__file__).parents[3] / "eval" / "recall" / "questions.jsonl"
 

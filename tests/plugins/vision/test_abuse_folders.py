@@ -22,13 +22,13 @@ FRAME = np.full((16, 16, 3), 90, np.uint8)
 
 
 def _sentence(folder: Path) -> None:
-    from karma.models.embed.sentence import SentenceEmbedder
+    from karma.plugins.vision.sentence import SentenceEmbedder
 
     SentenceEmbedder(folder).embed(["red apple"])
 
 
 def _clip(folder: Path) -> None:
-    from karma.models.embed.clip import ClipEmbedder
+    from karma.plugins.vision.clip import ClipEmbedder
 
     one = ClipEmbedder(folder)
     one.embed(["red apple"])
@@ -36,7 +36,7 @@ def _clip(folder: Path) -> None:
 
 
 def _vision(folder: Path) -> None:
-    from karma.models.transformers_vision import TransformersVision, VisionOptions
+    from karma.plugins.vision.vlm import TransformersVision, VisionOptions
 
     TransformersVision(folder, options=VisionOptions(max_tokens=2))
 
