@@ -51,8 +51,6 @@ def table(
     context: typer.Context,
     run: Path = argument(..., "A run folder."),
     published: Path | None = option(None, "The paper's figures, to stand beside ours."),
-    off: str = option("", "Name of the row without memory."),
-    lota: str = option("", "Name of the LoTa-Bench row."),
     out: Path | None = option(None, "Folder for table.md, table.tex and table.csv; default RUN."),
     beside: list[Path] | None = option(
         None, "Of others' benchmarks: a run whose rows stand in the same table."
@@ -63,7 +61,7 @@ def table(
     from karma.agent.journal.owned_folder import kind_in, write_beside
     from karma.agent.journal.run_folder import read_run
     from karma.bench.figures import tables
-    from karma.bench.figures.columns import LOTA_ROW, OFF_ROW, plain
+    from karma.bench.figures.columns import plain
     from karma.bench.figures.results import (
         load_published,
         margin_sheet,
@@ -85,12 +83,7 @@ def table(
     data = read_run(run)
     if not data.records:
         raise KarmaError(f"{run}: the run has no episodes yet\n  To fix: karma eval FILE")
-    rows = {record.row for record in data.records}
-    for wanted in filter(None, (off, lota)):
-        if wanted not in rows:
-            raise KarmaError(f"{run}: no row {wanted!r}; there are {', '.join(sorted(rows))}")
-    paper = load_published(published)
-    result = result_of(data, paper, off_row=off or OFF_ROW, lota_row=lota or LOTA_ROW)
+    result = result_of(data, load_published(published))
     margin = [sheet for sheet in (margin_sheet(result),) if sheet is not None]
     sheets = [*tables.sheets(result), *margin]
     for sheet in (*tables.main_sheets(result), *margin):
