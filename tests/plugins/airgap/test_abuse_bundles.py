@@ -28,7 +28,7 @@ def verified(path):
 
 
 def test_hostile_bundles_are_refused_by_name_and_leave_nothing(tmp_path):
-    kinds = [Kind(name="karma.tar", sound=bundle, read=verified, text=False)]
+    kinds = [Kind(name="karma.tar", sound=bundle, read=verified)]
     all_held(partial(files, kinds=kinds), 28, tmp_path)
 
 

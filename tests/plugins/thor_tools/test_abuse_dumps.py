@@ -28,9 +28,7 @@ def test_hostile_dumps_are_refused_by_name_and_leave_nothing(tmp_path):
     layouts = as_json({"a": {"reachable": [[0, 0]]}})
     kinds = [
         Kind(name="dump.jsonl", sound=dumped, read=imported),
-        Kind(
-            name="dump.jsonl.gz", sound=lambda: gzip.compress(dumped()), read=imported, text=False
-        ),
+        Kind(name="dump.jsonl.gz", sound=lambda: gzip.compress(dumped()), read=imported),
         Kind(name="layouts.json", sound=layouts, read=read_layouts),
     ]
     all_held(partial(files, kinds=kinds), 84, tmp_path)
