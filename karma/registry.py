@@ -38,14 +38,19 @@ _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
         "clusters": {"cluster": ("ray",)},
         "cassettes": {"hosted": ("file",)},
         "homes": {"homes": ("kept", "seconds-away")},
-        "embedders": {"hosted": ("openai",)},
+        "embedders": {"hosted": ("openai",), "vision": ("clip", "sentence")},
         "language_models": {"hosted": ("openai",)},
-        "methods": {"rules": ("rules",)},
+        "methods": {
+            "baselines": ("capeam", "helper", "lota.generate", "lota.score"),
+            "rules": ("rules",),
+        },
         "parsers": {"rules": ("spacy",)},
         "task_pools": {"alfred": ("alfred",)},
         "task_sources": {"alfred": ("alfred", "authors")},
         "planners": {"hosted": ("openai",)},
-        "vision_models": {"hosted": ("openai",)},
+        "perceptions": {"vision": ("pictures",)},
+        "recalls": {"vision": ("multimodal",)},
+        "vision_models": {"hosted": ("openai",), "vision": ("nano-vlm", "transformers")},
     }
 )
 

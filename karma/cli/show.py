@@ -6,9 +6,9 @@ from rich.box import HORIZONTALS
 from rich.markup import escape
 from rich.table import Table
 
-from karma.agent.journal.formats import figure_text
 from karma.bench.figures.columns import COLUMNS, Figures, without_repeats
 from karma.bench.figures.tables import left_out_of
+from karma.journal.formats import figure_text
 
 _FEW = 30  # episodes of a row
 _NAME_WIDTH = 18  # of a row's name: the table of a run fits into 80 columns

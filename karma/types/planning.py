@@ -82,13 +82,25 @@ class Prompt:
     """Planner input in the cut in which it is always decoded.
 
     `stable` (role, API, examples, scene graph; ends in a newline) is evaluated once per scene and
-    kept; `changing` (recalled memory, instruction) follows it. Pictures go before `changing`; a
-    model that takes none refuses them.
+    kept; it is the system message of a chat. `turns` are earlier messages of user and assistant,
+    in pairs. `changing` (recalled memory, instruction) is the user's last message. Pictures go
+    before `changing`; a model that takes none refuses them.
     """
 
     stable: str
     changing: str
+    turns: tuple[tuple[str, str], ...] = ()
     pictures: tuple[Frame, ...] = field(default=(), compare=False, repr=False)
+
+    @property
+    def before(self) -> str:
+        """The text before `changing`, for a model without a chat template."""
+        return self.stable + "".join(f"{user}{answer}\n" for user, answer in self.turns)
+
+    @property
+    def text(self) -> str:
+        """The whole prompt as plain text."""
+        return self.before + self.changing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,6 +139,17 @@ class RefusedRequest:
     def __str__(self) -> str:
         """Return the line as a planner writes it."""
         return f"refuse('{self.kind}')"
+
+
+EndKind = Literal["done", "tell", "ask", "refuse"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class End:
+    """How a model ends an instruction in tool mode, in its own words."""
+
+    kind: EndKind
+    text: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

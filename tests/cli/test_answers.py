@@ -10,11 +10,11 @@ from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma import Agent
-from karma.agent.journal.run_folder import read_run
 from karma.cli import app, progress
 from karma.cli.progress import AnswerView
 from karma.cli.shared import SafeConsole
 from karma.errors import KarmaError
+from karma.journal.run_folder import read_run
 from karma.types.completion import Heard
 
 

@@ -193,7 +193,7 @@ class LlamaModel:
 
     def _cut(self, prompt: Prompt) -> tuple[list[int], list[int]]:
         """Return the tokens of the two segments; the second is never empty."""
-        before, after, special = prompt.stable, prompt.changing, False
+        before, after, special = prompt.before, prompt.changing, False
         if self._template is not None:
             before, after = self._template.halves(prompt)
             special = True

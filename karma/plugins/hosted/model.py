@@ -6,7 +6,7 @@ holds the line.
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -130,12 +130,12 @@ class HostedLanguageModel:
         seed: int = 0,
     ) -> Said:
         """Return what the model says, held to a language if there is one; errors as above."""
-        stable, changing = sendable(prompt.stable), sendable(prompt.changing)
+        prompt = sendable_prompt(prompt)
         path = "/chat/completions" if self._endpoint.api == "chat" else "/completions"
-        body: dict[str, Any] = {"prompt": stable + changing}
+        body: dict[str, Any] = {"prompt": prompt.text}
         kept = body
         if self._endpoint.api == "chat":
-            body, kept = messages_of(stable, changing, prompt.pictures, alone=self._no_system)
+            body, kept = messages_of(prompt, alone=self._no_system)
         elif prompt.pictures:
             raise ModelError(f'{self.name}: pictures need api = "chat"')
         fields, room = self.manner.fields(language, max_tokens)
@@ -260,7 +260,8 @@ class HostedVision:
             return {}
         image = some_picture(self.name, image)
         role, text = question("full", sendable(instruction), objects)
-        first = messages_of(role, text, [image], alone=False)
+        asked = Prompt(stable=role, changing=text, pictures=(image,))
+        first = messages_of(asked, alone=False)
         place, options = self._endpoint, options_of(self._endpoint, _VISION_TOKENS, 0.0, 0)
 
         def ask(said: Sequence[tuple[str, str]]) -> str:
@@ -280,6 +281,16 @@ def sendable(text: str) -> str:
     return text.encode("utf-8", "replace").decode()
 
 
+def sendable_prompt(prompt: Prompt) -> Prompt:
+    """Return a prompt whose texts can be sent."""
+    return replace(
+        prompt,
+        stable=sendable(prompt.stable),
+        changing=sendable(prompt.changing),
+        turns=tuple((sendable(user), sendable(answer)) for user, answer in prompt.turns),
+    )
+
+
 def _with_pictures(text: str, pictures: Sequence[Frame]) -> tuple[Any, Any]:
     """Return a message with pictures before its text, and as a cassette keeps it."""
     if not pictures:
@@ -297,15 +308,19 @@ def picture_name(image: Frame) -> str:
     return f"{width}x{height} {hashlib.sha256(pixels).hexdigest()}"
 
 
-def messages_of(
-    stable: str, changing: str, pictures: Sequence[Frame], *, alone: bool
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the messages of a prompt, and as a cassette keeps them; `alone`: the user's only."""
-    before = [{"role": "system", "content": stable}] if stable and not alone else []
-    text = stable + changing if alone else changing
+def messages_of(prompt: Prompt, *, alone: bool) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the messages of a prompt, and as a cassette keeps them; `alone`: no system message."""
+    texts = [text for turn in prompt.turns for text in turn] + [prompt.changing]
+    before: list[dict[str, Any]] = []
+    if alone:
+        texts[0] = prompt.stable + texts[0]
+    elif prompt.stable:
+        before.append({"role": "system", "content": prompt.stable})
+    for number, text in enumerate(texts[:-1]):
+        before.append({"role": ("user", "assistant")[number % 2], "content": text})
     whole, kept = (
-        {"messages": [*before, {"role": "user", "content": one}]}
-        for one in _with_pictures(text, pictures)
+        {"messages": [*before, {"role": "user", "content": content}]}
+        for content in _with_pictures(texts[-1], prompt.pictures)
     )
     return whole, kept
 

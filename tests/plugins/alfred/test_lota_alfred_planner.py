@@ -13,8 +13,8 @@ from support.lota_alfred import FETCH, SAID, STOW, environment, listed, trial
 from support.paths import SHARED
 from support.tiny import export_tiny
 
-from karma.agent.journal.records import NotRun
 from karma.errors import FileError
+from karma.journal.records import NotRun
 from karma.models.llama.model import LlamaModel
 from karma.models.llama.opening import LlamaOptions
 from karma.models.llama.scoring import SkillScorer

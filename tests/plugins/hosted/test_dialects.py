@@ -13,8 +13,8 @@ from support.hosted_server import PROMPT, chat, endpoint, plant_key, wire_server
 from support.plans import PLANS, plan
 
 from karma.agent.planning.program import SKILLS
-from karma.bench.methods.lota import chooser_of
 from karma.errors import ModelError, ServerLost
+from karma.plugins.baselines.lota import chooser_of
 from karma.plugins.hosted.dialects import DIALECTS
 from karma.plugins.hosted.grammars import plan_gbnf, plan_schema
 from karma.plugins.hosted.planner import open_planner

@@ -34,7 +34,7 @@ def reader(function: str, **given: object) -> Read:
 
 
 def _run(path: Path) -> object:
-    return reader("karma.agent.journal.run_folder:read_run")(path.parent)
+    return reader("karma.journal.run_folder:read_run")(path.parent)
 
 
 def _manifest(path: Path) -> object:
@@ -114,7 +114,7 @@ KINDS = (
     Kind(
         name="a-0.jsonl.gz",
         sound=lambda: gzip.compress(b"{}"),
-        read=reader("karma.agent.journal.steps:read_steps"),
+        read=reader("karma.journal.steps:read_steps"),
     ),
     Kind(name="header.json", sound=as_json({"name": "x"}), read=_run),
     Kind(name="manifest.toml", sound=lambda: b"", read=_manifest),
