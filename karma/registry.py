@@ -38,7 +38,7 @@ _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
         "clusters": {"cluster": ("ray",)},
         "cassettes": {"hosted": ("file",)},
         "homes": {"homes": ("kept", "seconds-away")},
-        "embedders": {"hosted": ("openai",), "vision": ("clip", "sentence")},
+        "embedders": {"hosted": ("openai",)},
         "language_models": {"hosted": ("openai",)},
         "methods": {
             "baselines": ("capeam", "helper", "lota.generate", "lota.score"),
@@ -48,9 +48,7 @@ _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
         "task_pools": {"alfred": ("alfred",)},
         "task_sources": {"alfred": ("alfred", "authors")},
         "planners": {"hosted": ("openai",)},
-        "perceptions": {"vision": ("pictures",)},
-        "recalls": {"vision": ("multimodal",)},
-        "vision_models": {"hosted": ("openai",), "vision": ("nano-vlm", "transformers")},
+        "vision_models": {"hosted": ("openai",)},
     }
 )
 

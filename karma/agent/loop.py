@@ -11,7 +11,8 @@ from karma.agent.attempts import Attempts, bound
 from karma.agent.body.skills import Skills
 from karma.agent.memory import AgentMemory
 from karma.agent.planning.planner import Planner, grounded
-from karma.agent.seeing.eyes import Eyes, Perception
+from karma.agent.seeing.eyes import Eyes
+from karma.agent.seeing.perception import Perception
 from karma.agent.session import (
     LOOK_OVER,
     NO_ADVICE,
@@ -43,8 +44,8 @@ class KarmaAgent:
         """Be in a room; its first visit explores it."""
         self.memory.enter(scene, self.world)
 
-    def eyes(self, instruction: str) -> Eyes:
-        """Return the eyes for this room."""
+    def eyes(self, instruction: str) -> Eyes | None:
+        """Return the eyes for this room; None: the simulator's metadata."""
         return self.perception.eyes(self.memory.scene, instruction)
 
     def do(self, subtask: SubTask) -> Iterator[AgentEvent]:

@@ -15,11 +15,15 @@ from karma.journal.records import SubTaskRecord, Turn
 from karma.models.session import Spent
 from karma.types.events import Check, Found, Plan, SkillResult
 from karma.types.memory import MemoryChange
+from karma.types.planning import End, EndKind
 
 Status = Literal["done", "answered", "partly", "unfinished", "refused", "asked"]
 Mark = Literal["said", "meant", "sure", "asked", "did", "failed", "seen", "not seen"]
 _MARKS: Mapping[Found, Mark] = {
     "seen": "seen", "done": "seen", "otherwise": "not seen", "unseen": "not seen",
+}  # fmt: skip
+_STATUS_OF_END: Mapping[EndKind, Status] = {
+    "tell": "answered", "ask": "asked", "refuse": "refused"
 }  # fmt: skip
 _WIDTH = 76  # columns of the announced actions, which may take several rows
 
@@ -88,6 +92,11 @@ class RequestReply:
     change: MemoryChange | None = None  # what memory learnt, if anything was done
 
     @property
+    def end(self) -> End | None:
+        """How the model ended it, in tool mode."""
+        return self.plans[-1].end if self.plans else None
+
+    @property
     def refused(self) -> str:
         """Why it was not carried out; "" where it was tried."""
         return self.understood[-1].refused if self.understood else ""
@@ -97,6 +106,8 @@ class RequestReply:
         """Whether it was done, done in part, tried in vain, refused, or asked back about."""
         if self.answer is not None:
             return "refused" if self.answer.refuses else "answered"
+        if self.end is not None and self.end.kind != "done":
+            return _STATUS_OF_END[self.end.kind]
         if self.refused:
             return "asked" if self.asks else "refused"
         said_no = any(check.found == "otherwise" for check in self.checks)
@@ -168,6 +179,8 @@ class AgentReply:
         part = next((one for one in self.parts if one.status == "asked"), None)
         if part is None:
             return None
+        if part.end is not None:
+            return Unclear(text=part.instruction, question=part.end.text)
         return Unclear(
             text=part.instruction,
             question=part.understood[-1].question,
@@ -240,9 +253,14 @@ def lines_again(one: Understanding) -> list[Line]:
 
 def lines_after(part: RequestReply) -> list[Line]:
     """Return what a request came to, and what the agent observed afterwards."""
+    mark: Mark
     if part.answer is not None:
-        mark: Mark = "seen" if part.answer.known else "not seen"
+        mark = "seen" if part.answer.known else "not seen"
         return [Line(mark, f"  {text}") for text in part.answer.lines]
+    if part.end is not None and part.end.kind != "done":
+        mark = "seen" if part.end.kind == "tell" else "asked"
+        prefix = "not done: " if part.end.kind == "refuse" else ""
+        return [Line(mark, f"  {row}") for row in wrap(f"{prefix}{part.end.text}", _WIDTH)]
     if part.refused and not part.results:
         return []
     steps = sum(result.actions for result in part.results)

@@ -8,7 +8,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 from karma.types.completion import Choice, Completion, Decoding, Listener, Scoring
 from karma.types.events import Outcome, Plan, SkillResult
 from karma.types.memory import Area, Known, MemoryUnit, Recalled
-from karma.types.observation import SeenObject
+from karma.types.observation import Detection, SeenObject
 from karma.types.planning import AnswerSpec, Hint, Prompt, WorkedExample
 from karma.types.space import Frame, SceneRef, Vectors
 from karma.types.tasks import SubTask
@@ -82,6 +82,23 @@ class Embedder(Protocol):
 
     def embed(self, texts: Sequence[str]) -> Vectors:
         """Return one row of length 1 per text, shape (n, dimension); n may be 0."""
+
+
+@runtime_checkable
+class ImageEmbedder(Embedder, Protocol):
+    """Text and pictures to unit vectors of one space."""
+
+    def embed_images(self, frames: Sequence[Frame]) -> Vectors:
+        """Return one row of length 1 per picture, shape (n, dimension); n may be 0."""
+
+
+class Detector(Protocol):
+    """Finds things in a picture by their names: the eyes of a robot without a simulator."""
+
+    name: str
+
+    def detect(self, image: Frame, words: Sequence[str]) -> Sequence[Detection]:
+        """Return what was found, the best score first; labels are of the words."""
 
 
 class Recall(Protocol):
@@ -169,6 +186,7 @@ class Resources:
     examples: Examples | None = None  # for a planner that is told of some
     recall: Recall
     vision: VisionModel
+    detector: Detector | None = None  # for perception by pictures without given boxes
     embedder: Embedder | None = None  # of texts, e.g. to find examples by their instructions
     maps: Path | None = None  # folder of long-term memories
     learn: bool = False  # write what episodes learn back to it

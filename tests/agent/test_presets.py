@@ -23,7 +23,11 @@ from karma.types.roles import Resources
 SETTING = ("recall", "recall_k", "paper_prompt")
 PAPERS = ("cosine:listing", 10, True)
 FILES = [*sorted((ROOT / "eval").glob("*.toml")), *(ROOT / "eval/paper").glob("table*.toml")]
-EXPERIMENTS = [path for path in FILES if kind_of(path) != "benchmark"]
+EXPERIMENTS = [
+    path
+    for path in FILES
+    if kind_of(path) != "benchmark" and not path.stem.startswith("guarded")  # of a plug-in
+]
 
 
 def setting(row, models=None):

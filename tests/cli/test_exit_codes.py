@@ -13,11 +13,8 @@ from support.needs import need_models
 from support.paths import ROOT
 from typer.testing import CliRunner
 
-from karma import Agent
 from karma.cli import app, shared
-from karma.errors import KarmaError
 from karma.journal.records import read_records
-from karma.types.events import SkillResult
 
 KARMA = (sys.executable, "-P", "-m", "karma")
 CODES = {
@@ -147,45 +144,6 @@ def test_success_rate_below_the_floor_ends_with_four(tmp_path, method, code):
 
 
 # ----------------------------------------------------------------- stopped
-
-
-SAID = "open the fridge, then close the fridge, then slice the bread"
-
-
-def stopped(agent, at, error):
-    """Raise an error while the agent carries out its `at`-th request."""
-    done = 0
-    moments = agent.doing(SAID)
-    for moment in moments:
-        done += not isinstance(moment, SkillResult) and hasattr(moment, "checks")
-        if done == at - 1 and isinstance(moment, SkillResult):
-            with pytest.raises(type(error)):
-                moments.throw(error)
-            return
-
-
-@pytest.mark.parametrize("error", [KeyboardInterrupt(), KarmaError("the server is gone")])
-@pytest.mark.parametrize("at", [1, 2, 3])
-def test_what_was_finished_stays_when_the_rest_is_stopped(tmp_path, at, error):
-    agent, calm = Agent(folder=tmp_path / "a"), Agent(folder=tmp_path / "b")
-    start = agent._world.last_event.metadata
-    stopped(agent, at, error)
-    clauses = SAID.split(", then ")[: at - 1]
-    for clause in clauses:
-        calm.do(clause)
-    kept = agent.replies[-1].parts if agent.replies else ()
-    assert [part.instruction for part in kept] == clauses
-    assert agent._world.last_event.metadata["objects"] == calm._world.last_event.metadata["objects"]
-    assert agent.memory.lines() == calm.memory.lines()
-    if at > 1:
-        assert agent.replies[-1].status == "unfinished"
-        assert agent.replies[-1].stopped == SAID.split(", then ")[at - 1]
-        (record,) = read_records(tmp_path / "a" / "episodes.jsonl")
-        assert [one.instruction for one in record.subtasks] == clauses
-    else:
-        assert not (tmp_path / "a" / "episodes.jsonl").exists()
-    assert agent.undo() == (SAID if at > 1 else None)
-    assert agent._world.last_event.metadata["objects"] == start["objects"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

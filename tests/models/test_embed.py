@@ -14,7 +14,7 @@ import threadpoolctl
 from karma.errors import ModelError
 from karma.language.hints import TYPE_WORDS
 from karma.models.embed.minilm import FILES, MiniLm
-from karma.plugins.vision.sentence import SentenceEmbedder
+from karma.models.embed.sentence import SentenceEmbedder
 
 TEXTS = ["apple", "red fruit", "a sofa in the living room", "", "apple", "ünïcödé 苹果", "x " * 600]
 
@@ -87,10 +87,10 @@ SECONDS_TO_IMPORT = "torch transformers sentence_transformers sklearn"
     ("program", "heavy"),
     [
         (
-            "import karma.plugins.vision.sentence, karma.plugins.vision.clip\n"
+            "import karma.models.embed.sentence, karma.models.embed.clip\n"
             "import karma.models.llama.model\n"
             "import karma.models.llama.gguf_files, karma.models.added\n"
-            "import karma.plugins.vision.vlm\n",
+            "import karma.models.transformers_vision\n",
             f"{SECONDS_TO_IMPORT} llama_cpp gguf PIL safetensors",
         ),
         (

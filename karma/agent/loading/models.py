@@ -19,7 +19,6 @@ from karma.agent.loading.planner_files import (
     may_refuse,
 )
 from karma.agent.planning.prompt import GOALS, render
-from karma.agent.seeing.eyes import METADATA
 from karma.errors import KarmaError, ModelError, RequestRefused, did_you_mean
 from karma.models.endpoint import Endpoint, Hosted
 from karma.models.llama.opening import LlamaOptions
@@ -97,6 +96,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     embedder: str = "minilm"  # or "sentence:MODEL", "clip:MODEL", of the manifest or a folder
     recall: str = PRESETS[""].recall
     vision: str = "metadata"
+    detector: str = ""  # a plug-in of karma.detectors, for rows with boxes = "detector"
     constraint: Constraint = "types"  # what answers may say; a server must prove that it holds them
     examples: int | None = None  # told, 0 to 8; None: 4 to a local planner with the full prompt
     threads: int = 1
@@ -106,7 +106,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     def __post_init__(self) -> None:
         """Refuse a hosted role without a place, and a place without its role; name roles whole."""
-        for key, usual in (("embedder", "minilm"), ("vision", "metadata")):
+        for key, usual in (("embedder", "minilm"), ("vision", "metadata"), ("detector", "")):
             if getattr(self, key) != usual:
                 force_setattr(self, key, whole_name(key, getattr(self, key)))
         if self.planner == "default":  # what `karma run` takes: the best of ours that is here
@@ -168,6 +168,7 @@ def load_resources(
     )
     embedder = filled("embedders", models.embedder, models.hosted.embedder, session, models)
     count, goals = _count(models, profile), profile == GOALS
+    detected = bool(models.detector)
     return Resources(
         model=model,
         profile=profile,
@@ -178,6 +179,7 @@ def load_resources(
         vision=filled("vision_models", models.vision, models.hosted.vision, session, models),
         maps=maps,
         learn=learn,
+        detector=filled("detectors", models.detector, None, session, models) if detected else None,
         embedder=embedder,
     )
 
@@ -290,5 +292,5 @@ PICTURES = {"renderDepthImage": True, "renderInstanceSegmentation": True}  # AI2
 def world_maker(name: str, options: Iterable[Mapping[str, Any]]) -> Callable[[], World]:
     """Return what makes a run's worlds: with depth and instance masks where a row looks at them."""
     make: Callable[..., World] = registry.load("worlds", name)
-    looks = any(one.get("perception", METADATA) != METADATA for one in options)
+    looks = any(one.get("perception") == "pictures" for one in options)
     return partial(make, **PICTURES) if looks else make

@@ -1,1 +1,0 @@
-"""Plug-in: perception by pictures, vision models by transformers, embedders of pictures."""
