@@ -38,17 +38,20 @@ _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
         "clusters": {"cluster": ("ray",)},
         "cassettes": {"hosted": ("file",)},
         "homes": {"homes": ("kept", "seconds-away")},
-        "embedders": {"hosted": ("openai",)},
+        "embedders": {"hosted": ("openai",), "vision": ("clip", "sentence")},
         "language_models": {"hosted": ("openai",)},
         "methods": {
             "baselines": ("capeam", "helper", "lota.generate", "lota.score"),
             "rules": ("rules",),
         },
         "parsers": {"rules": ("spacy",)},
+        "phrase_readers": {"rules": ("rules",)},
+        "recalls": {"rules": ("stateful",), "vision": ("multimodal",)},
         "task_pools": {"alfred": ("alfred",)},
         "task_sources": {"alfred": ("alfred", "authors")},
         "planners": {"hosted": ("openai",)},
-        "vision_models": {"hosted": ("openai",)},
+        "perceptions": {"vision": ("pictures",)},
+        "vision_models": {"hosted": ("openai",), "vision": ("nano-vlm", "transformers")},
     }
 )
 

@@ -11,8 +11,7 @@ from karma.agent.attempts import Attempts, bound
 from karma.agent.body.skills import Skills
 from karma.agent.memory import AgentMemory
 from karma.agent.planning.planner import Planner, grounded
-from karma.agent.seeing.eyes import Eyes
-from karma.agent.seeing.perception import Perception
+from karma.agent.seeing.eyes import Eyes, Perception
 from karma.agent.session import (
     LOOK_OVER,
     NO_ADVICE,
@@ -44,8 +43,8 @@ class KarmaAgent:
         """Be in a room; its first visit explores it."""
         self.memory.enter(scene, self.world)
 
-    def eyes(self, instruction: str) -> Eyes | None:
-        """Return the eyes for this room; None: the simulator's metadata."""
+    def eyes(self, instruction: str) -> Eyes:
+        """Return the eyes for this room."""
         return self.perception.eyes(self.memory.scene, instruction)
 
     def do(self, subtask: SubTask) -> Iterator[AgentEvent]:
@@ -118,7 +117,8 @@ class AgentSession:
         self, subtask: SubTask, advice: Advice = NO_ADVICE
     ) -> Generator[AgentEvent, None, Attempts]:
         """Plan and act until a program succeeds or the attempts are used up."""
-        planner, attempts = self._agent.planner, Attempts(instruction=subtask.instruction)
+        planner, text = self._agent.planner, subtask.instruction
+        attempts = Attempts(instruction=text, objects=planner.objects(text))
         tells_all = planner.profile != "compact"
         request = self._memory.request(subtask, advice, tells_all=tells_all)
         self._beliefs.units = self._memory.beliefs(self._agent.world, request.units).units

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from karma.agent.experience import as_left, lost, shut_away, units_of
 from karma.agent.planning.full_profile import furniture_names
-from karma.agent.seeing.perception import Perception
+from karma.agent.seeing.eyes import Perception
 from karma.agent.settings import KarmaSettings
 from karma.agent.tour import explore_room, position_of
 from karma.household.ids import type_of

@@ -14,9 +14,10 @@ from msgspec import Meta
 
 from karma.errors import ModelError
 from karma.files import read_json
-from karma.models.checks.folder import CheckedFolder
-from karma.models.picture_questions import Profile, cut, question, some_picture, states_told
-from karma.models.torch_load import (
+from karma.models.picture_questions import Profile, question, some_picture, states_told
+from karma.plugins.vision.cutting import cut
+from karma.plugins.vision.model_folder import CheckedFolder
+from karma.plugins.vision.torch_load import (
     checked_folder,
     foreign,
     import_transformers,
@@ -59,7 +60,6 @@ class VisionOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     # side of a square around one object over its box; None: whole frame
     crop: Annotated[float, Meta(gt=0, le=100)] | None = None
     outline: bool = False  # draw the silhouette of the object's box in that square
-    boxes: bool = False  # say in words where objects are in the frame
     max_tokens: Annotated[int, Meta(ge=1, le=100_000)] = 768
     attempts: Annotated[int, Meta(ge=1, le=100)] = 2  # a second one quotes what could not be used
     threads: Annotated[int, Meta(ge=1, le=1024)] | None = None  # None: as torch is set
@@ -81,6 +81,8 @@ class TransformersVision:
 
     needs_pictures = True
     computed_on = ""  # device and numbers, as torch calls them
+    default = NANO
+    libraries = ("transformers",)
 
     def __init__(
         self,
@@ -137,7 +139,7 @@ class TransformersVision:
     ) -> Mapping[str, tuple[str, ...]]:
         """Ask about the objects of one picture."""
         options = self.options
-        role, text = question(options.profile, instruction, objects, boxes=options.boxes)
+        role, text = question(options.profile, instruction, objects)
         system = [_message("system", role)] if role else []
         opening = [*system, _message("user", text, picture=True)]
 

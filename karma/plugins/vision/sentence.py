@@ -8,10 +8,11 @@ from typing import Any
 
 from karma.errors import FileError, ModelError
 from karma.files import read_bytes
-from karma.models.checks.folder import PICKLES, CheckedFolder, check_folder
+from karma.models.checks.folder import PICKLES
 from karma.models.embed import REMEMBERED, stacked, unit_row
 from karma.models.manifest import resolve_folder
-from karma.models.torch_load import (
+from karma.plugins.vision.model_folder import CheckedFolder, check_folder
+from karma.plugins.vision.torch_load import (
     check_room,
     foreign,
     import_transformers,
@@ -24,6 +25,7 @@ from karma.types.space import Vectors
 FAMILIES: Mapping[str, tuple[str, ...]] = {  # of transformers; any head will do
     family: () for family in ("bert", "distilbert", "mpnet", "roberta", "xlm-roberta", "modernbert")
 }
+DEFAULT = "bge-small-en"
 NEEDS = (("tokenizer.json", "vocab.txt", "sentencepiece.bpe.model"),)
 
 
@@ -41,8 +43,10 @@ class SentenceEmbedder:
     """
 
     computed_on = ""  # device and numbers, as torch calls them
+    default = DEFAULT
+    libraries = ("sentence_transformers",)
 
-    def __init__(self, model: str | Path = "bge-small-en", *, device: str = "auto") -> None:
+    def __init__(self, model: str | Path = DEFAULT, *, device: str = "auto") -> None:
         place = resolve_folder(model, "text-embedder")
         inner = place.path / _check_modules(place.path, place.fix)
         checked = check_folder(inner, FAMILIES, needs=NEEDS, fix=place.fix)

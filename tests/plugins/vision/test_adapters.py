@@ -15,9 +15,9 @@ from support.tiny_vision import save_family
 
 from karma.errors import ModelError, UnknownNameError
 from karma.models.checks import memory
-from karma.models.embed.clip import ClipEmbedder
-from karma.models.embed.sentence import SentenceEmbedder
-from karma.models.transformers_vision import TransformersVision
+from karma.plugins.vision.clip import ClipEmbedder
+from karma.plugins.vision.sentence import SentenceEmbedder
+from karma.plugins.vision.vlm import TransformersVision
 
 TEXTS = ["apple", "The red mug, on a table!", "", "apple", "sofa " * 40, "ünïcödé 苹果"]
 FRAMES = np.random.default_rng(0).integers(0, 256, (3, 40, 52, 3), dtype=np.uint8)

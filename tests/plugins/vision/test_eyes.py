@@ -3,10 +3,10 @@
 import pytest
 
 from karma.agent.body.skills import Skills
-from karma.agent.seeing.eyes import GivenBoxes, PictureEyes
 from karma.agent.seeing.perceive import observe, truth_of
 from karma.agent.tour import KnownFloor
 from karma.models.scripted import BlindVision, MetadataVision
+from karma.plugins.vision.picture_eyes import GivenBoxes, PictureEyes
 from karma.types.planning import SkillCall
 from karma.world.sim import EmbeddedWorld
 

@@ -1,4 +1,4 @@
-"""How a row of an experiment sees: by metadata, or by pictures with given or detected boxes.
+"""Boxes of a detector, a plug-in of `karma.detectors`.
 
 A detector says "a mug, here, this sure" anew in every picture. A name is made as the simulator's
 are, of the type and where it was first seen; a thing of that type near where one was before is that
@@ -8,27 +8,44 @@ each other's.
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, Literal
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.agent.seeing.eyes import LEAST_PIXELS, Eyes, GivenBoxes, Instance, PictureEyes
-from karma.agent.seeing.projection import box_round, core_of, points_in
-from karma.errors import KarmaError
 from karma.household.places import FLOOR
 from karma.household.types import object_types
-from karma.types.observation import Capture, Detection
-from karma.types.roles import Detector, Resources, VisionModel
-from karma.types.space import CameraPose, Region, Vec3
+from karma.plugins.vision.depth import Capture, box_round, core_of, points_in
+from karma.plugins.vision.picture_eyes import LEAST_PIXELS, Instance
+from karma.types.space import CameraPose, Frame, Region, Vec3
 
 WORDS_PER_TURN = 20  # a detector's context holds some 80
 SAME_M = 0.4  # between two looks at one thing, whose sides one sees differently
 IN_HAND_M = 0.8  # from the camera
 _SAME_REGION = 0.7  # share of two regions in common, from which on they are of one thing
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Detection:
+    """One thing that a detector found in a picture."""
+
+    label: str  # one of the words that were asked for
+    score: float  # in [0, 1]
+    box_px: Region
+    mask: NDArray[np.bool_] | None = field(default=None, compare=False, repr=False)  # (H, W)
+
+
+class Detector(Protocol):
+    """Finds things in a picture by their names: the eyes of a robot without a simulator."""
+
+    name: str
+
+    def detect(self, image: Frame, words: Sequence[str]) -> Sequence[Detection]:
+        """Return what was found, the best score first; labels are of the words."""
 
 
 @cache
@@ -140,60 +157,3 @@ def _common(one: Region, other: Region) -> float:
 
 def _area(region: Region) -> float:
     return (region[2] - region[0]) * (region[3] - region[1])
-
-
-Kind = Literal["metadata", "pictures"]
-
-
-class Perception:
-    """The eyes of one episode, a pair for each room.
-
-    Without a detector the simulator's boxes are given.
-    """
-
-    def __init__(self, kind: Kind, vision: VisionModel, detector: Detector | None) -> None:
-        self._kind, self._vision, self._detector = kind, vision, detector
-        self._eyes: dict[str, PictureEyes] = {}  # by the room's name
-
-    def eyes(self, room: str, instruction: str) -> Eyes | None:
-        """Return the eyes for a room and what is looked for; None: the simulator's metadata."""
-        if self._kind == "metadata":
-            return None
-        if room not in self._eyes:
-            self._eyes[room] = self._made()
-        eyes = self._eyes[room]
-        eyes.task = instruction
-        return eyes
-
-    def fresh(self) -> Eyes | None:
-        """Return eyes that have seen nothing yet, for the first tour of a room."""
-        return None if self._kind == "metadata" else self._made()
-
-    def map_file(self, room: str, seed: int) -> str | None:
-        """Return what the map of a room is called; None: it is explored anew.
-
-        A map from pictures is kept of the room as it is only, so that it is the same whichever
-        episode comes first.
-        """
-        if self._kind == "metadata":
-            return f"{room}.json"
-        return None if seed else f"{room}.{'detector' if self._detector else 'given'}.json"
-
-    def _made(self) -> PictureEyes:
-        found = GivenBoxes() if self._detector is None else TrackedBoxes(self._detector)
-        return PictureEyes(self._vision, found)
-
-
-def detector_of(kind: Kind, resources: Resources) -> Detector | None:
-    """Return the detector that a row sees by; None: boxes are given.
-
-    Raises:
-        KarmaError: detected boxes have no true states that a vision model could tell.
-    """
-    if kind == "metadata" or resources.detector is None:
-        return None
-    if resources.vision.name == "metadata":
-        raise KarmaError(
-            "vision = 'metadata' tells the states of given boxes, not of detected ones"
-        )
-    return resources.detector

@@ -1,6 +1,6 @@
 """Embed texts and pictures in one space, by CLIP or SigLIP, from a folder of safetensors.
 
-It is what `recall = "multimodal"` asks (`karma/memory/recall.py`).
+It is what `recall = "multimodal"` asks (`multimodal.py`).
 """
 
 import re
@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from karma.errors import ModelError
-from karma.models.checks.folder import CheckedFolder
 from karma.models.embed import REMEMBERED, stacked, unit_row
-from karma.models.torch_load import (
+from karma.plugins.vision.model_folder import CheckedFolder
+from karma.plugins.vision.torch_load import (
     checked_folder,
     foreign,
     load_image_processor,
@@ -46,6 +46,8 @@ class ClipEmbedder:
     """
 
     computed_on = ""  # device and numbers, as torch calls them
+    default = DEFAULT
+    libraries = ("transformers",)
 
     def __init__(self, model: str | Path = DEFAULT, *, device: str = "auto") -> None:
         folder = checked_folder(model, "image-embedder", FAMILIES, needs=NEEDS)

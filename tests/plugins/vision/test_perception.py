@@ -1,4 +1,6 @@
-"""A row that sees by pictures: what it is built from, and a real detector of random weights."""
+"""A row that sees by pictures: its map, its detector, its recall."""
+
+from types import SimpleNamespace
 
 import pytest
 from support import tiny_models
@@ -8,9 +10,13 @@ from support.household import kitchen
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.loading.models import Models, load_resources, world_maker
 from karma.agent.planning.planner import Planner
+from karma.agent.seeing.eyes import perception_of
+from karma.errors import KarmaError, UnknownNameError
 from karma.files import to_json
-from karma.memory.recall import CosineRecall, MultimodalRecall
-from karma.models.scripted import BlindVision, ScriptedModel
+from karma.memory.recall import CosineRecall
+from karma.models.scripted import BlindVision, MetadataVision, ScriptedModel
+from karma.plugins.vision import perception
+from karma.plugins.vision.multimodal import MultimodalRecall
 from karma.types.completion import Decoding
 from karma.types.space import SceneRef
 from karma.types.tasks import SubTask
@@ -25,7 +31,7 @@ def scene(tmp_path):
     return SceneRef.of(str(path))
 
 
-def method(tmp_path, *, vision=None, detector=None, maps=None, **settings):
+def method(tmp_path, *, vision=None, maps=None, **settings):
     model = ScriptedModel(["Explore(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"] * 9)
     return KarmaMethod(
         Planner(model, "compact", Decoding(attempts=1)),
@@ -33,7 +39,6 @@ def method(tmp_path, *, vision=None, detector=None, maps=None, **settings):
         vision or BlindVision(),
         KarmaSettings(perception="pictures", **settings),
         maps=maps,
-        detector=detector,
     )
 
 
@@ -62,18 +67,23 @@ def test_map_from_pictures_lies_apart_and_only_of_the_room_as_it_is(scene, tmp_p
     assert first.memory.graph == again.memory.graph
 
 
-def resources(**models):
-    return load_resources(Models(**models), maps=None, seed=0)
-
-
 def test_models_of_a_run_hold_the_multimodal_recall(tmp_path):
     clip = tiny_models.save_clip(tmp_path / "clip")
-    loaded = load_resources(
-        Models(
-            vision="blind", embedder=f"clip:{clip}",
-            recall="multimodal",
-        ),
-        maps=tmp_path / "maps",
-        seed=0,
-    )  # fmt: skip
+    models = Models(vision="blind", embedder=f"clip:{clip}", recall="multimodal")
+    loaded = load_resources(models, maps=tmp_path / "maps", seed=0)
     assert isinstance(loaded.recall, MultimodalRecall)
+
+
+def test_detector_is_named_after_the_perception(monkeypatch):
+    monkeypatch.setattr(perception, "_loaded", lambda name: SimpleNamespace(name=name))
+    made = perception_of("pictures:mine", BlindVision())
+    assert made.map_file("kitchen_1", 0) == "kitchen_1.detector.json"
+    assert made.eyes("kitchen_1", "wash the mug") is made.eyes("kitchen_1", "dry it")
+    with pytest.raises(KarmaError, match="states of given boxes"):
+        perception_of("pictures:mine", MetadataVision())
+
+
+@pytest.mark.parametrize("name", ["picture", "pictures2"])
+def test_unknown_perception_is_refused_with_the_nearest_name(name):
+    with pytest.raises(UnknownNameError, match="Did you mean 'pictures'"):
+        KarmaSettings(perception=name)

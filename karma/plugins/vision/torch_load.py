@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from karma.errors import KarmaError, ModelError
-from karma.models.checks.folder import CheckedFolder, check_folder, check_sizes, read_config
+from karma.models.checks.folder import read_config
 from karma.models.checks.memory import check_memory, weights_mb
 from karma.models.manifest import Role, resolve_folder
+from karma.plugins.vision.model_folder import CheckedFolder, check_folder, check_sizes
 
 
 def checked_folder(

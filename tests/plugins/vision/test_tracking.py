@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from karma.agent.body.skills import Skills
-from karma.agent.seeing.eyes import PictureEyes
-from karma.agent.seeing.perceive import camera_of, pixels_of
-from karma.agent.seeing.perception import TrackedBoxes, words_by_type
+from karma.agent.seeing.perceive import camera_of
 from karma.agent.tour import KnownFloor
 from karma.household.ids import type_of
 from karma.household.types import object_types
 from karma.models.scripted import BlindVision
-from karma.types.observation import Detection
+from karma.plugins.vision.depth import pixels_of
+from karma.plugins.vision.detected import Detection, TrackedBoxes, words_by_type
+from karma.plugins.vision.picture_eyes import PictureEyes
 from karma.types.planning import SkillCall
 from karma.world.sim import EmbeddedWorld
 

@@ -11,9 +11,9 @@ from support.sights import seen
 from support.tiny_vision import FAMILIES, save_family
 
 from karma.errors import KarmaError
-from karma.models import transformers_vision
-from karma.models.picture_questions import LINE, cut
-from karma.models.transformers_vision import TransformersVision, VisionOptions
+from karma.plugins.vision import vlm
+from karma.plugins.vision.cutting import LINE, cut
+from karma.plugins.vision.vlm import TransformersVision, VisionOptions
 
 MUG = seen("Mug|1", region=(100.0, 100.0, 160.0, 180.0))
 FRAME = np.random.default_rng(0).integers(0, 255, (300, 300, 3), dtype=np.uint8)
@@ -108,7 +108,7 @@ def test_a_large_model_that_is_stored_in_16_bits_stays_so(copied, monkeypatch):
     import torch
     from transformers import LlavaForConditionalGeneration
 
-    monkeypatch.setattr(transformers_vision, "LARGE", 1000)
+    monkeypatch.setattr(vlm, "LARGE", 1000)
     assert TransformersVision(copied)._model.dtype == torch.float32
     whole = LlavaForConditionalGeneration.from_pretrained(copied, dtype=torch.bfloat16)
     whole.save_pretrained(copied)
@@ -147,7 +147,7 @@ def test_small_things_are_shown_with_more_around_them():
 
 def test_transformers_is_never_let_fetch_kernels():
     program = (
-        "from karma.models.torch_load import import_transformers\n"
+        "from karma.plugins.vision.torch_load import import_transformers\n"
         "import os\n"
         "import_transformers()\n"
         "print(os.environ['USE_HUB_KERNELS'])\n"

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from karma.agent.seeing.perceive import camera_of, pixels_of, truth_of
-from karma.agent.seeing.projection import box_round, core_of, gap_m, joined, points_in
+from karma.agent.seeing.perceive import camera_of, truth_of
 from karma.errors import KarmaError
+from karma.plugins.vision.depth import box_round, core_of, gap_m, joined, pixels_of, points_in
 from karma.world.sim import EmbeddedWorld
 
 SLACK_M = 0.03  # meshes are not quite their boxes, and strays are left out

@@ -6,8 +6,8 @@ from support import tiny_models
 
 from karma.agent.seeing.picture_states import keep
 from karma.errors import FileError, KarmaError
-from karma.memory.recall import MultimodalRecall
-from karma.models.embed.clip import ClipEmbedder
+from karma.plugins.vision.clip import ClipEmbedder
+from karma.plugins.vision.multimodal import MultimodalRecall
 from karma.types.memory import MemoryUnit
 
 
