@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from karma.world.render.form import CRACK, Form, shade
-from karma.world.render.mesh import Colour, Mesh, ball, box, joined, rod, shifted, turned
+from karma.world.render.mesh import Colour, Mesh, ball, box, joined, rod, turned
 
 WALL_M = 0.018
 SLIDE = 0.7  # of a drawer's depth, fully open
@@ -30,13 +30,17 @@ def drawer(f: Form) -> list[Mesh]:
         box((x - wall - 0.005, 0, -z), (x - 0.005, low, back), shade(f.third, 0.9)),
         box((-x + wall, 0, -z), (x - wall, low, -z + wall), shade(f.third, 0.85)),
     ]
-    out = joined([*front, *tray])  # moved in double precision, which its pixels show
     return [
-        out._replace(vertices=np.add(out.vertices, (0, 0, f.openness * SLIDE * f.depth))),
+        _moved(joined([*front, *tray]), 0, 0, f.openness * SLIDE * f.depth),
         box((-x, 0.0, -z), (x, y, -z + 0.01), shade(f.third, 0.4)),
         box((-x, 0, -z), (-x + 0.004, y, back), shade(f.third, 0.5)),
         box((x - 0.004, 0, -z), (x, y, back), shade(f.third, 0.5)),
     ]
+
+
+def _moved(part: Mesh, x: float, y: float, z: float) -> Mesh:
+    """Return the part moved in double precision: its pixels show the difference to `shifted`."""
+    return part._replace(vertices=np.add(part.vertices, (x, y, z)))
 
 
 def laptop(f: Form) -> list[Mesh]:
@@ -60,7 +64,7 @@ def laptop(f: Form) -> list[Mesh]:
         *glass(x * 0.92, tall * 0.07, tall * 0.94, 0.002, f),
     ]
     lean = turned(joined(screen), 82 * (1 - f.openness) - 8, axis=0)
-    standing = shifted(lean, 0, thick, back + thick)
+    standing = _moved(lean, 0, thick, back + thick)
     return [base, box(*keys, f.second), box(*pad, shade(f.main, 0.8)), standing]
 
 
