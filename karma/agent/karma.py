@@ -1,7 +1,7 @@
 """KARMA: both memories in the prompt; without either memory it is an ablation of Table 2."""
 
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -9,9 +9,11 @@ from karma.agent.loop import KarmaAgent
 from karma.agent.memory import AgentMemory, MapFolder
 from karma.agent.options import settings_of
 from karma.agent.planning.planner import Planner
-from karma.agent.seeing.perception import Perception, detector_of
+from karma.agent.planning.prompt import TOOLS
+from karma.agent.seeing.eyes import perception_of
 from karma.agent.settings import KarmaSettings
-from karma.types.roles import Detector, Recall, Resources, VisionModel, World
+from karma.agent.tools.loop import ToolLoop
+from karma.types.roles import Recall, Resources, VisionModel, World
 from karma.types.space import SceneRef
 
 
@@ -31,7 +33,6 @@ class KarmaMethod:
     _: KW_ONLY
     maps: Path | None = None
     learn: bool = False
-    detector: Detector | None = None
     attempts: int = 3  # programs for one instruction; later ones quote the failures
 
     @property
@@ -52,17 +53,18 @@ class KarmaMethod:
             settings,
             maps=resources.maps,
             learn=resources.learn,
-            detector=detector_of(settings.perception, resources),
         )
 
     def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> KarmaAgent:
         """Start an episode: short-term memory empty, long-term memory loaded or explored."""
-        perception = Perception(self.settings.perception, self.vision, self.detector)
+        perception = perception_of(self.settings.perception, self.vision)
         maps = MapFolder(path=self.maps, learn=self.learn)
         memory = AgentMemory(
             self.settings, self.recall, self.vision,
             maps=maps, perception=perception, seed=seed, pictures=folder,
         )  # fmt: skip
         agent = KarmaAgent(world, self.planner, memory, perception, self.attempts)
+        if self.planner.profile == TOOLS:
+            agent = replace(agent, tools=ToolLoop(self.planner, memory).executor)
         agent.enter(scene)
         return agent

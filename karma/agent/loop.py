@@ -4,15 +4,14 @@ An answer of the planner is a whole program (KARMA §3.5). Its calls run until o
 planner answers again, with the failure in its prompt. Memory takes in the experience at the end.
 """
 
-from collections.abc import Collection, Generator, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from karma.agent.attempts import Attempts, bound
 from karma.agent.body.skills import Skills
 from karma.agent.memory import AgentMemory
 from karma.agent.planning.planner import Planner, grounded
-from karma.agent.seeing.eyes import Eyes
-from karma.agent.seeing.perception import Perception
+from karma.agent.seeing.eyes import Eyes, Perception
 from karma.agent.session import (
     LOOK_OVER,
     NO_ADVICE,
@@ -38,23 +37,28 @@ class KarmaAgent:
     memory: AgentMemory
     perception: Perception
     attempts: int
+    tools: "ToolMode | None" = None  # carries out instructions in place of the planner's programs
 
     def enter(self, scene: SceneRef) -> None:
         """Be in a room; its first visit explores it."""
         self.memory.enter(scene, self.world)
 
-    def eyes(self, instruction: str) -> Eyes | None:
-        """Return the eyes for this room; None: the simulator's metadata."""
+    def eyes(self, instruction: str) -> Eyes:
+        """Return the eyes for this room."""
         return self.perception.eyes(self.memory.scene, instruction)
 
     def do(self, subtask: SubTask) -> Iterator[AgentEvent]:
         """Let the planner carry out an instruction; yield answers, results and the report."""
-        return self.execute(subtask, planned(subtask))
+        return self.execute(subtask, self.executor(subtask))
+
+    def executor(self, subtask: SubTask) -> "SessionExecutor":
+        """Return what carries out an instruction: the planner's programs, or tool calls."""
+        return self.tools(subtask) if self.tools is not None else planned(subtask)
 
     def execute(
         self,
         subtask: SubTask,
-        executor: Executor,
+        executor: "SessionExecutor",
         *,
         keep_shut: Collection[str] = (),
         clock_s: float = 0.0,
@@ -82,6 +86,10 @@ class KarmaAgent:
         )
 
 
+SessionExecutor = Callable[["AgentSession"], Generator[AgentEvent, None, bool]]
+ToolMode = Callable[[SubTask], SessionExecutor]
+
+
 def planned(subtask: SubTask) -> Executor:
     """Return the executor that leaves an instruction to the planner."""
 
@@ -96,7 +104,7 @@ class AgentSession:
 
     def __init__(self, agent: KarmaAgent, instruction: str, keep_shut: Collection[str]) -> None:
         memory = agent.memory
-        self._agent, self._memory = agent, memory
+        self._agent, self._memory, self._instruction = agent, memory, instruction
         self._beliefs = memory.beliefs(agent.world)
         eyes = agent.eyes(instruction)
         self.skills = Skills(agent.world, self._beliefs, eyes=eyes, before=memory.room.seen)
@@ -109,7 +117,8 @@ class AgentSession:
         self, subtask: SubTask, advice: Advice = NO_ADVICE
     ) -> Generator[AgentEvent, None, Attempts]:
         """Plan and act until a program succeeds or the attempts are used up."""
-        planner, attempts = self._agent.planner, Attempts(instruction=subtask.instruction)
+        planner, text = self._agent.planner, subtask.instruction
+        attempts = Attempts(instruction=text, objects=planner.objects(text))
         tells_all = planner.profile != "compact"
         request = self._memory.request(subtask, advice, tells_all=tells_all)
         self._beliefs.units = self._memory.beliefs(self._agent.world, request.units).units
@@ -139,12 +148,23 @@ class AgentSession:
         return attempts
 
     def _updated(self, request: PlanRequest, attempts: Attempts) -> PlanRequest:
-        self.skills.look()
+        self.look()
         experience = self.skills.experience
         return self._memory.updated(request, experience, again=bool(attempts.results))
 
-    def call(self, call: SkillCall, aside: Collection[str] = ()) -> SkillResult:
-        """Run a skill, `LOOK_OVER` or `SURVEY`; a search ignores the ids in `aside`."""
+    def look(self) -> None:
+        """Take note of what is in view now."""
+        self.skills.look()
+
+    def call(
+        self, call: SkillCall, aside: Collection[str] = (), *, reported: bool = False
+    ) -> SkillResult:
+        """Run a skill, `LOOK_OVER` or `SURVEY`; a search ignores the ids in `aside`.
+
+        The effects of a `reported` call are lines of the report.
+        """
+        if reported and not self._attempts:
+            self._attempts.append(Attempts(instruction=self._instruction))
         self.has_acted = True
         if call.skill == SURVEY:
             call = SkillCall.of("GoToObject", self._memory.scene)

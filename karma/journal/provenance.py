@@ -5,14 +5,13 @@ import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from karma import __version__
+from karma import __version__, registry
 from karma.agent.loading.models import OPENAI, Models, Row
 from karma.agent.loading.planner_files import words_path
 from karma.agent.planning.prompt import template_files
@@ -27,12 +26,7 @@ from karma.types.space import SceneRef
 from karma.types.tasks import Task
 from karma.world.core.scene import find
 
-_DEFAULT_MODELS = {  # of what is named without one: a model, or the constant that names it
-    "sentence": "bge-small-en",
-    "clip": "karma.models.embed.clip:DEFAULT",
-    "nano-vlm": "karma.models.transformers_vision:NANO",
-    "transformers": "karma.models.transformers_vision:NANO",
-}
+_GROUPS = {"embedder": "embedders", "vision": "vision_models"}
 PACKAGE = Path(__file__).parents[1]
 COMPUTING = (  # packages whose next version may give other bits
     "faiss-cpu", "llama-cpp-python", "numpy", "sentence-transformers", "tokenizers", "torch",
@@ -109,8 +103,11 @@ def model_hashes(models: Models, rows: Iterable[Row] = ()) -> dict[str, str]:
         "planner": _planner(models),
         "embedder": _filled(models, "embedder"),
         "vision": _filled(models, "vision"),
-        **({"detector": models.detector} if models.detector else {}),
-    } | {f"vision of {row.name}": _name_and_hash(row.vision) for row in rows if row.vision}
+    } | {
+        f"vision of {row.name}": _name_and_hash("vision_models", row.vision)
+        for row in rows
+        if row.vision
+    }
 
 
 def _planner(models: Models) -> str:
@@ -138,20 +135,18 @@ def _filled(models: Models, role: str) -> str:
     return (
         f"{OPENAI}: {endpoint.model}"
         if endpoint is not None
-        else _name_and_hash(getattr(models, role))
+        else _name_and_hash(_GROUPS[role], getattr(models, role))
     )
 
 
-def _name_and_hash(name: str) -> str:
+def _name_and_hash(role: str, name: str) -> str:
     """Return the name of an implementation with the hash of its model, if it has one."""
     kind, _, model = name.partition(":")
     if kind == "minilm":
         from karma.models.embed.minilm import FILES
 
         return f"{name} {_sha(to_json(FILES))}"
-    if not model and kind in _DEFAULT_MODELS:
-        module, _, constant = _DEFAULT_MODELS[kind].partition(":")
-        model = str(getattr(import_module(module), constant)) if constant else module
+    model = model or getattr(registry.load(role, kind), "default", "")
     return f"{name} {_model_sha(model)}" if model else name
 
 

@@ -12,13 +12,12 @@ from karma.agent.planning.prompt import check_profile
 from karma.errors import KarmaError, ModelError, UnknownNameError, did_you_mean
 from karma.models.manifest import ModelEntry, Role, find_model, is_gguf_path, read_manifest
 
-MODELS = ("planner", "profile", "recall", "embedder", "vision", "detector")  # of [models]
+MODELS = ("planner", "profile", "recall", "embedder", "vision")  # of [models]
 _HOSTED = "openai"
 _PLURALS = {
     "recall": "recalls",
     "embedder": "embedders",
     "vision": "vision_models",
-    "detector": "detectors",
     "world": "worlds",
 }
 _ROLES: Mapping[tuple[str, str], tuple[Role, ...]] = {  # of the model after "KIND:", where ours say
@@ -94,7 +93,8 @@ def _check_recall(name: str) -> None:
 
 def _check_filled(role: str, name: str) -> None:
     kind, _, model = name.partition(":")
-    if kind not in registry.names(role) and not model:
+    known = kind in registry.names(role) or registry.extra_of(role, kind)
+    if not known and not model:
         _check_listed(role, kind)
     made = registry.load(role, kind)
     if model and not _takes_model(made):

@@ -157,7 +157,6 @@ def worker_mb(models: Models, rows: Sequence[Row] = ()) -> float:
     seeing = sorted({models.vision, *(row.vision for row in rows)})
     named = [models.planner, models.embedder.partition(":")[2]]
     named += [name.partition(":")[2] for name in seeing]
-    named += models.detector.partition(":")[2].split("+")
     named += ["minilm"] if models.embedder == "minilm" else []
     named += ["karma-nano-vlm"] if "nano-vlm" in seeing else []
     return _BASE_MB + sum(_model_mb(name) for name in named if name)

@@ -77,7 +77,7 @@ def _causes(rows: Sequence[str], failures: Sequence[Failure]) -> Any:
     figure, (axis,) = _panels(rows, 1)
     for place, row in enumerate(rows):
         left = 0
-        counts = count((case for case in failures if case.row == row), first_only=True)
+        counts = count(case for case in failures if case.row == row)
         for number, amount in enumerate(counts.values()):
             axis.barh(place, amount, 0.6, left=left, color=f"C{number}")
             left += amount

@@ -216,7 +216,7 @@ def _resampled(
     times = times_in(stream(0, "lived", "resampled", use), len(under), _RESAMPLES)
     sums = np.column_stack([np.asarray(over, float), under])
     found = bootstrap(sums, lambda s: s[:, 0] / s[:, 1], number=len(under), times=times)
-    ends = found.estimate.interval
+    ends = found.interval
     return (ends.low, ends.high) if ends else (None, None)
 
 
