@@ -1,12 +1,10 @@
 """Models made here: what llama.cpp loads of them, a seed decides every byte; and stand-ins."""
 
 import pytest
-from support.tiny import opened
 
 from karma.errors import UnknownNameError
 from karma.models.checks.gguf import check_gguf
-from karma.testing import FAMILIES, StubVision, make_llama, make_planner
-from karma.types.planning import Prompt
+from karma.testing import FAMILIES, StubVision, make_planner
 from karma.types.tasks import SubTask
 
 SIZE = {"layers": 3, "width": 64, "heads": 4, "kv_heads": 2, "feed_forward": 96}
@@ -26,19 +24,6 @@ def test_unknown_family_is_refused_with_those_there_are(tmp_path):
     with pytest.raises(UnknownNameError, match=r"no model family 'gpt'; there are llama3, qwen"):
         make_planner(tmp_path / "x.gguf", "gpt")
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("tied", [True, False])
-def test_llama_of_given_size_has_that_many_weights_and_answers(tmp_path, tied):
-    path = make_llama(tmp_path / "x.gguf", vocabulary=2000, context=512, tied=tied, **SIZE)
-    per_layer = 64 * (64 + 2 * 32) + 64 * 64 + 3 * 64 * 96  # q, k, v; output; gate, up, down
-    weights = 3 * per_layer + 64 * 2000 * (1 if tied else 2)
-    assert abs(path.stat().st_size - 2 * weights) < 60_000  # norms, keys and the vocabulary
-    model = opened(path)
-    found = model.complete(Prompt(stable="", changing="Go to the fridge."), max_tokens=4)
-    assert (model.gguf.limit, model.gguf.vocabulary) == (512, 2000)
-    assert found.completion_tokens == 4
-    assert 1 < model.gguf.logits().std() < 6
 
 
 def test_fixture_begins_an_episode_that_acts_and_remembers(karma_episode):
