@@ -91,14 +91,13 @@ class Attempts:
 
 def bound(answer: Plan, only: Mapping[str, str]) -> tuple[SkillCall, ...]:
     """Return an answer's calls with ids; `only`: type -> id of the single admitted object."""
-    return tuple(_about_one(call, only) for call in grounded(answer.calls, answer.names))
-
-
-def _about_one(call: SkillCall, only: Mapping[str, str]) -> SkillCall:
-    first = only.get(kind_of(call.objects[0]))
-    place = only.get(kind_of(call.objects[-1])) if call.skill in PUTS else None
-    if place is not None:
-        call = replace(call, objects=(*call.objects[:-1], place), exact=True)
-    if first is None or (not call.objects[1:] and call.skill == "PutObject"):
-        return call
-    return replace(call, objects=(first, *call.objects[1:]), turn=0)
+    calls = []
+    for call in grounded(answer.calls, answer.names):
+        first = only.get(kind_of(call.objects[0]))
+        place = only.get(kind_of(call.objects[-1])) if call.skill in PUTS else None
+        if place is not None:
+            call = replace(call, objects=(*call.objects[:-1], place), exact=True)
+        if first is not None and (call.objects[1:] or call.skill != "PutObject"):
+            call = replace(call, objects=(first, *call.objects[1:]), turn=0)
+        calls.append(call)
+    return tuple(calls)

@@ -88,13 +88,6 @@ def _told(outcome, episode):
     return unit(episode, "Potato").states
 
 
-def test_heated_and_put_in_the_fridge_is_told_as_cold(start):
-    episode, _ = start(HEAT + CHILL)
-    said = {check.text: check.found for check in do(episode, "heat it, put it away").checks}
-    assert "the potato is hot" not in said
-    assert said["the potato is cold"] == "done"
-
-
 def test_what_lay_in_a_vessel_that_was_thrown_is_believed_nowhere_but_where_it_was_seen(start):
     throw = "Explore(robot, 'Mug')\nPickupObject(robot, 'Mug')\nThrowObject(robot, 'Mug')\n"
     episode, world = start(put("Spoon", "Mug"), throw)

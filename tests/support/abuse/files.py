@@ -65,7 +65,7 @@ def _graph() -> bytes:
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "map.json"
-        SceneGraph([], floor="one").save(path)
+        SceneGraph([]).save(path)
         return path.read_bytes()
 
 
