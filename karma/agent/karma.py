@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from karma.agent.loop import KarmaAgent
-from karma.agent.memory import AgentMemory, MapFolder
+from karma.agent.memory import AgentMemory
 from karma.agent.options import settings_of
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.prompt import TOOLS
@@ -58,10 +58,9 @@ class KarmaMethod:
     def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> KarmaAgent:
         """Start an episode: short-term memory empty, long-term memory loaded or explored."""
         perception = perception_of(self.settings.perception, self.vision)
-        maps = MapFolder(path=self.maps, learn=self.learn)
         memory = AgentMemory(
             self.settings, self.recall, self.vision,
-            maps=maps, perception=perception, seed=seed, pictures=folder,
+            maps=self.maps, learn=self.learn, perception=perception, seed=seed, pictures=folder,
         )  # fmt: skip
         agent = KarmaAgent(world, self.planner, memory, perception, self.attempts)
         if self.planner.profile == TOOLS:

@@ -38,7 +38,6 @@ from karma.files import read_bytes
 from karma.journal.records import SubTaskRecord
 from karma.journal.steps import StepLog
 from karma.journal.writer import EpisodeWriter, TimeLog
-from karma.models.llama.model import LlamaModel
 from karma.models.manifest import default_planner, resolve_planner
 from karma.models.session import Session, Spent
 from karma.types.completion import Listener
@@ -228,10 +227,6 @@ class Agent:
         if self._done:
             self.save()
 
-    def clauses(self, instruction: str) -> list[str]:
-        """Return the requests of an instruction, in the words in which they are carried out."""
-        return [request.text for request in self.assistant.requests(instruction)]
-
     def carry_out(
         self,
         subtask: SubTask,
@@ -360,12 +355,6 @@ class Agent:
     def map(self) -> RoomMap:
         """Long-term memory of the room: places to stand, and the furniture near them."""
         return RoomMap.of(self.scene.name, self.known.graph)
-
-    @property
-    def manner(self) -> str:
-        """How prompts go into the planner's GGUF where it has a chat template; else ""."""
-        model = self.method.planner.model
-        return model.manner if isinstance(model, LlamaModel) else ""
 
     @property
     def folder(self) -> Path:

@@ -1,6 +1,6 @@
 """Roles that plug-ins can fill: worlds, models, policies, methods."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, Self, runtime_checkable
@@ -151,7 +151,14 @@ class Knowledge(Protocol):
         """Return the area nodes to search, in order; () without long-term memory."""
 
 
-Hints = Callable[[str], Sequence[Hint]]  # of an instruction, for one planner
+class PhraseReader(Protocol):
+    """Finds the phrases of an instruction, for a small planner that was trained with them."""
+
+    def hints(self, instruction: str) -> Sequence[Hint]:
+        """Return what phrases that the planner does not know may mean."""
+
+    def objects(self, instruction: str) -> Mapping[str, Collection[str]]:
+        """Return the objects that an instruction mentions, in the singular, and types called so."""
 
 
 Examples = Callable[[str], Sequence[WorkedExample]]  # for an instruction, the nearest last
@@ -165,7 +172,7 @@ class Resources:
     profile: str  # of its prompts: "compact", "full" or "goals"
     decoding: Decoding = field(default_factory=Decoding)
     listen: Listener | None = None  # hears the planner's answers as they come
-    hints: Hints | None = None  # where the planner has learnt to read them
+    reader: PhraseReader | None = None  # for a planner that was trained with hints
     examples: Examples | None = None  # for a planner that is told of some
     recall: Recall
     vision: VisionModel

@@ -15,8 +15,8 @@ from karma.agent.loading.names import MODELS, check_models, whole_name
 from karma.agent.loading.planner_files import (
     EXAMPLES,
     examples_for,
-    hints_for,
     may_refuse,
+    reader_for,
 )
 from karma.agent.planning.prompt import GOALS, render
 from karma.agent.seeing.eyes import METADATA
@@ -39,12 +39,17 @@ class Preset:
 
 
 PRESETS = {
-    "": Preset(recall="stateful"),  # what the tables measure
+    "": Preset(recall=""),  # `default_recall`: what the tables measure
     "paper": Preset(  # §3.5; it gives no K, so all units
         recall="cosine:listing",
         options={"recall_k": 10, "paper_prompt": True},
     ),
 }
+
+
+def default_recall() -> str:
+    """Return the recall of small planners where its plug-in is installed, else the paper's."""
+    return "stateful" if "stateful" in registry.names("recalls") else "cosine"
 
 
 def preset(name: str) -> Preset:
@@ -95,7 +100,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     refusing: bool | None = None  # requests may be refused; None: by who has learnt it (manifest)
     thinking: Thinking = "off"  # whether a model that can think first may
     embedder: str = "minilm"  # or "sentence:MODEL", "clip:MODEL", of the manifest or a folder
-    recall: str = PRESETS[""].recall
+    recall: str = ""  # "": `default_recall`
     vision: str = "metadata"
     constraint: Constraint = "types"  # what answers may say; a server must prove that it holds them
     examples: int | None = None  # told, 0 to 8; None: 4 to a local planner with the full prompt
@@ -109,6 +114,8 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         for key, usual in (("embedder", "minilm"), ("vision", "metadata")):
             if getattr(self, key) != usual:
                 force_setattr(self, key, whole_name(key, getattr(self, key)))
+        if not self.recall:
+            force_setattr(self, "recall", default_recall())
         if self.planner == "default":  # what `karma run` takes: the best of ours that is here
             force_setattr(self, "planner", default_planner())
         if self.examples is not None and not 0 <= self.examples <= 8:
@@ -172,7 +179,7 @@ def load_resources(
         model=model,
         profile=profile,
         decoding=decoding,
-        hints=None if is_hosted else hints_for(models.planner, embedder),
+        reader=None if is_hosted else reader_for(models.planner, embedder),
         examples=examples_for(count, embedder, goals=goals),
         recall=_recall(models.recall, embedder, maps),
         vision=filled("vision_models", models.vision, models.hosted.vision, session, models),

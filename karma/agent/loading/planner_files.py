@@ -15,7 +15,6 @@ from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.goal_lines import as_lines, plain_program
 from karma.errors import KarmaError
 from karma.files import cache, read_bytes, shipped, write_atomic
-from karma.language.hints import Hinter, load_words
 from karma.models.embed.minilm import FILES
 from karma.models.manifest import (
     check_file,
@@ -25,7 +24,7 @@ from karma.models.manifest import (
     resolve_planner,
 )
 from karma.types.planning import WorkedExample
-from karma.types.roles import Embedder, Examples, Hints
+from karma.types.roles import Embedder, Examples, PhraseReader
 from karma.types.space import Vectors
 
 WORDS = "words.json"  # beside a GGUF that has no entry, if it has one
@@ -37,13 +36,16 @@ def may_refuse(planner: str, said: bool | None = None) -> bool:
     return resolve_planner(planner).refuses if said is None else said
 
 
-def hints_for(planner: str, embedder: Embedder | None = None) -> Hints | None:
-    """Return what gives a planner its hints; None where it has not learnt to read them."""
+def reader_for(planner: str, embedder: Embedder | None = None) -> PhraseReader | None:
+    """Return the reader of a planner that was trained with hints, else None.
+
+    UnknownNameError without the plug-in that has it.
+    """
     path = words_path(planner)
     if path is None:
         return None
-    embedder = learnt_embedder(embedder)
-    return Hinter(load_words(path, embedder), embedder).hints
+    found: PhraseReader = registry.load("phrase_readers", "rules")(path, learnt_embedder(embedder))
+    return found
 
 
 def learnt_embedder(loaded: Embedder | None) -> Embedder:

@@ -207,7 +207,7 @@ class CopyingMethod(KarmaMethod):
             raise KarmaError(_NONE)
         nearest = _Nearest(resources.examples)
         model = ScriptedModel(nearest.programs())
-        copying = replace(resources, model=model, examples=nearest, hints=None)
+        copying = replace(resources, model=model, examples=nearest, reader=None)
         return super().build(copying, options)
 
 

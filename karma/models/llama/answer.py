@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.errors import ModelError
-from karma.language.whole import cut_off
 from karma.models.automaton import ProgramAutomaton, State, refusal_lines
+from karma.models.completeness import cut_off
 from karma.types.completion import Certainty, Heard, Listener
 from karma.types.planning import AnswerSpec, ProgramSpec
 

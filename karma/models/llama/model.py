@@ -18,9 +18,9 @@ from typing import Literal
 import numpy as np
 
 from karma.errors import ModelError, RequestRefused
-from karma.language.whole import cut_off, cycle, going_round
 from karma.models.automaton import ProgramAutomaton, State, without_closing
 from karma.models.checks.template import TEMPLATE
+from karma.models.completeness import cut_off, cycle, going_round
 from karma.models.llama.answer import (
     CertaintyLog,
     Logits,

@@ -15,8 +15,8 @@ from karma.agent.planning.planner import program_spec
 from karma.agent.planning.program import parse_program
 from karma.files import to_json
 from karma.household.types import object_types
-from karma.language.whole import TIMES, repeated
 from karma.models.automaton import ProgramAutomaton
+from karma.models.completeness import TIMES, repeated
 from karma.plugins.alfred.sentences import plain
 from karma.plugins.training import packs
 from karma.plugins.training.drawing.memories import KnownRoom, room_of

@@ -2,7 +2,7 @@
 
 import pytest
 
-from karma.memory.stateful import Wanted, question_of
+from karma.plugins.rules.stateful import Wanted, question_of
 
 
 def first(text):

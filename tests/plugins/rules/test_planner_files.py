@@ -6,10 +6,10 @@ import shutil
 import pytest
 
 from karma import registry
-from karma.agent.loading.planner_files import hints_for, may_refuse, words_path
+from karma.agent.loading.planner_files import may_refuse, reader_for, words_path
 from karma.errors import ModelError
-from karma.language.hints import WordFile, write_words
 from karma.models.manifest import ModelEntry, ModelFile
+from karma.plugins.rules.wording.hints import WordFile, write_words
 
 WORDS = WordFile(
     types={"Cup": ("glass",), "Knife": ("knife",)}, deeds={"wash": ("wash",)},
@@ -65,15 +65,15 @@ def test_planner_of_the_manifest_may_refuse_if_it_has_learnt_to_or_is_told_so(mo
 
 
 def test_planner_whose_entry_names_its_words_is_told_hints_and_another_none(models, minilm):
-    (hint,) = hints_for("learnt", embedder=minilm)("wash the blade")
+    (hint,) = reader_for("learnt", embedder=minilm).hints("wash the blade")
     assert (hint.phrase, hint.meanings[0].name) == ("blade", "Knife")
-    assert hints_for("plain") is None
+    assert reader_for("plain") is None
 
 
 def test_words_file_that_is_not_what_the_manifest_says_is_refused(models):
     (models / "words.json").write_bytes(b"{}")
     with pytest.raises(ModelError, match=r"words\.json"):
-        hints_for("learnt")
+        reader_for("learnt")
 
 
 def test_words_file_that_is_none_of_its_model_is_refused():

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from karma.language.words import closed_words, verb_forms, verb_tense, word_lists
+from karma.plugins.rules.wording.words import closed_words, verb_forms, verb_tense, word_lists
 
 _TOKEN = re.compile(r"[^\W_]+(?:['’-][^\W_]+)*|[.,;:!?\n]")
 STOPS = frozenset(".,;:!?\n")

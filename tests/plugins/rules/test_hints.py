@@ -5,7 +5,7 @@ import pytest
 
 from karma import registry
 from karma.household.types import object_types
-from karma.language.hints import (
+from karma.plugins.rules.wording.hints import (
     Hinter,
     WordFile,
     load_words,
@@ -53,6 +53,12 @@ def test_unknown_noun_comes_nearest_to_the_type_that_it_means(hinter):
 )
 def test_phrases_that_the_planner_knows_get_no_hint(hinter, text):
     assert hinter.hints(text) == ()
+
+
+def test_objects_of_an_instruction_are_bare_and_in_the_singular(hinter):
+    found = hinter.objects("Put the clean red apples beside the cleaning tool in the fridge")
+    assert [*found] == ["red apple", "cleaning tool", "fridge"]
+    assert {"DishSponge", "ScrubBrush"} <= found["cleaning tool"]
 
 
 def test_texts_with_a_word_that_is_left_out_are_as_if_never_written(hinter, minilm):

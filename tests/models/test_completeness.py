@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from karma.agent.planning.recovery import program_of
 from karma.errors import ProgramError
-from karma.language.whole import LONGEST, cycle, repeated
+from karma.models.completeness import LONGEST, cycle, repeated
 from karma.types.completion import Completion
 
 LINES = st.lists(st.sampled_from("abc"), max_size=14)

@@ -6,10 +6,10 @@ of the unit's type are called, look like and are for. To that come fixed bonuses
 questions of our own and on household questions of the reference data, and are not fitted to any
 task.
 
-The noun phrases come from `karma.language`. What says how a thing is ("washed", "that is not cut")
-or where it lies ("from the fridge") is told apart from what says which kind of thing it is, since
-sentence vectors tell states and places badly. Where something is to go says nothing about where it
-is, so the destination of a request is only asked for as a thing of its own, after the others.
+The noun phrases come from `karma.plugins.rules.wording`. States ("washed", "that is not cut") and
+places ("from the fridge") are told apart from the words for the object type, since sentence vectors
+tell states and places badly. The destination of a request says nothing about where an object is,
+hence it is only asked for as an object of its own, after the others.
 """
 
 import re
@@ -25,11 +25,11 @@ from karma.household.pieces import base_type
 from karma.household.states import ALIKE, OPPOSITES, state_words
 from karma.household.types import in_words
 from karma.household.uses import CHANGED_IN
-from karma.language.hints import TYPE_WORDS, kept_words, own_texts, singular
-from karma.language.parts import NounPhrase, Phrases
-from karma.language.phrases import phrases_of
-from karma.language.words import word_lists
 from karma.memory.recall import FoundUnit, UnitIndex, row_of
+from karma.plugins.rules.wording.hints import TYPE_WORDS, kept_words, own_texts, singular
+from karma.plugins.rules.wording.parts import NounPhrase, Phrases
+from karma.plugins.rules.wording.phrases import phrases_of
+from karma.plugins.rules.wording.words import word_lists
 from karma.types.memory import MemoryUnit, Recalled
 from karma.types.roles import Embedder
 from karma.types.space import Vectors

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from karma.language.phrases import phrases_of
-from karma.language.words import base_of, word_lists
+from karma.plugins.rules.wording.phrases import phrases_of
+from karma.plugins.rules.wording.words import base_of, word_lists
 
 NOUNS = {
     "put something to write with on the old desk": ["something to write with", "old desk"],

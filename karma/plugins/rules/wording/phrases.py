@@ -10,9 +10,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
-from karma.language.cursor import FORMS_OF_BE, STOPS, Cursor, read_tail, tokens_of
-from karma.language.parts import NounPhrase, Phrases, Pronoun, VerbPhrase, head_of, with_roles
-from karma.language.words import base_of, verb_forms, verb_tense, word_lists
+from karma.plugins.rules.wording.cursor import FORMS_OF_BE, STOPS, Cursor, read_tail, tokens_of
+from karma.plugins.rules.wording.parts import (
+    NounPhrase,
+    Phrases,
+    Pronoun,
+    VerbPhrase,
+    head_of,
+    with_roles,
+)
+from karma.plugins.rules.wording.words import base_of, verb_forms, verb_tense, word_lists
 
 _SEEMS = frozenset(["looks", "feels", "seems", "smells", "gets", "got"])
 _ARTICLES = frozenset(["a", "an", "the", "my", "your", "his", "her", "our", "another", "some"])

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.files import read_json, read_toml, to_json, write_atomic
-from karma.language.parts import NounPhrase, VerbPhrase
-from karma.language.phrases import phrases_of
-from karma.language.words import base_of, word_lists
+from karma.plugins.rules.wording.parts import NounPhrase, VerbPhrase
+from karma.plugins.rules.wording.phrases import phrases_of
+from karma.plugins.rules.wording.words import base_of, word_lists
 from karma.types.planning import Hint, Meaning
 from karma.types.roles import Embedder
 from karma.types.space import Vectors
@@ -212,7 +212,7 @@ def texts_in_order(file: WordFile) -> list[str]:
 
 
 class Hinter:
-    """Gives hints for the phrases of an instruction that the planner has not learnt."""
+    """Reads the phrases of an instruction, for a planner that was trained with a words file."""
 
     def __init__(self, words: Words, embedder: Embedder) -> None:
         self.words, self._embedder = words, embedder
@@ -225,6 +225,31 @@ class Hinter:
             for query in unknown[:MOST]
             for vector in self._embedder.embed([query.phrase])
         )
+
+    def objects(self, instruction: str) -> dict[str, frozenset[str]]:
+        """Return the objects that an instruction mentions, and the types called so."""
+        nouns = (noun.text.lower().split() for noun in phrases_of(instruction).nouns)
+        names = (" ".join(bare_words(words)) for words in nouns)
+        called = types_by_text()
+        return {
+            singular(name): called.get(name, frozenset()) | called.get(singular(name), frozenset())
+            for name in names
+        }
+
+
+@cache
+def types_by_text() -> Mapping[str, frozenset[str]]:
+    """Return text -> object types that are called so."""
+    found: dict[str, set[str]] = {}
+    for kind, texts in read_json(TYPE_WORDS, WordFile).types.items():
+        for text in texts:
+            found.setdefault(text, set()).add(kind)
+    return {text: frozenset(kinds) for text, kinds in found.items()}
+
+
+def open_reader(path: Path, embedder: Embedder) -> Hinter:
+    """Return the reader of a planner with a words file."""
+    return Hinter(load_words(path, embedder), embedder)
 
 
 # ----------------------------------------------------------------- the files

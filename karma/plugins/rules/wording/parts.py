@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from karma.language.words import closed_words, word_lists
+from karma.plugins.rules.wording.words import closed_words, word_lists
 
 Role = Literal["thing", "destination", "modifier"]  # a modifier says which other thing is meant
 

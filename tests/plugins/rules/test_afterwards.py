@@ -76,7 +76,7 @@ def _nothing():
         held=None,
         handled_ids=(),
         effects={},
-        missed=frozenset(),
+        missed={},
         cut=frozenset(),
     )
 
