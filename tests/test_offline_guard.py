@@ -12,7 +12,6 @@ import subprocess
 import sys
 import threading
 from contextlib import suppress
-from pathlib import Path
 
 import pytest
 from support.paths import ROOT
@@ -85,19 +84,6 @@ def test_refusal_names_the_libraries_on_the_way(refusals):
         requests.get("http://example.org/weights.bin", timeout=1)
     assert caught.value.through == ("requests", "urllib3")
     assert "test_refusal_names_the_libraries_on_the_way" in caught.value.caller
-
-
-def test_refusal_through_an_installed_package_names_our_code_too(refusals, monkeypatch):
-    import huggingface_hub.constants
-    from huggingface_hub import HfApi
-
-    monkeypatch.setattr(huggingface_hub.constants, "HF_HUB_OFFLINE", False)
-    with pytest.raises(KarmaError):
-        HfApi().model_info("somebody/something")
-        offline.settle()
-    (first, *_) = refusals()
-    assert "huggingface_hub" in first.caller
-    assert Path(__file__).name in first.behalf
 
 
 def test_swallowed_refusal_still_comes_to_light(refusals):
