@@ -549,13 +549,3 @@ def _agent_place(rows):
     normal = 2 * (places[1:] - places[0])
     offset = (places[1:] ** 2).sum(1) - (places[0] ** 2).sum() - far[1:] ** 2 + far[0] ** 2
     return tuple(float(value) for value in np.linalg.lstsq(normal, offset, rcond=None)[0])
-
-
-# ----------------------------------------------------------------- scene files
-
-
-def test_opened_by_the_old_name_of_openness(world):
-    fridge = find(world, "Fridge")
-    for magnitude, openness in ((0, 1.0), (0.65, 0.65)):
-        world.step("OpenObject", objectId=fridge, forceAction=True, moveMagnitude=magnitude)
-        assert look(world, fridge)["openness"] == pytest.approx(openness)
