@@ -127,21 +127,26 @@ class AgentMemory:
         if units:
             k = min(settings.recall_k, len(units))
             recalled = self._recall.recall(query or subtask.instruction, units, k)
-        chosen = tuple(item.unit for item in recalled)
-        shown = units
-        if settings.means == "recalled":  # the last unit of a type has its bare name
-            shown = chosen[::-1]
-        elif settings.paper_prompt or not tells_all:
-            shown = tuple(unit for unit in units if unit in chosen)
         return PlanRequest(
             instruction=subtask.instruction,
             whole="" if subtask.is_whole else subtask.whole,
             areas=self.graph.areas() if self.graph else (),
             graph_text=self.graph.to_text() if self.graph and settings.paper_prompt else "",
             recalled=tuple(recalled),
-            units=shut_away(shown, self.short_term.units(self.scene)),
+            units=self._shown(units, recalled, tells_all=tells_all and not settings.paper_prompt),
             advice=advice,
         )
+
+    def _shown(
+        self, units: tuple[MemoryUnit, ...], recalled: Sequence[Recalled], *, tells_all: bool
+    ) -> tuple[MemoryUnit, ...]:
+        """Return the units of the prompt: all units of this room, or the recalled units."""
+        chosen = tuple(item.unit for item in recalled)
+        if self.settings.means == "recalled":  # the last unit of a type has its bare name
+            units = chosen[::-1]
+        elif not tells_all:
+            units = tuple(unit for unit in units if unit in chosen)
+        return shut_away(units, self.short_term.units(self.scene))
 
     def updated(self, request: PlanRequest, experience: Experience, *, again: bool) -> PlanRequest:
         """Return the request with hand and sights and, after a failure, the updated units."""
