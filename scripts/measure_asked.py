@@ -30,9 +30,9 @@ from support.asked import (
 )
 from support.judging import asking_resources, say
 
-from karma.agent.goals.files import load_said
-from karma.agent.goals.goals import parse_goal
-from karma.agent.loading.models import Models
+from karma.goals.files import load_said
+from karma.goals.goals import parse_goal
+from karma.loading.models import Models
 from karma.offline.guard import go_offline
 from karma.types.roles import Resources
 

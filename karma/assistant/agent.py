@@ -20,11 +20,7 @@ from typing import TYPE_CHECKING, Any
 from weakref import proxy
 
 from karma import registry
-from karma.agent.goals.goals import GoalTracker, WatchedWorld
 from karma.agent.karma import KarmaMethod
-from karma.agent.loading.models import Models, Row, load_resources, world_maker
-from karma.agent.loading.models import preset as preset_of
-from karma.agent.loading.names import check_options
 from karma.agent.memory import AgentMemory, Snapshot
 from karma.agent.planning.prompt import GOALS
 from karma.agent.session import Executor
@@ -35,9 +31,13 @@ from karma.assistant.talk_folder import Keeper, TalkFolder
 from karma.assistant.views import Memory, RoomMap
 from karma.errors import KarmaError
 from karma.files import read_bytes
+from karma.goals.goals import GoalTracker, WatchedWorld
 from karma.journal.records import SubTaskRecord
 from karma.journal.steps import StepLog
 from karma.journal.writer import EpisodeWriter, TimeLog
+from karma.loading.models import Models, Row, load_resources, world_maker
+from karma.loading.models import preset as preset_of
+from karma.loading.names import check_options
 from karma.models.manifest import default_planner, resolve_planner
 from karma.models.session import Session, Spent
 from karma.types.completion import Listener

@@ -79,9 +79,9 @@ class ModelsCommand(Computed):
 
     def do(self) -> None:
         """Open and ask each model."""
-        from karma.agent.loading.models import Models
         from karma.bench.engine.experiment_file import read_experiment
         from karma.bench.engine.model_doctor import examine
+        from karma.loading.models import Models
 
         models = Models() if self.experiment is None else read_experiment(self.experiment).models
         chosen = self.computed | ({} if self.planner is None else {"planner": self.planner})

@@ -251,7 +251,7 @@ class Kept:
 
     def hosted(self, planner: str, model: str) -> "Hosted":
         """Return where the planner is, if it is a hosted one."""
-        from karma.agent.loading.models import OPENAI
+        from karma.loading.models import OPENAI
         from karma.models.endpoint import Hosted
 
         if planner != OPENAI and not (self.base_url or model):

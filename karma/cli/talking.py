@@ -96,9 +96,9 @@ class ChatCommand(Computed, Kept, RequestOptions):
 
     def agent(self, view: AnswerView, home: str) -> "Agent":
         """Return the agent of these options; `view` hears its answers."""
-        from karma.agent.loading.models import Models, preset
         from karma.assistant.agent import ANSWER_SECONDS, Agent
         from karma.assistant.session_log import DEFAULT_SCENE
+        from karma.loading.models import Models, preset
         from karma.models.manifest import default_planner
         from karma.models.session import Session
 

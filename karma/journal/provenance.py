@@ -12,12 +12,11 @@ from typing import Any
 import msgspec
 
 from karma import __version__, registry
-from karma.agent.loading.models import OPENAI, Models, Row
-from karma.agent.loading.planner_files import words_path
-from karma.agent.planning.prompt import template_files
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, sha256_of, to_json
 from karma.journal.header import FORMAT, Header, Machine, without_places
+from karma.loading.models import OPENAI, Models, Row
+from karma.loading.planner_files import words_path
 from karma.models.checks.memory import MEMINFO
 from karma.models.llama.opening import devices
 from karma.models.manifest import find_model, resolve_planner
@@ -55,7 +54,7 @@ def header_of(
         tasks=_sha(to_json([_listed(task) for task in tasks])),
         versions=versions(),
         models=model_hashes(models, rows),
-        prompts=prompt_hashes(models.profile),
+        prompts=prompt_hashes(),
         scenes=scene_hashes({scene for task in tasks for scene in task.scenes}, scenes),
         network=network_allowed(),
         steps=steps,
@@ -170,11 +169,10 @@ def _file_sha(path: Path) -> str:
 # ----------------------------------------------------------------- the rest
 
 
-def prompt_hashes(profile: str = "") -> dict[str, str]:
-    """Return the hash of each template, of a profile's own in place of ours."""
-    shipped = {path.name: path for path in PACKAGE.rglob("*.txt")}
-    files = {**shipped, **template_files(profile)}
-    return {name: _sha(read_bytes(files[name])) for name in sorted(files)}
+def prompt_hashes() -> dict[str, str]:
+    """Return the hash of each prompt template."""
+    files = sorted(PACKAGE.rglob("*.txt"), key=lambda path: path.name)
+    return {path.name: _sha(read_bytes(path)) for path in files}
 
 
 def _listed(task: Task) -> dict[str, Any]:

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from karma.agent.goals.goals import parse_goal
 from karma.agent.planning.expert import ExpertView, NamedThing, solve
 from karma.agent.planning.planner import Planner, grounded, program_spec
 from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import compact
+from karma.goals.goals import parse_goal
 from karma.household.places import landmark_types
 from karma.models.automaton import ProgramAutomaton
 from karma.models.scripted import ScriptedModel

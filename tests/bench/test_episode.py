@@ -8,7 +8,6 @@ import pytest
 
 import karma
 from karma import registry
-from karma.agent.goals.goals import parse_goal
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.bench.engine.episode import run_episode
@@ -25,6 +24,7 @@ from karma.errors import (
     WorkerLost,
     WorldLost,
 )
+from karma.goals.goals import parse_goal
 from karma.memory.recall import CosineRecall
 from karma.models.scripted import MetadataVision, ScriptedModel
 from karma.offline.guard import NetworkRefused

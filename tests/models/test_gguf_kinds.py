@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from support.paths import ROOT
 
-from karma.agent.loading.names import check_models
 from karma.errors import ModelError
+from karma.loading.names import check_models
 from karma.models.added import add_model
 from karma.models.checks.gguf import check_gguf
 from karma.models.llama.gguf_model import GgufModel

@@ -9,10 +9,10 @@ from support import tiny_models
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
-from karma.agent.loading.models import Models, Row
-from karma.agent.loading.names import check_models
 from karma.cli import app
 from karma.errors import FileError, ModelError, UnknownNameError
+from karma.loading.models import Models, Row
+from karma.loading.names import check_models
 from karma.models import added as added_models
 from karma.models.added import AddOptions, add_model, remove_model
 from karma.models.llama.model import LlamaModel

@@ -11,8 +11,8 @@ from typing import Any, Literal
 
 import msgspec
 
-from karma.agent.goals.files import load_lines
-from karma.agent.goals.goals import parse_goal
+from karma.goals.files import load_lines
+from karma.goals.goals import parse_goal
 from karma.types.tasks import Goal
 
 Act = Literal["do", "partly", "ask", "refuse", "answer"]  # what is to come of it

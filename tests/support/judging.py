@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from karma.agent.goals.goals import Goal, GoalTracker
-from karma.agent.loading.models import Models, load_resources
 from karma.assistant.agent import Agent, asking
 from karma.assistant.replies import AgentReply
 from karma.errors import KarmaError
+from karma.goals.goals import Goal, GoalTracker
+from karma.loading.models import Models, load_resources
 from karma.models.endpoint import Hosted
 from karma.types.roles import Resources
 from karma.types.tasks import SubTask

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.agent.goals.files import load_tasks
+from karma.goals.files import load_tasks
 from karma.models.llama.gguf_model import GgufModel
 from karma.types.completion import END
 from support.paths import ROOT

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from karma import registry
-from karma.agent.loading.models import OPENAI, Models, check_asked, filled, language_model
-from karma.agent.loading.names import opened_as
 from karma.bench.engine.workers import listed_mb
 from karma.errors import KarmaError, ModelError
 from karma.files import rebuild_llama
+from karma.loading.models import OPENAI, Models, check_asked, filled, language_model
+from karma.loading.names import opened_as
 from karma.models.checks.gguf import check_gguf
 from karma.models.checks.memory import gguf_parts_mb
 from karma.models.llama.gguf_model import GgufModel

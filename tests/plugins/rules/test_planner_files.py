@@ -6,8 +6,8 @@ import shutil
 import pytest
 
 from karma import registry
-from karma.agent.loading.planner_files import may_refuse, reader_for, words_path
 from karma.errors import ModelError
+from karma.loading.planner_files import may_refuse, reader_for, words_path
 from karma.models.manifest import ModelEntry, ModelFile
 from karma.plugins.rules.wording.hints import WordFile, write_words
 

@@ -8,11 +8,11 @@ from support.experiences import Words
 from support.household import kitchen
 
 from karma.agent.karma import KarmaMethod, KarmaSettings
-from karma.agent.loading.models import Models, load_resources, world_maker
 from karma.agent.planning.planner import Planner
 from karma.agent.seeing.eyes import perception_of
 from karma.errors import KarmaError, UnknownNameError
 from karma.files import to_json
+from karma.loading.models import Models, load_resources, world_maker
 from karma.memory.recall import CosineRecall
 from karma.models.scripted import BlindVision, MetadataVision, ScriptedModel
 from karma.plugins.vision import perception

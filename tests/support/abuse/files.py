@@ -97,13 +97,11 @@ EXPERIMENT = (
 )
 KINDS = (
     Kind(name="home.json", sound=_kitchen, read=reader("karma.world.core.scene:load")),
-    Kind(
-        name="tasks.jsonl", sound=as_json(TASK), read=reader("karma.agent.goals.files:load_tasks")
-    ),
+    Kind(name="tasks.jsonl", sound=as_json(TASK), read=reader("karma.goals.files:load_tasks")),
     Kind(
         name="requests.jsonl",
         sound=as_json({"id": "a", "text": "Go."}),
-        read=reader("karma.agent.goals.files:load_texts"),
+        read=reader("karma.goals.files:load_texts"),
     ),
     Kind(
         name="x.toml",

@@ -11,7 +11,6 @@ from support.talking import AWAY, STORE, TAKE, WASH, agent_saying
 from support.tiny import export_tiny
 
 from karma import Agent
-from karma.agent.loading.models import Models
 from karma.assistant.agent import asking
 from karma.assistant.talk_folder import TalkFolder
 from karma.errors import FileError, KarmaError
@@ -19,6 +18,7 @@ from karma.journal.header import EPISODES, RESULTS
 from karma.journal.owned_folder import MARK
 from karma.journal.run_folder import read_run
 from karma.journal.steps import read_steps, steps_path
+from karma.loading.models import Models
 
 
 def everything(agent, folder):

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from support.made_events import event, goals, thing, unmet
 from support.written_tasks import write_tasks
 
-from karma.agent.goals.files import load_tasks
-from karma.agent.goals.goals import ARITY, MOST, GoalTracker, object_names, parse_goal, read_goal
+from karma.goals.files import load_tasks
+from karma.goals.goals import ARITY, MOST, GoalTracker, object_names, parse_goal, read_goal
 from karma.types.tasks import Goal
 
 DESKS = [thing(f"Desk|{i}", receptacle=True) for i in (1, 2)]

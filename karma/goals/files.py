@@ -14,9 +14,9 @@ from typing import TypeVar
 
 import msgspec
 
-from karma.agent.goals.goals import alternatives, object_names, parse_goal
 from karma.errors import FileError, KarmaError
 from karma.files import check_keys, lines_of, read_bytes
+from karma.goals.goals import alternatives, object_names, parse_goal
 from karma.household.containment import fits_whole_or_cut
 from karma.household.ids import is_position, root_type
 from karma.household.types import RULES, WIDEST, RuleSet, object_type, type_now, types_with

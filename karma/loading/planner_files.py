@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from karma import registry
-from karma.agent.goals.files import load_said
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.goal_lines import as_lines, plain_program
 from karma.errors import KarmaError
 from karma.files import cache, read_bytes, shipped, write_atomic
+from karma.goals.files import load_said
 from karma.models.embed.minilm import FILES
 from karma.models.manifest import (
     check_file,

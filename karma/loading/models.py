@@ -11,16 +11,16 @@ import msgspec
 from msgspec.structs import force_setattr
 
 from karma import registry
-from karma.agent.loading.names import MODELS, check_models, whole_name
-from karma.agent.loading.planner_files import (
+from karma.agent.planning.prompt import GOALS, render
+from karma.agent.seeing.eyes import METADATA
+from karma.errors import KarmaError, ModelError, RequestRefused, did_you_mean
+from karma.loading.names import MODELS, check_models, whole_name
+from karma.loading.planner_files import (
     EXAMPLES,
     examples_for,
     may_refuse,
     reader_for,
 )
-from karma.agent.planning.prompt import GOALS, render
-from karma.agent.seeing.eyes import METADATA
-from karma.errors import KarmaError, ModelError, RequestRefused, did_you_mean
 from karma.models.endpoint import Endpoint, Hosted
 from karma.models.llama.opening import LlamaOptions
 from karma.models.manifest import default_planner, resolve_planner
@@ -95,7 +95,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """Which models fill the roles."""
 
     planner: str = "karma-nano"  # of models/manifest.toml, a GGUF's path, "openai", "default"
-    profile: str = ""  # "compact", "full", "goals", a folder of templates; "": as in the manifest
+    profile: str = ""  # "compact", "full" or "goals"; "": as in the manifest
     chat: bool | None = None  # through the GGUF's own chat template; None: if it has one
     refusing: bool | None = None  # requests may be refused; None: by who has learnt it (manifest)
     thinking: Thinking = "off"  # whether a model that can think first may

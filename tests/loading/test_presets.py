@@ -11,12 +11,12 @@ from typer.testing import CliRunner
 
 from karma import registry
 from karma.agent.karma import KarmaSettings
-from karma.agent.loading.models import PRESETS, Models, Row, for_row
 from karma.agent.options import settings_of
 from karma.bench.engine.experiment_file import kind_of, read_experiment
 from karma.cli import app
 from karma.cli.talking import RequestOptions
 from karma.errors import FileError
+from karma.loading.models import PRESETS, Models, Row, for_row
 from karma.models.scripted import MetadataVision, ScriptedModel
 from karma.types.roles import Resources
 

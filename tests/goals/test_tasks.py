@@ -7,9 +7,9 @@ import pytest
 from support.paths import ROOT
 
 from karma import registry
-from karma.agent.goals.files import check_placement, load_tasks, required_types
-from karma.agent.goals.goals import GoalTracker, alternatives, object_names, parse_goal
 from karma.errors import FileError
+from karma.goals.files import check_placement, load_tasks, required_types
+from karma.goals.goals import GoalTracker, alternatives, object_names, parse_goal
 from karma.types.tasks import SubTask
 from karma.world.core import scene as scenes
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from support.asked import load_several
 
-from karma.agent.goals.files import load_said
 from karma.errors import FileError
+from karma.goals.files import load_said
 from karma.world.core import scene
 
 SETS = Path("eval/requests")

@@ -6,9 +6,9 @@ import sys
 import pytest
 
 from karma import registry
-from karma.agent.loading.models import Models, preset
-from karma.agent.loading.names import MODELS, check_models, check_options, check_row
 from karma.errors import FileError, KarmaError, ModelError, UnknownNameError
+from karma.loading.models import Models, preset
+from karma.loading.names import MODELS, check_models, check_options, check_row
 from karma.world.core.scene import SCENES, find
 
 
@@ -79,7 +79,7 @@ def test_unknown_room_and_preset_suggest_the_nearest():
 
 def test_unknown_vision_model_is_refused_before_the_planner_is_opened():
     program = (
-        "import sys\nfrom karma.agent.loading.models import Models, load_resources\n"
+        "import sys\nfrom karma.loading.models import Models, load_resources\n"
         "from karma.errors import UnknownNameError\n"
         "try:\n    load_resources(Models(vision='nano-vml'), maps=None, seed=0)\n"
         "except UnknownNameError:\n    sys.exit('llama_cpp' in sys.modules)\n"

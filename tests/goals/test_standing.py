@@ -2,7 +2,7 @@
 
 import pytest
 
-from karma.agent.goals.goals import GoalTracker, Standing
+from karma.goals.goals import GoalTracker, Standing
 from karma.types.tasks import SubTask
 from tests.support.made_events import event, goals, thing
 

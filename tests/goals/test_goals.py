@@ -4,8 +4,8 @@ import pytest
 from support.made_events import event, goals, thing, unmet
 
 from karma import registry
-from karma.agent.goals.goals import MOST, GoalTracker, object_names, parse_goal, read_goal
 from karma.errors import KarmaError
+from karma.goals.goals import MOST, GoalTracker, object_names, parse_goal, read_goal
 from karma.household.states import canonical_state
 from karma.types.tasks import SubTask
 from karma.world.core import scene as scenes

@@ -23,7 +23,9 @@ from functools import partial
 from itertools import product
 from typing import Any, NamedTuple, Protocol, Self
 
-from karma.agent.goals.objects import (
+from karma.agent.seeing.perceive import truth_of
+from karma.errors import KarmaError
+from karma.goals.objects import (
     DEEDS,
     TEMPERATURES,
     ObjectIndex,
@@ -32,8 +34,6 @@ from karma.agent.goals.objects import (
     linked,
     suited,
 )
-from karma.agent.seeing.perceive import truth_of
-from karma.errors import KarmaError
 from karma.household.ids import is_position
 from karma.household.pieces import EGG, is_piece, piece_type
 from karma.household.places import NEAR_M
