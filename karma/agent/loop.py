@@ -23,7 +23,7 @@ from karma.agent.session import (
 from karma.agent.tour import position_of, tour
 from karma.types.events import AgentEvent, Check, Found, Outcome, SkillResult
 from karma.types.observation import SeenObject
-from karma.types.planning import Advice, SkillCall
+from karma.types.planning import Advice, End, SkillCall
 from karma.types.roles import World
 from karma.types.space import SceneRef
 from karma.types.tasks import SubTask
@@ -66,24 +66,29 @@ class KarmaAgent:
         """
         resident = self.memory.short_term.units()
         session = AgentSession(self, subtask.instruction, keep_shut)
-        finished = yield from executor(session)
+        ended = yield from executor(session)
+        end = ended if isinstance(ended, End) else None
         experience, change = session.skills.experience, None
         if session.has_acted:  # a refusal before the first step changes nothing
             clock_s += session.skills.actions
             change = self.memory.remember(experience, subtask.instruction, clock_s)
-        graph = self.memory.graph
+        graph, checks = self.memory.graph, session.checks()
+        finished = ended is True
+        if end is not None and end.kind in ("done", "tell"):
+            finished = all(check.found != "otherwise" for check in checks)
         yield Outcome(
             finished=finished,
+            end=end,
             resident=resident,
             handled_ids=experience.handled_ids,
             kept=self.memory.short_term.units(),
             tour=graph.tour if graph else None,
-            checks=session.checks(),
+            checks=checks,
             change=change,
         )
 
 
-SessionExecutor = Callable[["AgentSession"], Generator[AgentEvent, None, bool]]
+SessionExecutor = Callable[["AgentSession"], Generator[AgentEvent, None, bool | End]]
 ToolMode = Callable[[SubTask], SessionExecutor]
 
 

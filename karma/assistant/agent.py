@@ -282,6 +282,7 @@ class Agent:
             finished=record.finished,
             record=record,
             change=outcome.change if outcome else None,
+            end=outcome.end if outcome else None,
         )
 
     def log(
