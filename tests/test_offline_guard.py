@@ -18,7 +18,6 @@ from pathlib import Path
 import pytest
 from support.paths import ROOT
 
-from karma.errors import KarmaError
 from karma.offline import guard as offline
 from karma.offline.guard import NetworkRefused
 
@@ -26,21 +25,13 @@ ELSEWHERE = ("192.0.2.1", 80)  # a block that documentation has to itself
 
 ASKING = {
     "connect": "socket.socket().connect(('192.0.2.1', 80))",
-    "connect_ex": "socket.socket().connect_ex(('192.0.2.1', 80))",
-    "connect6": "socket.socket(socket.AF_INET6).connect(('2001:db8::1', 80))",
     "create_connection": "socket.create_connection(('example.org', 80))",
     "sendto": "socket.socket(type=socket.SOCK_DGRAM).sendto(b'x', ('192.0.2.1', 53))",
     "sendmsg": "socket.socket(type=socket.SOCK_DGRAM).sendmsg([b'x'], [], 0, ('192.0.2.1', 53))",
     "getaddrinfo": "socket.getaddrinfo('example.org', 443)",
     "gethostbyname": "socket.gethostbyname('example.org')",
-    "gethostbyname_ex": "socket.gethostbyname_ex('example.org')",
-    "gethostbyaddr": "socket.gethostbyaddr('192.0.2.1')",
-    "getnameinfo": "socket.getnameinfo(('192.0.2.1', 80), 0)",
     "bind": "socket.socket().bind(('0.0.0.0', 8899))",
-    "urllib": "__import__('urllib.request').request.urlopen('http://example.org')",
-    "http": "__import__('http.client').client.HTTPConnection('example.org').request('GET', '/')",
     "requests": "__import__('requests').get('http://example.org')",
-    "urllib3": "__import__('urllib3').PoolManager().request('GET', 'http://example.org')",
 }
 
 EXPERT = (
@@ -149,27 +140,12 @@ def test_threads_are_guarded(refusals):
 # ----------------------------------------------------------------- switches and leave
 
 
-def test_switches_are_set_over_what_was_there(tmp_path):
-    program = (
-        "import os, karma.offline.guard as o; o.go_offline();"
-        "print([k for k, v in o.SWITCHES.items() if os.environ[k] != v], os.environ['MPLBACKEND'])"
-    )
-    assert python(program, tmp_path, HF_HUB_OFFLINE="0", MPLBACKEND="svg")[1] == "[] svg\n"
-
-
 def test_hub_libraries_know_that_they_are_offline(tmp_path):
     program = (
         "from karma.offline.guard import go_offline; go_offline()\n"
         "from huggingface_hub import constants; print(constants.HF_HUB_OFFLINE)\n"
     )
     assert python(program, tmp_path, HF_HUB_OFFLINE="0")[1] == "True\n"
-
-
-def test_importing_karma_arms_nothing(tmp_path):
-    program = (
-        "import os, karma.cli, karma.offline.guard as o; print(o.is_armed(), 'HF_HUB_OFFLINE' in "
-    )
-    assert python(program + "os.environ)", tmp_path)[1] == "False False\n"
 
 
 def test_leave_reaches_declared_hosts_only(tmp_path):
@@ -198,13 +174,6 @@ def test_leave_for_a_name_covers_the_addresses_it_has(tmp_path):
     )
     code, out, err = python(program, tmp_path)
     assert (code, out) == (0, "tried\n"), err
-
-
-def test_host_elsewhere_needs_leave_and_this_machine_does_not():
-    offline.allow_host("localhost")
-    offline.allow_host("127.0.0.1")
-    with pytest.raises(KarmaError, match="--allow-network"):
-        offline.allow_host("api.example.org")
 
 
 def test_lab_can_forbid_leave(tmp_path):
