@@ -1,7 +1,7 @@
 """The guard: whoever asks for the network is refused and named, in each way there is to ask.
 
 Covered: Python's own calls, requests, urllib3, httpx, asyncio; what swallows the refusal; loopback
-and Unix sockets; leave for declared hosts; the log; the header of a run. Not covered: compiled code
+and Unix sockets; leave for declared hosts; the header of a run. Not covered: compiled code
 that goes past Python's socket module, which `scripts/airgap.sh` is for.
 """
 
@@ -38,7 +38,7 @@ EXPERT = (
     f'name = "x"\ntasks = "{ROOT}/eval/alfred_l/tasks.jsonl"\nonly = ["simple-12"]\n'
     '[[rows]]\nname = "expert"\nmethod = "expert"\n'
 )
-_OURS = {offline.OFFLINE, offline.LOG, *offline.SWITCHES, *offline.DEFAULTS}
+_OURS = {offline.OFFLINE, *offline.SWITCHES, *offline.DEFAULTS}
 
 
 def python(program, folder, **environment):
@@ -227,18 +227,3 @@ def test_planted_call_fails_the_run_and_is_named(kind, tmp_path):
     line = 1 + PLANTED.splitlines().index("    {call}")
     assert f"planted.py:{line} in reset" in done.stderr
     assert not (tmp_path / "runs/x/episodes.jsonl").exists()
-
-
-def test_log_names_every_question(tmp_path):
-    program = (
-        "import socket; from karma.offline.guard import go_offline; go_offline()\n"
-        "socket.getaddrinfo('localhost', 80)\n"
-        "try: socket.getaddrinfo('example.org', 80)\n"
-        "except Exception: pass\n"
-    )
-    python(program, tmp_path, KARMA_NETWORK_LOG=str(tmp_path / "log"))
-    lines = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
-    assert [(one["asked"], one["allowed"]) for one in lines] == [
-        ("'localhost'", True),
-        ("'example.org'", False),
-    ]
