@@ -282,6 +282,7 @@ class Agent:
             finished=record.finished,
             record=record,
             change=outcome.change if outcome else None,
+            end=outcome.end if outcome else None,
         )
 
     def log(
@@ -343,7 +344,7 @@ class Agent:
 
     def where(self, name: str) -> Known | None:
         """Return where the agent believes an object to be, by its type or id."""
-        return self.known.beliefs(self._part.world).where(name)
+        return self.known.knowledge(self._part.world).where(name)
 
     @property
     def memory(self) -> Memory:

@@ -90,11 +90,7 @@ class RequestReply:
     about: str = ""  # the words of the first object, if parsed
     elsewhere: tuple[str, ...] = ()  # what was not where it was remembered
     change: MemoryChange | None = None  # what memory learnt, if anything was done
-
-    @property
-    def end(self) -> End | None:
-        """How the model ended it, in tool mode."""
-        return self.plans[-1].end if self.plans else None
+    end: End | None = None  # how it ended, in tool and goal mode
 
     @property
     def refused(self) -> str:
