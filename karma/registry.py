@@ -46,7 +46,10 @@ _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
         "homes": {"homes": ("kept", "seconds-away")},
         "embedders": {"hosted": ("openai",)},
         "language_models": {"hosted": ("openai",)},
-        "methods": {"rules": ("rules",)},
+        "methods": {
+            "baselines": ("capeam", "helper", "lota.generate", "lota.score"),
+            "rules": ("rules",),
+        },
         "parsers": {"rules": ("spacy",)},
         "task_pools": {"alfred": ("alfred",)},
         "task_sources": {"alfred": ("alfred", "authors")},

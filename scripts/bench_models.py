@@ -25,12 +25,12 @@ import typer
 from measuring import CHILDREN, Clock, resident_mb, table, taken
 
 from karma.files import sha256_of
-from karma.models.automaton import ProgramAutomaton
 from karma.models.checks.gguf import check_gguf
 from karma.models.checks.memory import gguf_parts_mb
-from karma.models.llama.answer import CertaintyLog, UnderWay
-from karma.models.llama.model import LlamaModel
-from karma.models.llama.opening import LlamaOptions
+from karma.models.constraint import Constraint
+from karma.models.llama.answer import CertaintyLog, StreamingAnswer
+from karma.models.llama.model import Draw, LlamaModel
+from karma.models.llama.opening import LlamaOptions, open_context
 from karma.models.manifest import resolve_planner
 from karma.offline.guard import go_offline
 from karma.testing import make_llama
@@ -169,11 +169,12 @@ def speeds(model: LlamaModel, raw: "Raw", prompt: Prompt, wanted: Wanted, found:
     texts = set()
     for _ in range(wanted.repeat):
         for name, spec in (("constrained", SPEC), ("unconstrained", None)):
-            automaton = ProgramAutomaton(spec) if spec else None
-            log, answer = CertaintyLog(model.gguf.table, spec), UnderWay(None, None)
-            model.gguf.evaluate(*model._cut(prompt))
+            held = Constraint(model.gguf.grammar_tokens, spec.grammar) if spec else None
+            log = CertaintyLog(model.gguf.table, may_refuse=False)
+            answer = StreamingAnswer(None, None)
+            model.gguf.evaluate(model._cut(prompt))
             begun = wanted.clock()
-            said = model._decode(automaton, wanted.answer, 0.0, None, answer, log)
+            said = model._decode(held, wanted.answer, Draw(), answer, log)
             found.token_s[name].append((wanted.clock() - begun) / max(1, said.tokens - 1))
             texts.add(said.text)
         found.token_s["llama.cpp"].append(raw.answer())
@@ -211,7 +212,7 @@ class Raw:
         import llama_cpp
 
         self._cpp: Any = llama_cpp
-        self._context = model.gguf.sequences(1, cells=model.gguf.n_ctx)
+        self._context = open_context(model.gguf.llama, model.gguf.n_ctx)
         self._memory = llama_cpp.llama_get_memory(self._context.ctx)
         self._prompt, self._batch, self._answer = prompt, model.gguf.n_batch, wanted.answer
         self._clock = wanted.clock

@@ -9,9 +9,9 @@ import typer
 
 from karma.files import to_json, write_atomic
 from karma.offline.guard import go_offline
+from karma.plugins.rooms.generate import build_scene
+from karma.plugins.rooms.rooms import rooms
 from karma.world.core.scene import SCENES, check
-from karma.world.generation.generate import build_scene
-from karma.world.generation.rooms import rooms
 
 
 def main(seed: int = 29, out: Path = SCENES, each: int = 4) -> None:

@@ -21,12 +21,12 @@ from measuring import ROOT
 from rich.progress import track
 
 from karma import registry
-from karma.agent.journal.formats import figure_text
 from karma.agent.loading.planner_files import hints_for
 from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import compact
 from karma.errors import ProgramError
 from karma.files import to_json
+from karma.journal.formats import figure_text
 from karma.models.llama.opening import LlamaOptions
 from karma.models.manifest import resolve_planner
 from karma.offline.guard import go_offline

@@ -1,7 +1,7 @@
 """KARMA: both memories in the prompt; without either memory it is an ablation of Table 2."""
 
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -9,8 +9,10 @@ from karma.agent.loop import KarmaAgent
 from karma.agent.memory import AgentMemory, MapFolder
 from karma.agent.options import settings_of
 from karma.agent.planning.planner import Planner
+from karma.agent.planning.prompt import TOOLS
 from karma.agent.seeing.perception import Perception, detector_of
 from karma.agent.settings import KarmaSettings
+from karma.agent.tools.loop import ToolLoop
 from karma.types.roles import Detector, Recall, Resources, VisionModel, World
 from karma.types.space import SceneRef
 
@@ -64,5 +66,7 @@ class KarmaMethod:
             maps=maps, perception=perception, seed=seed, pictures=folder,
         )  # fmt: skip
         agent = KarmaAgent(world, self.planner, memory, perception, self.attempts)
+        if self.planner.profile == TOOLS:
+            agent = replace(agent, tools=ToolLoop(self.planner, memory).executor)
         agent.enter(scene)
         return agent

@@ -4,7 +4,7 @@ An answer of the planner is a whole program (KARMA §3.5). Its calls run until o
 planner answers again, with the failure in its prompt. Memory takes in the experience at the end.
 """
 
-from collections.abc import Collection, Generator, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from karma.agent.attempts import Attempts, bound
@@ -38,6 +38,7 @@ class KarmaAgent:
     memory: AgentMemory
     perception: Perception
     attempts: int
+    tools: "ToolMode | None" = None  # carries out instructions in place of the planner's programs
 
     def enter(self, scene: SceneRef) -> None:
         """Be in a room; its first visit explores it."""
@@ -49,12 +50,16 @@ class KarmaAgent:
 
     def do(self, subtask: SubTask) -> Iterator[AgentEvent]:
         """Let the planner carry out an instruction; yield answers, results and the report."""
-        return self.execute(subtask, planned(subtask))
+        return self.execute(subtask, self.executor(subtask))
+
+    def executor(self, subtask: SubTask) -> "SessionExecutor":
+        """Return what carries out an instruction: the planner's programs, or tool calls."""
+        return self.tools(subtask) if self.tools is not None else planned(subtask)
 
     def execute(
         self,
         subtask: SubTask,
-        executor: Executor,
+        executor: "SessionExecutor",
         *,
         keep_shut: Collection[str] = (),
         clock_s: float = 0.0,
@@ -82,6 +87,10 @@ class KarmaAgent:
         )
 
 
+SessionExecutor = Callable[["AgentSession"], Generator[AgentEvent, None, bool]]
+ToolMode = Callable[[SubTask], SessionExecutor]
+
+
 def planned(subtask: SubTask) -> Executor:
     """Return the executor that leaves an instruction to the planner."""
 
@@ -96,7 +105,7 @@ class AgentSession:
 
     def __init__(self, agent: KarmaAgent, instruction: str, keep_shut: Collection[str]) -> None:
         memory = agent.memory
-        self._agent, self._memory = agent, memory
+        self._agent, self._memory, self._instruction = agent, memory, instruction
         self._beliefs = memory.beliefs(agent.world)
         eyes = agent.eyes(instruction)
         self.skills = Skills(agent.world, self._beliefs, eyes=eyes, before=memory.room.seen)
@@ -139,12 +148,23 @@ class AgentSession:
         return attempts
 
     def _updated(self, request: PlanRequest, attempts: Attempts) -> PlanRequest:
-        self.skills.look()
+        self.look()
         experience = self.skills.experience
         return self._memory.updated(request, experience, again=bool(attempts.results))
 
-    def call(self, call: SkillCall, aside: Collection[str] = ()) -> SkillResult:
-        """Run a skill, `LOOK_OVER` or `SURVEY`; a search ignores the ids in `aside`."""
+    def look(self) -> None:
+        """Take note of what is in view now."""
+        self.skills.look()
+
+    def call(
+        self, call: SkillCall, aside: Collection[str] = (), *, reported: bool = False
+    ) -> SkillResult:
+        """Run a skill, `LOOK_OVER` or `SURVEY`; a search ignores the ids in `aside`.
+
+        The effects of a `reported` call are lines of the report.
+        """
+        if reported and not self._attempts:
+            self._attempts.append(Attempts(instruction=self._instruction))
         self.has_acted = True
         if call.skill == SURVEY:
             call = SkillCall.of("GoToObject", self._memory.scene)

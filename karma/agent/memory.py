@@ -17,12 +17,14 @@ from karma.household.places import HAND
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory
-from karma.types.memory import Area, Experience, Known, MemoryChange, MemoryUnit, Recalled
+from karma.types.memory import Area, Exchange, Experience, Known, MemoryChange, MemoryUnit, Recalled
 from karma.types.observation import SeenObject
 from karma.types.planning import Advice, PlanRequest
 from karma.types.roles import Recall, VisionModel, World
 from karma.types.space import SceneRef
 from karma.types.tasks import SubTask
+
+KEPT_EXCHANGES = 4  # of the conversation
 
 
 @dataclass(slots=True)
@@ -42,6 +44,7 @@ class Snapshot:
     scene: str
     short_term: ShortTermMemory
     rooms: "defaultdict[str, _Room]"
+    exchanges: tuple[Exchange, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,6 +74,7 @@ class AgentMemory:
         self.short_term = ShortTermMemory(make_policy(settings.policy))
         self._rooms: defaultdict[str, _Room] = defaultdict(_Room)  # by name
         self.scene = ""
+        self.exchanges: tuple[Exchange, ...] = ()  # of the conversation, the last one last
 
     @property
     def graph(self) -> SceneGraph | None:
@@ -179,6 +183,15 @@ class AgentMemory:
         """Keep the names of furniture in a prompt (-> id) for all later prompts."""
         self.room.names.update(furniture_names(names))
 
+    def keep_all_names(self, names: Mapping[str, str]) -> None:
+        """Keep the names of objects of any kind (-> id) for all later prompts."""
+        self.room.names.update(names)
+
+    def keep_exchange(self, exchange: Exchange) -> None:
+        """Remember a request and its report; without short-term memory nothing is."""
+        if self.settings.short_term:
+            self.exchanges = (*self.exchanges, exchange)[-KEPT_EXCHANGES:]
+
     # ------------------------------------------------------------- experience into memory
 
     def remember(self, experience: Experience, instruction: str, at_s: float) -> MemoryChange:
@@ -230,12 +243,13 @@ class AgentMemory:
 
     def snapshot(self) -> Snapshot:
         """Return a copy of both memories."""
-        return deepcopy(Snapshot(self.scene, self.short_term, self._rooms))
+        return deepcopy(Snapshot(self.scene, self.short_term, self._rooms, self.exchanges))
 
     def go_back(self, before: Snapshot) -> None:
         """Restore both memories from a snapshot."""
         kept = deepcopy(before)
         self.scene, self.short_term, self._rooms = kept.scene, kept.short_term, kept.rooms
+        self.exchanges = kept.exchanges
         self._keep_map()
 
 

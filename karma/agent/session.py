@@ -36,8 +36,13 @@ class InstructionSession(Protocol):
     ) -> Generator[AgentEvent, None, Attempts]:
         """Plan and act until a program succeeds or the attempts are used up."""
 
-    def call(self, call: SkillCall, aside: Collection[str] = ()) -> SkillResult:
-        """Run a skill, `LOOK_OVER` or `SURVEY`; a search ignores the ids in `aside`."""
+    def call(
+        self, call: SkillCall, aside: Collection[str] = (), *, reported: bool = False
+    ) -> SkillResult:
+        """Run a skill, `LOOK_OVER` or `SURVEY`; a search ignores the ids in `aside`.
+
+        The effects of a `reported` call are lines of the report.
+        """
 
     def seen(self) -> Mapping[str, SeenObject]:
         """Return the latest sight of each object of the room that is not known to be gone."""

@@ -21,14 +21,10 @@ from weakref import proxy
 
 from karma import registry
 from karma.agent.goals.goals import GoalTracker, WatchedWorld
-from karma.agent.journal.records import SubTaskRecord
-from karma.agent.journal.steps import StepLog
-from karma.agent.journal.writer import EpisodeWriter, TimeLog
 from karma.agent.karma import KarmaMethod
 from karma.agent.loading.models import Models, Row, load_resources, world_maker
 from karma.agent.loading.models import preset as preset_of
 from karma.agent.loading.names import check_options
-from karma.agent.loop import planned
 from karma.agent.memory import AgentMemory, Snapshot
 from karma.agent.planning.prompt import GOALS
 from karma.agent.session import Executor
@@ -39,6 +35,9 @@ from karma.assistant.talk_folder import Keeper, TalkFolder
 from karma.assistant.views import Memory, RoomMap
 from karma.errors import KarmaError
 from karma.files import read_bytes
+from karma.journal.records import SubTaskRecord
+from karma.journal.steps import StepLog
+from karma.journal.writer import EpisodeWriter, TimeLog
 from karma.models.llama.model import LlamaModel
 from karma.models.manifest import default_planner, resolve_planner
 from karma.models.session import Session, Spent
@@ -251,7 +250,10 @@ class Agent:
         """
         clock_s = self.home.clock_s
         events = self.episode.execute(
-            subtask, executor or planned(subtask), keep_shut=keep_shut, clock_s=clock_s
+            subtask,
+            executor or self.episode.executor(subtask),
+            keep_shut=keep_shut,
+            clock_s=clock_s,
         )
         described: list[Understanding] = []
         plans: list[Plan] = []

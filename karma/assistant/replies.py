@@ -12,7 +12,7 @@ from textwrap import wrap
 from typing import Literal
 
 from karma.agent.body.afterwards import taken_back
-from karma.agent.journal.records import SubTaskRecord, Turn
+from karma.journal.records import SubTaskRecord, Turn
 from karma.models.session import Spent
 from karma.types.events import Check, Found, Plan, SkillResult
 from karma.types.memory import MemoryChange

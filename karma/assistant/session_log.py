@@ -6,9 +6,9 @@ from typing import Any
 
 import msgspec
 
-from karma.agent.journal.steps import Action
 from karma.agent.seeing.perceive import digest_of
 from karma.errors import KarmaError
+from karma.journal.steps import Action
 from karma.types.memory import MemoryChange
 from karma.types.observation import SeenObject
 from karma.types.roles import Event, World

@@ -12,15 +12,15 @@ from weakref import finalize
 
 import msgspec
 
-from karma.agent.journal.header import Header
-from karma.agent.journal.owned_folder import locked
-from karma.agent.journal.provenance import header_of
-from karma.agent.journal.records import SAID, EpisodeRecord, SubTaskRecord, Turn, turns_file
-from karma.agent.journal.run_folder import Finished, RunFolder
-from karma.agent.journal.writer import EpisodeWriter
 from karma.agent.loading.models import Models, Row
 from karma.errors import FileError
 from karma.files import read_bytes
+from karma.journal.header import Header
+from karma.journal.owned_folder import locked
+from karma.journal.provenance import header_of
+from karma.journal.records import SAID, EpisodeRecord, SubTaskRecord, Turn, turns_file
+from karma.journal.run_folder import Finished, RunFolder
+from karma.journal.writer import EpisodeWriter
 from karma.types.roles import Resources
 from karma.types.space import SceneRef
 from karma.types.tasks import SubTask, Task

@@ -27,9 +27,9 @@ from karma.cli.worlds import warn_of_tasks
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
-    from karma.agent.journal.owned_folder import Kind
     from karma.bench.engine.experiment_file import Changes
     from karma.bench.engine.run import Run
+    from karma.journal.owned_folder import Kind
 
 MARKS = {True: "[green]✓[/]", False: "[red]✗[/]"}  # of success
 
@@ -126,10 +126,10 @@ class EvalCommand(Computed, Kept, EvalOptions):
 
     def _do_run(self, run: "Run") -> None:
         """Do what is left of a run, then print and write what it shows."""
-        from karma.agent.journal.formats import spent_text
-        from karma.agent.journal.records import in_words, spent_by
         from karma.bench.figures.columns import figures, plain
         from karma.cli import show
+        from karma.journal.formats import spent_text
+        from karma.journal.records import in_words, spent_by
 
         warn_of_tasks(run)
         try:
@@ -173,9 +173,9 @@ class EvalCommand(Computed, Kept, EvalOptions):
 
     def _do_benchmark(self, run: "Run") -> None:
         """Do a benchmark's episodes that are missing, and print its tables."""
-        from karma.agent.journal.header import TABLE
-        from karma.agent.journal.records import in_words
         from karma.bench.figures.tables import to_markdown
+        from karma.journal.header import TABLE
+        from karma.journal.records import in_words
 
         workers = workers_for(run, self.workers, self.ray)
         with console.status(""):
@@ -193,8 +193,8 @@ class EvalCommand(Computed, Kept, EvalOptions):
         """Run an experiment that replays traces instead of doing episodes."""
         from rich.markdown import Markdown
 
-        from karma.agent.journal.header import RESULTS
         from karma.bench.policies.figure import figure_run
+        from karma.journal.header import RESULTS
 
         workers = self.workers if self.ray else self.workers or 1
         with bar() as progress:
@@ -212,7 +212,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
 
 def _kept(run: "Run") -> str:
     """Return how far a run is that has ended early, and how it goes on."""
-    from karma.agent.journal.records import read_records
+    from karma.journal.records import read_records
 
     done = len(read_records(run.records_path))
     return f"{done} of {run.total} episodes; the same command (without --fresh) goes on"

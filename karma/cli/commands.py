@@ -56,7 +56,7 @@ CORE = (
     CommandSpec("chat", "Talk with an agent in a room.", "karma.cli.talking:ChatCommand", ACTING),
     CommandSpec("eval", "Run an experiment, or resume it.", "karma.cli.agents:EvalCommand",
                 ACTING),
-    CommandSpec("table", "Write a run's tables as Markdown, LaTeX and CSV.",
+    CommandSpec("table", "Write a run's tables as Markdown and CSV.",
                 "karma.cli.compare:table", SHOWN),
     CommandSpec("compare", "Compare runs or methods on the same tasks and seeds.",
                 "karma.cli.compare:compare", SHOWN),

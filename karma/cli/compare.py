@@ -1,6 +1,7 @@
 """`karma compare` and `karma table`: what runs show, and how sure that is."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,20 +51,15 @@ def compare(
 def table(
     context: typer.Context,
     run: Path = argument(..., "A run folder."),
-    published: Path | None = option(None, "The paper's figures, to stand beside ours."),
-    off: str = option("", "Name of the row without memory."),
-    lota: str = option("", "Name of the LoTa-Bench row."),
-    out: Path | None = option(None, "Folder for table.md, table.tex and table.csv; default RUN."),
+    out: Path | None = option(None, "Folder for table.md and table.csv; default RUN."),
     beside: list[Path] | None = option(
         None, "Of others' benchmarks: a run whose rows stand in the same table."
     ),
     json: Json = None,
 ) -> None:
-    """Write a run's tables as Markdown, LaTeX and CSV, beside the published figures."""
-    from karma.agent.journal.owned_folder import kind_in, write_beside
-    from karma.agent.journal.run_folder import read_run
+    """Write a run's tables as Markdown and CSV, beside the published figures."""
     from karma.bench.figures import tables
-    from karma.bench.figures.columns import LOTA_ROW, OFF_ROW, plain
+    from karma.bench.figures.columns import plain
     from karma.bench.figures.results import (
         load_published,
         margin_sheet,
@@ -72,7 +68,9 @@ def table(
         to_csv,
         unfinished,
     )
-    from karma.bench.figures.tables import to_latex, to_markdown
+    from karma.bench.figures.tables import to_markdown
+    from karma.journal.owned_folder import kind_in, write_beside
+    from karma.journal.run_folder import read_run
 
     if kind_in(run) == "benchmark":
         refuse_options(context, f"{run}: such a table", {"beside", "out", "json"})
@@ -85,12 +83,7 @@ def table(
     data = read_run(run)
     if not data.records:
         raise KarmaError(f"{run}: the run has no episodes yet\n  To fix: karma eval FILE")
-    rows = {record.row for record in data.records}
-    for wanted in filter(None, (off, lota)):
-        if wanted not in rows:
-            raise KarmaError(f"{run}: no row {wanted!r}; there are {', '.join(sorted(rows))}")
-    paper = load_published(published)
-    result = result_of(data, paper, off_row=off or OFF_ROW, lota_row=lota or LOTA_ROW)
+    result = result_of(data, load_published())
     margin = [sheet for sheet in (margin_sheet(result),) if sheet is not None]
     sheets = [*tables.sheets(result), *margin]
     for sheet in (*tables.main_sheets(result), *margin):
@@ -99,9 +92,8 @@ def table(
         tell(words)
     folder = out or run
     write_beside(folder, "table.md", to_markdown(sheets).encode())
-    write_beside(folder, "table.tex", to_latex(sheets).encode())
     write_beside(folder, "table.csv", to_csv(result).encode())
-    names = f"{folder}/table.md, table.tex, table.csv"
+    names = f"{folder}/table.md, table.csv"
     console.print(escape(f"written, with all that stands behind them: {names}"))
     if json is not None:
         parts = {
@@ -122,10 +114,10 @@ def _write_benchmark(runs: Sequence[Path], folder: Path, json: Path | None) -> N
     Raises:
         KarmaError: the run has no episodes yet; or see `read_results`.
     """
-    from karma.agent.journal.header import TABLE
-    from karma.agent.journal.owned_folder import write_beside
     from karma.bench.engine.benchmark_runs import read_results, written
     from karma.bench.figures.tables import to_markdown
+    from karma.journal.header import TABLE
+    from karma.journal.owned_folder import write_beside
 
     results = read_results(*runs)
     if not results.figures:
@@ -138,67 +130,42 @@ def _write_benchmark(runs: Sequence[Path], folder: Path, json: Path | None) -> N
 
 def _sheets(comparisons: "Sequence[Comparison]") -> "Iterator[Sheet]":
     """Yield every metric of two arms, and their success rates by kind of task."""
-    from karma.agent.journal.formats import figure_text
     from karma.bench.figures.statistics import interval_text
-    from karma.bench.figures.tables import Sheet
+    from karma.bench.figures.tables import Sheet, comparison_sheet
 
     whole = comparisons[0]
     yield Sheet(
         title=f"{whole.first} against {whole.second}",
         caption=(
             f"{whole.pairs} pairs: {whole.tasks} tasks, seeds {', '.join(map(str, whole.seeds))}. "
-            "Difference: first - second; 95 % intervals keep a task's seeds together. Detectable: "
-            "what this many pairs would show."
+            "Difference: first - second; 95 % intervals keep a task's seeds together."
         ),
-        head=("per episode", "first", "second", "difference", "detectable"),
+        head=("per episode", "first", "second", "difference"),
         lines=tuple(
             (
                 line.title,
                 interval_text(line.first, line.digits),
                 interval_text(line.second, line.digits),
                 interval_text(line.difference, line.digits, sign=True),
-                figure_text(line.detectable, line.digits),
             )
             for line in whole.lines
             if line.first.value is not None or line.second.value is not None
         ),
     )
-    yield Sheet(
-        title="SR by kind of task",
-        caption="p: exact, a task's seeds kept together",
-        head=("tasks (pairs)", "first", "second", "difference", "p", "detectable"),
-        lines=tuple(
-            (
-                f"{one.kind} ({one.pairs})",
-                figure_text(one.success.first.value),
-                figure_text(one.success.second.value),
-                interval_text(one.success.difference, sign=True),
-                figure_text(one.p_tasks, 3),
-                figure_text(one.success.detectable),
-            )
-            for one in comparisons
-        ),
-    )
+    sheet = comparison_sheet(comparisons)  # without the arms, which the title above names
+    lines = tuple(line[2:] for line in sheet.lines)
+    yield replace(sheet, head=sheet.head[2:], lines=lines)
 
 
 def _remarks(one: "Comparison") -> str:
-    """Return where the arms differ."""
-    from karma.agent.journal.formats import UNKNOWN, figure_text, percent_text
+    """Return which tasks only one arm solved."""
+    from karma.journal.formats import UNKNOWN
 
-    def said(splits: "tuple[Split, ...]") -> str:
+    def solved(splits: "tuple[Split, ...]") -> str:
         words = (f"{one.task} (seed {', '.join(map(str, one.seeds))})" for one in splits)
         return "; ".join(words) or UNKNOWN
 
-    lines = [
-        f"agree on success: {percent_text(one.agreement)} % of pairs; same first program: "
-        f"{percent_text(one.same_programs)} % of sub-tasks; McNemar p = {figure_text(one.p, 3)}, "
-        f"{figure_text(one.p_tasks, 3)} with seeds kept together",
-        f"only {one.first} solved: {said(one.only_first)}",
-        f"only {one.second} solved: {said(one.only_second)}",
-    ]
-    if one.timed_out:
-        lines.append(
-            f"{one.timed_out} pairs had an answer that the clock cut off; their programs are not "
-            "compared"
-        )
-    return "\n".join(lines)
+    return (
+        f"only {one.first} solved: {solved(one.only_first)}\n"
+        f"only {one.second} solved: {solved(one.only_second)}"
+    )

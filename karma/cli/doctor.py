@@ -11,9 +11,9 @@ from rich.box import HORIZONTALS
 from rich.markup import escape
 from rich.table import Table
 
-from karma.agent.journal.formats import UNKNOWN, figure_text
 from karma.cli.shared import Computed, Json, argument, console, option, write_json
 from karma.errors import KarmaError
+from karma.journal.formats import UNKNOWN, figure_text
 
 if TYPE_CHECKING:
     from karma.bench.engine.model_doctor import ModelSeen

@@ -8,10 +8,10 @@ from rich.markup import escape
 from rich.progress import DownloadColumn
 from rich.table import Table
 
-from karma.agent.journal.formats import UNKNOWN, figure_text
 from karma.cli.progress import bar
 from karma.cli.shared import Json, argument, console, option, tell, write_json
 from karma.errors import ModelError
+from karma.journal.formats import UNKNOWN, figure_text
 
 if TYPE_CHECKING:
     from karma.models.manifest import ModelEntry

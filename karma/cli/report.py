@@ -20,16 +20,10 @@ class ReportCommand:
     run: Path = argument(..., "A run folder, made by `karma eval`.")
     out: Path | None = option(None, "The page; default RUN/report.html.")
     episodes: str = option("8", "Which to replay: all, a number, a task, ROW/TASK/SEED.")
-    frames: str = option(
-        "auto",
-        'First-person pictures: after "every" action, after skill "calls", at the "ends" of '
-        'instructions, "none", or "auto": calls, of long runs ends.',
-    )
-    published: Path | None = option(None, "The paper's figures, to stand beside ours.")
 
     def do(self) -> None:
         """Write the page of a run, a benchmark's run, or a figure."""
-        from karma.agent.journal.owned_folder import kind_in
+        from karma.journal.owned_folder import kind_in
 
         match kind_in(self.run):
             case "figure":
@@ -48,22 +42,22 @@ class ReportCommand:
         tell(f"page: {path}, {path.stat().st_size / 1e6:.1f} MB")
 
     def _run_page(self) -> str:
-        from karma.agent.journal.run_folder import read_run
         from karma.bench.figures.results import load_published, result_of
         from karma.bench.report.page import render
-        from karma.bench.report.replay import choose, frame_choice, replays
+        from karma.bench.report.replay import choose, replays
+        from karma.journal.run_folder import read_run
 
-        run, choice = read_run(self.run), frame_choice(self.frames)
+        run = read_run(self.run)
         if not run.records:
             raise KarmaError(
                 f"{self.run}: no episode is done yet\n  To fix: karma eval FILE --out {self.run}"
             )
         chosen = choose(run.records, self.episodes)
-        result = result_of(run, load_published(self.published))
+        result = result_of(run, load_published())
         shown = []
         with bar(passing=True) as progress:
             line = progress.add_task("replaying episodes", total=len(chosen))
-            for one in replays(run, chosen, choice):
+            for one in replays(run, chosen):
                 shown.append(one)
                 progress.advance(line)
         with console.status("figures, pictures"):

@@ -133,7 +133,7 @@ def write_json(place: Path | None, figures: object) -> None:
 
 def write_for(run: Path, out: Path | None, name: str, data: bytes) -> Path:
     """Write what shows a run where it is wanted, else into the run's folder; return where."""
-    from karma.agent.journal.owned_folder import write_beside
+    from karma.journal.owned_folder import write_beside
 
     if out is None:
         return write_beside(run, name, data)

@@ -7,10 +7,10 @@ from rich.box import HORIZONTALS
 from rich.markup import escape
 from rich.table import Table
 
-from karma.agent.journal.formats import UNKNOWN, figure_text
-from karma.agent.journal.records import EpisodeRecord
 from karma.bench.figures.columns import COLUMNS, Figures, without_repeats
 from karma.bench.figures.tables import left_out_of
+from karma.journal.formats import UNKNOWN, figure_text
+from karma.journal.records import EpisodeRecord
 
 _FEW = 30  # episodes of a row
 _NAME_WIDTH = 18  # of a row's name: the table of a run fits into 80 columns

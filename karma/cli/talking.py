@@ -222,7 +222,7 @@ def _later_s(later: str, home: str, people: int | None) -> float:
 
 def _close(agent: "Agent") -> None:
     """Say what is remembered, what it cost, and where the run is."""
-    from karma.agent.journal.formats import spent_text
+    from karma.journal.formats import spent_text
 
     kinds = ", ".join(dict.fromkeys(unit.object_type for unit in agent.memory)) or "nothing"
     tell(f"remembers now: {kinds}", style="dim")

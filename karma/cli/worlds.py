@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from karma.bench.engine.task_check import TaskFinding
 
 _NAMED = 5  # tasks in a warning
+PICTURE_PX = 900  # sides of a picture of a room
 
 
 def world_list(json: Json = None) -> None:
@@ -41,12 +42,16 @@ def world_show(
     out: Path | None = option(None, "PNG to write; default NAME.png."),
 ) -> None:
     """Draw a room from above."""
+    from karma.agent.seeing.picture_states import png
+    from karma.files import write_atomic
     from karma.world.core import scene as scenes
-    from karma.world.render.top_down import draw_top_down
+    from karma.world.core.state import Settings, begin
+    from karma.world.render.picture import camera_above, render
 
     one = scenes.load(scene)
     path = out or below(".", f"{one.name}.png", source=scene)
-    draw_top_down(one, path)
+    state = begin(one, Settings())
+    write_atomic(path, png(render(state, camera_above(state), PICTURE_PX, PICTURE_PX).rgb))
     console.print(escape(f"{path}: {one.name}, {one.room}, {len(one.objects)} objects"))
 
 

@@ -80,7 +80,7 @@ def llama_tokenizer(llama: Any, pieces: Sequence[bytes], end_tokens: Sequence[in
     from llama_cpp.llama_cpp import _lib
     from llguidance import LLTokenizer
 
-    return LLTokenizer.from_llamacpp(
+    return LLTokenizer.from_llamacpp(  # type: ignore[attr-defined]
         tokens=list(pieces),
         vocab_ptr=llama._model.vocab,
         tokenize_fptr=ctypes.cast(_lib.llama_tokenize, ctypes.c_void_p).value,
@@ -102,19 +102,19 @@ def admits(grammar: str, text: str) -> bool:
     return matcher is not None and bool(matcher.is_accepting())
 
 
-def begins(grammar: str, text: str) -> bool:
+def begins(grammar: str, text: str | bytes) -> bool:
     """Return whether an answer of the grammar begins with a text."""
     return _after(grammar, text) is not None
 
 
-def _after(grammar: str, text: str) -> Any:
+def _after(grammar: str, text: str | bytes) -> Any:
     """Return the matcher behind a text; None if no answer begins with it."""
     from llguidance import LLMatcher
 
     matcher = LLMatcher(_letters(), grammar, log_level=0)
     if matcher.is_error():
         raise ModelError(f"the grammar cannot be used: {matcher.get_error()}")
-    tokens = list(text.encode("utf-8", "replace"))
+    tokens = list(text if isinstance(text, bytes) else text.encode("utf-8", "replace"))
     return matcher if matcher.try_consume_tokens(tokens) == len(tokens) else None
 
 

@@ -53,7 +53,7 @@ class ScriptedModel:
         return Completion(
             text=text,
             finish="stop",
-            prompt_tokens=len((prompt.stable + prompt.changing).split()),
+            prompt_tokens=len(prompt.text.split()),
             reused_tokens=0,
             completion_tokens=len(text.split()),
             first_token_s=0.0,

@@ -6,7 +6,7 @@ from typing import Literal
 
 from karma.types.completion import Completion
 from karma.types.memory import MemoryChange, MemoryUnit, Recalled, Tour
-from karma.types.planning import FailedProgram, Prompt, RefusedRequest, SkillCall
+from karma.types.planning import End, FailedProgram, Prompt, RefusedRequest, SkillCall
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,6 +37,7 @@ class Plan:
     failure: FailedProgram | None = None  # the same with the program, for planners that can read it
     dropped: tuple[str, ...] = ()  # lines of the answer that were no part of the program
     examples: tuple[str, ...] = ()  # instructions of the worked examples that were retrieved
+    end: End | None = None  # of the instruction, in tool mode
 
 
 Found = Literal["seen", "done", "otherwise", "unseen"]  # done: by the agent's deed, out of sight

@@ -60,6 +60,14 @@ class MemoryChange:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Exchange:
+    """A request of the conversation and what became of it."""
+
+    request: str
+    report: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Recalled:
     """A unit that recall chose, with its cosine similarity in [-1, 1]."""
 

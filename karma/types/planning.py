@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol, Self, get_args
+from typing import Any, Literal, Protocol, Self, get_args, runtime_checkable
 
 from karma.types.grammars import program_grammar
 from karma.types.memory import Area, MemoryUnit, Recalled
@@ -83,13 +83,25 @@ class Prompt:
     """Planner input in the cut in which it is always decoded.
 
     `stable` (role, API, examples, scene graph; ends in a newline) is evaluated once per scene and
-    kept; `changing` (recalled memory, instruction) follows it. Pictures go before `changing`; a
-    model that takes none refuses them.
+    kept; it is the system message of a chat. `turns` are earlier messages of user and assistant,
+    in pairs. `changing` (recalled memory, instruction) is the user's last message. Pictures go
+    before `changing`; a model that takes none refuses them.
     """
 
     stable: str
     changing: str
+    turns: tuple[tuple[str, str], ...] = ()
     pictures: tuple[Frame, ...] = field(default=(), compare=False, repr=False)
+
+    @property
+    def before(self) -> str:
+        """The text before `changing`, for a model without a chat template."""
+        return self.stable + "".join(f"{user}{answer}\n" for user, answer in self.turns)
+
+    @property
+    def text(self) -> str:
+        """The whole prompt as plain text."""
+        return self.before + self.changing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,11 +143,26 @@ class RefusedRequest:
 
 
 class AnswerSpec(Protocol):
-    """The language of answers, for constrained decoding."""
+    """The language of answers, for constrained decoding; hashable."""
+
+    def __hash__(self) -> int:
+        """Return a hash, by which an engine keeps what it makes of a spec."""
 
     @property
     def grammar(self) -> str:
         """Return the grammar, as `karma.types.grammars` says; ValueError if it admits nothing."""
+
+
+@runtime_checkable
+class JsonSpec(AnswerSpec, Protocol):
+    """The language of answers in JSON, of which servers take a schema, too."""
+
+    @property
+    def schema(self) -> dict[str, Any]:
+        """Return the JSON schema of the answers; it may admit more than the grammar."""
+
+    def admits(self, text: str) -> bool:
+        """Return whether a JSON text is an answer that can be read."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,6 +170,17 @@ class Grammar:
     """An `AnswerSpec` that is written down."""
 
     grammar: str
+
+
+EndKind = Literal["done", "tell", "ask", "refuse"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class End:
+    """How a model ends an instruction in tool mode, in its own words."""
+
+    kind: EndKind
+    text: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -37,20 +37,12 @@ _FRAMES = {  # of the agent: that of third-party cameras
 }
 
 
-class _Drawn:
-    """An attribute of the event that is drawn, with those that go with it, when first asked for."""
-
-    def __init__(self, draw: str) -> None:
-        self.draw = draw  # the event's method that sets them
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
-
-    def __get__(self, event: "WorldEvent | None", owner: type) -> Any:
-        if event is None:
-            return self
-        getattr(event, self.draw)()
-        return event.__dict__[self.name]
+_MASKS = ("instance_masks", "class_masks", "instance_detections2D", "class_detections2D")
+_DRAWN = {  # attribute that is made when first asked for -> the event's method that sets it
+    **dict.fromkeys((*_FRAMES, *_MASKS), "draw_agent"),
+    **dict.fromkeys(_FRAMES.values(), "draw_cameras"),
+    **dict.fromkeys(("third_party_instance_masks", "third_party_class_masks"), "draw_cameras"),
+}
 
 
 class WorldEvent(Event):  # type: ignore[misc]
@@ -59,23 +51,6 @@ class WorldEvent(Event):  # type: ignore[misc]
     AI2-THOR leaves three fields null in the `first` event. Images are those of the state's settings
     unless given; the object list and pictures of an event `before`, of the same moment, are shared.
     """
-
-    frame: Any = _Drawn("draw_agent")
-    depth_frame: Any = _Drawn("draw_agent")
-    normals_frame: Any = _Drawn("draw_agent")
-    instance_segmentation_frame: Any = _Drawn("draw_agent")
-    semantic_segmentation_frame: Any = _Drawn("draw_agent")
-    instance_masks: Any = _Drawn("draw_agent")
-    class_masks: Any = _Drawn("draw_agent")
-    instance_detections2D: Any = _Drawn("draw_agent")
-    class_detections2D: Any = _Drawn("draw_agent")
-    third_party_camera_frames: Any = _Drawn("draw_cameras")
-    third_party_depth_frames: Any = _Drawn("draw_cameras")
-    third_party_normals_frames: Any = _Drawn("draw_cameras")
-    third_party_instance_segmentation_frames: Any = _Drawn("draw_cameras")
-    third_party_semantic_segmentation_frames: Any = _Drawn("draw_cameras")
-    third_party_instance_masks: Any = _Drawn("draw_cameras")
-    third_party_class_masks: Any = _Drawn("draw_cameras")
 
     def __init__(
         self,
@@ -102,6 +77,13 @@ class WorldEvent(Event):  # type: ignore[misc]
         self.events = [self]
         self.flow_frame = None
         self.third_party_flows_frames: list[Any] = []
+
+    def __getattr__(self, name: str) -> Any:
+        """Return a picture or mask, drawn with those that go with it when first asked for."""
+        if name not in _DRAWN:
+            raise AttributeError(f"an event has no attribute {name!r}")
+        getattr(self, _DRAWN[name])()
+        return self.__dict__[name]
 
     def __bool__(self) -> bool:
         """Return whether the action happened."""
@@ -204,8 +186,8 @@ class WorldEvent(Event):  # type: ignore[misc]
             frames = self._frames(self.picture, agent_camera(self.state))
         for name in _FRAMES:
             setattr(self, name, frames.get(name))
-        self.instance_masks, self.class_masks = {}, {}
-        self.instance_detections2D, self.class_detections2D = None, {}
+        for name in _MASKS:
+            setattr(self, name, None if name == "instance_detections2D" else {})
         if self.instance_segmentation_frame is not None:
             self.process_colors_ids(rgba_bytes(self.instance_segmentation_frame))
 

@@ -8,9 +8,9 @@ import pytest
 from support.abuse import all_held
 from support.abuse.files import files
 
-from karma.agent.journal.owned_folder import MARK, OwnedFolder
 from karma.errors import FileError, ModelError, UnwritableError
 from karma.files import TEMPORARY, below, unpack, write_atomic
+from karma.journal.owned_folder import MARK, OwnedFolder
 from karma.models.checks.template import try_template
 from karma.world.core import scene as scenes
 

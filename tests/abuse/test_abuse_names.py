@@ -5,9 +5,9 @@ from functools import partial
 from support.abuse import all_held
 from support.abuse.names import names
 
-from karma.agent.journal.steps import steps_path
 from karma.errors import FileError
 from karma.files import below
+from karma.journal.steps import steps_path
 
 
 def _of_a_file(name, folder):

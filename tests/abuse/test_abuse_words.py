@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from support.run_files import write_experiment
 
-from karma.agent.journal.header import EPISODES, RESULTS
-from karma.agent.journal.run_folder import read_run
-from karma.agent.journal.steps import steps_path
 from karma.bench.engine.run import Run
 from karma.errors import FileError
+from karma.journal.header import EPISODES, RESULTS
+from karma.journal.run_folder import read_run
+from karma.journal.steps import steps_path
 
 KARMA = str(Path(sys.executable).parent / "karma")
 POLICY = """

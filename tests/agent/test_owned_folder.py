@@ -7,7 +7,9 @@ import pytest
 from support.run_files import write_experiment
 from typer.testing import CliRunner
 
-from karma.agent.journal.owned_folder import (
+from karma.cli import app
+from karma.errors import FileError
+from karma.journal.owned_folder import (
     MADE,
     MARK,
     OwnedFolder,
@@ -15,8 +17,6 @@ from karma.agent.journal.owned_folder import (
     read_mark,
     write_beside,
 )
-from karma.cli import app
-from karma.errors import FileError
 
 RUN = 'name = "expert"\nmethod = "expert"\n'
 FIGURE = (
@@ -92,8 +92,7 @@ def test_kind_of_a_folder_is_known_with_and_without_its_mark(finished, tmp_path,
         ("figure", "eval", "--gpu-layers=0"),
         ("benchmark", "eval", "--no-steps"),
         ("benchmark", "eval", "--tasks"),
-        ("benchmark", "table", "--off=x"),
-        ("figure", "report", "--frames=none"),
+        ("figure", "report", "--episodes=2"),
         ("benchmark", "report", "--episodes=1"),
     ],
 )
@@ -224,7 +223,7 @@ def test_file_that_came_into_the_way_of_a_run_is_not_replaced(tmp_path):
 def test_page_and_tables_of_a_run_replace_their_own_and_nothing_else(finished, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(finished("run"), folder)
-    made = {"report": "report.html", "table": "table.tex", "export": "episodes.csv"}
+    made = {"report": "report.html", "table": "table.csv", "export": "episodes.csv"}
     for command, name in made.items():
         for _ in range(2):
             done = CliRunner().invoke(app, [command, str(folder)])

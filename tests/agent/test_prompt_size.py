@@ -2,7 +2,7 @@
 
 Long-term memory has all furniture of a plan, as after a tour that overlooked nothing; short-term
 memory holds ten things of it. After two failures: everything movable in the room has been seen by
-then, two programs have failed and one search. Eight generated rooms, or with $KARMA_SAMPLE so many;
+then, two programs have failed and one search. Eight of our rooms, or with $KARMA_SAMPLE so many;
 then AI2-THOR's floor plans where the reference data is. $KARMA_TOKENIZER is any
 GGUF with a vocabulary, $KARMA_MAP "named" or "paper"; `-rP` shows the tables.
 """
@@ -21,7 +21,7 @@ from karma.seeds import stream
 from karma.types.memory import MemoryUnit
 from karma.types.observation import SeenObject
 from karma.types.planning import FailedProgram, PlanRequest
-from karma.world.generation.generate import build_scene
+from karma.world.core.scene import load
 
 SAMPLE = int(os.environ.get("KARMA_SAMPLE", "0"))
 UNITS = 10
@@ -37,8 +37,8 @@ def rooms():
         scenes = list(floor_plans(SHARED, layouts=True))
         return f"{len(scenes)} floor plans", scenes
     kinds, count = ("kitchen", "living", "bedroom", "bathroom"), SAMPLE or 8
-    drawn = [build_scene(kinds[number % len(kinds)], number, 0) for number in range(count)]
-    return f"{count} generated rooms", drawn
+    names = [f"{kinds[number % 4]}_{number // 4 % 4 + 1}" for number in range(count)]
+    return f"{count} of our rooms", [load(name) for name in names]
 
 
 def counter():

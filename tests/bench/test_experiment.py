@@ -12,8 +12,13 @@ from support.made_records import answer, call, sub
 from support.paths import ROOT
 from support.run_files import karma
 
-from karma.agent.journal.owned_folder import read_lines
-from karma.agent.journal.records import (
+from karma.bench.engine.run import Run
+from karma.bench.figures.columns import figures
+from karma.cli import show
+from karma.errors import FileError, KarmaError
+from karma.files import append_line, decode_json, to_json
+from karma.journal.owned_folder import read_lines
+from karma.journal.records import (
     AnswerTiming,
     EpisodeRecord,
     EpisodeTiming,
@@ -23,11 +28,6 @@ from karma.agent.journal.records import (
     untimed,
     waited,
 )
-from karma.bench.engine.run import Run
-from karma.bench.figures.columns import figures
-from karma.cli import show
-from karma.errors import FileError, KarmaError
-from karma.files import append_line, decode_json, to_json
 from karma.models.session import Spent
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"

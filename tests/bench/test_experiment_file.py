@@ -10,8 +10,6 @@ from support.paths import ROOT
 from support.run_files import TASKS
 from typer.testing import CliRunner
 
-from karma.agent.journal.header import without_places
-from karma.agent.journal.provenance import prompt_hashes
 from karma.bench.engine.experiment import Experiment, load
 from karma.bench.engine.experiment_file import (
     Changes,
@@ -25,6 +23,8 @@ from karma.bench.engine.experiment_file import (
 from karma.bench.engine.our_tasks import header_of
 from karma.cli import app
 from karma.errors import FileError, KarmaError
+from karma.journal.header import without_places
+from karma.journal.provenance import prompt_hashes
 
 TEXT = f"""
 name = "x"

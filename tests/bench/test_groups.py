@@ -5,12 +5,12 @@ from dataclasses import replace
 import pytest
 from support.made_records import plain, write_run
 
-from karma.agent.journal.records import ALL, NOT_TRAINED, TRAINED, kinds_of
-from karma.agent.journal.run_folder import read_run
 from karma.bench.figures.columns import figures
 from karma.bench.figures.results import result_of
 from karma.bench.figures.tables import main_sheets, sheets
 from karma.cli import show
+from karma.journal.records import ALL, NOT_TRAINED, TRAINED, kinds_of
+from karma.journal.run_folder import read_run
 
 
 def made(*, apart=True):

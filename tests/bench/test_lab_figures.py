@@ -9,8 +9,6 @@ import pytest
 from msgspec.structs import replace
 from support.paths import ROOT
 
-from karma.agent.journal.header import EPISODES, RESULTS, TIMINGS
-from karma.agent.journal.owned_folder import MARK
 from karma.bench.engine.experiment_file import kind_of
 from karma.bench.policies.figure import TraceFigure, drawn, figure_run, read_figure
 from karma.bench.policies.paper_claims import FigureCell, claims_of, claims_text
@@ -26,6 +24,8 @@ from karma.bench.policies.sweep import (
 from karma.bench.policies.tasks import WORKLOADS
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.files import read_toml
+from karma.journal.header import EPISODES, RESULTS, TIMINGS
+from karma.journal.owned_folder import MARK
 
 PAPER = sorted((ROOT / "eval" / "paper").glob("fig*.toml"))
 

@@ -17,9 +17,13 @@ from support.paths import ROOT
 from support.report_run import AGENT, EVIL, EXPERT, KEYS, POURED, SEQUENCE_KEYS, make_run
 from support.run_files import karma
 
-from karma.agent.journal.records import EpisodeRecord, EpisodeTiming
-from karma.agent.journal.run_folder import Finished, RunFolder, read_run
-from karma.agent.journal.steps import (
+from karma.bench.figures.results import result_of
+from karma.bench.figures.tables import sheets
+from karma.bench.report.page import render
+from karma.bench.report.replay import choose, episode_key, replay, replays
+from karma.journal.records import EpisodeRecord, EpisodeTiming
+from karma.journal.run_folder import Finished, RunFolder, read_run
+from karma.journal.steps import (
     Action,
     Ended,
     Instruction,
@@ -28,10 +32,6 @@ from karma.agent.journal.steps import (
     read_steps,
     steps_path,
 )
-from karma.bench.figures.results import result_of
-from karma.bench.figures.tables import sheets
-from karma.bench.report.page import render
-from karma.bench.report.replay import choose, episode_key, replay, replays
 from karma.world.core import scene as scenes
 
 
@@ -47,7 +47,7 @@ def run(folder):
 
 @pytest.fixture(scope="module")
 def shown(run):
-    return list(replays(run, run.records, "calls"))
+    return list(replays(run, run.records))
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +112,7 @@ def test_replay_says_which_action_did_not_go_as_logged(run):
     at = next(n for n in actions if lines[n].action == "OpenObject")
     line = lines[at]
     lines[at] = Action(action=line.action, arguments=line.arguments, ok=False, error="")
-    found = replay(lines, run.records[0], run.folder, "none")
+    found = replay(lines, run.records[0], run.folder)
     assert found.differing == (actions.index(at),)
 
 
@@ -124,14 +124,14 @@ def test_log_that_breaks_off_is_replayed_as_far_as_it_goes(run):
         Instruction(number=1, instruction="b", memory=()),
         Action(action="Pass", arguments={}, ok=True, error=""),
     ]
-    found = replay(lines, run.records[0], run.folder, "none")
+    found = replay(lines, run.records[0], run.folder)
     assert [part.after is None for part in found.instructions] == [False, True]
     assert found.actions == 1
 
 
 def test_replay_goes_through_the_rooms_of_a_sequence(tmp_path):
     made = read_run(make_run(tmp_path / "run", SEQUENCE_KEYS))
-    for one in replays(made, made.records, "none"):
+    for one in replays(made, made.records):
         assert one.differing == ()
         assert {part.scene for part in one.instructions} == {"kitchen_1", "bedroom_1"}
 
@@ -145,23 +145,9 @@ def test_replay_takes_the_scene_that_a_run_brought_along(run, tmp_path):
     ):
         place.parent.mkdir(parents=True)
         place.write_bytes(data)
-    (one,) = replays(replace(run, folder=tmp_path), [record], "none")
+    (one,) = replays(replace(run, folder=tmp_path), [record])
     assert one.actions > 20
     assert one.differing == ()
-
-
-def test_choices_of_frames_differ_in_the_number_of_pictures(run):
-    record = next(one for one in run.records if one.key == (EXPERT, "t1", 0))
-
-    def pictures(choice):
-        (one,) = replays(run, [record], choice)
-        calls = [c for part in one.instructions for a in part.attempts for c in a.calls]
-        firsts = [part.picture for part in one.instructions]
-        return len([*filter(None, firsts), *(p for call in calls for p in call.pictures if p)])
-
-    every, calls, ends, none = map(pictures, ("every", "calls", "ends", "none"))
-    assert every > calls > ends > none == 0
-    assert pictures("auto") == calls
 
 
 # ----------------------------------------------------------------- the choice of episodes
@@ -223,14 +209,6 @@ def test_page_allows_its_own_style_only_and_names_no_other_place(page):
     assert re.findall(r"url\(|@import", page) == []
 
 
-def test_marks_of_the_tasks_lead_to_replays(page):
-    parsed = Text(page)
-    ids = {attrs.get("id") for _, attrs in parsed.tags}
-    links = [a["href"] for tag, a in parsed.tags if tag == "a"]
-    assert links
-    assert {one.removeprefix("#") for one in links} <= ids
-
-
 def test_page_says_what_was_asked_written_and_done(run, page):
     words = Text(page).words
     for one in run.records:
@@ -259,12 +237,6 @@ def test_page_of_a_replay_that_left_the_log_says_so(run, shown):
     assert "actions did not go as logged, the first is number 6" in words
 
 
-def test_page_without_step_logs_has_tables_and_no_replay(run):
-    page = render(run, result_of(run, {}), [])
-    assert 'id="tasks"' in page
-    assert 'id="replay"' not in page
-
-
 def test_episode_that_ended_before_it_began_is_in_the_tables_only(tmp_path):
     folder = make_run(tmp_path / "run", KEYS[:1])
     record = EpisodeRecord(
@@ -284,23 +256,17 @@ def test_episode_that_ended_before_it_began_is_in_the_tables_only(tmp_path):
 
 def test_command_writes_the_page(folder, tmp_path):
     out = tmp_path / "a.html"
-    done = karma("report", folder, "--out", out, "--episodes", "1", "--frames", "none")
+    done = karma("report", folder, "--out", out, "--episodes", "1")
     assert "1 of 4 episodes" in " ".join(done.split())
     words = Text(out.read_text(encoding="utf-8")).words
     assert f"First failure that was replayed: {AGENT}/t2/0" in words
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--episodes", "t9"], "To fix: all, a number, ROW/TASK/SEED, or one of t1, t2"),
-        (["--frames", "most"], "To fix: auto, every, calls, ends, none"),
-    ],
-)
-def test_command_refuses_what_it_does_not_know(folder, tmp_path, arguments, words):
-    done = karma("report", folder, "--out", tmp_path / "a.html", *arguments, code=1)
-    assert words in done
-    assert not (tmp_path / "a.html").exists()
+def test_command_refuses_episodes_that_it_does_not_know(folder, tmp_path):
+    out = tmp_path / "a.html"
+    done = karma("report", folder, "--out", out, "--episodes", "t9", code=1)
+    assert "To fix: all, a number, ROW/TASK/SEED, or one of t1, t2" in done
+    assert not out.exists()
 
 
 def test_command_names_a_folder_without_a_run(tmp_path):
@@ -332,7 +298,7 @@ def test_page_does_not_depend_on_the_hash_seed(folder, tmp_path):
         code = "from karma.cli import app; app()"
         command = [sys.executable, "-c", code, "report", str(folder), "--out", str(out)]
         subprocess.run(
-            [*command, "--frames", "none"], check=True, capture_output=True,
+            [*command, "--episodes", "1"], check=True, capture_output=True,
             env={"PYTHONHASHSEED": seed, "PATH": ""}, cwd=ROOT,
         )  # fmt: skip
         pages.append(out.read_bytes())

@@ -29,11 +29,17 @@ from support.run_files import (
 from typer.testing import CliRunner
 
 from karma.agent.goals.goals import GoalTracker, WatchedWorld, parse_goal
-from karma.agent.journal.header import CONFIG, EPISODES, FORMAT, RESULTS, TIMINGS, Header, Machine
-from karma.agent.journal.owned_folder import HEADER, MARK, locked
-from karma.agent.journal.records import EpisodeRecord, EpisodeTiming, SubTaskTiming, read_records
-from karma.agent.journal.run_folder import Finished, RunFolder, read_run
-from karma.agent.journal.steps import (
+from karma.agent.seeing.picture_states import PICTURES, picture_name
+from karma.bench.engine.run import Run
+from karma.bench.figures.columns import added_up
+from karma.cli import app
+from karma.errors import FileError, KarmaError
+from karma.files import TEMPORARY
+from karma.journal.header import CONFIG, EPISODES, FORMAT, RESULTS, TIMINGS, Header, Machine
+from karma.journal.owned_folder import HEADER, MARK, locked
+from karma.journal.records import EpisodeRecord, EpisodeTiming, SubTaskTiming, read_records
+from karma.journal.run_folder import Finished, RunFolder, read_run
+from karma.journal.steps import (
     Action,
     Ended,
     Instruction,
@@ -42,12 +48,6 @@ from karma.agent.journal.steps import (
     slug,
     steps_path,
 )
-from karma.agent.seeing.picture_states import PICTURES, picture_name
-from karma.bench.engine.run import Run
-from karma.bench.figures.columns import added_up
-from karma.cli import app
-from karma.errors import FileError, KarmaError
-from karma.files import TEMPORARY
 from karma.seeds import stream
 from karma.types.tasks import SubTask
 from karma.world.sim import EmbeddedWorld

@@ -4,9 +4,9 @@ import pytest
 from support.run_files import ONLY, files, plant_plugin, write_experiment
 from typer.testing import CliRunner
 
-from karma.agent.journal.header import RESULTS
-from karma.agent.journal.run_folder import read_run
 from karma.cli import app
+from karma.journal.header import RESULTS
+from karma.journal.run_folder import read_run
 
 FLAKY = """
 from pathlib import Path

@@ -1,8 +1,6 @@
-"""Intervals, paired tests and detectable effects, held against other implementations."""
+"""Intervals and paired tests, held against other implementations."""
 
 import itertools
-import math
-from fractions import Fraction
 from random import Random
 
 import numpy as np
@@ -12,9 +10,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from karma.bench.figures.statistics import (
-    POWER,
     bootstrap,
-    detectable_rate,
     effective_number,
     mcnemar,
     mean,
@@ -114,9 +110,8 @@ def test_bootstrap_equals_all_resamples_of_a_small_table():
     exact = [sum(drawn) / 6 for drawn in itertools.product(values, repeat=6)]
     sums = np.array([[v, 1.0] for v in values])
     found = bootstrap(sums, lambda s: s[:, 0] / s[:, 1], number=6)
-    ends = found.estimate.interval
+    ends = found.interval
     assert [ends.low, ends.high] == pytest.approx(np.quantile(exact, [0.025, 0.975]), abs=0.2)
-    assert found.deviation == pytest.approx(np.std(exact), rel=0.03)
 
 
 @pytest.mark.parametrize("tasks", [1, 2, 5, 6])
@@ -136,23 +131,7 @@ def test_bootstrap_agrees_with_scipy_where_every_task_is_seen_once():
     assert (ours.low, ours.high) == pytest.approx((theirs.low, theirs.high), rel=0.03)
 
 
-def test_bootstrap_covers_the_truth_about_as_often_as_it_says():
-    random, covered = np.random.default_rng(1), 0
-    for _ in range(150):
-        covered += 3.0 in mean([[value] for value in random.normal(3.0, 2.0, size=30)]).interval
-    assert 0.87 < covered / 150 <= 1
-
-
 # ----------------------------------------------------------------- two arms
-
-
-@given(first=st.integers(0, 40), second=st.integers(0, 40))
-def test_mcnemar_is_a_fair_coin_s_two_sided_tail(first, second):
-    number = first + second
-    chances = [Fraction(math.comb(number, k), 2**number) for k in range(number + 1)]
-    seen = chances[first]
-    assert mcnemar(first, second) == pytest.approx(float(sum(c for c in chances if c <= seen)))
-    assert mcnemar(first, second) == mcnemar(second, first)
 
 
 @given(differences=st.lists(st.integers(-5, 5), max_size=9))
@@ -168,28 +147,3 @@ def test_sign_flip_counts_all_exchanges(differences):
 @given(first=st.integers(0, 25), second=st.integers(0, 25))
 def test_sign_flip_of_single_pairs_is_mcnemar(first, second):
     assert sign_flip([1] * first + [-1] * second) == pytest.approx(mcnemar(first, second))
-
-
-# ----------------------------------------------------------------- what could have been found
-
-
-def power_by_enumeration(number, first, second):
-    """Return P(p <= 0.05) over all outcomes of `number` pairs, by brute force."""
-    found = 0.0
-    for b in range(number + 1):
-        for c in range(number + 1 - b):
-            if mcnemar(b, c) <= 0.05:
-                rest = number - b - c
-                ways = math.comb(number, b) * math.comb(number - b, c)
-                found += ways * first**b * second**c * (1 - first - second) ** rest
-    return found
-
-
-@pytest.mark.parametrize(("number", "share"), [(15, 0.6), (18, 0.9), (30, 0.4), (48, 0.25)])
-def test_detectable_rate_has_just_the_power_it_promises(number, share):
-    effect = detectable_rate(number, share)
-    assert effect <= share
-    first, second = (share + effect) / 2, (share - effect) / 2
-    assert power_by_enumeration(number, first, second) >= POWER - 1e-6
-    less = effect - 0.01
-    assert power_by_enumeration(number, (share + less) / 2, (share - less) / 2) < POWER

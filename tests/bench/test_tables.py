@@ -1,4 +1,4 @@
-"""The paper's tables from a run, as Markdown, LaTeX and CSV, beside the published figures."""
+"""The paper's tables from a run, as Markdown and CSV, beside the published figures."""
 
 import csv
 import io
@@ -10,21 +10,19 @@ from support.made_records import plain, write_run
 from support.paths import ROOT
 from support.run_files import karma
 
-from karma.agent.journal.header import RESULTS
-from karma.agent.journal.run_folder import read_run
 from karma.bench.engine.experiment_file import read_experiment
 from karma.bench.figures.columns import COLUMNS
 from karma.bench.figures.results import load_published, margins, result_of, to_csv
 from karma.bench.figures.tables import (
     PUBLISHED_COLUMNS,
     sheets,
-    to_latex,
     to_markdown,
 )
-from karma.errors import FileError
+from karma.journal.header import RESULTS
+from karma.journal.run_folder import read_run
 
 PAPER = ROOT / "eval" / "paper"
-PUBLISHED = load_published(PAPER / "published.csv")
+PUBLISHED = load_published()
 
 
 @pytest.fixture
@@ -75,18 +73,6 @@ def test_sheets_compare_the_first_row_with_every_other(result):
         for kind in ("all", "simple", "complex")
     ]
     assert sheet.lines[0][3] == "8 (4 × 2)"
-
-
-def test_latex_escapes_and_balances(result):
-    text = to_latex(sheets(result))
-    assert r"expert | \&" in text
-    assert r"table\_1" in text
-    assert "×" not in text
-    assert text.count(r"\begin{tabular}") == text.count(r"\end{tabular}") == len(sheets(result))
-    for row in re.findall(r"^(.*) \\\\$", text, flags=re.M):
-        assert not row.startswith("[")  # would be read as the optional argument of \\
-    plain_text = re.sub(r"\\[{}]", "", text)
-    assert plain_text.count("{") == plain_text.count("}")
 
 
 def test_csv_has_every_metric_of_every_row(result):
@@ -177,24 +163,6 @@ def _paper_rows():
         return {line["row"]: line["paper_row"] for line in csv.DictReader(lines)}
 
 
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("Table 1,KARMA,KARMA,simple,success,high", "line 2: could not convert"),
-        ("Table 1,KARMA,KARMA,simple,joy,0.1", "line 2: metric 'joy'"),
-        ("Table 1,KARMA", "line 2"),
-    ],
-)
-def test_published_figures_that_are_damaged_are_refused_by_line(tmp_path, line, words):
-    path = tmp_path / "published.csv"
-    path.write_text(f"source,paper_row,row,kind,metric,value\n{line}\n")
-    with pytest.raises(FileError, match=words):
-        load_published(path)
-    path.write_text("a,b\n1,2\n")
-    with pytest.raises(FileError, match="line 2"):
-        load_published(path)
-
-
 @pytest.mark.parametrize("path", sorted(PAPER.glob("table*.toml")), ids=lambda path: path.stem)
 def test_experiments_of_the_tables_have_the_published_rows_and_five_seeds(path):
     experiment = read_experiment(path)
@@ -210,21 +178,19 @@ def test_experiments_of_the_tables_have_the_published_rows_and_five_seeds(path):
 # ----------------------------------------------------------------- the command
 
 
-def test_table_command_writes_three_files(run, tmp_path, monkeypatch):
+def test_table_command_writes_its_files(run, tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     out = tmp_path / "out"
-    arguments = ["table", str(run.folder), "--published", str(PAPER / "published.csv")]
+    arguments = ["table", str(run.folder)]
     said = karma(*arguments, "--out", out, "--json", out / "x.json")
     assert "table_1: simple tasks" in said
     unfinished = f"not finished, the figures are of the {len(run.records)} episodes that are done"
     assert unfinished in " ".join(said.split())
     assert sorted(path.name for path in out.iterdir()) == [
-        ".karma-made", "table.csv", "table.md", "table.tex", "x.json",
+        ".karma-made", "table.csv", "table.md", "x.json",
     ]  # fmt: skip
     result = result_of(run, PUBLISHED)
     assert (out / "table.md").read_text().startswith(to_markdown(sheets(result)))
-    again = karma(*arguments, "--off", "nobody", code=1)
-    assert "no row 'nobody'" in again
     (run.folder / RESULTS).write_text("[]")  # what a run writes last
     assert "not finished" not in karma(*arguments, "--out", out)
 

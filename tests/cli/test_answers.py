@@ -10,12 +10,12 @@ from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma import Agent
-from karma.agent.journal.run_folder import read_run
 from karma.cli import app, conversation, progress
 from karma.cli.conversation import say
 from karma.cli.progress import AnswerView
 from karma.cli.shared import SafeConsole
 from karma.errors import KarmaError
+from karma.journal.run_folder import read_run
 from karma.types.completion import Heard
 
 NO_TIME = "0.000001"  # is over before a prompt is read

@@ -15,9 +15,9 @@ from support.paths import ROOT
 from typer.testing import CliRunner
 
 from karma import Agent
-from karma.agent.journal.records import read_records
 from karma.cli import app, shared
 from karma.errors import KarmaError
+from karma.journal.records import read_records
 from karma.types.events import SkillResult
 
 KARMA = (sys.executable, "-P", "-m", "karma")

@@ -14,13 +14,13 @@ from support.made_records import episode, sub, write_run
 from typer.testing import CliRunner
 
 from karma import __version__
-from karma.agent.journal.records import EpisodeTiming, SubTaskTiming
-from karma.agent.journal.run_folder import read_run
 from karma.bench.figures.columns import figures
 from karma.cli import app, shared
 from karma.cli.progress import bar
 from karma.cli.shared import SafeConsole
 from karma.cli.show import summary_table, task_table
+from karma.journal.records import EpisodeTiming, SubTaskTiming
+from karma.journal.run_folder import read_run
 
 PLAIN = "from karma.cli import app; app()"
 

@@ -10,8 +10,8 @@ from support.llama_export import export_llama, random_llama
 from support.tiny_models import save_clip, save_sentence
 
 from karma.errors import ModelError
-from karma.models.automaton import ProgramAutomaton
 from karma.models.checks.gguf import check_gguf
+from karma.models.constraint import admits, begins
 from karma.models.llama.gguf_files import new_tokenizer
 from karma.models.llama.model import LlamaModel
 from karma.models.scripted import ScriptedModel
@@ -110,16 +110,14 @@ def test_logits_equal_transformers_on_the_joined_prompt(tmp_path):
 @pytest.mark.parametrize("temperature", [0.0, 1.5])
 @pytest.mark.parametrize("max_tokens", [3, 40, 400])
 def test_constrained_answers_are_programs_however_long(model, temperature, max_tokens):
-    automaton = ProgramAutomaton(SPEC)
     for seed in range(4):
         found = model.complete(
             SCENE, spec=SPEC, max_tokens=max_tokens, temperature=temperature, seed=seed
         )
-        state = automaton.advance(automaton.start(), found.text)
-        assert state is not None
+        assert begins(SPEC.grammar, found.text)
         assert (found.finish == "stop") is (found.fault == "")
         if found.finish == "stop":
-            assert automaton.accepts(state)
+            assert admits(SPEC.grammar, found.text)
             assert found.text.rstrip("\n").endswith(")")
 
 
@@ -160,6 +158,14 @@ def test_chat_template_is_applied_and_cut_at_the_same_place(gguf):
     assert cold.text == warm.text
     assert warm.reused_tokens > 0
     assert cold.prompt_tokens > plain.complete(SCENE, max_tokens=1).prompt_tokens
+
+
+def test_earlier_turns_are_messages_between_system_and_user(gguf):
+    asked = Prompt(stable="Rules", changing="Now?", turns=(("First?", "No."), ("Then?", "Yes.")))
+    before, after = opened(gguf, chat=True)._template.halves(asked)
+    said = "<|eos|>\n<|user|>First?<|eos|>\n<|assistant|>No.<|eos|>\n<|user|>Then?"
+    assert before == f"<|system|>Rules{said}<|eos|>\n<|assistant|>Yes.<|eos|>\n<|user|>"
+    assert after.startswith("Now?")
 
 
 def test_chat_without_system_role_puts_all_into_the_user_s_message(tmp_path):

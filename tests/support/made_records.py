@@ -2,11 +2,11 @@
 
 from hypothesis import strategies as st
 
-from karma.agent.journal.header import EPISODES, FORMAT, TIMINGS, Header, Machine
-from karma.agent.journal.owned_folder import HEADER
-from karma.agent.journal.records import Answer, Call, EpisodeRecord, SubTaskRecord
 from karma.bench.figures.metrics import needs
 from karma.files import to_json
+from karma.journal.header import EPISODES, FORMAT, TIMINGS, Header, Machine
+from karma.journal.owned_folder import HEADER
+from karma.journal.records import Answer, Call, EpisodeRecord, SubTaskRecord
 
 
 def answer(program="GoToObject(robot, 'Apple')\n", error="", **changes):

@@ -1,8 +1,7 @@
 """Steps drawn at random, about half of them invalid; and what a world makes of them, as a digest.
 
 `python tests/support/random_steps.py STEPS SCENE...` prints a line per scene: its name and
-SHA-256 over every event's bytes. A scene is one of ours, or KIND:NUMBER:SEED for a room made on
-the spot.
+SHA-256 over every event's bytes.
 """
 
 import contextlib
@@ -14,7 +13,6 @@ import msgspec
 
 from karma.errors import KarmaError
 from karma.world.actions.table import ACTIONS
-from karma.world.generation.generate import build_scene
 from karma.world.sim import EmbeddedWorld
 
 NAMES = sorted(ACTIONS)
@@ -81,24 +79,16 @@ def step(world, action):
     return world.last_event
 
 
-def make(name):
-    """Return a scene by name, or KIND:NUMBER:SEED."""
-    if ":" not in name:
-        return name
-    kind, number, seed = name.split(":")
-    return build_scene(kind, int(number), int(seed))
-
-
 def digest(name, steps):
     """Return (SHA-256 over all events, how many actions failed)."""
-    world = EmbeddedWorld(make(name))
+    world = EmbeddedWorld(name)
     draw, hashed, failed = random.Random(name), hashlib.sha256(), 0
     for _ in range(steps):
         event = step(world, random_step(draw, world.state.objects))
         hashed.update(msgspec.json.encode(event.metadata))
         failed += not event
         if not 5 <= len(world.state.objects) <= 400:  # taken apart, or copied over and over
-            world.reset(make(name))
+            world.reset(name)
     return hashed.hexdigest(), failed
 
 

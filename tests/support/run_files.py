@@ -12,8 +12,8 @@ from pathlib import Path
 
 from typer.testing import CliRunner
 
-from karma.agent.journal.header import TIMINGS
 from karma.cli import app
+from karma.journal.header import TIMINGS
 from support.paths import ROOT
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"

@@ -62,14 +62,3 @@ def facing(state, yaw, horizon=0.0, position=None):
         position_m=position or state.pose.position_m,
     )
     return replace(state, pose=pose)
-
-
-def map_camera(state):
-    """A camera over the room that takes in all of it."""
-    (x, y, z), (width, height, depth) = state.room.bounds_center, state.room.bounds_size
-    return Camera(
-        position_m=(x, y + height / 2 + 2.0, z),
-        rotation_deg=(90.0, 0.0, 0.0),
-        orthographic=True,
-        orthographic_size_m=max(width, depth) / 2,
-    )

@@ -8,7 +8,12 @@ from support.written_tasks import write_tasks
 from karma import registry
 from karma.agent.goals.files import load_tasks, with_whole
 from karma.agent.goals.goals import GoalTracker, WatchedWorld, parse_goal
-from karma.agent.journal.steps import (
+from karma.agent.karma import KarmaMethod, KarmaSettings
+from karma.agent.planning.planner import Planner
+from karma.bench.engine.episode import run_episode
+from karma.errors import FileError, KarmaError
+from karma.household.places import BESIDE_A_DOOR
+from karma.journal.steps import (
     Action,
     Ended,
     Enter,
@@ -18,11 +23,6 @@ from karma.agent.journal.steps import (
     packed,
     read_steps,
 )
-from karma.agent.karma import KarmaMethod, KarmaSettings
-from karma.agent.planning.planner import Planner
-from karma.bench.engine.episode import run_episode
-from karma.errors import FileError, KarmaError
-from karma.household.places import BESIDE_A_DOOR
 from karma.memory.policies import make_policy
 from karma.memory.recall import CosineRecall
 from karma.memory.short_term import ShortTermMemory

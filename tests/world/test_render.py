@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.floor_plans import floor_plans
 from support.household import kitchen, reach, thing
-from support.stage import facing, map_camera, moment, room, towards
+from support.stage import facing, moment, room, towards
 
 from karma.world.core.scene import SCENES, load
 from karma.world.core.state import Camera, Room, Settings, begin
 from karma.world.render.drawn import drawn, tasks
-from karma.world.render.picture import Picture, agent_camera, render
+from karma.world.render.picture import Picture, agent_camera, camera_above, render
 from karma.world.render.pixels import AGENT, CEILING, FLOOR, NOTHING, PIECES, STAND, WALL
 from karma.world.sim import EmbeddedWorld
 
@@ -201,7 +201,7 @@ def test_masks_cover_the_middle_of_the_projected_box(yaw):
 @pytest.mark.parametrize("name", ["kitchen_1", "living_2", "bedroom_3", "bathroom_4"])
 def test_the_map_view_sees_all_big_furniture(name):
     state = begin(load(name), Settings())
-    picture = render(state, map_camera(state), 300, 300)
+    picture = render(state, camera_above(state), 300, 300)
     seen = set(np.unique(picture.rows))
     assert CEILING not in seen, "one looks in through the ceiling"
     for object_id, row in state.objects.rows.items():
@@ -217,13 +217,6 @@ def test_other_cameras_see_the_agent_and_it_does_not_see_itself():
     assert picture.rows[30, 30] == AGENT
     assert picture.depth_m[30, 30] == pytest.approx(1.85, abs=0.1)
     assert not (view(facing(state, 0, horizon=60)).rows == AGENT).any()
-
-
-def test_the_sky_has_the_colour_that_is_asked_for():
-    away = Camera(position_m=(0.0, 9.0, 0.0), rotation_deg=(-60.0, 0.0, 0.0))
-    for name, colour in (("white", (255, 255, 255)), ("#102030", (16, 32, 48))):
-        picture = render(moment(), replace(away, sky=name), 8, 8)
-        assert (picture.rows == NOTHING).all() and (picture.rgb == colour).all()
 
 
 def test_nothing_is_seen_beyond_the_far_plane():
@@ -258,7 +251,7 @@ def test_what_is_in_the_hand_is_seen_and_moves_along():
     world.step("RotateRight")
     after = view(world.state)
     assert (after.rows == row).sum() > 20
-    map_of_it = render(world.state, map_camera(world.state), 200, 200)
+    map_of_it = render(world.state, camera_above(world.state), 200, 200)
     assert (map_of_it.rows == row).any(), "other cameras see the hand too"
 
 
@@ -403,7 +396,7 @@ def test_imported_scenes_can_be_drawn(shared):
     for number, scene in enumerate(floor_plans(shared, layouts=True)):
         if number % 8 == 0:
             state = begin(scene, Settings())
-            picture = render(state, map_camera(state), 60, 60)
+            picture = render(state, camera_above(state), 60, 60)
             assert len(np.unique(picture.rows)) > 5, scene.name
 
 

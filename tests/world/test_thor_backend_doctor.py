@@ -95,18 +95,6 @@ def test_build_without_executable_bit_is_a_problem_that_the_fix_mends(build):
     assert of("executable bit").status == "ok"
 
 
-def test_display_of_another_machine_is_not_connected_to(home):
-    finding = of("X display", platform="Linux64", display="far.example:0")
-    assert finding.status == "problem"
-    assert "not connected to" in finding.found
-
-
-def test_display_that_is_not_there_is_a_problem(home):
-    finding = of("X display", platform="Linux64", display=":4711")
-    assert finding.status == "problem"
-    assert "cannot be reached" in finding.found
-
-
 def test_command_shows_fixes_writes_json_and_fails_when_something_is_missing(home, tmp_path):
     path = tmp_path / "report.json"
     done = CliRunner().invoke(app, ["doctor", "thor", "--json", str(path)])

@@ -68,11 +68,7 @@ def test_number_that_is_none_is_misuse_everywhere(world, action, arguments, bad)
         ("PickupObject", {"objectId": 3}, "str"),
         ("LookUp", {"degrees": [30]}, "float"),
         ("PickupObject", {"objectId": object()}, "str"),
-        (
-            "AddThirdPartyCamera",
-            {"position": {}, "orthographicSize": {"x": 0}, "rotation": {}},
-            "float",
-        ),
+        ("AddThirdPartyCamera", {"position": {}, "fieldOfView": {"x": 0}, "rotation": {}}, "float"),
     ],
 )
 def test_number_or_text_of_the_wrong_kind_is_misuse(world, action, arguments, wanted):
@@ -231,10 +227,8 @@ LIKELY = {
     "horizon": st.sampled_from([-30, 0, 30, 60]),
     "degrees": st.sampled_from([10, 30, 90]),
     "openness": st.floats(0, 1),
-    "orthographicSize": st.floats(0.1, 9),
     "numPlacementAttempts": st.integers(1, 3),
     "fillLiquid": st.sampled_from(["water", "coffee"]),
-    "skyboxColor": st.sampled_from(["white", "#fff"]),
     "agentMode": st.just("default"),
     "agentCount": st.just(1),
     "thirdPartyCameraId": st.just(0),

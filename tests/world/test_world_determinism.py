@@ -1,4 +1,4 @@
-"""Same steps, same bytes: in two processes with different hash seeds, in 20 rooms."""
+"""Same steps, same bytes: in two processes with different hash seeds, in eight rooms."""
 
 import os
 import subprocess
@@ -10,8 +10,7 @@ from support.paths import ROOT
 from karma.world.core import scene
 
 SCRIPT = ROOT / "tests" / "support" / "random_steps.py"
-OURS = sorted(path.stem for path in scene.SCENES.glob("*.json"))
-MADE = ["kitchen:9:1", "living:9:1", "bedroom:9:1", "bathroom:9:1"]
+ROOMS = sorted(path.stem for path in scene.SCENES.glob("*[12].json"))
 STEPS = 250
 
 
@@ -25,9 +24,9 @@ def run(hash_seed, names):
     return dict(line.split(" ", 1) for line in done.stdout.splitlines())
 
 
-@pytest.mark.parametrize("part", range(4))
+@pytest.mark.parametrize("part", range(2))
 def test_random_steps_give_the_same_bytes_in_two_processes(part):
-    names = [*OURS, *MADE][part::4]
+    names = ROOMS[part::2]
     first, second = run("1", names), run("2", names)
     assert list(first) == names
     assert first == second

@@ -154,21 +154,19 @@ def test_fridge_cools_what_is_put_in_and_it_stays_cold_outside(world):
 
 
 def test_heat_runs_out_after_the_decay_time(world):
-    world.step("SetTemperatureDecayTime", decayTime=0.2)
     mug = find(world, "Mug")
     world.step("FillObjectWithLiquid", objectId=mug, fillLiquid="coffee", forceAction=True)
     lasted = 0
     while look(world, mug)["temperature"] == "Hot":
         world.step("Pass")
         lasted += 1
-    assert lasted == round(0.2 / rules().time.action_s)
+    assert lasted == pytest.approx(rules().time.decay_s / rules().time.action_s, abs=1)
     assert look(world, mug)["fillLiquid"] == "coffee"
 
 
 def test_heat_does_not_run_out_in_a_zone_nor_while_only_questions_are_asked(world):
-    world.step("SetTemperatureDecayTime", decayTime=0.0)
     egg = find(world, "Egg")
-    for _ in range(5):
+    for _ in range(round(rules().time.decay_s / rules().time.action_s) + 5):
         world.step("Pass")
     assert look(world, egg)["temperature"] == "Cold"
     time = world.last_event.metadata["currentTime"]

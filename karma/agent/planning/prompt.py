@@ -42,6 +42,7 @@ from karma.types.planning import Hint, PlanRequest, Prompt, Skill
 from karma.types.space import Vec3
 
 GOALS = "goals"  # the profile that asks what is to be so, not for skills
+TOOLS = "tools"  # the mode in which the model calls tools, see `karma.agent.tools`
 PROFILES: Mapping[str, tuple[Skill, ...]] = MappingProxyType(
     {"compact": SKILLS, "full": (*SKILLS, *OUR_SKILLS), GOALS: GOAL_LINES}
 )  # and what each offers to write: skills, or goals; the nano planner has learnt 13 skills
@@ -69,13 +70,13 @@ def check_profile(profile: str) -> None:
 
     UnknownNameError where it is neither, FileError where a folder has not both templates.
     """
-    if profile in ("", *PROFILES):
+    if profile in ("", TOOLS, *PROFILES):
         return
     if "/" not in profile:
         hint = did_you_mean(profile, PROFILES)
         raise UnknownNameError(
-            f"no prompt profile named {profile!r}.{hint} There are: {tuple(PROFILES)}, and folders"
-            " of templates by a path with '/' in it"
+            f"no prompt profile named {profile!r}.{hint} There are: {(*PROFILES, TOOLS)}, and"
+            " folders of templates by a path with '/' in it"
         )
     for name in TEMPLATES:
         if not (Path(profile) / name).is_file():

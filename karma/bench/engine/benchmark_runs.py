@@ -11,11 +11,6 @@ from typing import Any
 import msgspec
 
 from karma import registry
-from karma.agent.journal.header import EPISODES, RESULTS, TABLE, BenchmarkHeader
-from karma.agent.journal.owned_folder import HEADER, check_sealed, read_lines
-from karma.agent.journal.provenance import model_hashes, versions
-from karma.agent.journal.records import NotRun, PlayedTiming, in_words, read_not_run
-from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.loading.models import Row
 from karma.bench.engine.experiment_file import Changes, read_as
 from karma.bench.engine.suite import (
@@ -29,6 +24,11 @@ from karma.bench.engine.suite import (
 from karma.bench.figures.tables import to_markdown
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json
+from karma.journal.header import EPISODES, RESULTS, TABLE, BenchmarkHeader
+from karma.journal.owned_folder import HEADER, check_sealed, read_lines
+from karma.journal.provenance import model_hashes, versions
+from karma.journal.records import NotRun, PlayedTiming, in_words, read_not_run
+from karma.journal.run_folder import Finished, RunFolder
 from karma.models.session import Session
 from karma.offline.guard import network_allowed
 

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from karma.agent.goals.goals import GoalTracker, WatchedWorld, object_names
-from karma.agent.journal.records import EpisodeRecord, SubTaskRecord, untimed, waited
-from karma.agent.journal.steps import Enter, StepLog
-from karma.agent.journal.writer import EpisodeWriter, TimeLog, through
 from karma.agent.seeing.perceive import cells_of, pose_of, refusal, truth_of
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.household.uses import BIN
+from karma.journal.records import EpisodeRecord, SubTaskRecord, untimed, waited
+from karma.journal.steps import Enter, StepLog
+from karma.journal.writer import EpisodeWriter, TimeLog, through
 from karma.models.session import Cassette, CassetteError, Ledger, NoCassette
 from karma.seeds import stream
 from karma.types.memory import Tour

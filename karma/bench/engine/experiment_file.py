@@ -16,12 +16,12 @@ from typing import Any, TypeVar, get_args
 
 import msgspec
 
-from karma.agent.journal.header import each_path
-from karma.agent.journal.owned_folder import Kind
 from karma.agent.loading.names import MODELS, check_models, check_row
 from karma.bench.engine.experiment import MOST_SEEDS, Experiment, is_called
 from karma.errors import FileError, KarmaError, did_you_mean
 from karma.files import read_toml
+from karma.journal.header import each_path
+from karma.journal.owned_folder import Kind
 
 T = TypeVar("T", bound=msgspec.Struct)
 TRACE = "trace"  # `kind` of a figure of policies, see `karma.bench.policies.figure`
@@ -211,7 +211,7 @@ def _rows_meant(name: str, rows: Sequence[str]) -> str:
 
 
 def _general(parts: Sequence[str]) -> str:
-    """Return a key as `karma.agent.journal.header` has it: without the row's name."""
+    """Return a key as `karma.journal.header` has it: without the row's name."""
     return ".".join((parts[0], *parts[2:]) if parts[0] == "rows" else parts)
 
 

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from karma.agent.journal.run_folder import RunData, read_run
 from karma.bench.figures.metrics import METRICS, episodes_of
+from karma.journal.run_folder import RunData, read_run
 
 _TEXTS = ("run", "row", "method", "task", "kind", "scene", "error", "unjudged")
 _NUMBERS = ("seed", "instructions")

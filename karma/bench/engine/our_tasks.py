@@ -10,12 +10,6 @@ import msgspec
 
 from karma import registry
 from karma.agent.goals.files import in_rooms
-from karma.agent.journal.header import RESULTS, Config, Header
-from karma.agent.journal.provenance import header_of as journal_header
-from karma.agent.journal.records import EpisodeRecord
-from karma.agent.journal.run_folder import Finished, RunFolder
-from karma.agent.journal.steps import StepLog
-from karma.agent.journal.writer import TimeLog
 from karma.agent.loading.models import (
     Models,
     Row,
@@ -32,6 +26,12 @@ from karma.bench.engine.experiment_file import Changes, read_experiment
 from karma.bench.engine.suite import Chain, Done
 from karma.bench.figures.columns import added_up
 from karma.errors import FileError, KarmaError
+from karma.journal.header import RESULTS, Config, Header
+from karma.journal.provenance import header_of as journal_header
+from karma.journal.records import EpisodeRecord
+from karma.journal.run_folder import Finished, RunFolder
+from karma.journal.steps import StepLog
+from karma.journal.writer import TimeLog
 from karma.models.manifest import resolve_planner
 from karma.models.session import Session
 from karma.offline.guard import settle

@@ -17,9 +17,9 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any, Protocol, TypeVar
 
-from karma.agent.journal.records import Key
 from karma.bench.engine.suite import Chain, Do, Done
 from karma.errors import KarmaError, WorkerLost
+from karma.journal.records import Key
 from karma.offline.children import forking, starting
 
 LIVES = 2  # workers that a chain may kill before it is given up

@@ -4,15 +4,15 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from karma.agent.journal.header import EPISODES
-from karma.agent.journal.owned_folder import locked
-from karma.agent.journal.records import IN_A_ROW, Key, NotRun, key_of
 from karma.bench.engine.benchmark_runs import BenchmarkSuite, benchmark_suite
 from karma.bench.engine.experiment_file import Changes, kind_of
 from karma.bench.engine.our_tasks import OurTasks, our_tasks
 from karma.bench.engine.suite import BenchmarkResults, Chain, Suite
 from karma.bench.engine.workers import IN_FLIGHT, Suggestion, check_far, perform, suggest_workers
 from karma.errors import KarmaError
+from karma.journal.header import EPISODES
+from karma.journal.owned_folder import locked
+from karma.journal.records import IN_A_ROW, Key, NotRun, key_of
 from karma.models.session import Cassette, Session
 from karma.types.tasks import Task
 

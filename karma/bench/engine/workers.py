@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from karma import registry
-from karma.agent.journal.records import NotRun
 from karma.agent.loading.models import Models, Row
 from karma.bench.engine.pool import ChainQueue, in_processes
 from karma.bench.engine.suite import Chain, Do, Done, Suite
 from karma.errors import KarmaError, UnknownNameError, UnwritableError
+from karma.journal.records import NotRun
 from karma.models.checks.memory import available_mb
 from karma.models.endpoint import Hosted
 from karma.models.llama.opening import devices

@@ -13,16 +13,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from karma.agent.journal.records import (
-    ALL,
-    NOT_TRAINED,
-    TRAINED,
-    EpisodeRecord,
-    EpisodeTiming,
-    Key,
-    is_of,
-    kinds_of,
-)
 from karma.bench.figures.metrics import (
     METRICS,
     Amount,
@@ -39,11 +29,20 @@ from karma.bench.figures.metrics import (
 )
 from karma.bench.figures.statistics import Estimate, Floats, bootstrap
 from karma.files import to_json
+from karma.journal.records import (
+    ALL,
+    NOT_TRAINED,
+    TRAINED,
+    EpisodeRecord,
+    EpisodeTiming,
+    Key,
+    is_of,
+    kinds_of,
+)
 from karma.types.memory import Tour
 
 OFF_ROW = "memory off"  # name of the twin in the experiments of eval/paper
 LOTA_ROW = "LoTa-Bench (modified)"  # what the paper's figures seem to be measured against
-SPREADS = (10, 40)  # instructions in a room that its first tour is spread over
 Pair = tuple[TimedEpisode, TimedEpisode]
 
 
@@ -59,18 +58,13 @@ class Reduction:
     values: Mapping[str, Estimate]  # by the key of each saving
 
 
-def with_tour(
-    amount: Amount, cost: Callable[[Tour], int], instructions: int | None = None
-) -> Amount:
-    """Return an amount with the first tour of each room, spread evenly over instructions in it.
-
-    `instructions`: over so many; None: over those that the whole row was asked in the room.
-    """
+def with_tour(amount: Amount, cost: Callable[[Tour], int]) -> Amount:
+    """Return an amount with the first tour of each room, spread over all instructions in it."""
 
     def of(episode: TimedEpisode) -> Observations:
         here = Counter(episode.record.rooms)
         tours = sum(
-            cost(tour) * here[room] / (instructions or asked)
+            cost(tour) * here[room] / asked
             for room, (tour, asked) in episode.tours.items()
             if here[room]
         )
@@ -79,56 +73,18 @@ def with_tour(
     return of
 
 
-def _toured(
-    letter: str, what: str, amount: Amount, cost: Callable[[Tour], int]
-) -> tuple[Metric, ...]:
-    """Return the savings with the tour over the row's own instructions, then over `SPREADS`."""
-    name = f"r{letter.lower()}_toured"
-    return (
-        Metric(
-            key=name, title=f"R{letter} with tour", of=with_tour(amount, cost),
-            says=f"{what} with the first tour of each room, spread over all that was asked in it",
-        ),
-        *(
-            Metric(
-                key=f"{name}_{number}", title=f"R{letter}, tour over {number}",
-                of=with_tour(amount, cost, number),
-                says=f"{what} with the first tour, spread over {number} instructions in the room",
-            )
-            for number in SPREADS
-        ),
-    )  # fmt: skip
-
-
-SAVINGS = (  # `of` is the amount that a row saves; undefined where it is not known of an episode
-    Metric(
-        key="re", title="RE", of=explorations,
-        says="searching saved against the row without memory (reduced exploration)",
-    ),
-    Metric(
-        key="rt", title="RT", of=actions,
-        says="steps saved against the row without memory (reduced time)",
-    ),
-    Metric(key="rt_clock", title="RT (clock)", of=seconds, says="the same in seconds"),
-    Metric(
-        key="re_related", title="RE related", of=explorations_related,
-        says="RE in instructions that come back to a thing: only there has memory what to save",
-    ),
-    Metric(
-        key="rt_related", title="RT related", of=actions_related,
-        says="RT in instructions that come back to a thing",
-    ),
-    Metric(
-        key="re_solved", title="RE both solved", of=explorations, is_solved=True,
-        says="RE in the pairs that both rows solved",
-    ),
-    Metric(
-        key="rt_solved", title="RT both solved", of=actions, is_solved=True,
-        says="RT in the pairs that both rows solved",
-    ),
-    *_toured("E", "RE", explorations, lambda tour: tour.places),
-    *_toured("T", "RT", actions, lambda tour: tour.actions),
-)  # fmt: skip
+# `of` is the amount that a method saves; undefined where it is not known of an episode
+SAVINGS = (
+    Metric("re", "RE", explorations),
+    Metric("rt", "RT", actions),
+    Metric("rt_clock", "RT (clock)", seconds),
+    Metric("re_related", "RE related", explorations_related),
+    Metric("rt_related", "RT related", actions_related),
+    Metric("re_solved", "RE both solved", explorations, both_solved=True),
+    Metric("rt_solved", "RT both solved", actions, both_solved=True),
+    Metric("re_toured", "RE with tour", with_tour(explorations, lambda tour: tour.places)),
+    Metric("rt_toured", "RT with tour", with_tour(actions, lambda tour: tour.actions)),
+)
 
 
 def paired(first: Sequence[TimedEpisode], second: Sequence[TimedEpisode]) -> list[Pair]:
@@ -147,7 +103,7 @@ def reduced(amount: Amount, pairs: Sequence[Pair]) -> Estimate:
     if any(not amount(one) for pair in pairs for one in pair):
         return Estimate(value=None)
     table = paired_sums(pairs, lambda one: [sum(amount(one))])
-    return bootstrap(table, lambda s: 1 - s[:, 0] / s[:, 1], number=len(pairs)).estimate
+    return bootstrap(table, lambda s: 1 - s[:, 0] / s[:, 1], number=len(pairs))
 
 
 def paired_sums(pairs: Sequence[Pair], of: Amount) -> Floats:
@@ -181,7 +137,7 @@ def reductions(
                 row=row, reference=reference, kind=kind, pairs=len(pairs),
                 solved_pairs=len(solved),
                 values={
-                    saving.key: reduced(saving.of, solved if saving.is_solved else pairs)
+                    saving.key: reduced(saving.of, solved if saving.both_solved else pairs)
                     for saving in SAVINGS
                 },
             )

@@ -1,23 +1,22 @@
-"""Compare two arms over the same tasks and seeds: differences, intervals, detectable effects."""
+"""Compare two arms over the same tasks and seeds: differences, intervals and tests."""
 
+import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from karma.agent.journal.records import ALL, EpisodeRecord, is_of, kinds_of
 from karma.bench.figures.columns import Pair, paired, paired_sums
 from karma.bench.figures.metrics import METRICS, SUCCESS, Metric, TimedEpisode, measure
 from karma.bench.figures.statistics import (
     Estimate,
     Floats,
-    Resampled,
+    Statistic,
     bootstrap,
-    detectable_mean,
-    detectable_rate,
-    effective_number,
     mcnemar,
     sign_flip,
 )
 from karma.errors import KarmaError
+from karma.journal.records import ALL, EpisodeRecord, is_of, kinds_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +37,6 @@ class MetricPair:
     first: Estimate
     second: Estimate
     difference: Estimate  # first - second
-    detectable: float | None  # the smallest difference that this many pairs would show
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,9 +57,6 @@ class Comparison:
     pairs: int
     tasks: int
     seeds: tuple[int, ...]
-    agreement: float | None  # share of pairs in which both or neither solved the task
-    same_programs: float | None  # share of sub-tasks for which both planners first wrote the same
-    timed_out: int  # pairs in which the clock cut off an answer; not in `same_programs`
     only_first: tuple[Split, ...]
     only_second: tuple[Split, ...]
     p: float  # McNemar's exact test of the success rates, pairs taken as independent
@@ -91,27 +86,23 @@ def compare(first: Arm, second: Arm, *, kind: str = ALL) -> Comparison:
             f"and seed: seeds {_seeds(first)} against {_seeds(second)}\n"
             "  To fix: karma eval both with the same `seeds`"
         )
-    mine, other = [a for a, _ in pairs], [b for _, b in pairs]
-    gaps = _gaps(pairs)
     only_first = [a for a, b in pairs if a.record.success and not b.record.success]
     only_second = [b for a, b in pairs if b.record.success and not a.record.success]
-    differing = len(only_first) + len(only_second)
+    gaps: Counter[str] = Counter(one.record.task for one in only_first)
+    gaps.subtract(one.record.task for one in only_second)
     return Comparison(
         first=first.name,
         second=second.name,
         kind=kind,
         pairs=len(pairs),
-        tasks=len({a.record.task for a in mine}),
-        seeds=tuple(sorted({a.record.seed for a in mine})),
-        agreement=1 - differing / len(pairs),
-        same_programs=_same_programs([pair for pair in pairs if not _timed_out(pair)]),
-        timed_out=sum(map(_timed_out, pairs)),
+        tasks=len({a.record.task for a, _ in pairs}),
+        seeds=tuple(sorted({a.record.seed for a, _ in pairs})),
         only_first=_splits(only_first),
         only_second=_splits(only_second),
         p=mcnemar(len(only_first), len(only_second)),
-        p_tasks=sign_flip([sum(group) for group in gaps]),
-        ratio=_resampled(SUCCESS, pairs, ratio=True).estimate,
-        lines=tuple(_line(metric, pairs, mine, other) for metric in METRICS),
+        p_tasks=sign_flip(list(gaps.values())),
+        ratio=_resampled(SUCCESS, pairs, _ratio),
+        lines=tuple(_line(metric, pairs) for metric in METRICS),
     )
 
 
@@ -190,41 +181,34 @@ def _seeds(arm: Arm) -> list[int]:
 # ----------------------------------------------------------------- figures
 
 
-def _line(
-    metric: Metric,
-    pairs: Sequence[Pair],
-    mine: Sequence[TimedEpisode],
-    other: Sequence[TimedEpisode],
-) -> MetricPair:
-    first, second = measure(metric, mine), measure(metric, other)
+def _line(metric: Metric, pairs: Sequence[Pair]) -> MetricPair:
+    first, second = (measure(metric, arm) for arm in zip(*pairs, strict=True))
     known = first.value is not None and second.value is not None
-    both = _resampled(metric, pairs) if known else None
     return MetricPair(
         key=metric.key,
         title=metric.title,
         digits=metric.digits,
         first=first,
         second=second,
-        difference=both.estimate if both else Estimate(value=None),
-        detectable=_detectable(metric, pairs, both.deviation if both else None),
+        difference=_resampled(metric, pairs, _difference) if known else Estimate(value=None),
     )
 
 
-def _resampled(metric: Metric, pairs: Sequence[Pair], *, ratio: bool = False) -> Resampled:
+def _resampled(metric: Metric, pairs: Sequence[Pair], statistic: Statistic) -> Estimate:
     """Return the difference or ratio of two means over resampled tasks.
 
-    Where it is the same in every task, resamples cannot tell how sure it is: no interval.
+    A figure that is the same in every task has no interval: resamples cannot tell how sure it is.
     """
 
     def total(episode: TimedEpisode) -> tuple[float, int]:
         seen = metric.of(episode)
         return sum(seen), len(seen)
 
-    table = paired_sums(pairs, total)
-    found = bootstrap(table, _ratio if ratio else _difference, number=len(pairs))
-    if found.deviation is not None:
-        return found
-    return Resampled(replace(found.estimate, interval=None))
+    found = bootstrap(paired_sums(pairs, total), statistic, number=len(pairs))
+    ends = found.interval
+    if ends is not None and math.isclose(ends.low, ends.high, abs_tol=1e-12):
+        return replace(found, interval=None)
+    return found
 
 
 def _difference(sums: Floats) -> Floats:
@@ -237,42 +221,11 @@ def _ratio(sums: Floats) -> Floats:
     return share
 
 
-def _detectable(metric: Metric, pairs: Sequence[Pair], deviation: float | None) -> float | None:
-    if metric is not SUCCESS:
-        return detectable_mean(deviation)
-    groups = _gaps(pairs)
-    share = sum(abs(gap) for group in groups for gap in group) / len(pairs)
-    return detectable_rate(effective_number(groups), share)
-
-
-def _gaps(pairs: Sequence[Pair]) -> list[list[int]]:
-    """Return for each task, pair by pair: 1 where only the first solved it, -1 the second."""
-    found: dict[str, list[int]] = {}
-    for first, second in pairs:
-        gap = int(first.record.success) - int(second.record.success)
-        found.setdefault(first.record.task, []).append(gap)
-    return list(found.values())
-
-
 def _splits(episodes: Sequence[TimedEpisode]) -> tuple[Split, ...]:
     found: dict[str, list[int]] = {}
     for one in episodes:
         found.setdefault(one.record.task, []).append(one.record.seed)
     return tuple(Split(task=task, seeds=tuple(sorted(found[task]))) for task in sorted(found))
-
-
-def _timed_out(pair: Pair) -> bool:
-    return any(one.record.timed_out for one in pair)
-
-
-def _same_programs(pairs: Sequence[Pair]) -> float | None:
-    same = [
-        a.answers[0].program == b.answers[0].program
-        for first, second in pairs
-        for a, b in zip(first.record.subtasks, second.record.subtasks, strict=False)
-        if a.answers and b.answers
-    ]
-    return sum(same) / len(same) if same else None
 
 
 def rows_of(records: Iterable[EpisodeRecord]) -> tuple[str, ...]:

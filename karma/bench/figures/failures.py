@@ -9,10 +9,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from karma.agent.journal.records import Call, SubTaskRecord
-from karma.agent.journal.steps import Ended, Enter, Instruction, Start, Step
 from karma.agent.planning.refusal_text import sentence
 from karma.bench.figures.metrics import Need, TimedEpisode, needs, related_needs, types_of
+from karma.journal.records import Call, SubTaskRecord
+from karma.journal.steps import Ended, Enter, Instruction, Start, Step
 
 Cause = Literal["planner", "refused", "recall", "evicted", "not stored", "skill", "world", "error"]
 CAUSES: tuple[Cause, ...] = get_args(Cause)
@@ -113,9 +113,9 @@ def failures(episode: TimedEpisode, steps: Sequence[Step] | None = None) -> tupl
     return tuple(found)
 
 
-def count(found: Iterable[Failure], *, first_only: bool = False) -> Mapping[Cause, int]:
-    """Return how many failures each cause has, every cause in a fixed order."""
-    counts = Counter(one.cause for one in found if one.is_first or not first_only)
+def count(found: Iterable[Failure]) -> Mapping[Cause, int]:
+    """Return for how many episodes each cause explains the first failure, in a fixed order."""
+    counts = Counter(failure.cause for failure in found if failure.is_first)
     return {cause: counts[cause] for cause in CAUSES}
 
 

@@ -10,8 +10,12 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 from karma.agent.goals.goals import alternatives, object_names, parse_goal
-from karma.agent.journal.formats import COST_DIGITS
-from karma.agent.journal.records import (
+from karma.bench.figures.statistics import Estimate, mean, rate
+from karma.household.ids import root_type
+from karma.household.pieces import base_type
+from karma.household.types import types_with
+from karma.journal.formats import COST_DIGITS
+from karma.journal.records import (
     Answer,
     AnswerTiming,
     Call,
@@ -20,10 +24,6 @@ from karma.agent.journal.records import (
     Key,
     SubTaskRecord,
 )
-from karma.bench.figures.statistics import Estimate, mean, rate
-from karma.household.ids import root_type
-from karma.household.pieces import base_type
-from karma.household.types import types_with
 from karma.types.memory import Tour
 
 Need = frozenset[str]  # types of which any will do
@@ -93,19 +93,18 @@ class TimedEpisode:
 Amount = Callable[[TimedEpisode], Observations]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Metric:
     """A column of a table."""
 
     key: str  # its name in files
     title: str  # its name in tables
-    says: str  # what it is, in few words
     of: Amount  # an episode's observations
-    only: Callable[[EpisodeRecord], bool] | None = None  # undefined unless an episode has this:
-    # a row without a planner has no planner calls, rather than 0
-    is_rate: bool = False  # they are zeros and ones
-    is_solved: bool = False  # of a saving: of pairs that both solved; who gives up searches little
     digits: int = 2  # after the point
+    is_rate: bool = False  # they are zeros and ones
+    only: Callable[[EpisodeRecord], bool] | None = None  # undefined unless an episode has this:
+    # a method without a planner has no planner calls, rather than 0
+    both_solved: bool = False  # of a saving: only of pairs that both solved
 
 
 # ----------------------------------------------------------------- what an episode shows
@@ -151,16 +150,6 @@ def _retrieved(episode: TimedEpisode) -> Observations:
     ]
 
 
-def _retrieved_of_held(episode: TimedEpisode) -> Observations:
-    found = []
-    for sub in episode.record.subtasks:
-        if sub.answers and sub.hits:
-            kinds = types_of(sub.recalled)
-            there = sum(base_type(kind) in kinds for kind in wanted_types(sub.goals))
-            found.append(float(there >= sub.hits))
-    return found
-
-
 def _hits(subtasks: Iterable[SubTaskRecord]) -> Observations:
     """Return for each thing that a planner needed whether short-term memory held it."""
     asked = (sub for sub in subtasks if sub.answers)
@@ -204,117 +193,76 @@ def _is_hosted(record: EpisodeRecord) -> bool:
     return bool(record.spent())
 
 
-# ----------------------------------------------------------------- the columns
+# ----------------------------------------------------------------- the columns, by docs/metrics.md
+
 
 METRICS = (
+    Metric("success", "SR", lambda one: [float(one.record.success)], is_rate=True),
     Metric(
-        key="success", title="SR", is_rate=True,
-        says="tasks of which every goal of every instruction held when that instruction ended",
-        of=lambda one: [float(one.record.success)],  # an error is a failure
-    ),
-    Metric(
-        key="success_to_do", title="SR to do", is_rate=True, only=lambda one: not one.to_do,
-        says="the same of the tasks whose goals did not all hold when they began",
+        "success_to_do", "SR to do", is_rate=True, only=lambda one: not one.to_do,
         of=lambda one: [float(one.record.success)] if one.record.to_do else [],
     ),
     Metric(
-        key="subtasks_done", title="sub-tasks", is_rate=True,
-        says="instructions all of whose goals held at their end",
+        "subtasks_done", "sub-tasks", is_rate=True,
         of=lambda one: [float(sub.success) for sub in one.record.subtasks if sub.goals],
     ),
+    Metric("goals_met", "goals", _goals_met, is_rate=True),
     Metric(
-        key="goals_met", title="goals", of=_goals_met, is_rate=True,
-        says="goals that held at the end of their instruction",
-    ),
-    Metric(
-        key="refused", title="refused", is_rate=True,
+        "refused", "refused", is_rate=True,
         only=lambda one: any(sub.refused for sub in one.subtasks),
-        says="instructions that the planner would not carry out",
         of=lambda one: [float(s.refused is not None) for s in one.record.subtasks if s.answers],
     ),
     Metric(
-        key="timed_out", title="timed out", only=lambda one: one.timed_out, is_rate=True,
-        says="answers of the planner that the clock cut off",
+        "timed_out", "timed out", is_rate=True, only=lambda one: one.timed_out,
         of=lambda one: [float(answer.finish == "time") for answer in _answers(one)],
     ),
+    Metric("retrieved", "MRA", _retrieved, is_rate=True, only=_remembers),
     Metric(
-        key="retrieved", title="MRA", of=_retrieved, only=_remembers, is_rate=True,
-        says="of the instructions that come back to a thing, those with its unit in the prompt",
-    ),
-    Metric(
-        key="retrieved_of_held", title="MRA of held", of=_retrieved_of_held, only=_remembers,
-        is_rate=True, says="the same where memory held something that was needed",
-    ),
-    Metric(
-        key="hits", title="MHR cold", only=_remembers, is_rate=True,
-        says="of the things that instructions need, those in short-term memory, cold start "
-        "included",
+        "hits", "MHR cold", is_rate=True, only=_remembers,
         of=lambda one: _hits(one.record.subtasks),
     ),
     Metric(
-        key="hits_later", title="MHR steady", only=_remembers, is_rate=True,
-        says="the same over the later half of each sequence",
+        "hits_later", "MHR steady", is_rate=True, only=_remembers,
         of=lambda one: _hits(one.record.subtasks[(len(one.record.subtasks) + 1) // 2 :]),
     ),
+    Metric("explorations", "places searched", explorations, digits=1),
+    Metric("actions", "steps", actions, digits=0),
     Metric(
-        key="explorations", title="places searched", of=explorations, digits=1,
-        says="area nodes visited and containers opened in search of things",
+        "tour_places", "places of tour", lambda one: _tours(one, lambda t: t.places), digits=1
     ),
     Metric(
-        key="actions", title="steps", of=actions, digits=0,
-        says="actions that the world was asked for",
+        "tour_actions", "steps of tour", lambda one: _tours(one, lambda t: t.actions), digits=0
+    ),
+    Metric(  # 0: an error came before the first prompt
+        "planner_calls", "planner calls", digits=1, only=_plans,
+        of=lambda one: [float(len(_answers(one)))],
     ),
     Metric(
-        key="tour_places", title="places of tour", digits=1,
-        says="places looked around from on the first tour of the room, which made its map",
-        of=lambda one: _tours(one, lambda tour: tour.places),
-    ),
-    Metric(
-        key="tour_actions", title="steps of tour", digits=0,
-        says="actions of that tour; in no other figure but those with the tour",
-        of=lambda one: _tours(one, lambda tour: tour.actions),
-    ),
-    Metric(
-        key="planner_calls", title="planner calls", only=_plans, digits=1,
-        says="answers asked of the planner",
-        of=lambda one: [float(len(_answers(one)))],  # 0: an error came before the first prompt
-    ),
-    Metric(
-        key="prompt_tokens", title="prompt tokens", only=_plans, digits=0,
-        says="tokens put to the planner",
+        "prompt_tokens", "prompt tokens", digits=0, only=_plans,
         of=lambda one: _sum(answer.prompt_tokens for answer in _answers(one)),
     ),
     Metric(
-        key="completion_tokens", title="answer tokens", only=_plans, digits=0,
-        says="tokens that it answered",
+        "completion_tokens", "answer tokens", digits=0, only=_plans,
         of=lambda one: _sum(answer.completion_tokens for answer in _answers(one)),
     ),
-    Metric(key="seconds", title="s", of=seconds, says="seconds by the clock"),
+    Metric("seconds", "s", seconds),
     Metric(
-        key="first_token_s", title="s to first token", digits=3,
-        says="seconds before an answer of the planner begins",
+        "first_token_s", "s to first token", digits=3,
         of=lambda one: [t.first_token_s for t in _times(one) if t.first_token_s is not None],
     ),
+    Metric("answer_s", "s per answer", lambda one: [t.total_s for t in _times(one)], digits=3),
     Metric(
-        key="answer_s", title="s per answer", digits=3,
-        says="seconds of an answer of the planner",
-        of=lambda one: [answer.total_s for answer in _times(one)],
-    ),
-    Metric(
-        key="hosted_requests", title="requests", only=_is_hosted, digits=1,
-        says="requests to hosted models of all roles",
+        "hosted_requests", "requests", digits=1, only=_is_hosted,
         of=lambda one: [float(sum(spent.requests for spent in one.record.spent()))],
     ),
     Metric(
-        key="hosted_tokens", title="hosted tokens", only=_is_hosted, digits=0,
-        says="tokens of hosted models of all roles, both ways",
+        "hosted_tokens", "hosted tokens", digits=0, only=_is_hosted,
         of=lambda one: _sum(
             n for role in one.record.spent() for n in (role.prompt_tokens, role.completion_tokens)
         ),
     ),
     Metric(
-        key="cost", title="cost", only=_is_hosted, digits=COST_DIGITS,
-        says="of hosted models of all roles, in the currency of the price table",
+        "cost", "cost", digits=COST_DIGITS, only=_is_hosted,
         of=lambda one: _sum(spent.cost for spent in one.record.spent()),
     ),
 )  # fmt: skip

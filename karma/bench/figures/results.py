@@ -6,41 +6,35 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from karma.agent.journal.formats import figure_text
-from karma.agent.journal.header import all_apart, read_config, rows_apart, told_apart
-from karma.agent.journal.owned_folder import changed
-from karma.agent.journal.records import in_words
-from karma.agent.journal.run_folder import RunData, read_run
-from karma.agent.journal.steps import read_steps, steps_path
-from karma.bench.figures.columns import COLUMNS, LOTA_ROW, OFF_ROW, figures_of, reductions
+from karma.bench.figures.columns import COLUMNS, LOTA_ROW, figures_of, reductions
 from karma.bench.figures.compare import Arm, Comparison, arm_of, compare_kinds, rows_of
 from karma.bench.figures.failures import Failure, failures
 from karma.bench.figures.metrics import TimedEpisode, episodes_of
 from karma.bench.figures.statistics import Estimate, interval_text
-from karma.bench.figures.tables import PUBLISHED_COLUMNS, PublishedFigures, Result, Sheet
-from karma.errors import FileError, KarmaError
+from karma.bench.figures.tables import PublishedFigures, Result, Sheet
+from karma.errors import KarmaError
 from karma.files import read_bytes, shipped
+from karma.journal.formats import figure_text
+from karma.journal.header import all_apart, read_config, rows_apart, told_apart
+from karma.journal.owned_folder import changed
+from karma.journal.records import in_words
+from karma.journal.run_folder import RunData, read_run
+from karma.journal.steps import read_steps, steps_path
 
 
-def result_of(
-    run: RunData,
-    published: PublishedFigures,
-    *,
-    off_row: str = OFF_ROW,
-    lota_row: str = LOTA_ROW,
-) -> Result:
+def result_of(run: RunData, published: PublishedFigures) -> Result:
     """Return the figures behind the tables of a run.
 
     The run may be unfinished: a figure says how many episodes stand behind it. RE and RT are
-    measured against `off_row`, and against `lota_row`, as the paper seems to do, if they are there.
+    measured against memory off, and against LoTa-Bench, as the paper seems to do.
     """
     episodes = episodes_of(run.records, run.timings)
-    saved = reductions(episodes, reference=off_row)
+    saved = reductions(episodes)
     return Result(
         name=run.header.name,
         figures=figures_of(run.records, episodes, saved),
         reductions=saved,
-        paper_reductions=reductions(episodes, reference=lota_row),
+        paper_reductions=reductions(episodes, reference=LOTA_ROW),
         comparisons=_comparisons(run, episodes),
         failures=[one for episode in episodes for one in _failures(run, episode)],
         published=published,
@@ -72,30 +66,13 @@ def _failures(run: RunData, episode: TimedEpisode) -> tuple[Failure, ...]:
 # ----------------------------------------------------------------- as CSV
 
 
-def load_published(path: Path | None) -> PublishedFigures:
-    """Read the paper's figures, by default those that ship.
-
-    Raises:
-        FileError: a line lacks a column, or its value is no number; names the line.
-    """
-    found: dict[tuple[str, str, str], float] = {}
-    ours = shipped("eval") / "paper" / "published.csv"
-    path = path or ours
-    try:
-        text = read_bytes(path, fix=f"--published FILE; ours is {ours}").decode()
-    except UnicodeDecodeError as error:
-        raise FileError(path, str(error)) from error
-    for number, row in enumerate(csv.DictReader(io.StringIO(text)), start=2):
-        try:
-            key = row["row"], row["kind"], row["metric"]
-            if row["metric"] not in PUBLISHED_COLUMNS:
-                raise ValueError(
-                    f"metric {row['metric']!r}; there are {', '.join(PUBLISHED_COLUMNS)}"
-                )
-            found[key] = float(row["value"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise FileError(path, f"line {number}: {error}") from error
-    return found
+def load_published() -> PublishedFigures:
+    """Read the paper's figures."""
+    text = read_bytes(shipped("eval") / "paper" / "published.csv").decode()
+    return {
+        (row["row"], row["kind"], row["metric"]): float(row["value"])
+        for row in csv.DictReader(io.StringIO(text))
+    }
 
 
 def to_csv(result: Result) -> str:

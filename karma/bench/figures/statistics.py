@@ -1,4 +1,4 @@
-"""Compute intervals, paired tests and detectable effects.
+"""Compute intervals and paired tests.
 
 Everything here takes numbers grouped by task, because seeds of one task are not independent of each
 other: a task is hard for all of them. Definitions are in `docs/metrics.md`.
@@ -6,15 +6,14 @@ other: a task is hard for all of them. Definitions are in `docs/metrics.md`.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from statistics import NormalDist
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.agent.journal.formats import range_text
+from karma.journal.formats import range_text
 from karma.seeds import stream
 
 Groups = Sequence[Sequence[float]]  # observations, task by task
@@ -22,7 +21,6 @@ Floats = NDArray[np.float64]
 Statistic = Callable[[Floats], Floats]  # sums, shape (n, columns) -> values, shape (n,); nan = none
 
 LEVEL = 0.95  # of every interval
-POWER = 0.8  # of the minimum detectable effect
 RESAMPLES = 10_000
 FEWEST_TASKS = 6  # below it no sign-flip test of tasks reaches 0.05, and resamples pretend
 _Z = NormalDist().inv_cdf((1 + LEVEL) / 2)  # half the width of an interval, in deviations
@@ -130,39 +128,31 @@ def mean(groups: Groups) -> Estimate:
     if not number:
         return Estimate(value=None)
     sums = np.array([[sum(group), len(group)] for group in groups], dtype=float)
-    return bootstrap(sums, lambda s: s[:, 0] / s[:, 1], number=number).estimate
-
-
-class Resampled(NamedTuple):
-    """A statistic over resampled tasks."""
-
-    estimate: Estimate
-    deviation: float | None = None  # standard error; None where nothing varies or one task is all
+    return bootstrap(sums, lambda s: s[:, 0] / s[:, 1], number=number)
 
 
 def bootstrap(
-    sums: Floats,
-    statistic: Statistic,
-    *,
-    number: int,
-    times: Floats | None = None,
-) -> Resampled:
+    sums: Floats, statistic: Statistic, *, number: int, times: Floats | None = None
+) -> Estimate:
     """Return a statistic of sums over tasks, with its percentile interval over resampled tasks.
 
-    All seeds and both arms of a task stay together. The interval is drawn from a stream of its own,
-    so it is the same in every process; it reaches at least to the value itself.
+    All seeds and both arms of a task stay together. The resamples come from a random stream of
+    their own and are the same in every process; the interval reaches at least to the value itself.
+    Fewer tasks than `FEWEST_TASKS` have no interval.
 
-    The sums are of shape (tasks, columns); the order of tasks does not matter without `times`,
-    which are resamples of these tasks as `times_in` draws them; None: ours. `number` counts
-    observations. Of fewer tasks than `FEWEST_TASKS` there is no interval.
+    Args:
+        sums: of shape (tasks, columns); the order of tasks matters only with `times`.
+        statistic: a value for each line of sums.
+        number: observations behind the sums.
+        times: resamples of these tasks, see `times_in`; None: `RESAMPLES` of our own.
     """
     if not len(sums):
-        return Resampled(Estimate(value=None))
+        return Estimate(value=None)
     with np.errstate(all="ignore"):
         value = float(statistic(sums.sum(axis=0, keepdims=True))[0])
         if not math.isfinite(value):
-            return Resampled(Estimate(value=None))
-        unsure = Resampled(Estimate(value=value, number=number))
+            return Estimate(value=None)
+        unsure = Estimate(value=value, number=number)
         if len(sums) < FEWEST_TASKS:
             return unsure
         if times is None:
@@ -173,10 +163,7 @@ def bootstrap(
         return unsure
     tail = (1 - LEVEL) / 2
     low, high = (float(edge) for edge in np.quantile(drawn, [tail, 1 - tail]))
-    interval = ConfidenceInterval(low=min(low, value), high=max(high, value))
-    deviation = float(drawn.std())
-    estimate = Estimate(value=value, interval=interval, number=number)
-    return Resampled(estimate, deviation if deviation > 1e-12 else None)
+    return replace(unsure, interval=ConfidenceInterval(low=min(low, value), high=max(high, value)))
 
 
 @lru_cache(maxsize=8)
@@ -228,69 +215,6 @@ def sign_flip(differences: Sequence[int]) -> float:
     seen = abs(sum(differences))
     p: float = sum(n for total, n in counts.items() if abs(total) >= seen) / sum(counts.values())
     return p
-
-
-def detectable_rate(pairs: float, discordant: float) -> float | None:
-    """Return the smallest difference of two success rates that McNemar's exact test would find.
-
-    Found means p <= 0.05 in 80 % of experiments of this size.
-
-    Of the effective number of pairs the whole part counts. `discordant` is the share of pairs in
-    which the arms differ, as observed: a difference cannot be larger than it; where even such a one
-    would escape, the share grows with the difference.
-
-    Returns:
-        None when even a difference of 1 would escape: fewer than six pairs.
-    """
-    number = math.floor(pairs)
-    if number < 1 or _power(number, 1.0, 1.0) < POWER:
-        return None
-    share = min(max(discordant, 0.0), 1.0)
-    if share > 0 and _power(number, share, share) >= POWER:
-        return _smallest(lambda effect: _power(number, share, effect), share)
-    return _smallest(lambda effect: _power(number, effect, effect), 1.0)
-
-
-def detectable_mean(deviation: float | None) -> float | None:
-    """Return the smallest difference found in 80 % of experiments, from its standard error."""
-    if deviation is None:
-        return None
-    return (_Z + NormalDist().inv_cdf(POWER)) * deviation
-
-
-def _power(number: int, discordant: float, effect: float) -> float:
-    """Return the chance that McNemar's exact test finds a difference of rates.
-
-    `discordant` is the share of pairs in which the arms differ.
-    """
-    from scipy.stats import binom
-
-    first = (discordant + effect) / (2 * discordant) if discordant else 0.5
-    counts = np.arange(number + 1)
-    differing = binom.pmf(counts, number, min(discordant, 1.0))
-    splits = binom.pmf(counts[None, :], counts[:, None], min(first, 1.0))
-    return float((differing * (splits * _rejected(number)).sum(axis=1)).sum())
-
-
-@lru_cache(maxsize=8)
-def _rejected(number: int) -> NDArray[np.bool_]:
-    """Return whether the test rejects, by discordant pairs and how many of them the first solved.
-
-    Shape (number + 1, number + 1).
-    """
-    from scipy.stats import binom
-
-    pairs, first = np.arange(number + 1)[:, None], np.arange(number + 1)[None, :]
-    p = 2 * binom.cdf(np.minimum(first, pairs - first), pairs, 0.5)
-    return np.asarray((p <= 1 - LEVEL) & (first <= pairs))
-
-
-def _smallest(power: Callable[[float], float], most: float) -> float:
-    low, high = 0.0, most
-    while high - low > 1e-4:
-        middle = (low + high) / 2
-        low, high = (low, middle) if power(middle) >= POWER else (middle, high)
-    return high
 
 
 def interval_text(measured: Estimate, digits: int = 2, *, sign: bool = False) -> str:

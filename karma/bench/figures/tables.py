@@ -1,13 +1,11 @@
 """Tables 1 and 2 of the paper from a run's records, beside the published figures.
 
-A table is a `Sheet`, written as Markdown or LaTeX.
+A table is a `Sheet`, written as Markdown.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from karma.agent.journal.formats import UNKNOWN, figure_text, plural
-from karma.agent.journal.records import ALL, KINDS, NOT_TRAINED, TRAINED
 from karma.bench.figures.columns import (
     COLUMNS,
     SAVINGS,
@@ -20,6 +18,8 @@ from karma.bench.figures.compare import Comparison
 from karma.bench.figures.failures import CAUSES, Failure, count
 from karma.bench.figures.metrics import METRICS, SUCCESS
 from karma.bench.figures.statistics import interval_text
+from karma.journal.formats import UNKNOWN, figure_text, plural
+from karma.journal.records import ALL, KINDS, NOT_TRAINED, TRAINED
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,7 +34,7 @@ class Sheet:
 
 def to_markdown(tables: Sequence[Sheet]) -> str:
     """Write sheets as Markdown."""
-    return "\n".join(_markdown(sheet) for sheet in tables)
+    return "\n".join(map(_markdown, tables))
 
 
 def _markdown(sheet: Sheet) -> str:
@@ -45,45 +45,6 @@ def _markdown(sheet: Sheet) -> str:
     return f"### {sheet.title}\n\n" + "\n".join(rows) + f"\n\n{sheet.caption}\n"
 
 
-def to_latex(tables: Sequence[Sheet]) -> str:
-    """Write sheets as LaTeX tables; they need the packages booktabs and graphicx."""
-    return "% \\usepackage{booktabs,graphicx}\n" + "\n".join(_latex(sheet) for sheet in tables)
-
-
-def _latex(sheet: Sheet) -> str:
-    def line(cells: Sequence[str]) -> str:
-        return " & ".join(map(_escaped, cells)) + r" \\"
-
-    return "\n".join(
-        (
-            r"\begin{table}[t]",
-            r"\centering",
-            rf"\caption{{{_escaped(sheet.title)}. {_escaped(sheet.caption)}}}",
-            r"\resizebox{\linewidth}{!}{%",
-            rf"\begin{{tabular}}{{l{'r' * (len(sheet.head) - 1)}}}",
-            r"\toprule",
-            line(sheet.head),
-            r"\midrule",
-            *map(line, sheet.lines),
-            r"\bottomrule",
-            r"\end{tabular}}",
-            r"\end{table}",
-            "",
-        )
-    )
-
-
-_SPECIAL = {
-    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_",
-    "{": r"\{", "}": r"\}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
-    "–": "--", "×": r"$\times$", "<": r"$<$", ">": r"$>$", "[": "{[}", "]": "{]}",
-}  # fmt: skip
-
-
-def _escaped(text: str) -> str:
-    return "".join(_SPECIAL.get(letter, letter) for letter in text)
-
-
 PUBLISHED_COLUMNS = ("success", "retrieved", "re", "rt")  # of Tables 1 and 2, by our keys
 
 
@@ -91,7 +52,6 @@ PublishedFigures = Mapping[tuple[str, str, str], float]  # (our row, kind, colum
 
 
 _OURS_ALONE = ("rt_clock", "re_toured")  # beside the paper's columns, where measured
-_TOURED = tuple(one for one in SAVINGS if "_toured" in one.key)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,8 +69,7 @@ class Result:
 
 def sheets(result: Result) -> list[Sheet]:
     """Return all tables of a run: the paper's by kind, then details."""
-    found = main_sheets(result)
-    found.append(_costs(result))
+    found = [*main_sheets(result), _costs(result)]
     if left_out := left_out_of(result.figures):
         found.append(_unjudged(result, left_out))
     for lines, words in (
@@ -119,12 +78,10 @@ def sheets(result: Result) -> list[Sheet]:
     ):
         if lines:
             found.append(_savings(lines, words))
-    if _any_measured(result.reductions, "re_toured"):
-        found.append(_tours(result))
     if result.comparisons:
         found.append(comparison_sheet(result.comparisons))
     if result.failures:
-        found += [_causes(result, first_only=True), _causes(result, first_only=False)]
+        found.append(_causes(result))
     return found
 
 
@@ -251,8 +208,7 @@ def _costs(result: Result) -> Sheet:
     metrics = [
         one
         for one in METRICS
-        if one.key not in (*PUBLISHED_COLUMNS, "retrieved_of_held")
-        and _any_measured(result.figures, one.key)
+        if one.key not in PUBLISHED_COLUMNS and _any_measured(result.figures, one.key)
     ]
     return _by_kind(
         result.figures,
@@ -281,93 +237,72 @@ def _by_kind(
 
 
 def _savings(lines: Sequence[Reduction], words: str) -> Sheet:
-    plain = [one for one in SAVINGS if one not in _TOURED]
     return _by_kind(
         lines,
         title=f"Saved against {lines[0].reference}",
         caption=(
             f"Shares saved of what the reference row spent: {words}. Related: only in sub-tasks "
             "that come back to a thing; what is asked for first has to be searched by everybody. "
-            "Both solved: only in such pairs, as an agent that gives up early also searches little."
+            "Both solved: only such pairs, as an agent that gives up early also searches little. "
+            "With tour: the walk through each room that made its map is spread over all "
+            "instructions there; methods without a map have none."
         ),
-        head=["pairs", "both solved", *(one.title for one in plain)],
+        head=["pairs", "both solved", *(one.title for one in SAVINGS)],
         cells=lambda line: [
             str(line.pairs),
             str(line.solved_pairs),
-            *(interval_text(line.values[saving.key]) for saving in plain),
+            *(interval_text(line.values[saving.key]) for saving in SAVINGS),
         ],
-    )
-
-
-def _tours(result: Result) -> Sheet:
-    lines = [one for one in result.reductions if one.values["re_toured"].value is not None]
-    return _by_kind(
-        lines,
-        title=f"Saved against {lines[0].reference}, with the first tour of each room counted",
-        caption=(
-            "A row with a map has walked through the room once before its first instruction there. "
-            "With tour: what that cost is spread over all instructions that the row was asked in "
-            "the room in this run; over 10 or 40: as if it were asked so many. Rows without a map "
-            "have no tour; HELPER's look around is among its steps."
-        ),
-        head=[one.title for one in _TOURED],
-        cells=lambda one: [interval_text(one.values[saving.key]) for saving in _TOURED],
     )
 
 
 def comparison_sheet(comparisons: Sequence[Comparison]) -> Sheet:
     """Return success rates compared, a line per pair of arms and kind."""
-    rows = []
-    for one in comparisons:
-        line = one.success
-        rows.append(
-            (
-                one.first,
-                one.second,
-                one.kind,
-                f"{one.pairs} ({one.tasks} × {len(one.seeds)})",
-                figure_text(line.first.value),
-                figure_text(line.second.value),
-                interval_text(line.difference, sign=True),
-                interval_text(one.ratio),
-                figure_text(one.p, 3),
-                figure_text(one.p_tasks, 3),
-                figure_text(line.detectable),
-                f"{sum(len(s.seeds) for s in one.only_first)} / "
-                f"{sum(len(s.seeds) for s in one.only_second)}",
-            )
-        )
     return Sheet(
         title="Success compared",
         caption=(
             "Paired by task and seed. Difference and ratio: first against second, bootstrap over "
             "tasks. p: McNemar, exact, which takes pairs as independent; p of tasks: exact too, a "
-            "task's seeds kept together. Detectable: the smallest difference that would be found "
-            "in 80 % of experiments of this size, seeds that agree counted once."
+            "task's seeds kept together."
         ),
         head=(
             "first", "second", "tasks", "pairs", "SR", "SR of second", "difference", "ratio", "p",
-            "p of tasks", "detectable", "only one solved",
+            "p of tasks", "only one solved",
         ),
-        lines=tuple(rows),
+        lines=tuple(
+            (
+                one.first,
+                one.second,
+                one.kind,
+                f"{one.pairs} ({one.tasks} × {len(one.seeds)})",
+                figure_text(one.success.first.value),
+                figure_text(one.success.second.value),
+                interval_text(one.success.difference, sign=True),
+                interval_text(one.ratio),
+                figure_text(one.p, 3),
+                figure_text(one.p_tasks, 3),
+                f"{sum(len(split.seeds) for split in one.only_first)} / "
+                f"{sum(len(split.seeds) for split in one.only_second)}",
+            )
+            for one in comparisons
+        ),
     )  # fmt: skip
 
 
-def _causes(result: Result, *, first_only: bool) -> Sheet:
+def _causes(result: Result) -> Sheet:
     def counts(line: Figures) -> list[str]:
         mine = [
             failure
             for failure in result.failures
             if failure.row == line.row and line.kind in (failure.kind, ALL)
         ]
-        found = count(mine, first_only=first_only).values()
+        found = count(mine).values()
         return [str(sum(found)), *map(str, found)]
 
-    what = "the first failed sub-task of each episode" if first_only else "every failed sub-task"
     return _by_kind(
         result.figures,
-        title=f"{result.name}: causes of failure, {what}",
-        caption=f"One cause for {what}, by the rules of docs/metrics.md.",
+        title=f"{result.name}: causes of failure, the first failed sub-task of each episode",
+        caption="One cause for each failed episode, by the rules of docs/metrics.md.",
         head=["failed", *CAUSES],
         cells=counts,
     )

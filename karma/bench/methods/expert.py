@@ -10,7 +10,7 @@ or thing of the type, another knife, or with what is in the way put elsewhere fi
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -22,7 +22,6 @@ from karma.agent.options import settings_of
 from karma.agent.planning.expert import solve
 from karma.agent.seeing.perceive import truth_of
 from karma.agent.settings import KarmaSettings
-from karma.bench.methods.baseline import WithoutOptions
 from karma.bench.methods.expert_choices import Chooser, Lessons, Surroundings, left
 from karma.errors import KarmaError
 from karma.household.ids import is_id, type_of
@@ -38,6 +37,23 @@ PROGRAMS = 24  # written for one instruction, at most
 _SAME = 6  # times that the same line may be refused in the same words
 _HARDER = SkillLimits(views=30, views_of_movable=30, retries=6)  # once something was refused
 _OUT_OF_REACH = ("into view and reach", "remembered place", "is known", "in the closed", "gave up")
+
+
+@dataclass(frozen=True, slots=True)
+class NoOptions:
+    """The settings of a method without options."""
+
+
+class WithoutOptions:
+    """A method that has no options."""
+
+    settings_kind: ClassVar[type] = NoOptions
+
+    @classmethod
+    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
+        """Make the method; KarmaError for any option."""
+        settings_of(NoOptions, options)
+        return cls()
 
 
 class ExpertMethod(WithoutOptions):

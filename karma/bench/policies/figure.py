@@ -16,10 +16,6 @@ import msgspec
 from msgspec import Meta
 
 from karma import __version__, registry
-from karma.agent.journal.header import ALWAYS, RESULTS
-from karma.agent.journal.owned_folder import HEADER, OwnedFolder, changed, check_sealed
-from karma.agent.journal.records import NotRun, PlayedTiming
-from karma.agent.journal.run_folder import Finished, RunFolder
 from karma.agent.loading.models import Models, Row
 from karma.bench.engine.experiment_file import beside
 from karma.bench.engine.run import Run
@@ -47,6 +43,10 @@ from karma.bench.policies.tasks import (
 )
 from karma.errors import FileError, KarmaError
 from karma.files import read_bytes, read_json, read_toml, to_json
+from karma.journal.header import ALWAYS, RESULTS
+from karma.journal.owned_folder import HEADER, OwnedFolder, changed, check_sealed
+from karma.journal.records import NotRun, PlayedTiming
+from karma.journal.run_folder import Finished, RunFolder
 from karma.models.session import Session
 
 CLAIMS_FILE = "claims.md"

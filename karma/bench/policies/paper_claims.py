@@ -11,7 +11,6 @@ from typing import Literal, NamedTuple
 
 import msgspec
 
-from karma.agent.journal.formats import UNKNOWN, percent_text, range_text
 from karma.bench.figures.tables import Sheet
 from karma.bench.policies.simulate import BELADY
 from karma.bench.policies.sweep import (
@@ -26,6 +25,7 @@ from karma.bench.policies.sweep import (
 )
 from karma.bench.policies.tasks import UnitSet, Workload
 from karma.errors import KarmaError
+from karma.journal.formats import UNKNOWN, percent_text, range_text
 
 FIFO = "fifo-merge"
 SMALL, LARGE = 5, 25  # units, of the two ratios

@@ -63,7 +63,7 @@ class Resampler:
 
     def _of(self, columns: Sequence[Sequence[float] | Floats], of: Statistic) -> Bootstrapped:
         sums = np.column_stack(columns).astype(np.float64)
-        found = bootstrap(sums, of, number=len(sums), times=self._times).estimate
+        found = bootstrap(sums, of, number=len(sums), times=self._times)
         value = float("nan") if found.value is None else _short(found.value)
         if found.interval is None:
             return Bootstrapped(value=value)

@@ -19,8 +19,8 @@ bathroom) and come closer to how homes are used:
 | `habit` | of the room that the hour wants (12 a day, each room at least once), Zipf(1) over the household's own order of its tasks, a fifth of which is dealt anew every 20 days | same |
 | `chain` | half of the time one about a thing of the last 3 tasks, else any of the house | same |
 
-A plug-in registers a reader of task files under `karma.task_pools`; without files the tasks come
-from generated rooms.
+A plug-in registers a reader of task files under `karma.task_pools`; without files the tasks
+are about our own rooms.
 """  # noqa: E501
 
 from collections import Counter, defaultdict
@@ -40,12 +40,12 @@ from karma.household.places import FLOOR, ROOMS
 from karma.household.types import types_with
 from karma.household.uses import KNIVES
 from karma.seeds import stream
-from karma.world.generation.generate import build_scene
+from karma.world.core.scene import load
 
 UnitSet = Literal["r4", "m"]
 UNIT_SETS: tuple[UnitSet, ...] = get_args(UnitSet)
 SMOOTHING = 0.5  # added to each count of where things were found
-GRAMMAR_SCENES = 10  # generated rooms of each kind
+GRAMMAR_SCENES = 4  # of our rooms, of each kind
 GRAMMAR_TASKS = 40  # requests drawn in each
 T = TypeVar("T")
 Rng = np.random.Generator
@@ -131,14 +131,14 @@ def distinct(names: Iterable[str]) -> tuple[str, ...]:
 
 @lru_cache(maxsize=4)
 def grammar_pool(seed: int, *, scenes: int = GRAMMAR_SCENES, tasks: int = GRAMMAR_TASKS) -> Pool:
-    """Return tasks about movable objects of generated rooms."""
+    """Return tasks about movable objects of the rooms that ship."""
     errands: list[Errand] = []
     places: dict[str, Counter[str]] = {}
     found: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
     movable = types_with("pickupable")
-    for room, number in product(ROOMS, range(scenes)):
-        scene = build_scene(room, 2000 + number, seed)
+    for room, number in product(ROOMS, range(1, scenes + 1)):
         name = f"{room}_{number}"
+        scene = load(name)
         types = {item.id: item.type for item in scene.objects}
         fixed = [one for one in scene.objects if one.type not in movable]
         places[name] = Counter(one.type for one in fixed if "receptacle" in one.capabilities)

@@ -4,11 +4,11 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from karma.agent.journal.records import ALL, KINDS
 from karma.bench.figures.columns import COLUMNS, Figures
 from karma.bench.figures.drawing import Plot, empty_figure
 from karma.bench.figures.failures import CAUSES, Failure, count
 from karma.bench.figures.tables import Result
+from karma.journal.records import ALL, KINDS
 
 AMOUNTS = ("explorations", "actions", "planner_calls")
 NAME_LETTERS = 22  # of a line of a method's name
@@ -77,7 +77,7 @@ def _causes(rows: Sequence[str], failures: Sequence[Failure]) -> Any:
     figure, (axis,) = _panels(rows, 1)
     for place, row in enumerate(rows):
         left = 0
-        counts = count((case for case in failures if case.row == row), first_only=True)
+        counts = count(case for case in failures if case.row == row)
         for number, amount in enumerate(counts.values()):
             axis.barh(place, amount, 0.6, left=left, color=f"C{number}")
             left += amount

@@ -8,31 +8,22 @@ import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, cast, get_args
 
-from karma.agent.journal import steps
-from karma.agent.journal.records import EpisodeRecord
-from karma.agent.journal.run_folder import RunData
-from karma.agent.journal.steps import read_steps, steps_path
 from karma.bench.report.html import data_uri
 from karma.errors import KarmaError
+from karma.journal import steps
+from karma.journal.records import EpisodeRecord
+from karma.journal.run_folder import RunData
+from karma.journal.steps import read_steps, steps_path
 from karma.types.memory import MemoryUnit
 from karma.types.roles import Event
 from karma.types.space import Frame
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
 
-FrameChoice = Literal["auto", "every", "calls", "ends", "none"]
-MAX_PICTURED_CALLS = 1000  # of a page; beyond it "auto" is "ends" instead of "calls"
+MAX_PICTURED_CALLS = 1000  # of a page; beyond it only the ends of instructions have a picture
 SIZE_PX = 300
 WEBP_QUALITY = 72  # about 3 kB for a drawn room
-
-
-def frame_choice(text: str) -> FrameChoice:
-    """Return a choice by its name; KarmaError for an unknown name."""
-    if text in get_args(FrameChoice):
-        return cast(FrameChoice, text)
-    raise KarmaError(f"--frames {text!r}\n  To fix: {', '.join(get_args(FrameChoice))}")
 
 
 def episode_key(record: EpisodeRecord) -> str:
@@ -82,13 +73,12 @@ def _in_turn(records: Sequence[EpisodeRecord]) -> list[EpisodeRecord]:
 
 @dataclass(slots=True, kw_only=True)
 class ReplayedCall:
-    """A skill call with its pictures."""
+    """A skill call with its picture."""
 
-    text: str = ""
-    ok: bool = True
-    reason: str = ""
-    actions: int = 0
-    pictures: list[str] = field(default_factory=list)
+    text: str
+    ok: bool
+    reason: str
+    picture: str = ""  # after it; "" if the view did not change
 
 
 @dataclass(slots=True, kw_only=True)
@@ -138,29 +128,28 @@ class EpisodeReplay:
 # ----------------------------------------------------------------- from a log to a replay
 
 
-def replays(
-    run: RunData, records: Sequence[EpisodeRecord], choice: FrameChoice
-) -> Iterator[EpisodeReplay]:
+def replays(run: RunData, records: Sequence[EpisodeRecord]) -> Iterator[EpisodeReplay]:
     """Yield the replay of each episode that has a step log with a beginning.
 
     Raises:
         FileError: a log or a scene is damaged.
     """
     logged = [record for record in records if steps_path(run.folder, *record.key).exists()]
-    if choice == "auto":
-        calls = sum(len(sub.calls) for record in logged for sub in record.subtasks)
-        choice = "calls" if calls <= MAX_PICTURED_CALLS else "ends"
+    calls = sum(len(sub.calls) for record in logged for sub in record.subtasks)
     for record in logged:
         lines = read_steps(steps_path(run.folder, *record.key))
         if lines:
-            yield replay(lines, record, run.folder, choice)
+            yield replay(lines, record, run.folder, each_call=calls <= MAX_PICTURED_CALLS)
 
 
 def replay(
-    lines: Sequence[steps.Step], record: EpisodeRecord, folder: Path, choice: FrameChoice
+    lines: Sequence[steps.Step], record: EpisodeRecord, folder: Path, *, each_call: bool = True
 ) -> EpisodeReplay:
-    """Replay a log up to its end, or to where the episode broke off."""
-    replayer = _Replayer(folder, choice)
+    """Replay a log up to its end, or to where the episode broke off.
+
+    `each_call`: take a picture after each skill call; False: at the ends of instructions only.
+    """
+    replayer = _Replayer(folder, each_call)
     for line in lines:
         replayer.take(line)
     return EpisodeReplay(
@@ -174,11 +163,10 @@ def replay(
 class _Replayer:
     """Builds the replay of a log, line by line."""
 
-    def __init__(self, folder: Path, choice: FrameChoice) -> None:
-        self._folder, self._choice = folder, choice
+    def __init__(self, folder: Path, each_call: bool) -> None:
+        self._folder, self._each_call = folder, each_call
         self._rooms = Home(lambda: EmbeddedWorld(width=SIZE_PX, height=SIZE_PX))
         self._scene = self._map = self._shown = ""
-        self._call = ReplayedCall()  # whose skill has not ended yet
         self.instructions: list[ReplayedInstruction] = []
         self.actions = 0
         self.differing: list[int] = []
@@ -205,11 +193,10 @@ class _Replayer:
                 self._end(line)
 
     def _begin(self, instruction: str, memory: tuple[MemoryUnit, ...]) -> None:
-        self._call = ReplayedCall()
         self.instructions.append(
             ReplayedInstruction(
                 instruction=instruction, scene=self._scene, before=memory, map_text=self._map,
-                picture=self._picture() if self._choice in ("every", "calls") else "",
+                picture=self._picture() if self._each_call else "",
             )
         )  # fmt: skip
 
@@ -228,24 +215,18 @@ class _Replayer:
         if bool(event) != line.ok:
             self.differing.append(self.actions)
         self.actions += 1
-        if self.instructions:
-            self._call.actions += 1
-            if self._choice == "every":
-                self._call.pictures.append(self._picture())
 
     def _end_call(self, line: steps.SkillStep) -> None:
-        call, self._call = self._call, ReplayedCall()
-        call.text, call.ok, call.reason = line.call, line.ok, line.reason
-        if self._choice == "calls":
-            call.pictures.append(self._picture())
+        picture = self._picture() if self._each_call else ""
+        call = ReplayedCall(text=line.call, ok=line.ok, reason=line.reason, picture=picture)
         self._attempts()[-1].calls.append(call)
 
     def _end(self, line: steps.Ended) -> None:
-        self._attempts()
+        calls = self._attempts()[-1].calls
         part = self.instructions[-1]
         part.after, part.unmet, part.finished = line.memory, line.unmet, line.finished
-        if self._choice == "ends" and part.attempts[-1].calls:
-            part.attempts[-1].calls[-1].pictures.append(self._picture())
+        if not self._each_call and calls:
+            calls[-1].picture = self._picture()
 
     def _attempts(self) -> list[Attempt]:
         if not self.instructions:

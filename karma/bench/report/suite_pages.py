@@ -3,8 +3,6 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from karma.agent.journal.formats import UNKNOWN, range_text
-from karma.agent.journal.header import BenchmarkHeader
 from karma.bench.engine.benchmark_runs import read_played
 from karma.bench.figures.drawing import Plot
 from karma.bench.figures.tables import Sheet
@@ -14,6 +12,8 @@ from karma.bench.policies.sweep import Bootstrapped
 from karma.bench.report.html import fill
 from karma.bench.report.page import facts_of
 from karma.errors import KarmaError
+from karma.journal.formats import UNKNOWN, range_text
+from karma.journal.header import BenchmarkHeader
 
 READS = {
     "curves": (

@@ -29,7 +29,7 @@ def trial(path: str) -> None:
     if TEMPLATE in model.metadata:
         with suppress(ModelError):  # a run can do without, and says why it must
             ChatTemplate(model).halves(prompt)
-    model.evaluate([model.tokens(prompt.stable + prompt.changing, begins=True)])
+    model.evaluate([model.tokens(prompt.text, begins=True)])
     model.logits()
 
 
@@ -82,7 +82,7 @@ class ChatTemplate:
         reason, switch = "", self._thinking == "on"
         for form in sorted(_FORMS, key=lambda one: one is not self._form):
             try:
-                messages = _messages(prompt.stable, *form)
+                messages = _messages(prompt, *form)
                 rendered = self._renderer(messages=messages, enable_thinking=switch)
                 halves = rendered.prompt.split(_MARK)
             except Exception as error:  # noqa: BLE001 - a template can raise anything
@@ -98,13 +98,18 @@ class ChatTemplate:
 _FORMS = ((True, False), (False, False), (True, True), (False, True))
 
 
-def _messages(stable: str, system: bool, parts: bool) -> list[dict[str, Any]]:
+def _messages(prompt: Prompt, system: bool, parts: bool) -> list[dict[str, Any]]:
     """Return the messages of a prompt whose changing part is the mark.
 
     Some templates refuse a system message, or drop it; those of picture models may read lists of
     parts only.
     """
-    said = [("system", stable), ("user", _MARK)] if system else [("user", stable + _MARK)]
+    texts = [text for turn in prompt.turns for text in turn] + [_MARK]
+    said = [(("user", "assistant")[number % 2], text) for number, text in enumerate(texts)]
+    if system:
+        said = [("system", prompt.stable), *said]
+    else:
+        said[0] = ("user", prompt.stable + texts[0])
     return [
         {"role": role, "content": [{"type": "text", "text": text}] if parts else text}
         for role, text in said

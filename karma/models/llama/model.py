@@ -33,6 +33,18 @@ class _Decoded:
     tokens: int
 
 
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """How a token is chosen: the best, or a sample at a temperature."""
+
+    temperature: float = 0.0
+    rng: np.random.Generator | None = None
+
+    def scores(self, logits: Logits) -> Logits:
+        """Return scores whose best is the token."""
+        return logits if self.rng is None else gumbel(logits, self.temperature, self.rng)
+
+
 class LlamaModel:
     """A `LanguageModel` and a `ScoringModel` over one GGUF file; opened as `GgufModel` says.
 
@@ -103,18 +115,20 @@ class LlamaModel:
         if prompt.pictures:
             raise ModelError(f"{self.name} takes no pictures here; a hosted model may")
         answer = StreamingAnswer(max_seconds, listen)
-        stable, changing = self._cut(prompt)
-        prompt_tokens = len(stable) + len(changing)
+        segments = self._cut(prompt)
+        prompt_tokens = sum(map(len, segments))
+        stable_tokens = prompt_tokens - len(segments[-1])
         spare, room = self._rooms(prompt_tokens, max_tokens)
         self.gguf.make_room(prompt_tokens + spare + self._closing_tokens + room)
         held = None if spec is None else Constraint(self.gguf.grammar_tokens, spec.grammar)
-        draw = _Draw(temperature, stream(seed, "decode") if temperature > 0 else None)
+        draw = Draw(temperature, stream(seed, "decode") if temperature > 0 else None)
         log = CertaintyLog(
             self.gguf.table, may_refuse=isinstance(spec, ProgramSpec) and bool(spec.refusals)
         )
-        thought, found, reused = Thought("", 0), _Decoded(b"", "time", 0), None
+        thought, found = Thought("", 0), _Decoded(b"", "time", 0)
+        reused: int | None = None
         with suppress(OutOfTime):
-            reused = self.gguf.evaluate([stable, changing], is_late=lambda: answer.is_late)
+            reused = self.gguf.evaluate(segments, is_late=lambda: answer.is_late)
             thought = self._think(spare, draw, answer)
             found = self._decode(held, room, draw, answer, log)
         text, reasoning = found.text.decode("utf-8", errors="replace"), thought.text
@@ -122,12 +136,11 @@ class LlamaModel:
             text = without_closing(text)
         elif not reasoning:
             reasoning, text = split_thought(text)  # it may think without being asked to
-        is_kept = bool(reused) and reused >= len(stable)
         return Completion(
             text=text,
             finish=found.finish,
             prompt_tokens=prompt_tokens,
-            reused_tokens=len(stable) if is_kept else 0,
+            reused_tokens=min(reused or 0, stable_tokens),
             completion_tokens=thought.tokens + found.tokens,
             first_token_s=answer.first_token_s,
             total_s=answer.seconds,
@@ -135,7 +148,11 @@ class LlamaModel:
             constrained=held is not None,
             fault=_fault(found, answer),
             engine=self.gguf.engine,
-            state=None if reused is None else "kept" if is_kept else "evaluated",
+            state=None
+            if reused is None
+            else "kept"
+            if 0 < stable_tokens <= reused
+            else "evaluated",
             certainty=log.certainty(),
         )
 
@@ -146,8 +163,7 @@ class LlamaModel:
             RequestRefused: it leaves no room for an answer.
             ModelError: the chat template cannot render it.
         """
-        stable, changing = self._cut(prompt)
-        self._rooms(len(stable) + len(changing), 1)
+        self._rooms(sum(map(len, self._cut(prompt))), 1)
 
     def choose(
         self, prompt: Sequence[str], continuations: Sequence[str], *, scoring: Scoring = "sum"
@@ -159,19 +175,30 @@ class LlamaModel:
         """Free the model's memory; it cannot be used afterwards."""
         self.gguf.close()
 
-    def _cut(self, prompt: Prompt) -> tuple[list[int], list[int]]:
-        """Return the tokens of the two segments; the second is never empty."""
-        before, after, special = prompt.stable, prompt.changing, False
+    def _cut(self, prompt: Prompt) -> list[list[int]]:
+        """Return the tokens of the segments that a prompt is decoded in; the last is never empty.
+
+        Earlier turns are segments of their own, as what follows them changes.
+        """
+        before, after, special = prompt.before, prompt.changing, False
         if self._template is not None:
             before, after = self._template.halves(prompt)
             special = True
-        stable = self.gguf.tokens(before, begins=True, special=special)
-        changing = self.gguf.tokens(after, special=special)
-        if not changing:
-            stable, changing = stable[:-1], stable[-1:]
-        if not changing:
+        texts, said = [], [prompt.stable, *(text for turn in prompt.turns for text in turn)]
+        for text in said if prompt.turns else ():
+            head, found, before = before.partition(text.strip())
+            texts.append(head + found)
+        texts.append(before)
+        segments = [
+            self.gguf.tokens(text, begins=not number, special=special)
+            for number, text in enumerate(texts)
+        ]
+        segments.append(self.gguf.tokens(after, special=special))
+        if not segments[-1] and segments[-2]:
+            segments[-1] = [segments[-2].pop()]
+        if not segments[-1]:
             raise ModelError("the prompt is empty")
-        return stable, changing
+        return segments
 
     def _rooms(self, prompt_tokens: int, max_tokens: int) -> tuple[int, int]:
         """Return how many tokens a thought and the answer may have; the answer comes first.
@@ -187,7 +214,7 @@ class LlamaModel:
         answer = min(max_tokens, left)
         return min(self._thinking_tokens, left - answer), answer
 
-    def _think(self, spare: int, draw: "_Draw", answer: StreamingAnswer) -> Thought:
+    def _think(self, spare: int, draw: Draw, answer: StreamingAnswer) -> Thought:
         if not self._closing:
             return Thought("", 0)
 
@@ -200,7 +227,7 @@ class LlamaModel:
         self,
         held: Constraint | None,
         room: int,
-        draw: "_Draw",
+        draw: Draw,
         answer: StreamingAnswer,
         log: CertaintyLog,
     ) -> _Decoded:
@@ -226,18 +253,6 @@ class LlamaModel:
             if count < room:
                 self.gguf.extend([token], ahead=held.expected() if held is not None else ())
         return _Decoded(text, "length", count)
-
-
-@dataclass(frozen=True, slots=True)
-class _Draw:
-    """How a token is chosen: the best, or a sample at a temperature."""
-
-    temperature: float
-    rng: np.random.Generator | None
-
-    def scores(self, logits: Logits) -> Logits:
-        """Return scores whose best is the token."""
-        return logits if self.rng is None else gumbel(logits, self.temperature, self.rng)
 
 
 def _cycle(text: bytes) -> int:

@@ -79,7 +79,8 @@ def choose(
             divisor = known.longest[child] if scoring == "average" else 1
             heappush(queue, (-scores[child] / divisor, child))
 
-    expanded, run = {()}, 0
+    expanded: set[Tokens] = {()}
+    run = 0
     add((), model.logits())
     best: tuple[float, int, Tokens] | None = None
     while queue and (best is None or queue[0][0] <= best[0]):  # equals can come up to it

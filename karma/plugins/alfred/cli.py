@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
-from karma.agent.journal.formats import percent_text
 from karma.cli.parameters import option
 from karma.cli.progress import track
 from karma.cli.shared import Json, console, tell, write_json
 from karma.errors import KarmaError
 from karma.files import below, to_json, write_atomic
+from karma.journal.formats import percent_text
 
 if TYPE_CHECKING:
     from karma.plugins.alfred.replay.facts import Files

@@ -13,16 +13,6 @@ from typing import Any, NamedTuple, Self, TypeVar
 import msgspec
 
 from karma import __version__
-from karma.agent.journal.header import BenchmarkHeader, Header, each_path
-from karma.agent.journal.owned_folder import changed
-from karma.agent.journal.provenance import (
-    model_hashes,
-    parts_of_planner,
-    prompt_hashes,
-    scene_hashes,
-    versions,
-)
-from karma.agent.journal.records import NotRun
 from karma.agent.loading.models import Models, Row
 from karma.bench.engine.benchmark_runs import BenchmarkSuite
 from karma.bench.engine.experiment import scene_path
@@ -32,6 +22,16 @@ from karma.bench.engine.suite import Do, Done, Suite
 from karma.bench.engine.workers import loaded
 from karma.errors import FileError, KarmaError, ModelError, UnknownNameError
 from karma.files import shipped, write_atomic
+from karma.journal.header import BenchmarkHeader, Header, each_path
+from karma.journal.owned_folder import changed
+from karma.journal.provenance import (
+    model_hashes,
+    parts_of_planner,
+    prompt_hashes,
+    scene_hashes,
+    versions,
+)
+from karma.journal.records import NotRun
 from karma.models.manifest import read_manifest, resolve_planner
 from karma.models.session import Session
 from karma.types.space import SceneRef

@@ -4,8 +4,8 @@ from typing import Annotated
 
 import typer
 
-from karma.agent.journal.formats import plural
 from karma.cli.shared import option, tell
+from karma.journal.formats import plural
 from karma.plugins.homes.home import HOMES, forget_home, home_folder, homes, new_home, opened
 from karma.plugins.rules.talk.remembering import age
 from karma.world.sim import EmbeddedWorld

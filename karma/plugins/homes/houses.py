@@ -14,6 +14,7 @@ from karma.errors import KarmaError
 from karma.household.ids import root_id
 from karma.household.places import FLOOR
 from karma.household.types import object_types
+from karma.plugins.rooms.generate import EYE_M, build_scene, object_id
 from karma.seeds import stream
 from karma.world.core.boxes import Box, rounded
 from karma.world.core.ground import GRID_M, Cell, inside, nearest_to_centre, walk
@@ -21,7 +22,6 @@ from karma.world.core.placement import find_place
 from karma.world.core.scene import AgentPose, Scene, SceneObject, SceneRoom, Wall
 from karma.world.core.state import Settings, WorldState, begin
 from karma.world.core.thing import box_of, difference, moved
-from karma.world.generation.generate import EYE_M, build_scene, object_id
 
 WALL_M = 0.05  # thickness on either side of a wall's middle
 LEAST_GAP_M = 0.1  # between the insides of two rooms

@@ -6,7 +6,7 @@ holds the line.
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -14,18 +14,19 @@ import numpy as np
 
 from karma.errors import ModelError, RequestRefused
 from karma.language.whole import CUTS, cut_off, filtered
-from karma.models.automaton import without_closing
 from karma.models.embed import REMEMBERED, stacked, unit_row
 from karma.models.endpoint import Endpoint
 from karma.models.picture_questions import picture_url, question, some_picture, states_told
 from karma.models.session import Session
+from karma.models.thoughts import split_thought
 from karma.plugins.hosted.cassette import Exchange
 from karma.plugins.hosted.connection import Connection
 from karma.plugins.hosted.dialects import Language, Manner, language_of, manner_of
 from karma.plugins.hosted.usage import cost_of, usage_of
 from karma.types.completion import Completion, Heard, Listener
+from karma.types.grammars import without_closing
 from karma.types.observation import SeenObject
-from karma.types.planning import AnswerSpec, PlanSpec, ProgramSpec, Prompt
+from karma.types.planning import AnswerSpec, JsonSpec, Prompt
 from karma.types.space import Frame, Vectors
 
 _VISION_TOKENS = 1024  # four steps of reasoning
@@ -33,7 +34,6 @@ _VISION_ATTEMPTS = 2  # the second quotes what could not be used
 _FIELDS = ("reasoning_content", "reasoning", "thinking")  # that servers return a thought in
 _SPOKEN = ("text", "output_text", "refusal", None)  # types of parts of a message
 _THOUGHT = ("thinking", "reasoning")
-_TAGS = (("<think>", "</think>"), ("<thinking>", "</thinking>"), ("[THINK]", "[/THINK]"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +85,7 @@ class HostedLanguageModel:
         Raises:
             ModelError: the endpoint failed, or its answer has another form.
         """
-        asked = self.manner.constraint is not None or isinstance(spec, PlanSpec)
+        asked = self.manner.constraint is not None or isinstance(spec, JsonSpec)
         language = language_of(spec) if spec is not None and asked else None
         if self.manner.binding(language) is None:
             language = None
@@ -97,7 +97,7 @@ class HostedLanguageModel:
             seconds = said.exchange.seconds
             listen(Heard(text=said.text, tokens=usage.completion_tokens, seconds=seconds))
         fault = _fault(said, language, usage.completion_tokens)
-        held = isinstance(spec, ProgramSpec) and language is not None and not fault
+        held = language is not None and not isinstance(spec, JsonSpec) and not fault
         return Completion(
             text=without_closing(said.text) if held else said.text,
             finish=said.finish,
@@ -130,12 +130,12 @@ class HostedLanguageModel:
         seed: int = 0,
     ) -> Said:
         """Return what the model says, held to a language if there is one; errors as above."""
-        stable, changing = sendable(prompt.stable), sendable(prompt.changing)
+        prompt = sendable_prompt(prompt)
         path = "/chat/completions" if self._endpoint.api == "chat" else "/completions"
-        body: dict[str, Any] = {"prompt": stable + changing}
+        body: dict[str, Any] = {"prompt": prompt.text}
         kept = body
         if self._endpoint.api == "chat":
-            body, kept = messages_of(stable, changing, prompt.pictures, alone=self._no_system)
+            body, kept = messages_of(prompt, alone=self._no_system)
         elif prompt.pictures:
             raise ModelError(f'{self.name}: pictures need api = "chat"')
         fields, room = self.manner.fields(language, max_tokens)
@@ -260,7 +260,8 @@ class HostedVision:
             return {}
         image = some_picture(self.name, image)
         role, text = question("full", sendable(instruction), objects)
-        first = messages_of(role, text, [image], alone=False)
+        asked = Prompt(stable=role, changing=text, pictures=(image,))
+        first = messages_of(asked, alone=False)
         place, options = self._endpoint, options_of(self._endpoint, _VISION_TOKENS, 0.0, 0)
 
         def ask(said: Sequence[tuple[str, str]]) -> str:
@@ -280,6 +281,16 @@ def sendable(text: str) -> str:
     return text.encode("utf-8", "replace").decode()
 
 
+def sendable_prompt(prompt: Prompt) -> Prompt:
+    """Return a prompt whose texts can be sent."""
+    return replace(
+        prompt,
+        stable=sendable(prompt.stable),
+        changing=sendable(prompt.changing),
+        turns=tuple((sendable(user), sendable(answer)) for user, answer in prompt.turns),
+    )
+
+
 def _with_pictures(text: str, pictures: Sequence[Frame]) -> tuple[Any, Any]:
     """Return a message with pictures before its text, and as a cassette keeps it."""
     if not pictures:
@@ -297,15 +308,19 @@ def picture_name(image: Frame) -> str:
     return f"{width}x{height} {hashlib.sha256(pixels).hexdigest()}"
 
 
-def messages_of(
-    stable: str, changing: str, pictures: Sequence[Frame], *, alone: bool
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the messages of a prompt, and as a cassette keeps them; `alone`: the user's only."""
-    before = [{"role": "system", "content": stable}] if stable and not alone else []
-    text = stable + changing if alone else changing
+def messages_of(prompt: Prompt, *, alone: bool) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the messages of a prompt, and as a cassette keeps them; `alone`: no system message."""
+    texts = [text for turn in prompt.turns for text in turn] + [prompt.changing]
+    before: list[dict[str, Any]] = []
+    if alone:
+        texts[0] = prompt.stable + texts[0]
+    elif prompt.stable:
+        before.append({"role": "system", "content": prompt.stable})
+    for number, text in enumerate(texts[:-1]):
+        before.append({"role": ("user", "assistant")[number % 2], "content": text})
     whole, kept = (
-        {"messages": [*before, {"role": "user", "content": one}]}
-        for one in _with_pictures(text, pictures)
+        {"messages": [*before, {"role": "user", "content": content}]}
+        for content in _with_pictures(texts[-1], prompt.pictures)
     )
     return whole, kept
 
@@ -370,15 +385,8 @@ def told_apart(message: Mapping[str, Any]) -> tuple[str, str]:
         content = "".join(text for kind, text in parts if kind in _SPOKEN)
     if not isinstance(content, str):
         raise TypeError(f"a {type(content).__name__} where a text should be")
-    for opening, closing in _TAGS:
-        before, found, after = content.rpartition(closing)
-        if found:  # the opening tag may have been in the prompt
-            inside = before.strip().removeprefix(opening).strip()
-            return after.lstrip(), "\n".join(filter(None, [thought, inside]))
-        if content.lstrip().startswith(opening):
-            inside = content.lstrip().removeprefix(opening).strip()
-            return "", "\n".join(filter(None, [thought, inside]))
-    return content, thought
+    inside, answer = split_thought(content)
+    return answer, "\n".join(filter(None, [thought, inside]))
 
 
 def _text_of(part: Mapping[str, Any]) -> str:

@@ -8,11 +8,11 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from karma.agent.journal.formats import figure_text
 from karma.cli.parameters import option
 from karma.cli.progress import track
 from karma.cli.shared import Json, console, tell, write_json
 from karma.files import below, to_json, write_atomic
+from karma.journal.formats import figure_text
 
 Files = Annotated[list[Path], typer.Argument(help="Files, also gzipped.")]
 Layouts = Annotated[Path | None, typer.Option(help="ALFRED's reachable cells.")]

@@ -6,10 +6,10 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from karma.agent.journal.formats import figure_text
 from karma.cli.parameters import argument, option
 from karma.cli.progress import bar
 from karma.cli.shared import Json, console, tell, write_json
+from karma.journal.formats import figure_text
 
 
 def models_tune(

@@ -17,11 +17,11 @@ from karma.agent.seeing.projection import placed
 from karma.household.pieces import EGG
 from karma.household.places import FLOOR
 from karma.household.uses import BURNER, KNOB, MICROWAVE
+from karma.plugins.rooms.generate import build_scene
 from karma.seeds import stream
 from karma.types.observation import SeenObject
 from karma.world.core.scene import Scene, SceneObject
 from karma.world.event import WorldEvent
-from karma.world.generation.generate import build_scene
 from karma.world.sim import EmbeddedWorld
 
 KINDS = ("kitchen", "kitchen", "kitchen", "living", "bedroom", "bathroom")  # kitchens have most

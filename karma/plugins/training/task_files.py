@@ -17,6 +17,7 @@ from karma.bench.engine.task_check import Possible
 from karma.bench.methods.expert import ExpertMethod
 from karma.errors import FileError
 from karma.files import to_json, write_atomic
+from karma.plugins.rooms.generate import build_scene
 from karma.plugins.rules.language.lexemes import unseen_lexemes
 from karma.plugins.training.drawing.drawn_tasks import DrawnRequest, Kind, draw_task
 from karma.plugins.training.drawing.memories import room_of
@@ -26,7 +27,6 @@ from karma.plugins.training.sources import DRAWN_ROOMS
 from karma.seeds import stream
 from karma.types.roles import World
 from karma.world.core.scene import Scene
-from karma.world.generation.generate import build_scene
 
 ORDER = ("kitchen", "living", "kitchen", "bedroom", "kitchen", "bathroom")
 NO_REQUEST = "the room offers no such request"

@@ -1,8 +1,6 @@
 """Set the world up: Initialize, the picture's size, what metadata lists, third-party cameras."""
 
-import re
 from dataclasses import replace
-from typing import Any
 
 from karma.world.core.arguments import Place
 from karma.world.core.posing import vector
@@ -107,13 +105,6 @@ def _not_this_size(width: int, height: int) -> Refusal | None:
     return None
 
 
-def set_decay_time(state: WorldState, *, decayTime: float) -> Result:
-    """Set how long heat and cold last; 0 = until the next action."""
-    if decayTime < 0:
-        return Refusal("decayTime must not be negative")
-    return Performed(replace(state, decay_s=float(decayTime)))
-
-
 def change_resolution(state: WorldState, *, x: int, y: int) -> Result:
     """Set the picture's width and height, pixels."""
     sized = replace(state, settings=replace(state.settings, width=x, height=y))
@@ -148,103 +139,50 @@ def echo(state: WorldState, *, rvalue: str) -> Result:
     return Performed(replace(state), rvalue, 0.0)
 
 
-_COLORS = (
-    "default", "red", "cyan", "blue", "darkblue", "lightblue", "purple", "yellow", "lime",
-    "fuchsia", "white", "silver", "grey", "gray", "black", "orange", "brown", "maroon", "green",
-    "olive", "navy", "teal", "aqua", "magenta",
-)  # that Unity knows by name  # fmt: skip
-_HEX = re.compile(r"#([0-9a-fA-F]{3,4}|[0-9a-fA-F]{6}|[0-9a-fA-F]{8})")
-
-
-def add(
-    state: WorldState,
-    *,
-    position: Place,
-    rotation: Place,
-    fieldOfView: float = 90.0,
-    skyboxColor: str | None = None,
-    orthographic: bool = False,
-    orthographicSize: float | None = None,
-    nearClippingPlane: float | None = None,
-    farClippingPlane: float | None = None,
-    antiAliasing: str = "none",
+def add_camera(
+    state: WorldState, *, position: Place, rotation: Place, fieldOfView: float = 90.0
 ) -> Result:
     """Add a camera; its number is how many there were before."""
-    usual = Camera(
-        position_m=(0.0, 0.0, 0.0),
-        orthographic_size_m=5.0,
-        near_m=state.settings.near_m,
-        far_m=state.settings.far_m,
-    )
-    camera = _changed(
-        usual, position, rotation, fov_deg=fieldOfView, sky=skyboxColor, orthographic=orthographic,
-        orthographic_size_m=orthographicSize, near_m=nearClippingPlane, far_m=farClippingPlane,
-    )  # fmt: skip
+    near_m, far_m = state.settings.near_m, state.settings.far_m
+    usual = Camera(position_m=(0.0, 0.0, 0.0), near_m=near_m, far_m=far_m)
+    camera = _changed(usual, position, rotation, fieldOfView)
     if isinstance(camera, Refusal):
         return camera
     return Performed(replace(state, cameras=(*state.cameras, camera)))
 
 
-def update(
+def update_camera(
     state: WorldState,
     *,
     thirdPartyCameraId: int = 0,
     position: Place | None = None,
     rotation: Place | None = None,
     fieldOfView: float | None = None,
-    skyboxColor: str | None = None,
-    orthographic: bool | None = None,
-    orthographicSize: float | None = None,
-    nearClippingPlane: float | None = None,
-    farClippingPlane: float | None = None,
-    antiAliasing: str | None = None,
 ) -> Result:
     """Change a camera; what is left out stays, also of a position or rotation."""
-    if not 0 <= thirdPartyCameraId < len(state.cameras):
-        most = f"0 <= thirdPartyCameraId < {len(state.cameras)}"
-        message = f"thirdPartyCameraId: {thirdPartyCameraId} must be in {most}"
-        return refuse("ArgumentOutOfRangeException", message)
-    camera = _changed(
-        state.cameras[thirdPartyCameraId], position, rotation, fov_deg=fieldOfView,
-        sky=skyboxColor, orthographic=orthographic, orthographic_size_m=orthographicSize,
-        near_m=nearClippingPlane, far_m=farClippingPlane,
-    )  # fmt: skip
+    number = thirdPartyCameraId
+    if not 0 <= number < len(state.cameras):
+        message = f"thirdPartyCameraId: {number} must be in 0 <= thirdPartyCameraId < "
+        return refuse("ArgumentOutOfRangeException", f"{message}{len(state.cameras)}")
+    camera = _changed(state.cameras[number], position, rotation, fieldOfView)
     if isinstance(camera, Refusal):
         return camera
-    cameras = list(state.cameras)
-    cameras[thirdPartyCameraId] = camera
-    return Performed(replace(state, cameras=tuple(cameras)))
+    cameras = (*state.cameras[:number], camera, *state.cameras[number + 1 :])
+    return Performed(replace(state, cameras=cameras))
 
 
 def _changed(
-    camera: Camera, position: Place | None, rotation: Place | None, **others: Any
+    camera: Camera, position: Place | None, rotation: Place | None, fov_deg: float | None
 ) -> Camera | Refusal:
-    """Return a camera with what is not None changed, or what is wrong with it."""
+    """Return a camera with what is given changed, or the reason why it cannot be."""
     if position:
-        others["position_m"] = vector(position, camera.position_m)
+        camera = replace(camera, position_m=vector(position, camera.position_m))
     if rotation:
-        others["rotation_deg"] = _angles(vector(rotation, camera.rotation_deg))
-    camera = replace(camera, **{k: v for k, v in others.items() if v is not None})
-    if camera.sky == "default":
-        camera = replace(camera, sky="")
-    return _refusal(camera) or camera
-
-
-def _angles(degrees: tuple[float, float, float]) -> tuple[float, float, float]:
-    x, y, z = (round(value % 360, 4) % 360 for value in degrees)
-    return (x, y, z)
-
-
-def _refusal(camera: Camera) -> Refusal | None:
+        x, y, z = (round(v % 360, 4) % 360 for v in vector(rotation, camera.rotation_deg))
+        camera = replace(camera, rotation_deg=(x, y, z))
+    if fov_deg is not None:
+        camera = replace(camera, fov_deg=fov_deg)
     if not 0 < camera.fov_deg < 180:
         message = f"fieldOfView: {camera.fov_deg:g} must be in 0 < fieldOfView < 180."
         return refuse("ArgumentOutOfRangeException", message)
-    if camera.sky and camera.sky.lower() not in _COLORS and not _HEX.fullmatch(camera.sky):
-        message = f"Invalid skyboxColor: {camera.sky[:80]}! Cannot be parsed as an HTML color."
-        return refuse("ArgumentException", message)
-    if camera.orthographic_size_m <= 0:
-        return refuse("ArgumentOutOfRangeException", "orthographicSize must be greater than 0.")
-    if not 0 < camera.near_m < camera.far_m:
-        message = "nearClippingPlane must be greater than 0 and less than farClippingPlane."
-        return refuse("ArgumentOutOfRangeException", message)
-    return None
+    return camera

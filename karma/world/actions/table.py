@@ -12,14 +12,7 @@ from typing import Any
 from msgspec import Struct
 
 from karma.files import read_toml
-from karma.world.actions import (
-    arranging,
-    hand,
-    handling,
-    moving,
-    questions,
-    setup,
-)
+from karma.world.actions import arranging, hand, handling, moving, questions, setup
 from karma.world.core.arguments import fit, kinds
 from karma.world.core.state import Refusal, Result, WorldState
 
@@ -124,13 +117,12 @@ _SIGNED: dict[str, Callable[..., Result]] = {
     # arranging the household
     "InitialRandomSpawn": arranging.initial_random_spawn,
     # cameras
-    "AddThirdPartyCamera": setup.add,
-    "UpdateThirdPartyCamera": setup.update,
+    "AddThirdPartyCamera": setup.add_camera,
+    "UpdateThirdPartyCamera": setup.update_camera,
     # setting up
     "SetObjectFilter": setup.set_object_filter,
     "ResetObjectFilter": setup.reset_object_filter,
     "SetRandomSeed": setup.set_random_seed,
-    "SetTemperatureDecayTime": setup.set_decay_time,
     "ChangeResolution": setup.change_resolution,
     "TestFastEmit": setup.echo_fast,
     "TestActionReflectParam": setup.echo,

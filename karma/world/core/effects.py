@@ -86,7 +86,7 @@ def _decay(state: WorldState, fading: tuple[str, ...]) -> WorldState:
     until: dict[str, float] = {}
     changes: dict[str, SceneObject] = {}
     for object_id in fading:
-        end = state.until_s.get(object_id, state.time_s + state.decay_s)
+        end = state.until_s.get(object_id, state.time_s + rules().time.decay_s)
         if end <= state.time_s:
             thing = state.objects[object_id]
             changes[object_id] = msgspec.structs.replace(thing, temperature="RoomTemp")

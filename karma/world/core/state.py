@@ -36,12 +36,9 @@ class Camera:
 
     position_m: Vec3
     rotation_deg: Vec3 = (0.0, 0.0, 0.0)
-    fov_deg: float = 90.0  # vertical; of a perspective camera
-    orthographic: bool = False
-    orthographic_size_m: float = 0.0  # half the height of what an orthographic camera takes in
+    fov_deg: float = 90.0  # vertical
     near_m: float = 0.01
     far_m: float = 20.0
-    sky: str = ""  # colour of what is not there, e.g. "white" or "#8080ff"; "" = the default sky
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,7 +176,6 @@ class WorldState:
     pose: Pose
     held: str | None = None
     time_s: float = 0.0
-    decay_s: float = field(default_factory=lambda: rules().time.decay_s)
     until_s: Mapping[str, float] = field(default_factory=dict)  # when heat or cold runs out
     falling: frozenset[str] = frozenset()  # ids of what fell from the start on, and still does
     cameras: tuple[Camera, ...] = ()  # third-party cameras, by their number

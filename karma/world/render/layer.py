@@ -90,11 +90,11 @@ class Layer:
         far = np.einsum("ij,ij->i", gap, gap) - ahead**2 / length
         return np.flatnonzero(far <= np.float32(radius**2))
 
-    def shaded(self, eye: Floats | None, forward: Floats) -> NDArray[np.uint8]:
-        """Return each triangle's colour as seen from an eye, shape (3,); None = from far behind."""
-        towards = -forward[None] if eye is None else eye - self.centres
+    def shaded(self, eye: Floats) -> NDArray[np.uint8]:
+        """Return each triangle's colour as seen from an eye, shape (3,)."""
+        towards = eye - self.centres
         length = np.sqrt(np.einsum("ij,ij->i", towards, towards)) + np.float32(1e-9)
-        facing = np.einsum("ij,ij->i", self.normals, np.broadcast_to(towards, self.normals.shape))
+        facing = np.einsum("ij,ij->i", self.normals, towards)
         facing /= length
         lamp = (self.normals @ LIGHT) * np.sign(facing)
         light = AMBIENT + LAMP * np.maximum(lamp, 0.0) + FACING * np.abs(facing)
@@ -122,21 +122,18 @@ class Rays(NamedTuple):
     origins: Floats  # (n, 3), on the near plane or further
     directions: Floats  # (n, 3)
     steps: Floats  # (3, n): the directions again, each part in one piece
-    sources: Floats  # (3, 1) or (3, n): where rays come from: the eye, or the near plane
-    passed: Floats | float  # (n,): how far from there the origins are
+    passed: Floats  # (n,): how far from the eye the origins are
     forward: Floats  # (3,)
-    eye: Floats | None  # (3,), where all meet; None when they are parallel
+    eye: Floats  # (3,), where all meet
 
     def beyond(self, pixels: NDArray[np.intp], far: Floats) -> "Rays":
         """Return some of the rays from further along."""
         directions = self.directions[pixels]
-        passed = self.passed if isinstance(self.passed, float) else self.passed[pixels]
         return self._replace(
             origins=self.origins[pixels] + directions * far[:, None],
             directions=directions,
             steps=self.steps[:, pixels],
-            sources=self.sources if self.sources.shape[1] == 1 else self.sources[:, pixels],
-            passed=far + np.float32(passed) if isinstance(passed, float) else passed + far,
+            passed=self.passed[pixels] + far,
         )
 
 
@@ -145,16 +142,10 @@ def rays(view: Camera, width: int, height: int) -> Rays:
     axes = _axes(view)
     eye = np.array(view.position_m, dtype=np.float32)
     near = np.float32(view.near_m)
-    if view.orthographic:
-        plane, _ = _plane(width, height, view.orthographic_size_m)
-        directions = np.empty_like(plane)
-        directions[:] = axes[2]
-        origins = eye + near * axes[2] + plane[:, :2] @ axes[:2]
-        steps, sources = (np.ascontiguousarray(part.T) for part in (directions, origins))
-        return Rays(origins, directions, steps, sources, 0.0, axes[2], None)
     plane, across = _plane(width, height, tan(radians(view.fov_deg) / 2))
-    directions, steps = plane @ axes, axes.T @ across
-    return Rays(eye + directions * near, directions, steps, eye[:, None], float(near), axes[2], eye)
+    directions = plane @ axes
+    passed = np.full(len(plane), near)
+    return Rays(eye + directions * near, directions, axes.T @ across, passed, axes[2], eye)
 
 
 def _axes(view: Camera) -> Floats:

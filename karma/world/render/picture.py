@@ -1,6 +1,7 @@
 """Draw a moment as a camera sees it: colours, depth and which object each pixel shows."""
 
 from functools import lru_cache
+from math import atan2, degrees
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -16,22 +17,16 @@ from karma.world.core.thing import heading
 from karma.world.core.view import camera as eye
 from karma.world.render import shell
 from karma.world.render.drawn import DrawingTask, drawn, support, supports, tasks
-from karma.world.render.form import rgb
 from karma.world.render.layer import Layer, rays
 from karma.world.render.mesh import Colour, Floats, Mesh, Packed, ball, box, joined, lathe, packed
 from karma.world.render.pixels import AGENT, NOTHING, STAND, Pixels, look, scenery
 
 SKY: Colour = (158.0, 190.0, 222.0)
-SKIES: dict[str, Colour] = {
-    "white": (255.0, 255.0, 255.0), "black": (0.0, 0.0, 0.0), "gray": (128.0, 128.0, 128.0),
-    "grey": (128.0, 128.0, 128.0), "red": (255.0, 0.0, 0.0), "green": (0.0, 128.0, 0.0),
-    "blue": (0.0, 0.0, 255.0), "yellow": (255.0, 235.0, 4.0), "cyan": (0.0, 255.0, 255.0),
-    "magenta": (255.0, 0.0, 255.0),
-}  # fmt: skip
 DARK = 0.55  # the light that is left when all light switches are off
 LAMP = 0.15  # what each lamp that is lit then adds
 RADIUS_M = 0.19
 INSIDE_M = 0.3  # cameras this near to the agent's axis see through it
+ABOVE_M = 40.0  # of the camera that looks down on a whole room
 FEET_M = 0.9  # the agent's origin is this far above the floor
 
 
@@ -60,6 +55,17 @@ def agent_camera(state: WorldState) -> Camera:
     )
 
 
+def camera_above(state: WorldState) -> Camera:
+    """Return a camera high over the room that takes in all of it."""
+    (x, y, z), (width, height, depth) = state.room.bounds_center, state.room.bounds_size
+    return Camera(
+        position_m=(x, y + height / 2 + ABOVE_M, z),
+        rotation_deg=(90.0, 0.0, 0.0),
+        fov_deg=2 * degrees(atan2(max(width, depth) / 2, ABOVE_M)),
+        far_m=2 * ABOVE_M,
+    )
+
+
 def render(
     state: WorldState, camera: Camera, width: int, height: int, *, normals: bool = False
 ) -> Picture:
@@ -76,7 +82,7 @@ def render(
     view = rays(camera, width, height)
     layers = [*kept.layers, *([body(state.pose)] if sees_body(camera, state.pose) else [])]
     seen = scenery(layers, kept.shell, state.objects, view)
-    sky = packed(np.array([_sky(camera.sky)], dtype=np.uint8))
+    sky = packed(np.array([SKY], dtype=np.uint8))
     found = look(seen, view, sky, normals=normals)
     found.depth[:] += np.float32(camera.near_m)
     _cut(found, camera.far_m, sky)
@@ -87,12 +93,6 @@ def render(
         found.rows.reshape(height, width),
         None if found.normals is None else found.normals.reshape(height, width, 3),
     )
-
-
-def _sky(name: str) -> Colour:
-    if name.startswith("#") and len(name) >= 7:
-        return rgb(name[:7])
-    return SKIES.get(name.lower(), SKY)
 
 
 def _cut(found: Pixels, far_m: float, sky: Packed) -> None:
@@ -140,9 +140,7 @@ _WHITE, _DARK, _BLUE = (226.0, 230.0, 234.0), (38.0, 42.0, 48.0), (60.0, 140.0, 
 def sees_body(view: Camera, pose: Pose) -> bool:
     """Return whether a camera is far enough from the agent not to look out of it."""
     x, _, z = pose.position_m
-    return (view.position_m[0] - x) ** 2 + (view.position_m[2] - z) ** 2 > INSIDE_M**2 or (
-        view.orthographic
-    )
+    return (view.position_m[0] - x) ** 2 + (view.position_m[2] - z) ** 2 > INSIDE_M**2
 
 
 @lru_cache(maxsize=4)

@@ -55,7 +55,7 @@ def scenery(layers: list[Layer], shell: Shell, objects: Objects, view: Rays) -> 
     """Return what one camera sees at one moment; the last triangle is no triangle."""
     at = objects.rows
     none = np.zeros((1, 3), dtype=np.float32)
-    shades = [layer.shaded(view.eye, view.forward) for layer in layers]
+    shades = [layer.shaded(view.eye) for layer in layers]
     rows = [
         np.array([one if isinstance(one, int) else at[one] for one in layer.owners], np.int32)[
             layer.slots
@@ -116,18 +116,13 @@ def _solid(
     """Return the pixels as if everything were solid; the room shows where nothing is met."""
     level = view.origins[:, 1] + along * view.steps[1]
     missed = np.flatnonzero((triangle < 0) | (level < seen.shell.low[1] - _SUNK_M))
-    out = rooms.exits(
-        seen.shell,
-        view.sources if view.sources.shape[1] == 1 else view.sources[:, missed],
-        view.steps[:, missed],
-    )
+    out = rooms.exits(seen.shell, view.eye, view.steps[:, missed])
     colours = seen.colours[triangle]
     rows = seen.rows[triangle]
     depth = along.copy()
     colours[missed] = np.where(out.face < 0, sky, seen.shell.texels[out.texel])
     rows[missed] = seen.faces[out.face]
-    passed = view.passed if isinstance(view.passed, float) else view.passed[missed]
-    depth[missed] = out.along - np.float32(passed)
+    depth[missed] = out.along - view.passed[missed]
     turned = None
     if normals:
         turned = seen.normals[triangle]

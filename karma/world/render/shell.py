@@ -178,9 +178,9 @@ def _shaded(
     return light
 
 
-def exits(shell: Shell, sources: Floats, steps: Floats) -> Exits:
-    """Return where rays, shape (3, n), leave the room; sources likewise, or (3, 1) when shared."""
-    low, high = shell.low[:, None] - sources, shell.high[:, None] - sources
+def exits(shell: Shell, eye: Floats, steps: Floats) -> Exits:
+    """Return where rays from an eye, shape (3,), leave the room; steps have shape (3, n)."""
+    low, high = (shell.low - eye)[:, None], (shell.high - eye)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         scales = np.float32(1.0) / steps
         ends = [(low[axis] * scales[axis], high[axis] * scales[axis]) for axis in range(3)]

@@ -1,19 +1,16 @@
 """Find the Unity build, and check one by one what AI2-THOR needs on this machine.
 
 A build is an argument, $KARMA_THOR_BUILD, or in AI2-THOR's own cache. This only looks: nothing is
-started or fetched, or written for longer than the look; the one connection is to an X server here.
+started, fetched or written.
 """
 
 import ctypes.util
 import os
-import platform as machine
 import shlex
 import shutil
 import sys
-import tempfile
 from collections.abc import Iterator
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
@@ -45,11 +42,6 @@ class Build:
     def runs(self) -> bool:
         """Whether this user may execute it."""
         return os.access(self.path, os.X_OK)
-
-    @property
-    def is_command(self) -> bool:
-        """Whether it has arguments: then it is what starts a player, not Unity itself."""
-        return len(self.command) > 1
 
     @property
     def make_run(self) -> str:
@@ -198,9 +190,6 @@ def _inside(folder: Path) -> Path:
 
 
 Status = Literal["ok", "note", "problem"]
-RUN_BYTES, UNPACK_BYTES = 200 << 20, 3 << 30
-DEPTH_BITS = 24
-SIDE_PX = 300  # of the pictures, where none is asked for
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -226,104 +215,39 @@ def examine(
     display: str | None = None,
 ) -> list[CheckResult]:
     """Return every condition, in the order in which they matter; arguments as for `ThorWorld`."""
-    try:
-        build, why = locate(executable, platform), ""
-    except KarmaError as error:
-        build, why = None, str(error)
-    draws_with = build.platform if build else candidates(platform)[0]
-    return [
-        *_system(),
-        *(_no_build(why, draws_with) if build is None else _build(build)),
-        *_drawing(build, draws_with, display or os.environ.get("DISPLAY")),
-        *_folders(unpacked=build is not None),
-    ]
-
-
-def _system() -> Iterator[CheckResult]:
-    here = f"{machine.system()} {machine.machine()}, Python {machine.python_version()}"
-    good = machine.system() in ("Linux", "Darwin") and machine.machine() in ("x86_64", "arm64")
-    fix = "use a machine with 64-bit Linux on x86_64: there is no other build"
-    yield CheckResult.of("system", good, here, fix)
     found = package()
-    yield CheckResult.of("package ai2thor", found == VERSION, found, INSTALL)
-
-
-def _no_build(why: str, platform: Platform) -> Iterator[CheckResult]:
-    reason, _, fix = why.partition("\n")
-    fix = fix.rpartition("To fix: ")[2] if "To fix" in fix else fetch(platform)
-    yield CheckResult.of("build", False, reason, fix)
+    results = [CheckResult.of("package ai2thor", found == VERSION, found, INSTALL)]
+    try:
+        build = locate(executable, platform)
+    except KarmaError as error:
+        reason, _, fix = str(error).partition("\n")
+        fix = fix.rpartition("To fix: ")[2] or fetch(candidates(platform)[0])
+        return [*results, CheckResult.of("build", False, reason, fix)]
+    return [*results, *_build(build), _drawing(build, display)]
 
 
 def _build(build: Build) -> Iterator[CheckResult]:
-    yield CheckResult.of("build", True, f"{build.path} ({build.origin})")
+    yield CheckResult.of("build", True, f"{build.path} ({build.origin}, {build.platform})")
     bit = "set" if build.runs else "not set"
     yield CheckResult.of("executable bit", build.runs, bit, build.make_run)
+    if len(build.command) > 1 or build.platform == "OSXIntel64":
+        return
     data = build.path.parent / f"{build.path.stem}_Data"
-    there = data.is_dir()
-    found, fix = str(data) if there else f"no {data}", f"unzip the build again into {data.parent}"
-    if build.is_command or build.platform == "OSXIntel64":
-        there, found = True, "not looked for beside a command"
-    yield CheckResult.of("_Data folder", there, found, fix)
+    fix = f"unzip the build again into {data.parent}"
+    yield CheckResult.of(
+        "_Data folder", data.is_dir(), str(data) if data.is_dir() else f"no {data}", fix
+    )
 
 
-def _drawing(build: Build | None, platform: Platform, display: str | None) -> Iterator[CheckResult]:
-    yield CheckResult(name="platform", status="ok", found=platform)
-    if platform == "CloudRendering":
+def _drawing(build: Build, display: str | None) -> CheckResult:
+    """Return whether what the build draws with is here."""
+    if build.platform == "CloudRendering":
         library = ctypes.util.find_library("vulkan")
         fix = "apt-get install libvulkan1, and the graphics card's driver"
-        yield CheckResult.of("Vulkan", library is not None, library or "no libvulkan", fix)
-    elif platform == "Linux64":
-        finding = _display(display)
-        if build is not None and build.is_command and finding.status == "problem":
-            finding = replace(finding, status="note", found=f"{finding.found}; a command may do")
-        yield finding
-
-
-def _display(given: str | None) -> CheckResult:
-    display = given or next(iter(screens()), None)
-    start = "sudo ai2thor-xorg start   (NVIDIA), then export DISPLAY=:0"
-    if display is None:
-        return CheckResult.of("X display", False, "no $DISPLAY, no X server on this machine", start)
-    if display.partition(":")[0] not in ("", "unix", "localhost"):
-        found = f"{display} is another machine's: not connected to"
-        return CheckResult.of("X display", False, found, "export DISPLAY=:0")
-    wrong = _screen(display)
-    shown = display if given else f"{display} (the first here; $DISPLAY is not set)"
-    return CheckResult.of("X display", not wrong, f"{shown}: {wrong or 'GLX, 24 bits'}", start)
-
-
-def _screen(display: str) -> str:
-    """Return what is wrong with a display, "" if nothing."""
-    try:
-        import Xlib.display
-        import Xlib.error
-    except ImportError:
-        return "cannot be looked at without python-xlib, which comes with ai2thor"
-    try:
-        connection = Xlib.display.Display(display)
-    except (Xlib.error.DisplayError, Xlib.error.ConnectionClosedError, OSError) as error:
-        return f"cannot be reached: {error}"
-    screen = connection.screen()
-    wrong = []
-    if "GLX" not in connection.list_extensions():
-        wrong.append("no GLX")
-    if screen.root_depth != DEPTH_BITS:
-        wrong.append(f"{screen.root_depth} bits deep, not {DEPTH_BITS}")
-    if min(screen.width_in_pixels, screen.height_in_pixels) < SIDE_PX:
-        wrong.append(f"only {screen.width_in_pixels} x {screen.height_in_pixels} pixels")
-    connection.close()
-    return ", ".join(wrong)
-
-
-def _folders(*, unpacked: bool) -> Iterator[CheckResult]:
-    folder = home()
-    existing = next(one for one in (folder, *folder.parents) if one.exists())
-    writable = False
-    with suppress(OSError), tempfile.TemporaryFile(dir=existing):
-        writable = True
-    found = str(folder) if writable else f"{folder} cannot be written"
-    yield CheckResult.of("home folder", writable, found, "export HOME=/a/folder/you/may/write")
-    free, need = shutil.disk_usage(existing).free, RUN_BYTES if unpacked else UNPACK_BYTES
-    what = "to run" if unpacked else "to unpack a build"
-    found = f"{free / 2**30:.1f} GiB free; {need / 2**30:.1f} GiB {what}"
-    yield CheckResult.of("disk", free >= need, found, f"free some space in {folder}")
+        return CheckResult.of("Vulkan", library is not None, library or "no libvulkan", fix)
+    shown = display or os.environ.get("DISPLAY") or next(iter(screens()), "")
+    fix = "sudo ai2thor-xorg start   (NVIDIA), then export DISPLAY=:0"
+    return CheckResult.of(
+        "X display", bool(shown), shown or "no $DISPLAY, no X server on this machine", fix,
+        else_="problem" if len(build.command) == 1 else "note",
+    )  # fmt: skip

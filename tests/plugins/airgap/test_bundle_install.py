@@ -24,8 +24,8 @@ from support.needs import need_models, need_namespace
 from support.paths import ROOT
 from typer.testing import CliRunner
 
-from karma.agent.journal.provenance import parts_of_planner
 from karma.cli import app
+from karma.journal.provenance import parts_of_planner
 from karma.models.manifest import find_model
 from karma.plugins.airgap import install as installing
 from karma.plugins.airgap.install import BundleError, install

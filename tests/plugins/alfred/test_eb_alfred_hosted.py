@@ -8,8 +8,8 @@ from support.eb_alfred import finished, hosted
 from support.hosted_server import chat, plant_key, wire_server
 from typer.testing import CliRunner
 
-from karma.agent.journal.header import TABLE
 from karma.cli import app
+from karma.journal.header import TABLE
 from karma.plugins.alfred.eb_world.actions import PUT
 from karma.plugins.hosted.cassette import Cassette
 

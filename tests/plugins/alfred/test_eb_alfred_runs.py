@@ -7,10 +7,10 @@ from support.eb_alfred import finished
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
-from karma.agent.journal.header import TABLE
 from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import FileError
+from karma.journal.header import TABLE
 
 
 def test_run_gives_equal_bytes_twice_and_with_two_workers(experiment, tmp_path):

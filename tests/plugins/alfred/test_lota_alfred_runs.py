@@ -11,10 +11,10 @@ from support.lota_alfred import FETCH, STOW, trial
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
-from karma.agent.journal.header import TABLE
 from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import FileError, ModelError
+from karma.journal.header import TABLE
 from karma.plugins.alfred.suites.table import LOTA_TABLES, figures_of
 from karma.plugins.hosted.cassette import Cassette
 

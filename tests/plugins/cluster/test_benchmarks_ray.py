@@ -17,11 +17,11 @@ from support.run_files import plant_plugin
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
-from karma.agent.journal.header import EPISODES
-from karma.agent.journal.owned_folder import HEADER
 from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import KarmaError, WorkerLost
+from karma.journal.header import EPISODES
+from karma.journal.owned_folder import HEADER
 from karma.plugins.alfred.suites.experiment import EbExperiment
 from karma.plugins.cluster.node import DataFolders, with_places_here
 

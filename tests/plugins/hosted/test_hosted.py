@@ -33,6 +33,7 @@ from karma.errors import KarmaError, ModelError, ServerLost
 from karma.models.session import Session
 from karma.plugins.hosted.cassette import Cassette
 from karma.plugins.hosted.model import HostedEmbedder, HostedLanguageModel
+from karma.types.planning import Prompt
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 
@@ -97,6 +98,15 @@ def test_request_says_what_the_endpoint_wants_and_nothing_it_refuses():
         ],
     }  # fmt: skip
     assert headers["authorization"] == f"Bearer {KEY}"
+
+
+def test_earlier_turns_are_messages_between_system_and_user():
+    asked = Prompt(stable="Rules", changing="Now?", turns=(("First?", "No."),))
+    with wire_server(lambda *_: chat("x")) as (url, seen):
+        HostedLanguageModel(endpoint(url, "m")).complete(asked)
+    assert [(one["role"], one["content"]) for one in seen[0][1]["messages"]] == [
+        ("system", "Rules"), ("user", "First?"), ("assistant", "No."), ("user", "Now?"),
+    ]  # fmt: skip
 
 
 def test_environment_adds_no_organisation_and_no_proxy(monkeypatch):

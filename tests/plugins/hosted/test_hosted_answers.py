@@ -8,9 +8,9 @@ from support.hosted_server import plant_key, real_server, wire_server
 from support.paths import ROOT
 from typer.testing import CliRunner
 
-from karma.agent.journal.records import read_records
 from karma.bench.engine.run import Run
 from karma.cli import app
+from karma.journal.records import read_records
 from karma.plugins.hosted.cassette import Cassette
 from karma.testing import make_planner
 

@@ -17,11 +17,11 @@ from support.needs import need_models
 from support.paths import ROOT
 from typer.testing import CliRunner
 
-from karma.agent.journal.records import read_records
-from karma.agent.journal.run_folder import read_run
 from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.files import to_json
+from karma.journal.records import read_records
+from karma.journal.run_folder import read_run
 from karma.models.endpoint import Endpoint
 from karma.plugins.hosted.cassette import Begin, Cassette, line_key_of
 

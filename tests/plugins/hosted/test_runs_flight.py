@@ -19,9 +19,9 @@ from support.hosted_server import (
 from support.paths import ROOT
 from support.run_files import karma, write_experiment
 
-from karma.agent.journal.records import read_records
 from karma.bench.engine.run import Run
 from karma.errors import KarmaError
+from karma.journal.records import read_records
 from karma.plugins.hosted.cassette import FILE, Cassette
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"

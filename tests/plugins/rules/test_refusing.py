@@ -3,10 +3,10 @@
 import msgspec
 import pytest
 
-from karma.agent.journal.records import Answer
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.refusal_text import sentence
 from karma.agent.planning.refused import nearness, with_words
+from karma.journal.records import Answer
 from karma.models.scripted import ScriptedModel
 from karma.types.completion import Decoding
 from karma.types.planning import REFUSAL_KINDS, Hint, Meaning, PlanRequest, RefusedRequest

@@ -10,10 +10,10 @@ from support.paths import SHARED
 
 from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
+from karma.plugins.rooms.generate import object_id
 from karma.plugins.thor_tools.importing.scenes import floor_scores, import_dump, scene_from_dump
 from karma.world.core.ground import parts
 from karma.world.core.scene import AgentPose, Scene, check
-from karma.world.generation.generate import object_id
 from karma.world.sim import EmbeddedWorld
 
 DUMPS = SHARED / "data/thor5/scenes.jsonl.gz"

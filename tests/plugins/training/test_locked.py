@@ -14,11 +14,11 @@ from karma.agent.goals.goals import GoalTracker, WatchedWorld
 from karma.bench.methods.expert import ExpertMethod
 from karma.files import to_json
 from karma.plugins.alfred.sentences import plain
+from karma.plugins.rooms.generate import build_scene
 from karma.plugins.training.goal_sentences import read_sentences
 from karma.plugins.training.packs import PlannerRecipe, draw_pack
 from karma.plugins.training.sources import Sources
 from karma.world.core.scene import SCENES, load
-from karma.world.generation.generate import build_scene
 
 FOLDER = ROOT / "eval" / "locked"
 SUMS = FOLDER / "SHA256SUMS"

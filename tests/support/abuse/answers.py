@@ -152,9 +152,9 @@ def _as_lines(bad: str, folder: Path) -> None:
 
 
 def _in_a_page(bad: str, folder: Path) -> None:
-    from karma.agent.journal.run_folder import read_run
     from karma.bench.figures.results import result_of
     from karma.bench.report.page import render
+    from karma.journal.run_folder import read_run
     from support.made_records import episode, sub, write_run
 
     found = episode(sub("OPEN(Fridge): 1", instruction=bad), row=bad, task=bad, error=bad)

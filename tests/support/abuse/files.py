@@ -57,13 +57,13 @@ def _map(path: Path) -> object:
 
 
 def _steps(path: Path) -> object:
-    from karma.agent.journal.steps import read_steps
+    from karma.journal.steps import read_steps
 
     return read_steps(path)
 
 
 def _header(path: Path) -> object:
-    from karma.agent.journal.run_folder import read_run
+    from karma.journal.run_folder import read_run
 
     return read_run(path.parent)
 

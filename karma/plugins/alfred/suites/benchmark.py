@@ -5,10 +5,9 @@ from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from karma.agent.journal.records import NotRun
 from karma.bench.engine.suite import BenchmarkResults, Chain, Play, planner_of
-from karma.bench.methods.lota import chooser_of
 from karma.errors import FileError, KarmaError
+from karma.journal.records import NotRun
 from karma.models.session import Session
 from karma.plugins.alfred.eb_world.actions import EB_ALFRED, LOTA_ALFRED, ActionTypes, read_types
 from karma.plugins.alfred.eb_world.environment import UNKNOWN, Environment, Step
@@ -20,6 +19,7 @@ from karma.plugins.alfred.suites.experiment import EbExperiment, EbRow, LotaExpe
 from karma.plugins.alfred.suites.lota_planner import GeneratedPlayer, LotaAnswer, ScoredPlayer
 from karma.plugins.alfred.suites.players import BenchmarkPlayer, ChancePlayer, ExpertPlayer
 from karma.plugins.alfred.suites.table import EB_TABLES, LOTA_TABLES, results_of
+from karma.plugins.baselines.lota import chooser_of
 from karma.types.roles import LanguageModel
 
 _HERE = Path(__file__).parent

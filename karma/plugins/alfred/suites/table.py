@@ -8,12 +8,12 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from karma.agent.journal.formats import figure_text
 from karma.bench.engine.suite import BenchmarkResults
 from karma.bench.figures.statistics import wilson
 from karma.bench.figures.tables import Sheet
 from karma.errors import FileError
 from karma.files import read_bytes
+from karma.journal.formats import figure_text
 from karma.plugins.alfred.replay.trial import TYPES_OF_TASK
 from karma.plugins.alfred.suites.experiment import SUBSETS
 

@@ -8,9 +8,9 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from karma.agent.journal.formats import UNKNOWN, figure_text, range_text
 from karma.bench.figures.statistics import bootstrap, rate, times_in
 from karma.bench.figures.tables import Sheet
+from karma.journal.formats import UNKNOWN, figure_text, range_text
 from karma.plugins.homes.lived.experiment import LivedExperiment
 from karma.plugins.homes.lived.request import LivedKind, LivedRecord, ServedRequest
 from karma.seeds import stream
@@ -216,7 +216,7 @@ def _resampled(
     times = times_in(stream(0, "lived", "resampled", use), len(under), _RESAMPLES)
     sums = np.column_stack([np.asarray(over, float), under])
     found = bootstrap(sums, lambda s: s[:, 0] / s[:, 1], number=len(under), times=times)
-    ends = found.estimate.interval
+    ends = found.interval
     return (ends.low, ends.high) if ends else (None, None)
 
 

@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from karma.agent.journal.formats import plural
 from karma.agent.seeing.perceive import place_of
 from karma.assistant.replies import MemoryAnswer
 from karma.assistant.session_log import PLACE_TOLD, STATE_TOLD
@@ -20,6 +19,7 @@ from karma.household.places import HAND
 from karma.household.saying import name_of, told_place
 from karma.household.states import NEEDS
 from karma.household.types import object_types
+from karma.journal.formats import plural
 from karma.plugins.rules.language.request import RequestReader
 from karma.plugins.rules.language.request_words import request_words
 from karma.plugins.rules.object_finder import is_so

@@ -16,6 +16,7 @@ from karma.household.states import END_STATES, OPPOSITES
 from karma.household.types import object_types
 from karma.household.uses import CHANGED_IN, FRIDGE, KNIFE
 from karma.memory.scene_graph import SceneGraph
+from karma.plugins.rooms.generate import build_scene
 from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.seeds import stream
 from karma.types.memory import Area, MemoryUnit
@@ -23,7 +24,6 @@ from karma.types.observation import SeenObject
 from karma.types.planning import PlanRequest
 from karma.types.tasks import Goal
 from karma.world.core.scene import Scene
-from karma.world.generation.generate import build_scene
 
 Rng = np.random.Generator
 T = TypeVar("T")

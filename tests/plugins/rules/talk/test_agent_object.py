@@ -12,15 +12,15 @@ from support.talking import AWAY, STORE, TAKE, WASH, agent_saying
 from support.tiny import export_tiny
 
 from karma import Agent
-from karma.agent.journal.header import EPISODES, RESULTS
-from karma.agent.journal.owned_folder import MARK
-from karma.agent.journal.run_folder import read_run
-from karma.agent.journal.steps import read_steps, steps_path
 from karma.agent.loading.models import Models
 from karma.assistant.agent import asking
 from karma.assistant.replies import ROWS, lines_of, lines_why, rows_for
 from karma.assistant.talk_folder import TalkFolder
 from karma.errors import FileError, KarmaError
+from karma.journal.header import EPISODES, RESULTS
+from karma.journal.owned_folder import MARK
+from karma.journal.run_folder import read_run
+from karma.journal.steps import read_steps, steps_path
 
 
 class Balanced(HTMLParser):

@@ -5,7 +5,7 @@ import re
 from support.run_files import karma
 from support.talking import STORE, agent_saying
 
-from karma.agent.journal.records import TURNS, read_turns
+from karma.journal.records import TURNS, read_turns
 
 
 def test_page_of_a_conversation_has_what_was_said_and_judges_nothing(tmp_path):

@@ -1,0 +1,222 @@
+"""What a run depends on, as versions and SHA-256 hashes."""
+
+import hashlib
+import os
+import platform
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from karma import __version__
+from karma.agent.loading.models import OPENAI, Models, Row
+from karma.agent.loading.planner_files import words_path
+from karma.agent.planning.prompt import template_files
+from karma.errors import FileError, UnknownNameError
+from karma.files import read_bytes, sha256_of, to_json
+from karma.journal.header import FORMAT, Header, Machine, without_places
+from karma.models.checks.memory import MEMINFO
+from karma.models.llama.opening import devices
+from karma.models.manifest import find_model, resolve_planner
+from karma.offline.guard import network_allowed
+from karma.types.space import SceneRef
+from karma.types.tasks import Task
+from karma.world.core.scene import find
+
+_DEFAULT_MODELS = {  # of what is named without one: a model, or the constant that names it
+    "sentence": "bge-small-en",
+    "clip": "karma.models.embed.clip:DEFAULT",
+    "nano-vlm": "karma.models.transformers_vision:NANO",
+    "transformers": "karma.models.transformers_vision:NANO",
+}
+PACKAGE = Path(__file__).parents[1]
+COMPUTING = (  # packages whose next version may give other bits
+    "faiss-cpu", "llama-cpp-python", "numpy", "sentence-transformers", "tokenizers", "torch",
+    "transformers",
+)  # fmt: skip
+
+
+def header_of(
+    name: str,
+    told: Mapping[str, Any],
+    models: Models,
+    *,
+    rows: Sequence[Row],
+    tasks: Iterable[Task],
+    scenes: Mapping[str, bytes],
+    steps: bool,
+) -> Header:
+    """Return what a run depends on; errors as `model_hashes`.
+
+    `told` is all that was said of it, as plain values; `scenes` are imported floor plans.
+    """
+    tasks = list(tasks)
+    return Header(
+        name=name,
+        experiment=_sha(to_json(without_places(told))),
+        tasks=_sha(to_json([_listed(task) for task in tasks])),
+        versions=versions(),
+        models=model_hashes(models, rows),
+        prompts=prompt_hashes(models.profile),
+        scenes=scene_hashes({scene for task in tasks for scene in task.scenes}, scenes),
+        network=network_allowed(),
+        steps=steps,
+        format=FORMAT,
+        machine=machine(models.threads),
+    )
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of this package, of Python, and of what computes."""
+    found = {"karma": __version__, "python": ".".join(platform.python_version_tuple()[:2])}
+    for name in COMPUTING:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def machine(threads: int) -> Machine:
+    """Return what this machine is."""
+    return Machine(
+        platform=platform.platform(),
+        cpu=_cpu(),
+        cores=len(os.sched_getaffinity(0)),
+        memory_mb=_memory_mb(),
+        threads=threads,
+        devices=tuple(f"{one.name}: {one.description}" for one in devices()),
+    )
+
+
+# ----------------------------------------------------------------- models
+
+
+def model_hashes(models: Models, rows: Iterable[Row] = ()) -> dict[str, str]:
+    """Return role -> name and SHA-256 of the model that fills it, also of rows with their own.
+
+    A role without weights, and one that a host fills, has the name only.
+
+    Raises:
+        ModelError: a file is missing.
+        UnknownNameError: there is no such model.
+    """
+    return {
+        "planner": _planner(models),
+        "embedder": _filled(models, "embedder"),
+        "vision": _filled(models, "vision"),
+        **({"detector": models.detector} if models.detector else {}),
+    } | {f"vision of {row.name}": _name_and_hash(row.vision) for row in rows if row.vision}
+
+
+def _planner(models: Models) -> str:
+    if models.hosted.planner is not None:
+        return f"{OPENAI}: {models.hosted.planner.model}"
+    file = resolve_planner(models.planner)
+    words = words_path(models.planner)
+    told = f", words {_file_sha(words)}" if words is not None else ""
+    return f"{file.name} {file.sha256 or _file_sha(file.path)}{told}"
+
+
+def parts_of_planner(told: str) -> tuple[str, str, str]:
+    """Return name, SHA-256 of the weights, and what follows, of what is told of a planner.
+
+    >>> parts_of_planner("my planner 5e, words 7a")
+    ('my planner', '5e', ', words 7a')
+    """
+    weights, comma, rest = told.partition(", ")
+    name, _, sha256 = weights.rpartition(" ")
+    return name, sha256, comma + rest
+
+
+def _filled(models: Models, role: str) -> str:
+    endpoint = getattr(models.hosted, role)
+    return (
+        f"{OPENAI}: {endpoint.model}"
+        if endpoint is not None
+        else _name_and_hash(getattr(models, role))
+    )
+
+
+def _name_and_hash(name: str) -> str:
+    """Return the name of an implementation with the hash of its model, if it has one."""
+    kind, _, model = name.partition(":")
+    if kind == "minilm":
+        from karma.models.embed.minilm import FILES
+
+        return f"{name} {_sha(to_json(FILES))}"
+    if not model and kind in _DEFAULT_MODELS:
+        module, _, constant = _DEFAULT_MODELS[kind].partition(":")
+        model = str(getattr(import_module(module), constant)) if constant else module
+    return f"{name} {_model_sha(model)}" if model else name
+
+
+def _model_sha(model: str) -> str:
+    """Return one hash for all files of a model of the manifest, or of a folder."""
+    folder = Path(model)
+    if folder.is_dir():
+        files = sorted(path for path in folder.rglob("*") if path.is_file())
+        return _sha(to_json({str(p.relative_to(folder)): _file_sha(p) for p in files}))
+    try:
+        entry = find_model(model)
+    except UnknownNameError:
+        return _file_sha(folder) if folder.is_file() else ""  # whoever loads it says what is wrong
+    return _sha(to_json({file.path: file.sha256 for file in entry.files}))
+
+
+def _file_sha(path: Path) -> str:
+    return sha256_of(path, fix="`karma models list` shows what is there")
+
+
+# ----------------------------------------------------------------- the rest
+
+
+def prompt_hashes(profile: str = "") -> dict[str, str]:
+    """Return the hash of each template, of a profile's own in place of ours."""
+    shipped = {path.name: path for path in PACKAGE.rglob("*.txt")}
+    files = {**shipped, **template_files(profile)}
+    return {name: _sha(read_bytes(files[name])) for name in sorted(files)}
+
+
+def _listed(task: Task) -> dict[str, Any]:
+    """Return a task with its rooms by name: where their files lie changes nothing."""
+    plain: dict[str, Any] = msgspec.to_builtins(task)
+    plain["scene"] = task.scene.name
+    for one, part in zip(task.subtasks, plain["subtasks"], strict=True):
+        part["scene"] = one.scene.name if one.scene else ""
+    return plain
+
+
+def scene_hashes(scenes: Iterable[SceneRef], imported: Mapping[str, bytes]) -> dict[str, str]:
+    """Return the hash of each scene that is there; the episodes of others record an error."""
+    found = {}
+    for scene in sorted(scenes, key=lambda scene: scene.source):
+        try:
+            data = imported.get(scene.name) or read_bytes(find(scene.source))
+        except FileError:
+            continue
+        found[scene.name] = _sha(data)
+    return found
+
+
+def _cpu() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, platform.machine())
+
+
+def _memory_mb() -> int | None:
+    with suppress(OSError, ValueError, IndexError):
+        return int(MEMINFO.read_text().split()[1]) * 1024 // 1_000_000
+    return None
+
+
+def _sha(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()

@@ -1,0 +1,139 @@
+"""Write the events of an episode into its step log, records and timing."""
+
+from collections.abc import Generator, Iterable
+from dataclasses import dataclass
+
+from karma.agent.goals.files import required_types
+from karma.agent.goals.goals import GoalTracker
+from karma.errors import KarmaError
+from karma.household.pieces import base_type
+from karma.journal.records import (
+    Answer,
+    AnswerTiming,
+    Call,
+    EpisodeRecord,
+    EpisodeTiming,
+    SubTaskRecord,
+    SubTaskTiming,
+    untimed,
+    waited,
+)
+from karma.journal.steps import StepLog
+from karma.models.session import Cassette, Ledger
+from karma.types.events import AgentEvent, Outcome, Plan, SkillResult
+from karma.types.memory import Tour
+from karma.types.roles import World
+from karma.types.tasks import SubTask
+
+
+class TimeLog:
+    """The durations of an episode."""
+
+    def __init__(self) -> None:
+        self.subtasks: list[SubTaskTiming] = []
+        self.hosted_s: tuple[float, ...] = ()
+
+    def of(self, record: EpisodeRecord) -> EpisodeTiming:
+        """Return the timing of the episode's record."""
+        return EpisodeTiming(
+            row=record.row,
+            task=record.task,
+            seed=record.seed,
+            subtasks=tuple(self.subtasks),
+            hosted_s=self.hosted_s,
+        )
+
+
+Written = Generator[AgentEvent, None, SubTaskRecord]
+
+
+def through(events: Written) -> SubTaskRecord:
+    """Consume the events of an instruction and return its record."""
+    while True:
+        try:
+            next(events)
+        except StopIteration as end:
+            record: SubTaskRecord = end.value
+            return record
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeWriter:
+    """Writes the instructions of an episode."""
+
+    method: str  # its name
+    world: World
+    tracker: GoalTracker
+    ledger: Ledger
+    cassette: Cassette
+    steps: StepLog
+    times: TimeLog
+    tours: dict[str, Tour]  # receives the tour behind each map, by room
+
+    def write(
+        self, number: int, subtask: SubTask, room: str, events: Iterable[AgentEvent]
+    ) -> Written:
+        """Write an instruction while it is carried out; yield its events.
+
+        Returns:
+            The instruction's record.
+        """
+        self.tracker.begin_subtask(subtask, self.world.last_event)
+        self.steps.instruction(number, subtask)
+        plans: list[Plan] = []
+        results: list[SkillResult] = []
+        outcome: Outcome | None = None
+        begun = self.cassette.clock()
+        for event in events:
+            if isinstance(event, Outcome):
+                outcome = event
+                continue
+            self.steps.event(event)
+            if isinstance(event, Plan):
+                plans.append(event)
+            else:
+                results.append(event)
+            yield event
+        seconds = self.cassette.clock() - begun
+        if outcome is None:
+            raise KarmaError(f"{self.method} ended an instruction without an outcome")
+        unmet = tuple(str(g) for g in self.tracker.unmet(subtask.goals, self.world.last_event))
+        self.steps.outcome(outcome, unmet)
+        if outcome.tour is not None:
+            self.tours.setdefault(room, outcome.tour)
+        spent = self.ledger.take()
+        self.times.subtasks.append(
+            SubTaskTiming(
+                seconds=seconds,
+                answers=tuple(_timing(plan, self.cassette) for plan in plans),
+                hosted_s=waited(spent),
+            )
+        )
+        yield outcome
+        wanted = [base_type(name) for name in required_types(subtask)]
+        units = (unit for unit in outcome.resident if unit.scene in ("", room))
+        here = {base_type(unit.object_type) for unit in units}
+        return SubTaskRecord(
+            instruction=subtask.instruction,
+            goals=tuple(str(goal) for goal in subtask.goals),
+            unmet=unmet,
+            finished=outcome.finished,
+            answers=tuple(Answer.of(plan) for plan in plans),
+            calls=tuple(Call.of(result) for result in results),
+            recalled=tuple(unit.object_id for unit in plans[0].units) if plans else (),
+            queries=len(wanted),
+            hits=sum(name in here for name in wanted),
+            hosted=untimed(spent),
+        )
+
+
+def _timing(plan: Plan, cassette: Cassette) -> AnswerTiming:
+    said = plan.completion
+    first = said.first_token_s
+    return AnswerTiming(
+        first_token_s=None if first is None else cassette.measured(first),
+        total_s=cassette.measured(said.total_s),
+        reused_tokens=said.reused_tokens,
+        state=said.state,
+        engine=said.engine,
+    )
