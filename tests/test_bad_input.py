@@ -12,9 +12,9 @@ from support.household import kitchen
 from support.paths import ROOT
 from support.tiny import export_tiny
 
-from karma.agent.goals.files import load_tasks
 from karma.errors import FileError, ModelError
 from karma.files import append_line, decode_json, read_toml, to_json, write_atomic
+from karma.goals.files import load_tasks
 from karma.models.llama.model import LlamaModel
 from karma.models.manifest import check_file
 from karma.world.core import scene as scenes

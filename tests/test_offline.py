@@ -11,9 +11,9 @@ import pytest
 from support.needs import CUT_OFF, need_models, need_namespace
 from support.paths import ROOT
 
-from karma.agent.goals.files import load_tasks
 from karma.bench.engine.episode import run_episode
 from karma.bench.methods.expert import ExpertMethod
+from karma.goals.files import load_tasks
 from karma.world.sim import EmbeddedWorld
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"

@@ -88,19 +88,6 @@ def test_refusal_names_the_libraries_on_the_way(refusals):
     assert "test_refusal_names_the_libraries_on_the_way" in caught.value.caller
 
 
-def test_refusal_through_an_installed_package_names_our_code_too(refusals, monkeypatch):
-    import huggingface_hub.constants
-    from huggingface_hub import HfApi
-
-    monkeypatch.setattr(huggingface_hub.constants, "HF_HUB_OFFLINE", False)
-    with pytest.raises(KarmaError):
-        HfApi().model_info("somebody/something")
-        offline.settle()
-    (first, *_) = refusals()
-    assert "huggingface_hub" in first.caller
-    assert Path(__file__).name in first.behalf
-
-
 def test_refusal_in_a_loop_of_asyncio_names_what_ran_it(refusals):
     async def call():
         await asyncio.open_connection("example.org", 80)

@@ -152,9 +152,10 @@ def test_locks_pin_each_package_to_one_version_and_no_place():
 
 
 def test_lock_takes_torch_first_and_in_any_build():
+    extras = PROJECT["optional-dependencies"]
     first = next(iter(locked(RUNS).values()))
     assert str(first) == "torch==2.13.0"
-    (ours,) = (r for r in map(Requirement, PROJECT["dependencies"]) if r.name == "torch")
+    (ours,) = (r for r in map(Requirement, extras["vision"]) if r.name == "torch")
     assert not any(one.operator in ("==", "===") for one in ours.specifier)
 
 
@@ -162,7 +163,7 @@ def test_locks_cover_every_dependency_within_its_range():
     extras = PROJECT["optional-dependencies"]
     runs, more, all_ = locked(RUNS), locked(RUNS, EXTRAS), locked(RUNS, EXTRAS, DEVELOPS)
     for pins, texts in (
-        (runs, [*PROJECT["dependencies"], *extras["rules"]]),
+        (runs, [*PROJECT["dependencies"], *extras["rules"], *extras["vision"]]),
         (more, [*extras["thor"], *extras["hosted"]]),
         (all_, [text for extra in extras.values() for text in extra]),
     ):
@@ -176,7 +177,7 @@ def test_each_lock_holds_what_its_part_needs_and_nothing_else():
     """What only extras need is no part of a bundle, what only `dev` needs of neither."""
     extras = PROJECT["optional-dependencies"]
     server = "llama-cpp-python[server]"  # docs/plugins/hosted.md tries hosted models with it
-    base = needed([*PROJECT["dependencies"], *extras["rules"]])
+    base = needed([*PROJECT["dependencies"], *extras["rules"], *extras["vision"]])
     more = needed([*extras["thor"], *extras["hosted"], server])
     runs, added = (
         {name for name, r in locked(lock).items() if r.marker is None or r.marker.evaluate()}

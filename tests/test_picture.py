@@ -12,7 +12,7 @@ import karma
 NODES = {
     "world": ["world/sim.py", "world/event.py"],
     "perceive": [f"agent/seeing/{name}.py" for name in (
-        "perceive", "eyes", "perception", "projection")],
+        "perceive", "eyes", "projection")],
     "skills": ["agent/body"],
     "memory": ["memory"],
     "method": [f"agent/{name}.py" for name in (

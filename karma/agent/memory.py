@@ -8,7 +8,7 @@ from pathlib import Path
 
 from karma.agent.experience import as_left, lost, shut_away, units_of
 from karma.agent.planning.full_profile import furniture_names
-from karma.agent.seeing.perception import Perception
+from karma.agent.seeing.eyes import Perception
 from karma.agent.settings import KarmaSettings
 from karma.agent.tour import explore_room, position_of
 from karma.household.ids import type_of
@@ -37,26 +37,17 @@ class _Room:
     names: dict[str, str] = field(default_factory=dict)  # of furniture in prompts (-> id)
 
 
-@dataclass(frozen=True, slots=True)
-class Snapshot:
-    """Both memories at one moment."""
-
-    scene: str
-    short_term: ShortTermMemory
-    rooms: "defaultdict[str, _Room]"
-    exchanges: tuple[Exchange, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MapFolder:
-    """Where maps are kept, one file a room."""
-
-    path: Path | None  # None: each room is explored anew
-    learn: bool  # episodes write their maps back
+Snapshot = tuple[  # both memories at one moment
+    str, ShortTermMemory, "defaultdict[str, _Room]", tuple[Exchange, ...]
+]
 
 
 class AgentMemory:
-    """Short-term memory, and a map of each room entered; `scene` is the room the agent is in."""
+    """Short-term memory, and a map of each room entered; `scene` is the room the agent is in.
+
+    `maps` is a folder with one map a room, or None if each room is explored anew; to `learn` is to
+    write the maps back.
+    """
 
     def __init__(
         self,
@@ -64,12 +55,14 @@ class AgentMemory:
         recall: Recall,
         vision: VisionModel,
         *,
-        maps: MapFolder,
+        maps: Path | None,
+        learn: bool,
         perception: Perception,
         seed: int,
         pictures: Path,
     ) -> None:
         self.settings, self._recall, self._vision = settings, recall, vision
+        self._learn_maps = learn
         self._maps, self._perception, self._seed, self._pictures = maps, perception, seed, pictures
         self.short_term = ShortTermMemory(make_policy(settings.policy))
         self._rooms: defaultdict[str, _Room] = defaultdict(_Room)  # by name
@@ -102,7 +95,7 @@ class AgentMemory:
     def _map_path(self) -> Path | None:
         """Return where the map of this room lies, or None if it is explored each time."""
         name = self._perception.map_file(self.scene, self._seed)
-        return self._maps.path / name if self._maps.path and name else None
+        return self._maps / name if self._maps and name else None
 
     # ------------------------------------------------------------- what is known
 
@@ -135,26 +128,21 @@ class AgentMemory:
         if units:
             k = min(settings.recall_k, len(units))
             recalled = self._recall.recall(query or subtask.instruction, units, k)
+        chosen = tuple(item.unit for item in recalled)
+        shown = units
+        if settings.means == "recalled":  # the last unit of a type has its bare name
+            shown = chosen[::-1]
+        elif settings.paper_prompt or not tells_all:
+            shown = tuple(unit for unit in units if unit in chosen)
         return PlanRequest(
             instruction=subtask.instruction,
             whole="" if subtask.is_whole else subtask.whole,
             areas=self.graph.areas() if self.graph else (),
             graph_text=self.graph.to_text() if self.graph and settings.paper_prompt else "",
             recalled=tuple(recalled),
-            units=self._shown(units, recalled, tells_all=tells_all and not settings.paper_prompt),
+            units=shut_away(shown, self.short_term.units(self.scene)),
             advice=advice,
         )
-
-    def _shown(
-        self, units: tuple[MemoryUnit, ...], recalled: Sequence[Recalled], *, tells_all: bool
-    ) -> tuple[MemoryUnit, ...]:
-        """Return the units of the prompt: all units of this room, or the recalled units."""
-        if self.settings.means == "recalled":  # the last unit of a type has its bare name
-            units = tuple(item.unit for item in reversed(recalled))
-        elif not tells_all:
-            chosen = {item.unit.object_id for item in recalled}
-            units = tuple(unit for unit in units if unit.object_id in chosen)
-        return shut_away(units, self.short_term.units(self.scene))
 
     def updated(self, request: PlanRequest, experience: Experience, *, again: bool) -> PlanRequest:
         """Return the request with hand and sights and, after a failure, the updated units."""
@@ -238,18 +226,16 @@ class AgentMemory:
 
     def _keep_map(self) -> None:
         """Save the map of this room if maps learn."""
-        if self.graph is not None and self._maps.learn and (path := self._map_path()) is not None:
+        if self.graph is not None and self._learn_maps and (path := self._map_path()) is not None:
             self.graph.save(path)
 
     def snapshot(self) -> Snapshot:
         """Return a copy of both memories."""
-        return deepcopy(Snapshot(self.scene, self.short_term, self._rooms, self.exchanges))
+        return deepcopy((self.scene, self.short_term, self._rooms, self.exchanges))
 
     def go_back(self, before: Snapshot) -> None:
         """Restore both memories from a snapshot."""
-        kept = deepcopy(before)
-        self.scene, self.short_term, self._rooms = kept.scene, kept.short_term, kept.rooms
-        self.exchanges = kept.exchanges
+        self.scene, self.short_term, self._rooms, self.exchanges = deepcopy(before)
         self._keep_map()
 
 
@@ -268,15 +254,14 @@ class Beliefs:
                     object_type=unit.object_type,
                     position_m=unit.position_m,
                     place_id=None if unit.place_id == HAND else unit.place_id,
-                    source="memory",
                 )
         near = position_of(self._world)
-        found = self._graph.known(name, near=near) if self._graph else None
-        inside = next((unit for unit in self.units if unit.place_id == name != HAND), None)
-        if found or inside is None:
+        if self._graph and (found := self._graph.known(name, near=near)):
             return found
-        at = inside.position_m
-        return Known(object_id=name, object_type=type_of(name), position_m=at, source="memory")
+        for unit in self.units:
+            if unit.place_id == name != HAND:
+                return Known(object_id=name, object_type=type_of(name), position_m=unit.position_m)
+        return None
 
     def areas(self) -> tuple[Area, ...]:
         """Return the area nodes; () without long-term memory."""

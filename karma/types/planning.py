@@ -1,6 +1,6 @@
 """What a planner is given, and the programs that it may answer."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, Self, get_args, runtime_checkable
 
@@ -32,7 +32,7 @@ class FailedProgram:
 class Meaning:
     """What a phrase may mean, and how near to it that lies."""
 
-    name: str  # an object type, or a deed of `karma.language`
+    name: str  # an object type or an action
     similarity: float  # cosine, in [-1, 1]
 
 
@@ -76,6 +76,7 @@ class PlanRequest:
     seen: Sequence[SeenObject] = ()  # in this room by now, as last seen, the first seen first
     named: Mapping[str, str] = field(default_factory=dict)  # furniture's names (-> id), which last
     hints: Sequence[Hint] = ()  # what words of the instruction may mean
+    objects: Mapping[str, Collection[str]] = field(default_factory=dict)  # mentioned, and types
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

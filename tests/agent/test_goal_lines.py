@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from support.random_programs import random_program
 
-from karma.agent.goals.files import load_said
-from karma.agent.goals.goals import parse_goal
-from karma.agent.loading.planner_files import bank_file, read_bank
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.goal_lines import GOAL_LINES, as_lines, plain_program, program_for
 from karma.agent.planning.inspector import narrowed
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import SKILLS, parse_program
 from karma.agent.planning.prompt import GOALS
+from karma.goals.files import load_said
+from karma.goals.goals import parse_goal
 from karma.household.ids import short_type
 from karma.household.types import object_types
+from karma.loading.planner_files import bank_file, read_bank
 from karma.models.scripted import ScriptedModel
 from karma.types.completion import Decoding
 from karma.types.memory import Area, MemoryUnit

@@ -87,11 +87,10 @@ def test_kind_of_a_folder_is_known_with_and_without_its_mark(finished, tmp_path,
 @pytest.mark.parametrize(
     ("kind", "command", "given"),
     [
-        ("figure", "eval", "--tasks"),
         ("figure", "eval", "--only=x"),
         ("figure", "eval", "--gpu-layers=0"),
         ("benchmark", "eval", "--no-steps"),
-        ("benchmark", "eval", "--tasks"),
+        ("benchmark", "eval", "--fail-under=1"),
         ("figure", "report", "--episodes=2"),
         ("benchmark", "report", "--episodes=1"),
     ],

@@ -195,7 +195,6 @@ def test_what_lies_in_a_bowl_in_a_closed_container_is_not_missed():
         object_type="Egg",
         position_m=(at["x"], at["y"], at["z"]),
         place_id=bowl,
-        source="memory",
     )
     skills = Skills(world, Remembers(known))
     result = skills.run(SkillCall(skill="PickupObject", objects=("Egg",)))

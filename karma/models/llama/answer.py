@@ -12,7 +12,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.language.whole import cut_off
+from karma.models.completeness import cut_off
 from karma.models.constraint import Logits
 from karma.types.completion import Certainty, Heard, Listener
 

@@ -19,7 +19,6 @@ from karma.errors import ModelError
 from karma.files import repair
 from karma.models.checks.gguf import check_gguf
 from karma.models.checks.memory import Footprint, check_memory
-from karma.models.checks.template import TEMPLATE, try_template
 from karma.models.constraint import Logits, llama_tokenizer
 from karma.models.llama.answer import TokenTable
 from karma.models.llama.opening import (
@@ -97,10 +96,6 @@ class GgufModel:
             parts=f"{off * self.size.file_mb:.0f} MB of file, a context of {self.n_ctx} tokens",
             fix=_SMALLER,
         )  # fmt: skip
-        if not tried:
-            for key, template in metadata.items():  # llama-cpp-python compiles all when it opens
-                if key.startswith(TEMPLATE) and isinstance(template, str):
-                    try_template(self.name, template)
         if sha256 is None and not tried:
             try_in_own_process(_TRIAL, path, cannot="cannot run it")
         keywords: Mapping[str, Any] = {

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from karma.errors import ModelError, RequestRefused
-from karma.language.whole import CUTS, cut_off, filtered
+from karma.models.completeness import CUTS, cut_off, filtered
 from karma.models.embed import REMEMBERED, stacked, unit_row
 from karma.models.endpoint import Endpoint
 from karma.models.picture_questions import picture_url, question, some_picture, states_told

@@ -15,7 +15,7 @@ from karma.agent.planning.planner import program_spec
 from karma.agent.planning.program import parse_program
 from karma.files import to_json
 from karma.household.types import object_types
-from karma.language.whole import TIMES, repeated
+from karma.models.completeness import TIMES, repeated
 from karma.models.constraint import admits
 from karma.plugins.alfred.sentences import plain
 from karma.plugins.training import packs

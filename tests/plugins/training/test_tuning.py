@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from support.paths import ROOT
 from support.tiny import export_tiny
 
-from karma.agent.goals.files import load_texts
 from karma.errors import FileError, ModelError
+from karma.goals.files import load_texts
 from karma.household.types import object_types
 from karma.models.llama.gguf_files import merge_adapter, read_gguf_tokenizer
 from karma.models.llama.gguf_model import GgufModel
