@@ -344,7 +344,7 @@ class Agent:
 
     def where(self, name: str) -> Known | None:
         """Return where the agent believes an object to be, by its type or id."""
-        return self.known.beliefs(self._part.world).where(name)
+        return self.known.knowledge(self._part.world).where(name)
 
     @property
     def memory(self) -> Memory:
