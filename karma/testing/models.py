@@ -55,32 +55,6 @@ def make_planner(
     return write_random_gguf(path, chosen.architecture, fill, tensors, seed=seed)
 
 
-def make_llama(
-    path: str | Path,
-    *,
-    layers: int,
-    width: int,
-    heads: int,
-    kv_heads: int,
-    feed_forward: int,
-    vocabulary: int,
-    seed: int = 0,
-    context: int = 8192,
-    tied: bool = True,
-) -> Path:
-    """Write a Llama of random F16 weights in the size of a real one, to measure speed and memory.
-
-    Its first tokens are those of `make_planner`, the rest of the vocabulary is never said. Weights
-    go to the disk matrix by matrix: a model of 3 B takes 6 GB there, half a minute, and 2 GB of
-    memory at most. `tied`: the embedding is the output too, as in most models below 4 B.
-    """
-    size = Size(
-        layers=layers, width=width, heads=heads, kv_heads=kv_heads, feed_forward=feed_forward,
-        vocabulary=vocabulary, context=context, tied=tied,
-    )  # fmt: skip
-    return make_planner(path, "llama3", seed, size=size)
-
-
 def _add_words(writer: Any, family: Family, vocabulary: int) -> None:
     tokenizer = make_tokenizer(family, vocabulary)
     add_vocabulary(writer, tokenizer, vocabulary, pre=family.pre)

@@ -8,7 +8,7 @@ import pytest
 
 from karma.models.checks.gguf import check_gguf
 from karma.models.checks.memory import Footprint, gguf_parts_mb
-from karma.testing import make_llama
+from karma.testing import Size, make_planner
 
 TAKEN = """
 import hashlib, json, sys
@@ -34,10 +34,10 @@ print(json.dumps(resident() - before))
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
-    return make_llama(
-        tmp_path_factory.mktemp("made") / "large.gguf", layers=3, width=512, heads=8, kv_heads=8,
-        feed_forward=2048, vocabulary=100_000,
-    )  # fmt: skip
+    size = Size(
+        layers=3, width=512, heads=8, kv_heads=8, feed_forward=2048, vocabulary=100_000, tied=True
+    )
+    return make_planner(tmp_path_factory.mktemp("made") / "large.gguf", size=size)
 
 
 @pytest.mark.parametrize("context", [512, 1536])

@@ -15,7 +15,7 @@ from karma.models.llama.gguf_files import new_tokenizer
 from karma.models.llama.model import LlamaModel
 from karma.models.scripted import ScriptedModel
 from karma.registry import load, names
-from karma.testing import make_llama
+from karma.testing import Size, make_planner
 from karma.types.planning import ProgramSpec, Prompt, Skill
 from karma.types.roles import Embedder, LanguageModel, ScoringModel, VisionModel
 
@@ -201,10 +201,8 @@ def test_file_that_makes_llama_cpp_abort_is_a_model_error(gguf, tmp_path):
 @pytest.fixture(scope="module")
 def long(tmp_path_factory):
     """A planner that was trained for more tokens than it is opened with."""
-    return make_llama(
-        tmp_path_factory.mktemp("long") / "long.gguf", layers=2, width=64, heads=2, kv_heads=1,
-        feed_forward=128, vocabulary=600, context=5000,
-    )  # fmt: skip
+    size = Size(width=64, feed_forward=128, vocabulary=600, context=5000, tied=True)
+    return make_planner(tmp_path_factory.mktemp("long") / "long.gguf", size=size)
 
 
 def test_context_grows_with_the_prompt_and_changes_no_bit(long):
