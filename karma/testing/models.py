@@ -155,8 +155,9 @@ def add_keys(
 
 
 def _kind(name: str, shape: Shape) -> np.dtype[Any]:
-    """Return the type of a tensor; llama.cpp adds vectors and places to activations as they are."""
-    whole = len(shape) == 1 or "position_embd" in name
+    """Return the type of a tensor; llama.cpp takes some only in the precision of activations."""
+    whole = len(shape) == 1 or any(part in name for part in ("position_embd", "conv", "ssm_a"))
+    whole = whole and "_proj" not in name
     return np.dtype(np.float32 if whole else np.float16)
 
 
@@ -174,7 +175,7 @@ def _random(name: str, shape: Shape, seed: int) -> NDArray[Any]:
         piece = generator.random(min(_DRAWN, out.size - start), dtype=np.float32)
         piece -= np.float32(0.5)
         piece *= reach
-        out[start : start + piece.size] = piece
+        out[start : start + piece.size] = -abs(piece) if name.endswith("ssm_a") else piece
     return out.reshape(shape)
 
 

@@ -14,7 +14,6 @@ TAKEN = """
 import hashlib, json, sys
 from pathlib import Path
 import llama_cpp
-from karma.models.llama import room_states
 from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.opening import LlamaOptions
 
@@ -27,9 +26,8 @@ sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
 llama_cpp.llama_backend_init()
 before = resident()
 options = LlamaOptions(n_ctx=context, threads=1)
-room_states.MAX_STATES_MB = 0
 model = GgufModel(path, options, sha256=sha256)
-model.evaluate([300] * (context - 8), [301])
+model.evaluate([[300] * (context - 8), [301]])
 print(json.dumps(resident() - before))
 """
 
