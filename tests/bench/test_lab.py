@@ -15,7 +15,6 @@ from karma.bench.policies.simulate import Trace, best, simulate
 from karma.bench.policies.sweep import (
     Resampler,
     run_rows,
-    size_of,
     sized,
     sweep_of,
 )
@@ -163,7 +162,6 @@ def test_policies_take_their_sizes():
         "wtinylfu-caffeine[4,1]", "wtinylfu-caffeine[9,1]", "wtinylfu-caffeine[23,2]",
     )  # fmt: skip
     assert sized(["lru[7]", "lru"], [7]) == ("lru[7]",)
-    assert size_of("wtinylfu-karma[23,2] W=5") == 25
 
 
 def test_policies_that_are_none_are_refused():
