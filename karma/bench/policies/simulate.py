@@ -126,14 +126,15 @@ def best(trace: Trace, capacity: int) -> TraceReplay:
         raise ValueError(f"capacity must not be negative, not {capacity}")
     never = len(trace.tasks)
     waits: dict[Key, int] = {}  # resident unit -> the task that it waits for
-    farthest: list[tuple[int, int, Key]] = []  # (-task, request, unit); may be stale
+    order: dict[Key, int] = {}  # by first use, which decides between equally far uses
+    farthest: list[tuple[int, int, Key]] = []  # (-task, order, unit); may be stale
     answers = bytearray()
     for number, upcoming in enumerate(_next_uses(trace)):
         for key, use in upcoming.items():
             answers.append(waits.pop(key, never) == number)
             if use < never:
                 waits[key] = use
-                heappush(farthest, (-use, len(answers), key))
+                heappush(farthest, (-use, order.setdefault(key, len(order)), key))
         while len(waits) > capacity:
             use, _, key = heappop(farthest)
             if waits.get(key) == -use:
