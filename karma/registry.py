@@ -5,7 +5,6 @@ import traceback
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
-from inspect import signature
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
@@ -14,19 +13,14 @@ from typing import Any
 from karma.errors import UnknownNameError, did_you_mean
 from karma.files import repair
 
-# how an implementation is made, positional arguments and keywords; which methods are called of it
-_MADE: Mapping[str, tuple[int, Sequence[str]]] = MappingProxyType(
-    {"policies": (1, ()), "recalls": (1, ("text",)), "worlds": (0, ())}
-)
-_CALLED: Mapping[str, Mapping[str, int]] = MappingProxyType(
+_REQUIRED: Mapping[str, Sequence[str]] = MappingProxyType(  # methods of a role's Protocol
     {
-        "policies": {"touch": 1, "discard": 1, "__contains__": 1, "__len__": 0, "__iter__": 0},
-        "recalls": {"recall": 3},
-        "methods": {"build": 2, "begin": 2},
-        "worlds": {"reset": 1, "step": 1, "stop": 0},
+        "policies": ("touch", "discard", "__contains__", "__len__", "__iter__"),
+        "recalls": ("recall",),
+        "methods": ("build", "begin"),
+        "worlds": ("reset", "step", "stop"),
     }
 )
-
 _PLUGINS = ("karma", "plugins")  # the folder of our own
 # the names that our own plug-ins register, by role: without its plug-in a name is still explained
 _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
@@ -44,17 +38,20 @@ _PLUGIN_NAMES: Mapping[str, Mapping[str, Sequence[str]]] = MappingProxyType(
         "clusters": {"cluster": ("ray",)},
         "cassettes": {"hosted": ("file",)},
         "homes": {"homes": ("kept", "seconds-away")},
-        "embedders": {"hosted": ("openai",)},
+        "embedders": {"hosted": ("openai",), "vision": ("clip", "sentence")},
         "language_models": {"hosted": ("openai",)},
         "methods": {
             "baselines": ("capeam", "helper", "lota.generate", "lota.score"),
             "rules": ("rules",),
         },
         "parsers": {"rules": ("spacy",)},
+        "phrase_readers": {"rules": ("rules",)},
+        "recalls": {"rules": ("stateful",), "vision": ("multimodal",)},
         "task_pools": {"alfred": ("alfred",)},
         "task_sources": {"alfred": ("alfred", "authors")},
         "planners": {"hosted": ("openai",)},
-        "vision_models": {"hosted": ("openai",)},
+        "perceptions": {"vision": ("pictures",)},
+        "vision_models": {"hosted": ("openai",), "vision": ("nano-vlm", "transformers")},
     }
 )
 
@@ -163,33 +160,9 @@ def _where(role: str, entry: EntryPoint) -> str:
 
 
 def _missing(role: str, made: Any) -> str:
-    """Return what an implementation lacks of its role's Protocol, "" where nothing is seen."""
+    """Return what an implementation lacks of its role's Protocol, or "" if it is complete."""
     if not callable(made) and role != "commands":
         return f"it is no class or function but {type(made).__name__}"
-    if role in _MADE:
-        number, words = _MADE[role]
-        if why := _refuses(made, [None] * number, dict.fromkeys(words)):
-            given = ", ".join([*["..."] * number, *(f"{word}=..." for word in words)])
-            return f"it is made as {made.__name__}({given}), and does not take that: {why}"
-    for method, number in _CALLED.get(role, {}).items() if isinstance(made, type) else ():
-        called = getattr(made, method, None)
-        if not callable(called):
-            return f"it has no method {method}"
-        bound = isinstance(vars(made).get(method), classmethod) or hasattr(called, "__self__")
-        if role == "methods" and method == "build" and not bound:
-            return "its method build is no classmethod (cls, resources, options)"
-        told = ("seed", "folder") if method == "begin" else ()
-        if why := _refuses(called, [None] * (number + (not bound)), dict.fromkeys(told)):
-            return f"its method {method} does not take what it is called with: {why}"
-    return ""
-
-
-def _refuses(called: Any, arguments: Sequence[None], words: Mapping[str, None]) -> str:
-    """Return why something cannot be called so; "" where it can, or where nothing tells."""
-    try:
-        signature(called).bind(*arguments, **words)
-    except TypeError as error:
-        return str(error)
-    except ValueError:  # what is written in C need not say
-        return ""
-    return ""
+    required = _REQUIRED.get(role, ()) if isinstance(made, type) else ()
+    lacking = [name for name in required if not callable(getattr(made, name, None))]
+    return f"it has no method {', '.join(lacking)}" if lacking else ""

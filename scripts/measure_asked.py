@@ -30,9 +30,9 @@ from support.asked import (
 )
 from support.judging import asking_resources, say
 
-from karma.agent.goals.files import load_said
-from karma.agent.goals.goals import parse_goal
-from karma.agent.loading.models import Models
+from karma.goals.files import load_said
+from karma.goals.goals import parse_goal
+from karma.loading.models import Models
 from karma.offline.guard import go_offline
 from karma.types.roles import Resources
 
@@ -64,6 +64,9 @@ def main(
     lines: Annotated[bool, typer.Option(help="Print each request that went wrong.")] = False,
     only: Annotated[str, typer.Option(help="Ids that begin so.")] = "",
     every: Annotated[str, typer.Option(help='Of them some: "1/2" is every other one.')] = "0/1",
+    profile: Annotated[str, typer.Option(help='Of the prompts, e.g. "tools".')] = "",
+    base_url: Annotated[str, typer.Option(help="Of a hosted planner named so.")] = "",
+    assistant: Annotated[str, typer.Option(help="In place of the planner's own.")] = "",
     option: Annotated[list[str] | None, typer.Option(help="Of the agent, as KEY=VALUE.")] = None,
 ) -> None:
     """Send every request and print the outcomes."""
@@ -72,9 +75,9 @@ def main(
     options = {key: {"true": True, "false": False}.get(v, v) for key, _, v in pairs}
     first, step = map(int, every.split("/"))
     asked = [request for request in read_asked(file) if request.id.startswith(only)][first::step]
-    resources, records = asking_resources(planner), []
+    resources, records = asking_resources(planner, profile, base_url), []
     for request in track(asked, description=file.stem):
-        records.append(said(request, resources, options))
+        records.append(said(request, resources, options, assistant))
         if lines and records[-1].verdict not in RIGHTLY:
             print(msgspec.json.encode(records[-1]).decode(), flush=True)
     if out:
@@ -114,14 +117,18 @@ def _of_several(request: SeveralRequests) -> AskedRequest:
     )  # fmt: skip
 
 
-def said(request: AskedRequest, resources: Resources, options: Mapping[str, Any]) -> AskedRecord:
+def said(
+    request: AskedRequest, resources: Resources, options: Mapping[str, Any], assistant: str = ""
+) -> AskedRecord:
     """Send a request and judge its outcome."""
-    told = say(request, resources, options)
+    told = say(request, resources, options, assistant)
     came: Came = told.reply.status if told.reply is not None else "refused"
     parts = told.reply.parts if told.reply is not None else ()
     return AskedRecord(
         id=request.id, kind=request.kind, text=request.text, act=request.act, came=came,
-        verdict=verdict(request, came, met=not told.unmet, changed=told.changed),
+        verdict=verdict(
+            request, came, met=not told.unmet, changed=told.changed, said=str(told.reply)
+        ),
         steps=sum(result.actions for part in parts for result in part.results),
         unmet=told.unmet,
         said=tuple(str(told.error if told.reply is None else told.reply).splitlines()),

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import typer
 
 from karma.agent.karma import KarmaMethod
-from karma.agent.loading.models import Models, load_resources
+from karma.loading.models import Models, load_resources
 from karma.offline.guard import go_offline
 from karma.types.events import Outcome
 from karma.types.space import SceneRef

@@ -32,8 +32,8 @@ from rich.progress import track
 from support.judging import MAPS, asking_resources
 from support.talk_judge import VERDICTS, Talk, TalkJudge, Turn, Verdict, read_talks
 
-from karma.agent.loading.models import Models
 from karma.assistant.agent import Agent
+from karma.loading.models import Models
 from karma.offline.guard import go_offline
 from karma.types.roles import Resources
 

@@ -21,12 +21,12 @@ from measuring import ROOT
 from rich.progress import track
 
 from karma import registry
-from karma.agent.loading.planner_files import hints_for
 from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import compact
 from karma.errors import ProgramError
 from karma.files import to_json
 from karma.journal.formats import figure_text
+from karma.loading.planner_files import reader_for
 from karma.models.llama.opening import LlamaOptions
 from karma.models.manifest import resolve_planner
 from karma.offline.guard import go_offline
@@ -141,7 +141,7 @@ def evaluate(
     model = registry.load("language_models", "llama")(
         file.path, options=LlamaOptions(threads=1), name=file.name
     )
-    hints = hints_for(planner)
+    reader = reader_for(planner)
     trained = {plain(sentence.text) for sentence in read_sentences(read.demonstrations)}
     plans = read.known_plans() if mapped else {}
     outcomes: dict[bool, list[bool]] = {True: [], False: []}
@@ -149,7 +149,7 @@ def evaluate(
         if mapped and sentence.floor_plan not in plans:
             continue
         areas = plans[sentence.floor_plan].areas if mapped else ()
-        told = hints(sentence.text) if hints is not None else ()
+        told = reader.hints(sentence.text) if reader is not None else ()
         prompt = compact(PlanRequest(instruction=sentence.text, areas=areas, hints=told)).prompt
         answer = model.complete(prompt, spec=None, max_tokens=256, temperature=0.0, seed=0)
         is_right = _facts_in(answer.text) == sentence.facts

@@ -56,8 +56,8 @@ def nano(tmp_path_factory):
     """Models of an agent with karma-nano, loaded once."""
     from support.needs import need_models
 
-    from karma.agent.loading.models import Models, load_resources
     from karma.assistant.agent import asking
+    from karma.loading.models import Models, load_resources
 
     need_models("karma-nano")
     maps = tmp_path_factory.mktemp("maps")

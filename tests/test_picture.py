@@ -12,11 +12,11 @@ import karma
 NODES = {
     "world": ["world/sim.py", "world/event.py"],
     "perceive": [f"agent/seeing/{name}.py" for name in (
-        "perceive", "eyes", "perception", "projection")],
+        "perceive", "eyes", "projection")],
     "skills": ["agent/body"],
     "memory": ["memory"],
     "method": [f"agent/{name}.py" for name in (
-        "karma", "loop", "memory", "session", "attempts", "experience", "tour")],
+        "karma", "loop", "memory", "session", "attempts", "experience", "tour", "knowledge")],
     "planner": ["agent/planning"],
     "models": ["models"],
 }  # a stop of the picture -> where its code is  # fmt: skip

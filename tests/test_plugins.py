@@ -11,15 +11,6 @@ from karma import registry
 from karma.errors import UnknownNameError
 
 MODULE = """
-class Deaf:
-    def __init__(self, embedder): pass
-    def recall(self, query, units, k): return []
-
-class Unbuilt:
-    name = "unbuilt"
-    def build(self, resources, options): return self
-    def begin(self, world, scene, *, seed, folder): return None
-
 class Mute:
     def __init__(self, capacity): self.capacity = capacity
     def touch(self, key): return None
@@ -31,12 +22,10 @@ class Good:
     def recall(self, query, units, k): return []
 """
 POINTS = {
-    ("recalls", "deaf"): ("planted:Deaf", "text"),
     ("recalls", "number"): ("planted:NUMBER", "no class or function but int"),
     ("recalls", "gone"): ("planted:Gone", "has no attribute 'Gone'"),
     ("recalls", "raising"): ("planted_raising:X", "importing it raised RuntimeError: early"),
     ("recalls", "good"): ("planted:Good", ""),
-    ("methods", "unbuilt"): ("planted:Unbuilt", "build is no classmethod"),
     ("policies", "mute"): ("planted:Mute", "no method discard"),
 }
 

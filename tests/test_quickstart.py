@@ -1,7 +1,5 @@
-"""The quickstart runs as it stands: the page, the notebook, the transcript, the reference."""
+"""The quickstart runs as it stands: the page, the transcript, the reference."""
 
-import ast
-import json
 import re
 
 import make_transcript
@@ -13,7 +11,7 @@ from typer.testing import CliRunner
 
 from karma.cli import app
 
-PAGE, NOTEBOOK = ROOT / "docs" / "quickstart.md", ROOT / "docs" / "quickstart.ipynb"
+PAGE = ROOT / "docs" / "quickstart.md"
 
 
 @pytest.fixture
@@ -28,22 +26,6 @@ def run(monkeypatch, tmp_path, capsys):
     return run
 
 
-def cells():
-    """The code of each cell."""
-    told = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
-    assert told["nbformat"] == 4
-    return ["".join(cell["source"]) for cell in told["cells"] if cell["cell_type"] == "code"]
-
-
-def shown(code):
-    """A cell as a notebook runs it: its last line is shown, as HTML where it can be."""
-    tree = ast.parse(code)
-    last = tree.body[-1]
-    if isinstance(last, ast.Expr):
-        last.value = ast.Call(ast.Name("show", ast.Load()), [last.value], [])
-    return ast.unparse(ast.fix_missing_locations(tree))
-
-
 @pytest.mark.model
 def test_page_runs_from_the_first_line_to_the_last(run):
     need_models("karma-nano")
@@ -55,22 +37,6 @@ def test_page_runs_from_the_first_line_to_the_last(run):
     assert "undone: put it in the fridge" in said
     assert "runs/talks/kitchen_1-1" in said
     assert "Agent('kitchen_2')" in said
-
-
-@pytest.mark.model
-def test_every_cell_of_the_notebook_runs_and_shows_something(run):
-    need_models("karma-nano")
-    show = "def show(one):\n    told = getattr(one, '_repr_html_', lambda: repr(one))()\n"
-    code = f"{show}    print('CELL', told)\n" + "\n".join(map(shown, cells()))
-    said = run(code)
-    assert said.count("CELL ") == len(cells())
-    for part in ("<svg", "<table>", "<ul class=", "Agent('kitchen_1')", "runs/talks/kitchen_1-1"):
-        assert part in said
-
-
-def test_notebook_is_committed_without_outputs():
-    told = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
-    assert not any(cell.get("outputs") for cell in told["cells"])
 
 
 def test_first_lines_of_python_are_five():

@@ -1,7 +1,7 @@
 """The programs tried for an instruction, and the request to the planner after a failure."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 
 from karma.agent.body.afterwards import checked
 from karma.agent.body.refusals import NOT_FOUND
@@ -19,6 +19,7 @@ class Attempts:
     """The programs of a request; the first executed program defines its objects and effects."""
 
     instruction: str
+    objects: Mapping[str, Collection[str]] = field(default_factory=dict)  # mentioned, and types
     first: tuple[SkillCall, ...] = ()
     calls: tuple[SkillCall, ...] = ()  # of the last program
     results: tuple[SkillResult, ...] = ()  # of the last program, up to its first failure
@@ -28,7 +29,9 @@ class Attempts:
         self, calls: tuple[SkillCall, ...], results: Iterable[SkillResult]
     ) -> "Attempts":
         """Return the attempts with an executed program and its results."""
-        is_first = not self.first or replaces_first(self.first, calls, self.instruction)
+        is_first = not self.first or replaces_first(
+            self.first, calls, self.instruction, self.objects
+        )
         return replace(
             self,
             first=calls if is_first else self.first,
@@ -88,14 +91,13 @@ class Attempts:
 
 def bound(answer: Plan, only: Mapping[str, str]) -> tuple[SkillCall, ...]:
     """Return an answer's calls with ids; `only`: type -> id of the single admitted object."""
-    return tuple(_about_one(call, only) for call in grounded(answer.calls, answer.names))
-
-
-def _about_one(call: SkillCall, only: Mapping[str, str]) -> SkillCall:
-    first = only.get(kind_of(call.objects[0]))
-    place = only.get(kind_of(call.objects[-1])) if call.skill in PUTS else None
-    if place is not None:
-        call = replace(call, objects=(*call.objects[:-1], place), exact=True)
-    if first is None or (not call.objects[1:] and call.skill == "PutObject"):
-        return call
-    return replace(call, objects=(first, *call.objects[1:]), turn=0)
+    calls = []
+    for call in grounded(answer.calls, answer.names):
+        first = only.get(kind_of(call.objects[0]))
+        place = only.get(kind_of(call.objects[-1])) if call.skill in PUTS else None
+        if place is not None:
+            call = replace(call, objects=(*call.objects[:-1], place), exact=True)
+        if first is not None and (call.objects[1:] or call.skill != "PutObject"):
+            call = replace(call, objects=(first, *call.objects[1:]), turn=0)
+        calls.append(call)
+    return tuple(calls)

@@ -1,12 +1,13 @@
 """From what the skills saw and did to units of short-term memory."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from karma.agent.body.sightings import offset, shifted
+from karma.agent.body.sightings import carried
 from karma.agent.seeing.perceive import place_of
 from karma.agent.seeing.picture_states import look_at
+from karma.household.containment import holders
 from karma.household.ids import is_part, type_of, whole_id
 from karma.household.places import STAND_CLOSED
 from karma.memory.short_term import merged, merged_states
@@ -34,7 +35,12 @@ def units_of(
     things are kept; `folder` takes the pictures that were looked at.
     """
     handled = _handled(experience)
-    others = _only_seen(experience, handled)
+    others = [
+        sight
+        for object_id, sight in experience.seen.items()
+        if sight.pickupable and object_id not in handled and object_id not in experience.cut
+        if not any(is_part(object_id, whole) for whole in experience.cut)
+    ]
     kept = others[len(others) - seen_kept :] if seen_kept else []
     sights = [*kept, *(experience.seen[object_id] for object_id in handled)]
     looked = look_at(vision, instruction, sights, experience.views, folder)
@@ -52,74 +58,58 @@ def units_of(
 
 
 def as_left(units: Iterable[MemoryUnit], experience: Experience) -> list[MemoryUnit]:
-    """Return units with what the agent's deeds made of them, handled or not.
+    """Return units as the agent's actions left them, handled or not.
 
-    What a tap or an oven did to a thing that was only remembered there is added. What was poured
-    out is not filled: other states end when their opposite comes; these have none. What was seen is
-    where it was seen; what lies in a thing that was moved has moved with it.
+    An object that was seen is where it was seen; the contents of an object that was moved have
+    moved with it. Poured-out objects are not filled; other states end when their opposite comes.
     """
     before = {unit.object_id: unit for unit in units}
     changed = []
-    for unit in before.values():
-        ended = experience.ended.get(unit.object_id, ())
-        effects = experience.effects.get(unit.object_id, ())
-        states = tuple(word for word in unit.states if word not in ended)
-        placed = _placed(unit, before, experience)
-        changed.append(replace(placed, states=merged_states(states, effects)))
+    for name, unit in before.items():
+        sight = experience.seen.get(name)
+        at = sight.position_m if sight else carried(unit, before.get, experience.seen)
+        drained = ("filled",) if name in experience.emptied else ()
+        states = tuple(word for word in unit.states if word not in drained)
+        changed.append(
+            replace(
+                unit,
+                position_m=at,
+                place_id=place_of(sight) if sight else unit.place_id,
+                states=merged_states(states, experience.effects.get(name, ())),
+            )
+        )
     return changed
 
 
 def lost(units: Iterable[MemoryUnit], experience: Experience) -> list[MemoryUnit]:
-    """Return the units to forget: cut, missed where they were, or thrown with what they lay in."""
-    before = {unit.object_id: unit for unit in units}
+    """Return the units to forget: cut, missed where they were, or thrown with their receptacle."""
+    units = tuple(units)
+    places = {unit.object_id: unit.place_id for unit in units}
 
-    def is_spilled(unit: MemoryUnit | None, depth: int = 0) -> bool:
-        if unit is None or depth > len(before) or unit.object_id in experience.seen:
-            return False
-        return unit.place_id in experience.spilled or is_spilled(
-            before.get(unit.place_id or ""), depth + 1
-        )
+    def is_spilled(unit: MemoryUnit) -> bool:
+        name = unit.object_id
+        for holder in holders(unit.place_id, places.get):
+            if name in experience.seen:
+                return False
+            if holder in experience.spilled:
+                return True
+            name = holder
+        return False
 
-    return [
-        unit for unit in before.values() if unit.object_id in experience.gone or is_spilled(unit)
-    ]
-
-
-def _placed(
-    unit: MemoryUnit, before: Mapping[str, MemoryUnit], experience: Experience
-) -> MemoryUnit:
-    """Return a unit where it is by now, as far as the agent's own eyes and hands know."""
-    sight = experience.seen.get(unit.object_id)
-    if sight is not None:
-        return replace(unit, position_m=sight.position_m, place_id=place_of(sight))
-    holder, passed = unit.place_id, set[str]()
-    while holder is not None and holder not in passed:
-        passed.add(holder)
-        sight, then = experience.seen.get(holder), before.get(holder)
-        if sight is not None:
-            if not sight.pickupable:
-                return unit
-            by = offset(then.position_m, sight.position_m) if then is not None else None
-            at = shifted(unit.position_m, by) if by is not None else sight.position_m
-            return replace(unit, position_m=at)
-        holder = then.place_id if then is not None else None
-    return unit
+    return [unit for unit in units if unit.object_id in experience.gone or is_spilled(unit)]
 
 
 def shut_away(units: Iterable[MemoryUnit], among: Iterable[MemoryUnit]) -> tuple[MemoryUnit, ...]:
-    """Return units as they are told: what lies in a thing behind a door lies behind that door.
+    """Return units for a prompt: the contents of an object behind a door lie behind that door.
 
-    `among` is what is remembered of the room.
+    `among` is the memory of the room.
     """
     places = {unit.object_id: unit.place_id for unit in among}
     found = []
     for unit in units:
-        place, passed = unit.place_id, set[str]()
-        while place is not None and place not in passed and type_of(place) not in STAND_CLOSED:
-            passed.add(place)
-            place = places.get(place)
-        door = place if place is not None and place not in passed else unit.place_id
-        found.append(replace(unit, place_id=door))
+        around = holders(unit.place_id, places.get)
+        doors = (place for place in around if type_of(place) in STAND_CLOSED)
+        found.append(replace(unit, place_id=next(doors, unit.place_id)))
     return tuple(found)
 
 
@@ -141,16 +131,6 @@ def unit_of(
         image=image,
         scene=scene,
     )
-
-
-def _only_seen(experience: Experience, handled: Sequence[str]) -> list[SeenObject]:
-    """Return the sights of what can be carried and was not handled, nor cut off a whole."""
-    return [
-        sight
-        for object_id, sight in experience.seen.items()
-        if sight.pickupable and object_id not in handled and object_id not in experience.cut
-        if not any(is_part(object_id, whole) for whole in experience.cut)
-    ]
 
 
 def _handled(experience: Experience) -> list[str]:

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from karma.agent.loop import KarmaAgent
-from karma.agent.memory import AgentMemory, MapFolder
+from karma.agent.memory import AgentMemory
 from karma.agent.options import settings_of
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.prompt import TOOLS
-from karma.agent.seeing.perception import Perception, detector_of
+from karma.agent.seeing.eyes import perception_of
 from karma.agent.settings import KarmaSettings
 from karma.agent.tools.loop import ToolLoop
-from karma.types.roles import Detector, Recall, Resources, VisionModel, World
+from karma.types.roles import Recall, Resources, VisionModel, World
 from karma.types.space import SceneRef
 
 
@@ -33,7 +33,6 @@ class KarmaMethod:
     _: KW_ONLY
     maps: Path | None = None
     learn: bool = False
-    detector: Detector | None = None
     attempts: int = 3  # programs for one instruction; later ones quote the failures
 
     @property
@@ -54,16 +53,14 @@ class KarmaMethod:
             settings,
             maps=resources.maps,
             learn=resources.learn,
-            detector=detector_of(settings.perception, resources),
         )
 
     def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> KarmaAgent:
         """Start an episode: short-term memory empty, long-term memory loaded or explored."""
-        perception = Perception(self.settings.perception, self.vision, self.detector)
-        maps = MapFolder(path=self.maps, learn=self.learn)
+        perception = perception_of(self.settings.perception, self.vision)
         memory = AgentMemory(
             self.settings, self.recall, self.vision,
-            maps=maps, perception=perception, seed=seed, pictures=folder,
+            maps=self.maps, learn=self.learn, perception=perception, seed=seed, pictures=folder,
         )  # fmt: skip
         agent = KarmaAgent(world, self.planner, memory, perception, self.attempts)
         if self.planner.profile == TOOLS:

@@ -11,8 +11,7 @@ from karma.agent.attempts import Attempts, bound
 from karma.agent.body.skills import Skills
 from karma.agent.memory import AgentMemory
 from karma.agent.planning.planner import Planner, grounded
-from karma.agent.seeing.eyes import Eyes
-from karma.agent.seeing.perception import Perception
+from karma.agent.seeing.eyes import Perception
 from karma.agent.session import (
     LOOK_OVER,
     NO_ADVICE,
@@ -21,9 +20,10 @@ from karma.agent.session import (
     InstructionSession,
     Remembered,
 )
+from karma.agent.tour import position_of, tour
 from karma.types.events import AgentEvent, Check, Found, Outcome, SkillResult
 from karma.types.observation import SeenObject
-from karma.types.planning import Advice, PlanRequest, SkillCall
+from karma.types.planning import Advice, End, SkillCall
 from karma.types.roles import World
 from karma.types.space import SceneRef
 from karma.types.tasks import SubTask
@@ -43,10 +43,6 @@ class KarmaAgent:
     def enter(self, scene: SceneRef) -> None:
         """Be in a room; its first visit explores it."""
         self.memory.enter(scene, self.world)
-
-    def eyes(self, instruction: str) -> Eyes | None:
-        """Return the eyes for this room; None: the simulator's metadata."""
-        return self.perception.eyes(self.memory.scene, instruction)
 
     def do(self, subtask: SubTask) -> Iterator[AgentEvent]:
         """Let the planner carry out an instruction; yield answers, results and the report."""
@@ -70,24 +66,29 @@ class KarmaAgent:
         """
         resident = self.memory.short_term.units()
         session = AgentSession(self, subtask.instruction, keep_shut)
-        finished = yield from executor(session)
+        ended = yield from executor(session)
+        end = ended if isinstance(ended, End) else None
         experience, change = session.skills.experience, None
         if session.has_acted:  # a refusal before the first step changes nothing
             clock_s += session.skills.actions
             change = self.memory.remember(experience, subtask.instruction, clock_s)
-        graph = self.memory.graph
+        graph, checks = self.memory.graph, session.checks()
+        finished = ended is True
+        if end is not None and end.kind in ("done", "tell"):
+            finished = all(check.found != "otherwise" for check in checks)
         yield Outcome(
             finished=finished,
+            end=end,
             resident=resident,
             handled_ids=experience.handled_ids,
             kept=self.memory.short_term.units(),
             tour=graph.tour if graph else None,
-            checks=session.checks(),
+            checks=checks,
             change=change,
         )
 
 
-SessionExecutor = Callable[["AgentSession"], Generator[AgentEvent, None, bool]]
+SessionExecutor = Callable[["AgentSession"], Generator[AgentEvent, None, bool | End]]
 ToolMode = Callable[[SubTask], SessionExecutor]
 
 
@@ -106,10 +107,10 @@ class AgentSession:
     def __init__(self, agent: KarmaAgent, instruction: str, keep_shut: Collection[str]) -> None:
         memory = agent.memory
         self._agent, self._memory, self._instruction = agent, memory, instruction
-        self._beliefs = memory.beliefs(agent.world)
-        eyes = agent.eyes(instruction)
-        self.skills = Skills(agent.world, self._beliefs, eyes=eyes, before=memory.room.seen)
-        self.skills.keep_shut(keep_shut)
+        self._knowledge = memory.knowledge(agent.world)
+        eyes = agent.perception.eyes(memory.scene, instruction)
+        self.skills = Skills(agent.world, self._knowledge, eyes=eyes, before=memory.room.seen)
+        self.skills.reach.kept_shut = frozenset(keep_shut)
         self._attempts: list[Attempts] = []  # with at least one result
         self._said: list[Check] = []
         self.has_acted = False
@@ -118,13 +119,16 @@ class AgentSession:
         self, subtask: SubTask, advice: Advice = NO_ADVICE
     ) -> Generator[AgentEvent, None, Attempts]:
         """Plan and act until a program succeeds or the attempts are used up."""
-        planner, attempts = self._agent.planner, Attempts(instruction=subtask.instruction)
+        planner, text = self._agent.planner, subtask.instruction
+        attempts = Attempts(instruction=text, objects=planner.objects(text))
         tells_all = planner.profile != "compact"
         request = self._memory.request(subtask, advice, tells_all=tells_all)
-        self._beliefs.units = self._memory.beliefs(self._agent.world, request.units).units
+        self._knowledge.units = self._memory.knowledge(self._agent.world, request.units).units
         for _ in range(self._agent.attempts):
             answer = None
-            for answer in planner.plan(self._updated(request, attempts)):
+            self.skills.look()
+            experience, again = self.skills.experience, bool(attempts.results)
+            for answer in planner.plan(self._memory.updated(request, experience, again=again)):
                 yield answer
                 self._memory.keep_names(answer.names)
                 if answer.failure is not None:
@@ -147,11 +151,6 @@ class AgentSession:
             self._attempts.append(attempts)
         return attempts
 
-    def _updated(self, request: PlanRequest, attempts: Attempts) -> PlanRequest:
-        self.look()
-        experience = self.skills.experience
-        return self._memory.updated(request, experience, again=bool(attempts.results))
-
     def look(self) -> None:
         """Take note of what is in view now."""
         self.skills.look()
@@ -168,7 +167,8 @@ class AgentSession:
         self.has_acted = True
         if call.skill == SURVEY:
             call = SkillCall.of("GoToObject", self._memory.scene)
-            looks = tuple(self.skills.look_everywhere())
+            areas = tour(self._knowledge.areas(), position_of(self._agent.world))
+            looks = [self.skills.look_from("", area) for area in areas]
             actions = sum(look.actions for look in looks)
             searched = sum(look.explorations for look in looks)
             return SkillResult(call=call, ok=True, actions=actions, explorations=searched)

@@ -7,17 +7,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from karma.agent.experience import as_left, lost, shut_away, units_of
+from karma.agent.knowledge import RoomKnowledge
 from karma.agent.planning.full_profile import furniture_names
-from karma.agent.seeing.perception import Perception
+from karma.agent.seeing.eyes import Perception
 from karma.agent.settings import KarmaSettings
-from karma.agent.tour import explore_room, position_of
-from karma.household.ids import type_of
-from karma.household.pieces import goes_by
+from karma.agent.tour import explore_room
 from karma.household.places import HAND
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory
-from karma.types.memory import Area, Exchange, Experience, Known, MemoryChange, MemoryUnit, Recalled
+from karma.types.memory import Exchange, Experience, MemoryChange, MemoryUnit, Recalled
 from karma.types.observation import SeenObject
 from karma.types.planning import Advice, PlanRequest
 from karma.types.roles import Recall, VisionModel, World
@@ -37,26 +36,17 @@ class _Room:
     names: dict[str, str] = field(default_factory=dict)  # of furniture in prompts (-> id)
 
 
-@dataclass(frozen=True, slots=True)
-class Snapshot:
-    """Both memories at one moment."""
-
-    scene: str
-    short_term: ShortTermMemory
-    rooms: "defaultdict[str, _Room]"
-    exchanges: tuple[Exchange, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MapFolder:
-    """Where maps are kept, one file a room."""
-
-    path: Path | None  # None: each room is explored anew
-    learn: bool  # episodes write their maps back
+Snapshot = tuple[  # both memories at one moment
+    str, ShortTermMemory, "defaultdict[str, _Room]", tuple[Exchange, ...]
+]
 
 
 class AgentMemory:
-    """Short-term memory, and a map of each room entered; `scene` is the room the agent is in."""
+    """Short-term memory, and a map of each room entered; `scene` is the room the agent is in.
+
+    `maps` is a folder with one map a room, or None if each room is explored anew; to `learn` is to
+    write the maps back.
+    """
 
     def __init__(
         self,
@@ -64,12 +54,14 @@ class AgentMemory:
         recall: Recall,
         vision: VisionModel,
         *,
-        maps: MapFolder,
+        maps: Path | None,
+        learn: bool,
         perception: Perception,
         seed: int,
         pictures: Path,
     ) -> None:
         self.settings, self._recall, self._vision = settings, recall, vision
+        self._learn_maps = learn
         self._maps, self._perception, self._seed, self._pictures = maps, perception, seed, pictures
         self.short_term = ShortTermMemory(make_policy(settings.policy))
         self._rooms: defaultdict[str, _Room] = defaultdict(_Room)  # by name
@@ -102,14 +94,14 @@ class AgentMemory:
     def _map_path(self) -> Path | None:
         """Return where the map of this room lies, or None if it is explored each time."""
         name = self._perception.map_file(self.scene, self._seed)
-        return self._maps.path / name if self._maps.path and name else None
+        return self._maps / name if self._maps and name else None
 
     # ------------------------------------------------------------- what is known
 
-    def beliefs(self, world: World, recalled: Sequence[MemoryUnit] = ()) -> "Beliefs":
-        """Return the knowledge of skills: units by name, recalled units first, then the map."""
+    def knowledge(self, world: World, recalled: Sequence[MemoryUnit] = ()) -> RoomKnowledge:
+        """Return the knowledge of skills: recalled units first, then all others, then the map."""
         others = self.short_term.units(self.scene) if self.settings.short_term else ()
-        return Beliefs(world, self.graph, (*reversed(recalled), *reversed(others)))
+        return RoomKnowledge(world, self.graph, (*reversed(recalled), *reversed(others)))
 
     def sights(self, experience: Experience) -> dict[str, SeenObject]:
         """Return the latest sight of each object of this room that is not known to be gone."""
@@ -149,11 +141,11 @@ class AgentMemory:
         self, units: tuple[MemoryUnit, ...], recalled: Sequence[Recalled], *, tells_all: bool
     ) -> tuple[MemoryUnit, ...]:
         """Return the units of the prompt: all units of this room, or the recalled units."""
+        chosen = tuple(item.unit for item in recalled)
         if self.settings.means == "recalled":  # the last unit of a type has its bare name
-            units = tuple(item.unit for item in reversed(recalled))
+            units = chosen[::-1]
         elif not tells_all:
-            chosen = {item.unit.object_id for item in recalled}
-            units = tuple(unit for unit in units if unit.object_id in chosen)
+            units = tuple(unit for unit in units if unit in chosen)
         return shut_away(units, self.short_term.units(self.scene))
 
     def updated(self, request: PlanRequest, experience: Experience, *, again: bool) -> PlanRequest:
@@ -238,46 +230,14 @@ class AgentMemory:
 
     def _keep_map(self) -> None:
         """Save the map of this room if maps learn."""
-        if self.graph is not None and self._maps.learn and (path := self._map_path()) is not None:
+        if self.graph is not None and self._learn_maps and (path := self._map_path()) is not None:
             self.graph.save(path)
 
     def snapshot(self) -> Snapshot:
         """Return a copy of both memories."""
-        return deepcopy(Snapshot(self.scene, self.short_term, self._rooms, self.exchanges))
+        return deepcopy((self.scene, self.short_term, self._rooms, self.exchanges))
 
     def go_back(self, before: Snapshot) -> None:
         """Restore both memories from a snapshot."""
-        kept = deepcopy(before)
-        self.scene, self.short_term, self._rooms = kept.scene, kept.short_term, kept.rooms
-        self.exchanges = kept.exchanges
+        self.scene, self.short_term, self._rooms, self.exchanges = deepcopy(before)
         self._keep_map()
-
-
-class Beliefs:
-    """The knowledge of skills: units by name, then the map, then the receptacles of units."""
-
-    def __init__(self, world: World, graph: SceneGraph | None, units: Sequence[MemoryUnit]) -> None:
-        self._world, self._graph, self.units = world, graph, units
-
-    def where(self, name: str) -> Known | None:
-        """Return the best known place of a name, or None if it is unknown."""
-        for unit in self.units:
-            if goes_by(name, unit.object_id, unit.object_type):
-                return Known(
-                    object_id=unit.object_id,
-                    object_type=unit.object_type,
-                    position_m=unit.position_m,
-                    place_id=None if unit.place_id == HAND else unit.place_id,
-                    source="memory",
-                )
-        near = position_of(self._world)
-        found = self._graph.known(name, near=near) if self._graph else None
-        inside = next((unit for unit in self.units if unit.place_id == name != HAND), None)
-        if found or inside is None:
-            return found
-        at = inside.position_m
-        return Known(object_id=name, object_type=type_of(name), position_m=at, source="memory")
-
-    def areas(self) -> tuple[Area, ...]:
-        """Return the area nodes; () without long-term memory."""
-        return self._graph.areas() if self._graph else ()

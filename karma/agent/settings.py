@@ -5,7 +5,8 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from karma.agent.seeing.perception import Kind
+from karma import registry
+from karma.agent.seeing.eyes import METADATA
 from karma.memory.policies import make_policy
 
 
@@ -20,8 +21,9 @@ class KarmaSettings:
     paper_prompt: bool = False  # §3.3's map; recalled units only, by the user's whole text
     seen_kept: Annotated[int, Meta(ge=0)] = 2  # objects only seen, remembered per instruction
     means: Literal["used", "recalled"] = "used"  # of several `Plate`s: used last, recalled best
-    perception: Kind = "metadata"  # how the agent sees
+    perception: str = METADATA  # how the agent sees: or "pictures"
 
     def __post_init__(self) -> None:
-        """Refuse an unknown policy before a model loads."""
+        """Refuse an unknown policy or perception before a model loads."""
+        registry.load("perceptions", self.perception.partition(":")[0])
         make_policy(self.policy)

@@ -20,11 +20,7 @@ from typing import TYPE_CHECKING, Any
 from weakref import proxy
 
 from karma import registry
-from karma.agent.goals.goals import GoalTracker, WatchedWorld
 from karma.agent.karma import KarmaMethod
-from karma.agent.loading.models import Models, Row, load_resources, world_maker
-from karma.agent.loading.models import preset as preset_of
-from karma.agent.loading.names import check_options
 from karma.agent.memory import AgentMemory, Snapshot
 from karma.agent.planning.prompt import GOALS
 from karma.agent.session import Executor
@@ -35,10 +31,13 @@ from karma.assistant.talk_folder import Keeper, TalkFolder
 from karma.assistant.views import Memory, RoomMap
 from karma.errors import KarmaError
 from karma.files import read_bytes
+from karma.goals.goals import GoalTracker, WatchedWorld
 from karma.journal.records import SubTaskRecord
 from karma.journal.steps import StepLog
 from karma.journal.writer import EpisodeWriter, TimeLog
-from karma.models.llama.model import LlamaModel
+from karma.loading.models import Models, Row, load_resources, world_maker
+from karma.loading.models import preset as preset_of
+from karma.loading.names import check_options
 from karma.models.manifest import default_planner, resolve_planner
 from karma.models.session import Session, Spent
 from karma.types.completion import Listener
@@ -228,10 +227,6 @@ class Agent:
         if self._done:
             self.save()
 
-    def clauses(self, instruction: str) -> list[str]:
-        """Return the requests of an instruction, in the words in which they are carried out."""
-        return [request.text for request in self.assistant.requests(instruction)]
-
     def carry_out(
         self,
         subtask: SubTask,
@@ -287,6 +282,7 @@ class Agent:
             finished=record.finished,
             record=record,
             change=outcome.change if outcome else None,
+            end=outcome.end if outcome else None,
         )
 
     def log(
@@ -348,7 +344,7 @@ class Agent:
 
     def where(self, name: str) -> Known | None:
         """Return where the agent believes an object to be, by its type or id."""
-        return self.known.beliefs(self._part.world).where(name)
+        return self.known.knowledge(self._part.world).where(name)
 
     @property
     def memory(self) -> Memory:
@@ -360,12 +356,6 @@ class Agent:
     def map(self) -> RoomMap:
         """Long-term memory of the room: places to stand, and the furniture near them."""
         return RoomMap.of(self.scene.name, self.known.graph)
-
-    @property
-    def manner(self) -> str:
-        """How prompts go into the planner's GGUF where it has a chat template; else ""."""
-        model = self.method.planner.model
-        return model.manner if isinstance(model, LlamaModel) else ""
 
     @property
     def folder(self) -> Path:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from karma.agent.planning.planner import grounded
-from karma.agent.planning.refusal_text import sentence
+from karma.agent.planning.refused import sentence
 from karma.assistant.program_words import in_words
 from karma.assistant.protocol import Moment, Resolved
 from karma.assistant.replies import Understanding

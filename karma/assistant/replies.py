@@ -1,12 +1,11 @@
-"""What an agent says to a request: before it acts, while it acts, and afterwards.
+"""Replies of an agent to a request: before it acts, while it acts, and afterwards.
 
-A reply is told in lines, each with a mark that says what kind of line it is. The terminal colours
-them, Python prints them, notebooks make a list of them; the words are the same.
+A reply consists of lines, each with a mark for its kind: the terminal colours them, Python prints
+them.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from html import escape
 from itertools import count
 from textwrap import wrap
 from typing import Literal
@@ -16,16 +15,17 @@ from karma.journal.records import SubTaskRecord, Turn
 from karma.models.session import Spent
 from karma.types.events import Check, Found, Plan, SkillResult
 from karma.types.memory import MemoryChange
+from karma.types.planning import End, EndKind
 
 Status = Literal["done", "answered", "partly", "unfinished", "refused", "asked"]
 Mark = Literal["said", "meant", "sure", "asked", "did", "failed", "seen", "not seen"]
 _MARKS: Mapping[Found, Mark] = {
     "seen": "seen", "done": "seen", "otherwise": "not seen", "unseen": "not seen",
 }  # fmt: skip
-ROWS = 22  # that an answer has on a screen of 24, with the line that is typed
-_WIDTH = 76  # of deeds, which may take several rows
-_WHOLE = 10_000  # rows, where no screen ends
-_LEAST = 2  # rows of one request among several
+_STATUS_OF_END: Mapping[EndKind, Status] = {
+    "tell": "answered", "ask": "asked", "refuse": "refused"
+}  # fmt: skip
+_WIDTH = 76  # columns of the announced actions, which may take several rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +90,7 @@ class RequestReply:
     about: str = ""  # the words of the first object, if parsed
     elsewhere: tuple[str, ...] = ()  # what was not where it was remembered
     change: MemoryChange | None = None  # what memory learnt, if anything was done
+    end: End | None = None  # how it ended, in tool and goal mode
 
     @property
     def refused(self) -> str:
@@ -101,6 +102,8 @@ class RequestReply:
         """Whether it was done, done in part, tried in vain, refused, or asked back about."""
         if self.answer is not None:
             return "refused" if self.answer.refuses else "answered"
+        if self.end is not None and self.end.kind != "done":
+            return _STATUS_OF_END[self.end.kind]
         if self.refused:
             return "asked" if self.asks else "refused"
         said_no = any(check.found == "otherwise" for check in self.checks)
@@ -133,16 +136,6 @@ def as_it_ends(parts: Sequence[RequestReply]) -> tuple[RequestReply, ...]:
     return tuple(found)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unclear:
-    """A request that is not carried out before a question is answered."""
-
-    text: str
-    question: str
-    candidates: tuple[str, ...] = ()  # object types or things that may be meant
-    about: str = ""  # the words that may mean several things: "the apple"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class AgentReply:
     """What became of all that was said at once."""
@@ -167,28 +160,8 @@ class AgentReply:
         return next((s for s in order if s in every), "answered")
 
     @property
-    def unclear(self) -> Unclear | None:
-        """What is asked back about; None where nothing is."""
-        part = next((one for one in self.parts if one.status == "asked"), None)
-        if part is None:
-            return None
-        return Unclear(
-            text=part.instruction,
-            question=part.understood[-1].question,
-            candidates=part.understood[-1].candidates,
-            about=part.about,
-        )
-
-    @property
-    def offer(self) -> str:
-        """What "yes" asks for; "" where no question was asked that it answers."""
-        planned = (one.offer for part in self.parts for one in part.understood[-1:])
-        answered = (part.answer.look for part in self.parts if part.answer is not None)
-        return next(filter(None, (*planned, *answered)), "")
-
-    @property
     def checks(self) -> tuple[Check, ...]:
-        """What is so afterwards, of all parts."""
+        """The checks of all parts."""
         return tuple(check for part in self.parts for check in part.checks)
 
     def __bool__(self) -> bool:
@@ -196,14 +169,7 @@ class AgentReply:
         return self.status in ("done", "answered")
 
     def __repr__(self) -> str:
-        most = rows_for(len(self.parts))
-        return "\n".join(line.text for part in self.parts for line in lines_of(part, most))
-
-    def _repr_html_(self) -> str:
-        """Return the lines as a list for notebooks; all text is escaped."""
-        lines = (line for part in self.parts for line in lines_of(part))
-        items = "".join(f"<li>{escape(line.text.strip())}</li>" for line in lines)
-        return f'<ul class="karma-reply">{items}</ul>'
+        return "\n".join(line.text for part in self.parts for line in lines_of(part))
 
 
 def turns_of(replies: Iterable[AgentReply]) -> list[Turn]:
@@ -213,7 +179,7 @@ def turns_of(replies: Iterable[AgentReply]) -> list[Turn]:
         Turn(
             said=part.instruction,
             status=part.status,
-            lines=tuple((line.mark, line.text.strip()) for line in lines_of(part, _WHOLE)[1:]),
+            lines=tuple((line.mark, line.text.strip()) for line in lines_of(part)[1:]),
             instruction=None if part.record is None else next(numbers),
         )
         for reply in replies
@@ -221,52 +187,44 @@ def turns_of(replies: Iterable[AgentReply]) -> list[Turn]:
     ]
 
 
-def rows_for(parts: int) -> int:
-    """Return how many rows each of so many requests may take.
-
-    >>> rows_for(1), rows_for(2), rows_for(9)
-    (22, 11, 2)
-    """
-    return max(ROWS // max(parts, 1), _LEAST)
+def lines_of(part: RequestReply) -> list[Line]:
+    """Return the lines of one request's reply."""
+    before = [line for one in part.understood[:1] for line in lines_before(one)]
+    again = [line for one in part.understood[1:] for line in lines_again(one)]
+    return [Line("said", part.instruction), *before, *again, *lines_after(part)]
 
 
-def lines_of(part: RequestReply, most: int = ROWS) -> list[Line]:
-    """Return what is said of one request, in at most so many rows."""
-    before = [line for one in part.understood[:1] for line in lines_before(one, max(most // 2, 1))]
-    again = [line for one in part.understood[1:] for line in lines_again(one)][: most // 3]
-    after = lines_after(part, max(most - 1 - len(before) - len(again), 1))
-    return [Line("said", part.instruction), *before, *again, *after][:most]
-
-
-def lines_before(one: Understanding, most: int = ROWS) -> list[Line]:
-    """Return what is said before anything is done, in at most so many rows."""
+def lines_before(one: Understanding) -> list[Line]:
+    """Return what is announced before the first action."""
     sure = [Line("sure", f"  sure: {one.sure}")] if one.sure else []
     if one.refused:
-        why = [Line("failed", f"  not done: {one.refused}"), Line("asked", f"  {one.question}")]
-        return [*sure, *why] if most > len(why) else why[:most]
+        return [*sure, *_refusal(one)]
     meant = [Line("meant" if said.things else "asked", f"  {said}") for said in one.meant]
     if one.unnamed:
         meant.append(Line("meant", f"  not named, but used: {', '.join(one.unnamed)}"))
     if one.forbidden:
         meant.append(Line("failed", f"  it says not to: {', '.join(one.forbidden)}"))
-    rows = wrap(f"I will {_few(one.deeds, 8)}", _WIDTH, max_lines=max(most // 3, 1))
-    doing = [Line("meant", f"  {row}") for row in rows]
-    room = most - len(doing) - 1
-    return [*_cut(meant, room), *doing, *sure] if room > 0 else doing
+    doing = [Line("meant", f"  {row}") for row in wrap(f"I will {_few(one.deeds, 8)}", _WIDTH)]
+    return [*meant, *doing, *sure]
 
 
 def lines_again(one: Understanding) -> list[Line]:
-    """Return what is said when a program has failed and another answer stands in its place."""
+    """Return what is announced when another program replaces one that has failed."""
     if one.refused:
-        return [Line("failed", f"  not done: {one.refused}"), Line("asked", f"  {one.question}")]
+        return _refusal(one)
     return [Line("meant", f"  again: I will {_few(one.deeds, 6)}")]
 
 
-def lines_after(part: RequestReply, most: int = ROWS) -> list[Line]:
-    """Return what came of a request, and what is so by the agent's own eyes."""
+def lines_after(part: RequestReply) -> list[Line]:
+    """Return what a request came to, and what the agent observed afterwards."""
+    mark: Mark
     if part.answer is not None:
-        mark: Mark = "seen" if part.answer.known else "not seen"
-        return _cut([Line(mark, f"  {text}") for text in part.answer.lines], most)
+        mark = "seen" if part.answer.known else "not seen"
+        return [Line(mark, f"  {text}") for text in part.answer.lines]
+    if part.end is not None and part.end.kind != "done":
+        mark = "seen" if part.end.kind == "tell" else "asked"
+        prefix = "not done: " if part.end.kind == "refuse" else ""
+        return [Line(mark, f"  {row}") for row in wrap(f"{prefix}{part.end.text}", _WIDTH)]
     if part.refused and not part.results:
         return []
     steps = sum(result.actions for result in part.results)
@@ -275,17 +233,15 @@ def lines_after(part: RequestReply, most: int = ROWS) -> list[Line]:
         f", {places} place{'s' if places > 1 else ''} searched" if places else ""
     )
     if part.status == "done":
-        told = [Line("did", f"  done: {cost}")]
+        outcome = Line("did", f"  done: {cost}")
     elif part.status == "partly":
         so = sum(check.found in ("seen", "done") for check in part.checks)
-        told = [Line("failed", f"  partly: {so} of {len(part.checks)} hold ({cost})")]
+        outcome = Line("failed", f"  partly: {so} of {len(part.checks)} hold ({cost})")
     else:
-        told = [Line("failed", f"  not finished: {reason_of(part)} ({cost})")]
-    eyes = [
-        Line("seen" if c.found in ("seen", "done") else "not seen", f"  {c}") for c in part.checks
-    ]
-    told += [Line("meant", f"  {text}") for text in part.elsewhere]
-    return [*told, *_cut(eyes, max(most - len(told), 1))]
+        outcome = Line("failed", f"  not finished: {reason_of(part)} ({cost})")
+    elsewhere = [Line("meant", f"  {text}") for text in part.elsewhere]
+    checks = [Line(_MARKS[check.found], f"  {check}") for check in part.checks]
+    return [outcome, *elsewhere, *checks]
 
 
 def reason_of(part: RequestReply) -> str:
@@ -299,29 +255,22 @@ def reason_of(part: RequestReply) -> str:
     return error or "the planner gave no program"
 
 
-def lines_why(part: RequestReply, most: int = ROWS) -> list[Line]:
-    """Return what a request went by: memory that was told, the program, and what came of it."""
+def lines_why(part: RequestReply) -> list[Line]:
+    """Return what a request went by: the memory in the prompt, the program, and its results."""
     found = [Line("said", part.instruction)]
     if part.plans:
-        told = [f"{unit.object_type}" for unit in part.plans[0].units]
-        found.append(Line("meant", f"  remembered for it: {', '.join(told) or 'nothing'}"))
-    found += [line for one in part.understood[-1:] for line in lines_before(one, most // 3)]
+        remembered = ", ".join(unit.object_type for unit in part.plans[0].units) or "nothing"
+        found.append(Line("meant", f"  remembered for it: {remembered}"))
+    found += [line for one in part.understood[-1:] for line in lines_before(one)]
     found += [Line("failed", f"  answer refused: {p.error}") for p in part.plans if p.error][:2]
-    results = [
-        Line(
-            "did" if one.ok else "failed", f"  {one.call}" + (f": {one.reason}" * bool(one.reason))
-        )
-        for one in part.results
-    ]
-    return [*found, *_cut(results, max(most - len(found), 1))][:most]
+    for result in part.results:
+        reason = f": {result.reason}" if result.reason else ""
+        found.append(Line("did" if result.ok else "failed", f"  {result.call}{reason}"))
+    return found
 
 
-def _cut(lines: Sequence[Line], most: int) -> list[Line]:
-    """Return at most so many lines; the last one says how many are left out."""
-    if len(lines) <= most:
-        return list(lines)
-    kept = list(lines[: max(most - 1, 0)])
-    return [*kept, Line("meant", f"  and {len(lines) - len(kept)} more")]
+def _refusal(one: Understanding) -> list[Line]:
+    return [Line("failed", f"  not done: {one.refused}"), Line("asked", f"  {one.question}")]
 
 
 def _few(words: Sequence[str], most: int) -> str:

@@ -12,7 +12,6 @@ from weakref import finalize
 
 import msgspec
 
-from karma.agent.loading.models import Models, Row
 from karma.errors import FileError
 from karma.files import read_bytes
 from karma.journal.header import Header
@@ -21,6 +20,7 @@ from karma.journal.provenance import header_of
 from karma.journal.records import SAID, EpisodeRecord, SubTaskRecord, Turn, turns_file
 from karma.journal.run_folder import Finished, RunFolder
 from karma.journal.writer import EpisodeWriter
+from karma.loading.models import Models, Row
 from karma.types.roles import Resources
 from karma.types.space import SceneRef
 from karma.types.tasks import SubTask, Task

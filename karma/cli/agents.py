@@ -1,4 +1,4 @@
-"""`karma eval` and `karma export`."""
+"""`karma eval`."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -20,7 +20,6 @@ from karma.cli.shared import (
     option,
     refuse_options,
     tell,
-    write_for,
     write_json,
 )
 from karma.cli.worlds import warn_of_tasks
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
 MARKS = {True: "[green]✓[/]", False: "[red]✗[/]"}  # of success
 
 
-OTHERWISE = "Overrides of the file"
+OVERRIDES = "Overrides of the file"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +45,6 @@ class EvalOptions:
     json: Json = None
     out: Path | None = option(None, "Run folder; default runs/NAME.")
     fresh: bool = option(False, "Start over instead of going on.")
-    tasks: bool = option(False, "Also print a line per task.")
     workers: int = option(0, "Processes to use; 0: as many as cores and memory allow.", min=0)
     ray: str = option("", "Address of a Ray cluster, HOST:PORT, to do the episodes on.")
     steps: bool | None = option(None, "Keep a step log per episode.", "--steps/--no-steps")
@@ -56,14 +54,14 @@ class EvalOptions:
         '"rows.NAME.options.recall_k=5" ("*": all rows); paths begin here.',
         "--set",
         metavar="KEY=VALUE",
-        panel=OTHERWISE,
+        panel=OVERRIDES,
     )
     only: list[str] | None = option(
-        None, 'These tasks, "simple-*"; again for more.', panel=OTHERWISE
+        None, 'These tasks, "simple-*"; again for more.', panel=OVERRIDES
     )
-    limit: int | None = option(None, "The first so many of the tasks.", min=1, panel=OTHERWISE)
-    seeds: str = option("", 'These seeds, "0-4" or "0,2,5".', panel=OTHERWISE)
-    row: list[str] | None = option(None, "This row only; again for more.", panel=OTHERWISE)
+    limit: int | None = option(None, "The first so many of the tasks.", min=1, panel=OVERRIDES)
+    seeds: str = option("", 'These seeds, "0-4" or "0,2,5".', panel=OVERRIDES)
+    row: list[str] | None = option(None, "This row only; again for more.", panel=OVERRIDES)
     fail_under: float | None = option(
         None, "Exit code 4 if the success rate over all rows is lower.", min=0, max=1
     )
@@ -86,7 +84,7 @@ class EvalOptions:
 _FIGURE = frozenset({"out", "fresh", "workers", "ray"})
 _RUN = frozenset(one.name for kind in (EvalOptions, Kept, Computed) for one in fields(kind))
 USED_BY: Mapping["Kind", frozenset[str]] = {  # kind of run -> options that it can use
-    "figure": _FIGURE, "benchmark": _RUN - {"tasks", "steps", "fail_under"}, "run": _RUN,
+    "figure": _FIGURE, "benchmark": _RUN - {"steps", "fail_under"}, "run": _RUN,
 }  # fmt: skip
 
 
@@ -142,8 +140,6 @@ class EvalCommand(Computed, Kept, EvalOptions):
                 raise
             not_run = "".join(f"\n  {one}" for one in in_words(run.not_run).splitlines())
             raise KarmaError(f"{error}{not_run}\n  Kept: {_kept(run)}") from error
-        if self.tasks:
-            console.print(show.task_table(run.records))
         lines = figures(run.records, run.timings)
         console.print(show.summary_table(lines, run.experiment.name))
         spent = [one for record in run.records for one in spent_by(record, run.timings[record.key])]
@@ -216,13 +212,3 @@ def _kept(run: "Run") -> str:
 
     done = len(read_records(run.records_path))
     return f"{done} of {run.total} episodes; the same command (without --fresh) goes on"
-
-
-def export(
-    run: Path = argument(..., "Folder of a run."),
-    out: Path | None = option(None, "File to write; default in the run's folder."),
-) -> None:
-    """Write a run's episodes for other programs as CSV: one line each, with every metric."""
-    from karma.bench.engine.export import to_csv
-
-    console.print(escape(f"written: {write_for(run, out, 'episodes.csv', to_csv(run))}"))

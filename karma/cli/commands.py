@@ -37,7 +37,6 @@ class CommandSpec:
     summary: str
     target: str = ""
     panel: str = ""
-    hidden: bool = False
 
     @property
     def name(self) -> str:
@@ -62,8 +61,6 @@ CORE = (
                 "karma.cli.compare:compare", SHOWN),
     CommandSpec("report", "Write a run as one HTML page.", "karma.cli.report:ReportCommand",
                 SHOWN),
-    CommandSpec("export", "Write a run's episodes for other programs.", "karma.cli.agents:export",
-                SHOWN),
     CommandSpec("world", "Scenes: list and draw them.", panel=MATERIAL),
     CommandSpec("world list", "List the scenes that ship.", "karma.cli.worlds:world_list"),
     CommandSpec("world show", "Draw a scene from above.", "karma.cli.worlds:world_show"),
@@ -83,13 +80,10 @@ CORE = (
                 "karma.cli.models:models_remove"),
     CommandSpec("doctor", "Show what a run needs here, and what is missing.",
                 "karma.cli.doctor:doctor", MACHINES),
-    CommandSpec("doctor offline", "List every condition of a run without a network.",
-                "karma.cli.doctor:doctor_offline"),
     CommandSpec("doctor models", "Open each model and measure memory and speed.",
                 "karma.cli.doctor:ModelsCommand"),
     CommandSpec("doctor thor", "Look for what the real AI2-THOR needs.",
                 "karma.cli.doctor:doctor_thor"),
-    CommandSpec("version", "Print the version.", "karma.cli:version", hidden=True),
 )  # fmt: skip
 
 
@@ -116,9 +110,7 @@ class LazyGroup(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return what `--help` shows of a command; None if there is none."""
         spec = self._specs.get(cmd_name)
-        return spec and TyperCommand(
-            cmd_name, short_help=spec.summary, hidden=spec.hidden, rich_help_panel=spec.panel
-        )
+        return spec and TyperCommand(cmd_name, short_help=spec.summary, rich_help_panel=spec.panel)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the command that was typed, imported."""

@@ -1,22 +1,18 @@
 """Examine what a run without a network needs on this machine; nothing is started."""
 
 import os
-import socket
 from collections.abc import Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, entry_points, requires, version
-from pathlib import Path
 
 from packaging.requirements import Requirement
 
 from karma.errors import KarmaError
 from karma.files import cache
 from karma.models.manifest import check, find_model, read_manifest
-from karma.offline.guard import DEFAULTS, LOG, OFFLINE, SWITCHES, is_armed, network_allowed
+from karma.offline.guard import DEFAULTS, OFFLINE, SWITCHES, is_armed, network_allowed
 from karma.world.thor.builds import CheckResult
 
 NEEDED = ("karma-nano", "minilm")  # what `karma run` can do with, where karma-mini is not here
-_PROXIES = ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY", "http_proxy", "https_proxy", "all_proxy")
-_KEYS = ("HF_TOKEN", "HUGGING_FACE_HUB_TOKEN", "OPENAI_API_KEY", "ANTHROPIC_API_KEY")
 _OURS, _GROUP = "karma-offline", "karma."  # our package, and how the groups of roles begin
 _BY_ITSELF = "karma's commands do so themselves"
 
@@ -26,11 +22,10 @@ def examine(environment: Mapping[str, str] = os.environ) -> list[CheckResult]:
     return [
         *_guard(environment),
         *_switches(environment),
-        *_surroundings(environment),
         *_packages(),
         _plugins(),
         *_models(),
-        *_folders(environment),
+        _cache(),
     ]
 
 
@@ -42,8 +37,6 @@ def _guard(environment: Mapping[str, str]) -> Iterator[CheckResult]:
     inherited = environment.get(OFFLINE) == "1"
     found = "1: what is started from here gets no leave either" if inherited else "not set"
     yield CheckResult.of(OFFLINE, inherited, found, f"export {OFFLINE}=1; {_BY_ITSELF}")
-    if environment.get(LOG):
-        yield CheckResult.of(LOG, True, environment[LOG])
 
 
 def _switches(environment: Mapping[str, str]) -> Iterator[CheckResult]:
@@ -52,30 +45,6 @@ def _switches(environment: Mapping[str, str]) -> Iterator[CheckResult]:
         good = found == wanted or (name in DEFAULTS and found is not None)
         fix = f"export {name}={wanted}; {_BY_ITSELF}"
         yield CheckResult.of(name, good, "not set" if found is None else found, fix)
-
-
-def _surroundings(environment: Mapping[str, str]) -> Iterator[CheckResult]:
-    """Yield what no run needs, and what is better not there."""
-    proxies = [name for name in _PROXIES if environment.get(name)]
-    found = f"{', '.join(proxies)} set; calls to a server on this machine would go there"
-    fix = f"unset {' '.join(proxies)}"
-    yield CheckResult.of("proxy", not proxies, found if proxies else "none", fix, else_="note")
-    keys = [name for name in _KEYS if environment.get(name)]
-    fix = f"unset {' '.join(keys)}; nothing here uses them offline"
-    yield CheckResult.of("keys of services", not keys, ", ".join(keys) or "none", fix, else_="note")
-    yield CheckResult.of("name server", True, "not asked, and not needed")
-    up = _interfaces()
-    fix = "`unshare -rn karma ...` runs without them; the guard holds either way"
-    yield CheckResult.of(
-        "interfaces", not up, ", ".join(up) or "none but loopback", fix, else_="note"
-    )
-
-
-def _interfaces() -> list[str]:
-    try:
-        return sorted(name for _, name in socket.if_nameindex() if name != "lo")
-    except OSError:
-        return []
 
 
 def _packages() -> Iterator[CheckResult]:
@@ -137,20 +106,11 @@ def _models() -> Iterator[CheckResult]:
         )  # fmt: skip
 
 
-def _folders(environment: Mapping[str, str]) -> Iterator[CheckResult]:
-    """Yield folders that a run does without, but somebody may look for."""
-    hub = Path(environment.get("HF_HOME") or Path.home() / ".cache" / "huggingface")
-    there = hub.is_dir() and any(hub.iterdir())
-    found = f"{hub}: {'there, never read' if there else 'none, and none is needed'}"
-    yield CheckResult.of("hub cache", True, found)
-    shared = environment.get("KARMA_SHARED")
-    here = shared is None or Path(shared).is_dir()
-    found = f"{shared or 'not set; optional'}{'' if here else ': no such folder'}"
-    fix = "unset KARMA_SHARED, or bring the reference data"
-    yield CheckResult.of("KARMA_SHARED", here, found, fix, else_="note")
+def _cache() -> CheckResult:
+    """Return whether the cache folder can be written."""
     folder = cache()
     near = next(path for path in (folder, *folder.parents) if path.exists())
     writable = os.access(near, os.W_OK)
     found = f"{folder}, {'writable' if writable else 'not writable'}"
     fix = "export KARMA_CACHE=/a/folder/of/yours"
-    yield CheckResult.of("cache folder", writable, found, fix, else_="note")
+    return CheckResult.of("cache folder", writable, found, fix, else_="note")

@@ -24,19 +24,11 @@ MARKS = {"ok": "[green]ok[/]", "note": "[yellow]note[/]", "problem": "[red]probl
 
 def doctor(
     context: typer.Context,
-    offline: bool = option(False, "That is what is looked at anyway.", "--offline"),
     json: Json = None,
 ) -> None:
-    """See what a run needs on this machine, what is missing, and what mends it."""
+    """Check what a run without a network needs here; exit code 1 if something is missing."""
     if context.invoked_subcommand is not None:
         return
-    doctor_offline(json)
-    if not offline:
-        console.print("for the real AI2-THOR: karma doctor thor")
-
-
-def doctor_offline(json: Json = None) -> None:
-    """List every condition of a run without a network; exit code 1 if one does not hold."""
     from karma.cli import conditions
     from karma.offline.guard import DEFAULTS, SWITCHES
     from karma.world.thor.builds import CheckResult
@@ -45,11 +37,13 @@ def doctor_offline(json: Json = None) -> None:
         findings = conditions.examine()
     switches = [one for one in findings if one.name in {**SWITCHES, **DEFAULTS}]
     right = [one for one in switches if one.status == "ok"]
-    told = f"{len(right)} of {len(switches)} are set"
-    summed = CheckResult.of("switches of libraries", True, told)
+    summed = CheckResult.of(
+        "switches of libraries", True, f"{len(right)} of {len(switches)} are set"
+    )
     rest = [one for one in findings if one not in right]
     good = _show("a run without a network", [*rest, summed])
     _end(good, "ready to run offline", {"findings": findings}, json)
+    console.print("for the real AI2-THOR: karma doctor thor")
 
 
 def _show(title: str, findings: "Sequence[CheckResult]") -> bool:
@@ -85,9 +79,9 @@ class ModelsCommand(Computed):
 
     def do(self) -> None:
         """Open and ask each model."""
-        from karma.agent.loading.models import Models
         from karma.bench.engine.experiment_file import read_experiment
         from karma.bench.engine.model_doctor import examine
+        from karma.loading.models import Models
 
         models = Models() if self.experiment is None else read_experiment(self.experiment).models
         chosen = self.computed | ({} if self.planner is None else {"planner": self.planner})

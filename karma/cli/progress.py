@@ -1,4 +1,4 @@
-"""What says who is at work, how far a command is, and what a planner is about to answer."""
+"""Progress of a command: its workers, how far it is, and the answer under way."""
 
 from collections.abc import Iterable, Iterator
 from math import inf
@@ -11,7 +11,6 @@ from rich.progress import (
     MofNCompleteColumn,
     Progress,
     ProgressColumn,
-    Task,
     TaskID,
     TextColumn,
     TimeElapsedColumn,
@@ -19,14 +18,13 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from karma.cli.shared import SafeConsole, console, tell
+from karma.cli.shared import console, tell
 
 if TYPE_CHECKING:
     from rich.status import Status
 
     from karma.bench.engine.run import Run
     from karma.types.completion import Heard
-    from karma.types.events import Plan
 
 T = TypeVar("T")
 _LINE_S = 10.0  # between lines of a log
@@ -59,18 +57,6 @@ class _Lines(Progress):
             console.print(said, highlight=False, soft_wrap=True)
 
 
-class _TimeLeft(ProgressColumn):
-    """Says how long it will still take, while that is known and not over."""
-
-    max_refresh = 0.5
-    _clock = TimeRemainingColumn()
-
-    def render(self, task: Task) -> Text:
-        if task.finished or not task.time_remaining:
-            return Text("")
-        return Text("left ").append_text(self._clock.render(task))
-
-
 def bar(*columns: ProgressColumn, passing: bool = False) -> Progress:
     """Return a bar with how many are done, of how many, since when, and the time left.
 
@@ -81,7 +67,7 @@ def bar(*columns: ProgressColumn, passing: bool = False) -> Progress:
     return shown(
         TextColumn("{task.description}"),
         BarColumn(),
-        *(columns or (MofNCompleteColumn(), TimeElapsedColumn(), _TimeLeft())),
+        *(columns or (MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())),
         console=console,
         transient=passing,
         disable=passing and not console.is_terminal,
@@ -104,69 +90,31 @@ def workers_for(run: "Run", workers: int, ray: str) -> int:
 
 
 class AnswerView:
-    """Shows the lines of answers as they come, with tokens and seconds.
-
-    On a terminal the last ones stand at its foot until the answer is whole. Elsewhere each line
-    goes to standard error when it is whole, so that standard output holds what came of it alone.
-    """
+    """Shows the last lines of an answer on a terminal while it comes, with tokens and seconds."""
 
     def __init__(self) -> None:
-        self._errors = SafeConsole(stderr=True)
         self._status: Status | None = None
-        self._number, self._before = 0, ""
-        self._begin()
-
-    def _begin(self) -> None:
-        self._lines, self._cost = [""], ""
+        self._number, self._text = 0, ""
 
     def request(self, status: "Status") -> None:
         """Note that a request begins, whose first answer is awaited."""
-        self._status, self._number, self._before = status, 0, ""
-        self._begin()
+        self._status, self._number, self._text = status, 1, ""
 
     def hear(self, heard: "Heard") -> None:
-        """Show what has come of an answer."""
-        first = not self._cost
-        many = "" if heard.tokens is None else f"{heard.tokens} tokens, "
-        self._number += first
-        *whole, rest = f"{self._lines[-1]}{heard.text}".split("\n")
-        self._cost = f"{many}{heard.seconds:.1f} s"
-        self._lines = [*self._lines[:-1], *whole, rest][-_ROWS:]
-        if console.is_terminal:
-            self._draw()
-            return
-        if first:
-            self._say(f"answer {self._number}, first heard of after {heard.seconds:.1f} s:")
-        for line in whole:
-            self._say(f"  {line}  ({self._cost})")
+        """Show the part of an answer that has come."""
+        self._text += heard.text
+        if self._status is not None:
+            tokens = "" if heard.tokens is None else f"{heard.tokens} tokens, "
+            head = f"thinking, answer {self._number}: {tokens}{heard.seconds:.1f} s"
+            shown = [line for line in self._text.split("\n") if line][-_ROWS:]
+            rows = Text("\n  ".join([head, *shown]), no_wrap=True, overflow="ellipsis")
+            self._status.update(rows)
 
-    def ended(self) -> None:
-        """Show what an answer ended with, where no newline came after it."""
-        if not console.is_terminal and self._lines[-1]:
-            self._say(f"  {self._lines[-1]}  ({self._cost})")
-            self._lines[-1] = ""
-
-    def answered(self, plan: "Plan") -> None:
-        """Note that an answer was read, and why it was refused if it was."""
-        self.ended()
-        self._before = plan.error.partition("\n")[0]
+    def answered(self) -> None:
+        """Note that the answer is whole; another may follow."""
+        self._number, self._text = self._number + 1, ""
         if self._status is not None:
             self._status.update("thinking ...")
-        if not console.is_terminal and self._cost and self._before:
-            self._say(f"  refused: {self._before}")
-        self._begin()
-
-    def _draw(self) -> None:
-        if self._status is None:
-            return
-        before = f" (before: {self._before})" if self._before else ""
-        rows = [f"thinking, answer {self._number}{before}: {self._cost}", *self._lines]
-        wide = max(console.width - 4, 20)
-        shown = [one if len(one) <= wide else f"{one[:wide]}…" for one in rows]
-        self._status.update(Text("\n  ".join(one for one in shown if one)))
-
-    def _say(self, line: str) -> None:
-        self._errors.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def track(items: Iterable[T], text: str, total: int | None = None) -> Iterator[T]:

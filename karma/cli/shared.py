@@ -3,25 +3,20 @@
 A command with many options is a dataclass: a field is an option, with its default and its help.
 """
 
-import os
 import sys
 import traceback
 import unicodedata
-from collections.abc import Callable, Collection, Iterable, Sequence
-from copy import copy
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass, fields
 from functools import partial, update_wrapper, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import typer
-from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
-from rich.measure import Measurement
 from rich.segment import Segment
-from rich.table import Column, Table
-from rich.text import Text
+from rich.table import Table
 
 from karma import registry
 from karma.cli.parameters import argument as argument
@@ -36,8 +31,6 @@ if TYPE_CHECKING:
     from karma.models.session import Cassette
 
 _HARMLESS = frozenset("\n\t\u200d")  # the last joins the parts of one sign
-_PLAIN = str.maketrans("→–—…✓·×", ">--.*.x")  # where the terminal has ASCII only
-_UNBOUNDED = 100_000  # columns
 _LONGEST = 2000  # characters of a line of an error: a quoted goal or name may have millions
 
 
@@ -60,39 +53,15 @@ def visible(text: str) -> str:
     )
 
 
-def _fitting(text: str, encoding: str) -> str:
-    """Return a text with signs that a terminal lacks replaced; a C locale has ASCII only."""
-    try:
-        text.encode(encoding)
-    except UnicodeEncodeError:
-        return text.translate(_PLAIN).encode(encoding, errors="replace").decode(encoding)
-    return text
-
-
 class SafeConsole(Console):
-    """A console whose every text, whoever wrote it, is shown and steers nothing."""
-
-    def __init__(self, **how: Any) -> None:
-        told = {name: text for name, text in os.environ.items() if text != "0" or name != "COLUMNS"}
-        super().__init__(_environ=told, **how)  # no columns: it is not known how many
-
-    def print(self, *objects: Any, **how: Any) -> None:
-        """Print as any console does; a table that is too wide comes in parts that fit."""
-        if len(objects) != 1 or not isinstance(objects[0], Table):
-            super().print(*objects, **how)
-            return
-        for one in _parts_of(objects[0], self):
-            super().print(one, **how)
+    """A console that shows control characters in any text instead of obeying them."""
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
     ) -> Iterable[Segment]:
         """Render as any console does, then make the texts harmless; its own codes stay."""
-        for one in super().render(renderable, options):
-            if one.control:
-                yield one
-            else:
-                yield Segment(_fitting(visible(one.text), self.encoding), one.style)
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(visible(segment.text), segment.style)
 
 
 console = SafeConsole()
@@ -176,6 +145,8 @@ def clear_errors(command: Callable[..., None]) -> Callable[..., None]:
         except KeyboardInterrupt as error:
             console.print("stopped", style="yellow")
             raise typer.Exit(STOPPED) from error
+        except BrokenPipeError:  # Typer ends the command when nobody reads on
+            raise
         except Exception as error:
             if (reason := _reason(error)) is None:
                 raise
@@ -204,10 +175,10 @@ def _reason(error: Exception) -> str | None:
 
 
 def sheet_table(sheet: "Sheet") -> Table:
-    """Return a sheet for the terminal."""
+    """Return a sheet for the terminal; no figure is cut."""
     table = Table(title=escape(sheet.title), title_justify="left", caption=escape(sheet.caption))
     for number, name in enumerate(sheet.head):
-        table.add_column(escape(name), justify="right" if number else "left")
+        table.add_column(escape(name), justify="right" if number else "left", overflow="fold")
     for cells in sheet.lines:
         table.add_row(*map(escape, cells))
     return table
@@ -278,77 +249,13 @@ class Kept:
 
         return cassette_of(self.cassette, self.cassette_mode)
 
-    def hosted(self, planner: str, model: str, **settings: str) -> "Hosted":
+    def hosted(self, planner: str, model: str) -> "Hosted":
         """Return where the planner is, if it is a hosted one."""
-        from karma.agent.loading.models import OPENAI
+        from karma.loading.models import OPENAI
         from karma.models.endpoint import Hosted
 
         if planner != OPENAI and not (self.base_url or model):
             return Hosted()
         if planner != OPENAI or not (self.base_url and model):
             raise KarmaError(f"--planner {OPENAI}, --base-url and --model go together")
-        return Hosted.of_planner(self.base_url, model, **settings)
-
-
-# ----------------------------------------------------------------- tables that are too wide
-
-
-def _parts_of(table: Table, console: Console) -> list[Table]:
-    """Return a table that fits as it is, another as several, each with the first columns.
-
-    Names may wrap; no figure is cut.
-    """
-    wide = console.options.update(width=_UNBOUNDED)
-    if not table.columns or Measurement.get(console, wide, table).maximum <= console.width:
-        return [table]
-    figures = [number for number, one in enumerate(table.columns) if one.justify == "right"]
-    count = max(1, figures[0]) if figures else 1  # columns in front, which say what a line is of
-    labels, others = table.columns[:count], table.columns[count:]
-    aside = 3  # of padding and border, each
-    room = console.width - 1 - sum(_narrowest(one) + aside for one in labels)
-    groups: list[list[Column]] = [[]]
-    left = room
-    for column in others:
-        needed = _needed(column) + aside
-        if needed > left and groups[-1]:
-            groups.append([])
-            left = room
-        groups[-1].append(column)
-        left -= needed
-    parts = [_part(table, labels, group) for group in groups]
-    parts[0].title, parts[-1].caption = table.title, table.caption
-    return parts
-
-
-def _part(table: Table, labels: Sequence[Column], figures: Sequence[Column]) -> Table:
-    part = copy(table)
-    part.title = part.caption = None
-    part.columns = [
-        replace(
-            column,
-            _index=number,
-            no_wrap=False,
-            overflow="fold",
-            width=_needed(column) if number >= len(labels) and column.justify == "right" else None,
-        )
-        for number, column in enumerate((*labels, *figures))
-    ]
-    return part
-
-
-def _needed(column: Column) -> int:
-    if column.justify != "right":
-        return _narrowest(column)
-    lines = [line for cell in column._cells for line in _without_markup(cell).splitlines()]
-    return max([1, *map(cell_len, (*lines, *_without_markup(column.header).split()))])
-
-
-def _narrowest(column: Column) -> int:
-    words = [
-        word for cell in (column.header, *column._cells) for word in _without_markup(cell).split()
-    ]
-    return min(max([1, *map(cell_len, words)]), 24)
-
-
-def _without_markup(cell: object) -> str:
-    return Text.from_markup(cell).plain if isinstance(cell, str) else str(cell)
+        return Hosted.of_planner(self.base_url, model)

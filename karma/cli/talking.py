@@ -3,7 +3,7 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.markup import escape
@@ -34,13 +34,13 @@ _UNITS_S = {"m": 60.0, "h": 3600.0, "d": 86_400.0}
 
 @dataclass(frozen=True, kw_only=True)
 class RequestOptions:
-    """The room, the home, the planner, and what it is told and asked."""
+    """The scene, the home, the planner and the agent's settings."""
 
     scene: str = option("", "A scene's name or file; default the home's, else kitchen_1.")
     home: str = option("", "A name or folder: the same home tomorrow. In chat the scene's own.")
     later: str = option("", 'Time that has passed there, "8h", "2d".')
     people: int | None = option(
-        None, "Who live in a --home meanwhile, and move things.", min=0, max=4
+        None, "Residents of a --home, who move objects meanwhile.", min=0, max=4
     )
     fresh: bool = option(False, "In chat: no home, nothing lasts.", "--fresh")
     planner: str = option(
@@ -48,47 +48,28 @@ class RequestOptions:
     )
     assistant: str = option("", '"rules" or "direct"; default as the planner wants.')
     profile: str = option("", '"compact", "full", or "goals".')
-    chat: bool | None = option(
-        None, "Through the GGUF's chat template; default: if any.", "--chat/--no-chat"
-    )
-    long_term: bool = option(True, "With long-term memory.")
-    short_term: bool = option(True, "With short-term memory.")
-    policy: str = option("wtinylfu-karma[9,1]", 'e.g. "fifo-merge[10]".')
     preset: str = option("", '"paper": recall, K and query as in the paper.')
-    recall: str = option("", '"stateful" unless told otherwise.')
-    recall_k: int | None = option(
-        None, "Units in the prompt; 3, or all with --profile full.", "--k", min=1
-    )
-    vision: str = option(
-        "metadata", '"nano-vlm", or a model of the manifest by name, reads pictures.'
-    )
     perception: str = option(
         "metadata", '"pictures": sees by boxes, depth and the vision model alone.'
     )
-    detector: str = option("", "A plug-in of karma.detectors, in place of given boxes.")
+    sets: list[str] | None = option(
+        None,
+        'A key of [models] or of the agent\'s options, "models.constraint=free", '
+        '"options.recall_k=5".',
+        "--set",
+        metavar="KEY=VALUE",
+    )
     maps: Path = option(Path("runs/maps"), "Folder of long-term memories.")
     model: str = option("", "A hosted planner's, with --planner openai.")
-    api: str = option("chat", '"chat" or "completions" of it.')
-    dialect: str = option("auto", 'Of its server, e.g. "vllm".')
-    thinking: str = option("off", '"off" or "on", for thinking models.')
-    constraint: str = option("types", 'What answers may say: "free", "syntax" or "types".')
-    constrained: bool = option(True, "--no-: --constraint free.", "--constrained/--no-constrained")
-    refusing: bool | None = option(
-        None,
-        "Whether requests may be refused; by default if the planner has learnt to, or is told how "
-        "by the full prompt.",
-        "--refusing/--no-refusing",
-    )
     answer_seconds: float | None = option(
-        None, "Of an answer, by the clock; default 120; 0: no bound.", min=0
+        None, "Wall-clock limit of an answer; default 120; 0: none.", min=0
     )
-    seed: int = option(0, "Of the planner's sampling.", min=0)
     out: Path | None = option(None, "Run folder; default the next in runs/talks.")
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunArguments:
-    """What `karma run` is given beside its options."""
+    """The instruction, and where its figures go."""
 
     instruction: str | None = argument(
         None, "What to do, in plain words; without it, a conversation."
@@ -108,17 +89,16 @@ class ChatCommand(Computed, Kept, RequestOptions):
         from karma.assistant.session_log import DEFAULT_SCENE
         from karma.types.space import SceneRef
 
-        view, lasts = AnswerView(), ""
-        if "kept" in registry.names("homes"):
-            lasts = SceneRef.of(self.scene or DEFAULT_SCENE).name
-        agent = self.agent(view, self.home if self.fresh else self.home or lasts)
-        raise typer.Exit(converse(agent, view))
+        view, home = AnswerView(), self.home
+        if not self.fresh and not home and "kept" in registry.names("homes"):
+            home = SceneRef.of(self.scene or DEFAULT_SCENE).name
+        raise typer.Exit(converse(self.agent(view, home), view))
 
     def agent(self, view: AnswerView, home: str) -> "Agent":
         """Return the agent of these options; `view` hears its answers."""
-        from karma.agent.loading.models import Models, preset
         from karma.assistant.agent import ANSWER_SECONDS, Agent
         from karma.assistant.session_log import DEFAULT_SCENE
+        from karma.loading.models import Models, preset
         from karma.models.manifest import default_planner
         from karma.models.session import Session
 
@@ -129,37 +109,27 @@ class ChatCommand(Computed, Kept, RequestOptions):
             chosen = preset(self.preset)
         except ValueError as error:
             raise KarmaError(str(error)) from error
-        options = {
-            "long_term": self.long_term,
-            "short_term": self.short_term,
-            "policy": self.policy,
-            "perception": self.perception,
-            **chosen.options,
-        }
-        if self.recall_k is not None:
-            options["recall_k"] = self.recall_k
+        settings = self._settings()
         session = Session(self.tape)
         session.cassette.begin("run")
-        same = ("profile", "chat", "vision", "detector", "refusing", "thinking")
         models = Models().computed_by(
             {
-                **{key: getattr(self, key) for key in same},
                 "planner": planner,
-                "recall": self.recall or chosen.recall,
-                "constraint": self.constraint if self.constrained else "free",
-                "hosted": self.hosted(planner, self.model, api=self.api, dialect=self.dialect),
+                "profile": self.profile,
+                "recall": chosen.recall,
+                "hosted": self.hosted(planner, self.model),
                 **self.computed,
+                **settings["models"],
             }
         )
         seconds, place = self.answer_seconds, home or self.scene or DEFAULT_SCENE
         with console.status(escape(f"loading models, getting to know {place} ...")):
-            agent = Agent(
+            return Agent(
                 self.scene,
                 models=models,
-                options=options,
+                options={"perception": self.perception, **chosen.options, **settings["options"]},
                 folder=self.out,
                 maps=self.maps,
-                seed=self.seed,
                 session=session,
                 listen=view.hear,
                 answer_seconds=ANSWER_SECONDS if seconds is None else seconds or None,
@@ -168,9 +138,22 @@ class ChatCommand(Computed, Kept, RequestOptions):
                 people=self.people,
                 assistant=self.assistant,
             )
-        if agent.manner:
-            tell(f"planner: {planner}, {agent.manner}", style="dim")
-        return agent
+
+    def _settings(self) -> dict[str, dict[str, Any]]:
+        """Return what --set says of the models and of the agent's options."""
+        settings: dict[str, dict[str, Any]] = {"models": {}, "options": {}}
+        for text in self.sets or ():
+            from karma.bench.engine.experiment_file import setting_of
+
+            setting = setting_of(text)
+            table, _, key = setting.key.partition(".")
+            if table not in settings or not key:
+                raise KarmaError(
+                    f"--set {text}: there are models.KEY and options.KEY\n"
+                    "  To fix: --set options.recall_k=5"
+                )
+            settings[table][key] = setting.value
+        return settings
 
 
 @dataclass(frozen=True, kw_only=True)

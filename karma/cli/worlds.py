@@ -68,8 +68,8 @@ def tasks_check(
     from tempfile import TemporaryDirectory
 
     from karma import registry
-    from karma.agent.goals.files import load_tasks, task_lines
     from karma.bench.engine.task_check import findings, quick_findings
+    from karma.goals.files import load_tasks, task_lines
 
     tasks, make = load_tasks(file), registry.load("worlds", world)
     lines = task_lines(file)

@@ -1,6 +1,6 @@
 """What may go where: as it is, in pieces, or in a vessel. Expert, inspector and judge read this."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 
 from karma.household.ids import short_type
@@ -73,3 +73,16 @@ def vessels(names: Iterable[str], object_type: str, receptacle_type: str) -> Ite
     for name in names:
         if (kind := short_type(name)) in kinds and brings(kind, object_type, receptacle_type):
             yield name
+
+
+def holders(place_id: str | None, above: Callable[[str], str | None]) -> Iterator[str]:
+    """Yield the receptacle that an object lies in, then its own receptacle, and so on.
+
+    >>> list(holders("Bowl", {"Bowl": "Fridge"}.get))
+    ['Bowl', 'Fridge']
+    """
+    passed: set[str] = set()
+    while place_id is not None and place_id not in passed:
+        passed.add(place_id)
+        yield place_id
+        place_id = above(place_id)

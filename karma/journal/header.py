@@ -18,7 +18,7 @@ _PATHS = (  # keys whose values are paths
     "tasks", "types", "trials", "published", "run.states",
 )  # fmt: skip
 _NAMES = (  # and names or paths, after "KIND:" if any, "+" between several
-    "models.planner", "models.profile", "models.embedder", "models.vision", "models.detector",
+    "models.planner", "models.profile", "models.embedder", "models.vision",
     "rows.vision",
 )  # fmt: skip
 

@@ -5,20 +5,18 @@ import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from karma import __version__
-from karma.agent.loading.models import OPENAI, Models, Row
-from karma.agent.loading.planner_files import words_path
-from karma.agent.planning.prompt import template_files
+from karma import __version__, registry
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, sha256_of, to_json
 from karma.journal.header import FORMAT, Header, Machine, without_places
+from karma.loading.models import OPENAI, Models, Row
+from karma.loading.planner_files import words_path
 from karma.models.checks.memory import MEMINFO
 from karma.models.llama.opening import devices
 from karma.models.manifest import find_model, resolve_planner
@@ -27,12 +25,7 @@ from karma.types.space import SceneRef
 from karma.types.tasks import Task
 from karma.world.core.scene import find
 
-_DEFAULT_MODELS = {  # of what is named without one: a model, or the constant that names it
-    "sentence": "bge-small-en",
-    "clip": "karma.models.embed.clip:DEFAULT",
-    "nano-vlm": "karma.models.transformers_vision:NANO",
-    "transformers": "karma.models.transformers_vision:NANO",
-}
+_GROUPS = {"embedder": "embedders", "vision": "vision_models"}
 PACKAGE = Path(__file__).parents[1]
 COMPUTING = (  # packages whose next version may give other bits
     "faiss-cpu", "llama-cpp-python", "numpy", "sentence-transformers", "tokenizers", "torch",
@@ -61,7 +54,7 @@ def header_of(
         tasks=_sha(to_json([_listed(task) for task in tasks])),
         versions=versions(),
         models=model_hashes(models, rows),
-        prompts=prompt_hashes(models.profile),
+        prompts=prompt_hashes(),
         scenes=scene_hashes({scene for task in tasks for scene in task.scenes}, scenes),
         network=network_allowed(),
         steps=steps,
@@ -109,8 +102,11 @@ def model_hashes(models: Models, rows: Iterable[Row] = ()) -> dict[str, str]:
         "planner": _planner(models),
         "embedder": _filled(models, "embedder"),
         "vision": _filled(models, "vision"),
-        **({"detector": models.detector} if models.detector else {}),
-    } | {f"vision of {row.name}": _name_and_hash(row.vision) for row in rows if row.vision}
+    } | {
+        f"vision of {row.name}": _name_and_hash("vision_models", row.vision)
+        for row in rows
+        if row.vision
+    }
 
 
 def _planner(models: Models) -> str:
@@ -138,20 +134,18 @@ def _filled(models: Models, role: str) -> str:
     return (
         f"{OPENAI}: {endpoint.model}"
         if endpoint is not None
-        else _name_and_hash(getattr(models, role))
+        else _name_and_hash(_GROUPS[role], getattr(models, role))
     )
 
 
-def _name_and_hash(name: str) -> str:
+def _name_and_hash(role: str, name: str) -> str:
     """Return the name of an implementation with the hash of its model, if it has one."""
     kind, _, model = name.partition(":")
     if kind == "minilm":
         from karma.models.embed.minilm import FILES
 
         return f"{name} {_sha(to_json(FILES))}"
-    if not model and kind in _DEFAULT_MODELS:
-        module, _, constant = _DEFAULT_MODELS[kind].partition(":")
-        model = str(getattr(import_module(module), constant)) if constant else module
+    model = model or getattr(registry.load(role, kind), "default", "")
     return f"{name} {_model_sha(model)}" if model else name
 
 
@@ -175,11 +169,10 @@ def _file_sha(path: Path) -> str:
 # ----------------------------------------------------------------- the rest
 
 
-def prompt_hashes(profile: str = "") -> dict[str, str]:
-    """Return the hash of each template, of a profile's own in place of ours."""
-    shipped = {path.name: path for path in PACKAGE.rglob("*.txt")}
-    files = {**shipped, **template_files(profile)}
-    return {name: _sha(read_bytes(files[name])) for name in sorted(files)}
+def prompt_hashes() -> dict[str, str]:
+    """Return the hash of each prompt template."""
+    files = sorted(PACKAGE.rglob("*.txt"), key=lambda path: path.name)
+    return {path.name: _sha(read_bytes(path)) for path in files}
 
 
 def _listed(task: Task) -> dict[str, Any]:

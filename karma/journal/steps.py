@@ -17,7 +17,7 @@ from typing import Any, Self
 
 import msgspec
 
-from karma.agent.planning.refusal_text import sentence
+from karma.agent.planning.refused import sentence
 from karma.agent.seeing.perceive import refusal
 from karma.errors import FileError
 from karma.files import read_bytes, to_json, unpack

@@ -3,9 +3,9 @@
 from collections.abc import Generator, Iterable
 from dataclasses import dataclass
 
-from karma.agent.goals.files import required_types
-from karma.agent.goals.goals import GoalTracker
 from karma.errors import KarmaError
+from karma.goals.files import required_types
+from karma.goals.goals import GoalTracker
 from karma.household.pieces import base_type
 from karma.journal.records import (
     Answer,

@@ -63,22 +63,11 @@ class SceneGraph:
 
     Args:
         areas: in order; their names are unique and adjacency is mutual.
-        floor: name of the floor they lie on.
-        radius_m: how far from an area node an object may be and still belong to it.
         room: names what the map was made of, for whoever saves it; not compared.
     """
 
-    def __init__(
-        self,
-        areas: Iterable[AreaNode],
-        *,
-        floor: str = "floor_1",
-        radius_m: float = RADIUS_M,
-        room: str = "",
-    ) -> None:
-        self.floor = floor
+    def __init__(self, areas: Iterable[AreaNode], *, room: str = "") -> None:
         self.room = room
-        self.radius_m = radius_m
         self.tour: Tour | None = None  # that the graph was made on; not compared
         self._areas = {area.name: area for area in areas}
         self._objects: dict[str, ObjectNode] = {}
@@ -107,12 +96,7 @@ class SceneGraph:
             cell_m: grid step between neighbouring cells.
             spacing_m: largest walking distance from a cell to its area node.
             room: see the class.
-
-        Raises:
-            ValueError: cell_m or spacing_m is not positive.
         """
-        if cell_m <= 0 or spacing_m <= 0:
-            raise ValueError(f"cell_m and spacing_m must be positive, not {cell_m} and {spacing_m}")
         grid = _grid(cells, cell_m)
         order = sorted(grid)
         if not order:
@@ -144,31 +128,26 @@ class SceneGraph:
         area is dropped. What has no position, as depth cameras tell it, was not seen.
         """
         for item in seen:
-            if not item.pickupable and item.is_somewhere:
-                self._place(
-                    ObjectNode(
-                        id=item.object_id,
-                        type=item.object_type,
-                        position_m=item.position_m,
-                        box_center_m=item.box_center_m,
-                        box_size_m=item.box_size_m,
-                        volume_m3=prod(item.box_size_m),
-                    )
-                )
+            if item.pickupable or not item.is_somewhere or not self._areas:
+                continue
+            node = ObjectNode(
+                id=item.object_id,
+                type=item.object_type,
+                position_m=item.position_m,
+                box_center_m=item.box_center_m,
+                box_size_m=item.box_size_m,
+                volume_m3=prod(item.box_size_m),
+            )
+            self.forget(node.id)
+            area = min(self._areas.values(), key=lambda area: node.distance_m(area.position_m))
+            if node.distance_m(area.position_m) <= RADIUS_M:
+                self._objects[node.id] = node
+                self._area_of[node.id] = area.name
 
-    def forget(self, object_id: str) -> bool:
-        """Remove an object; return whether it was known."""
+    def forget(self, object_id: str) -> None:
+        """Remove an object if it is known."""
         self._area_of.pop(object_id, None)
-        return self._objects.pop(object_id, None) is not None
-
-    def _place(self, node: ObjectNode) -> None:
-        self.forget(node.id)
-        if not self._areas:
-            return
-        area = min(self._areas.values(), key=lambda area: node.distance_m(area.position_m))
-        if node.distance_m(area.position_m) <= self.radius_m:
-            self._objects[node.id] = node
-            self._area_of[node.id] = area.name
+        self._objects.pop(object_id, None)
 
     # ------------------------------------------------------------- what is known
 
@@ -193,22 +172,16 @@ class SceneGraph:
         ids = sorted(i for i in self._objects if area is None or self._area_of[i] == area)
         return tuple(self._objects[object_id] for object_id in ids)
 
-    def known(self, name: str, *, near: Vec3 | None = None) -> Known | None:
-        """Return the nearest object of an id or type; None if there is none.
-
-        Args:
-            name: object id or type.
-            near: where to measure from, to the object's box; without it, the first by id.
-        """
+    def known(self, name: str, *, near: Vec3) -> Known | None:
+        """Return the object of an id or type whose box is nearest to a position, if any."""
         nodes = [node for node in self.objects() if name in (node.id, node.type)]
         if not nodes:
             return None
-        node = nodes[0] if near is None else min(nodes, key=lambda node: node.distance_m(near))
+        node = min(nodes, key=lambda node: node.distance_m(near))
         return Known(
             object_id=node.id,
             object_type=node.type,
             position_m=node.position_m,
-            source="graph",
             box_center_m=node.box_center_m,
             box_size_m=node.box_size_m,
         )
@@ -261,31 +234,24 @@ class SceneGraph:
         """Read a graph that `save` wrote.
 
         Raises:
-            FileError: missing, torn, an unknown key, another version, or names that do not match.
+            FileError: missing, torn, an unknown key, or another version.
         """
         fix = "delete it; the graph is built anew from the scene"
         saved = read_json(path, _SavedGraph, fix=fix)
         if saved.version != VERSION:
             raise FileError(path, f"version {saved.version}, expected {VERSION}", fix=fix)
-        areas = [saved_area.area for saved_area in saved.floor.areas]
-        graph = cls(areas, floor=saved.floor.name, radius_m=saved.radius_m, room=saved.room)
+        graph = cls((one.area for one in saved.floor.areas), room=saved.room)
         graph.tour = saved.tour
-        for saved_area in saved.floor.areas:
-            for node in saved_area.objects:
-                if node.id in graph._objects:
-                    raise FileError(path, f"object {node.id!r} occurs twice", fix=fix)
-                graph._objects[node.id] = node
-                graph._area_of[node.id] = saved_area.area.name
-        if reason := _inconsistency(areas):
-            raise FileError(path, reason, fix=fix)
+        for one in saved.floor.areas:
+            graph._objects.update((node.id, node) for node in one.objects)
+            graph._area_of.update((node.id, one.area.name) for node in one.objects)
         return graph
 
     def _saved(self) -> "_SavedGraph":
         areas = tuple(
             _SavedArea(area=area, objects=self.objects(name)) for name, area in self._areas.items()
         )
-        floor = _SavedFloor(name=self.floor, areas=areas)
-        return _SavedGraph(version=VERSION, radius_m=self.radius_m, floor=floor)
+        return _SavedGraph(version=VERSION, floor=_SavedFloor(areas=areas))
 
 
 class _SavedArea(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -294,7 +260,7 @@ class _SavedArea(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class _SavedFloor(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    name: str
+    name: str = "floor_1"
     areas: tuple[_SavedArea, ...]
 
 
@@ -302,21 +268,10 @@ class _SavedGraph(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """Floors -> areas -> objects, as nested on disk."""
 
     version: int
-    radius_m: float
+    radius_m: float = RADIUS_M
     floor: _SavedFloor
     tour: Tour | None = None
     room: str = ""  # of maps from before rooms were told apart
-
-
-def _inconsistency(areas: list[AreaNode]) -> str | None:
-    by_name = {area.name: area for area in areas}
-    if len(by_name) < len(areas):
-        return "two areas have one name"
-    for area in areas:
-        for other in area.adjacent:
-            if other not in by_name or area.name not in by_name[other].adjacent:
-                return f"edge {area.name} <-> {other} is not mutual"
-    return None
 
 
 # ----------------------------------------------------------------- where area nodes go

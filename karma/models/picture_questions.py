@@ -6,12 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-import numpy as np
-
 from karma.errors import ModelError
 from karma.household.pieces import base_type
 from karma.types.observation import SeenObject, State
-from karma.types.space import Frame, Point, Region
+from karma.types.space import Frame
 
 STATES: tuple[str, ...] = get_args(State)
 Profile = Literal["full", "compact"]
@@ -44,18 +42,16 @@ def names_of(objects: Sequence[SeenObject]) -> dict[str, str]:
     return found
 
 
-def question(
-    profile: Profile, instruction: str, objects: Sequence[SeenObject], *, boxes: bool = False
-) -> tuple[str, str]:
+def question(profile: Profile, instruction: str, objects: Sequence[SeenObject]) -> tuple[str, str]:
     """Return the system's and the user's text; the picture goes before the user's.
 
     "full" is the paper's four steps; "compact" only names the object, for models trained on nothing
-    else. `boxes`: say where each object is, in pixels.
+    else.
     """
     names = names_of(objects)
     if profile == "compact":
         return "", ", ".join(names[one.object_id] for one in objects)
-    listed = ", ".join(_listed(names[one.object_id], one, boxes) for one in objects)
+    listed = ", ".join(names[one.object_id] for one in objects)
     return ROLE, (
         "1. Provide a detailed description of this image.\n"
         f'2. From the given task "{instruction}", extract the relevant content from the first '
@@ -66,13 +62,6 @@ def question(
         "4. Summarize the results from step three in the following format, one object per line, "
         "nothing after it:\nobject: state"
     )
-
-
-def _listed(name: str, one: SeenObject, boxes: bool) -> str:
-    if not boxes or one.region is None:
-        return name
-    left, top, right, bottom = (round(edge) for edge in one.region)
-    return f"{name} (at x {left}-{right}, y {top}-{bottom})"
 
 
 def read_answer(text: str, objects: Sequence[SeenObject]) -> Reading:
@@ -151,40 +140,6 @@ def some_picture(name: str, image: Frame | None) -> Frame:
     if image is None:
         raise ModelError(f"{name} reads pictures, and there is none: nothing was rendered")
     return image
-
-
-LEAST_PX = 32.0  # smaller things are shown with more around them
-LINE = (255, 0, 255)
-THIN = 60.0  # the square's side over the width of a line in it
-
-
-def cut(frame: Frame, region: Region, margin: float, silhouette: Sequence[Point] = ()) -> Frame:
-    """Return a square around a region of an uint8 frame, black where that ends, shape (s, s, 3).
-
-    Region and silhouette are in pixels: left, top, right, bottom, and corners; a line is drawn
-    along these, which tells a drawer from those above and below it. `margin` is the square's side
-    over the region's longer side.
-    """
-    left, top, right, bottom = region
-    side = max(1, round(max(right - left, bottom - top, LEAST_PX / margin) * margin))
-    x, y = round((left + right - side) / 2), round((top + bottom - side) / 2)
-    height, width = frame.shape[:2]
-    found = np.zeros((side, side, 3), dtype=np.uint8)
-    x0, y0, x1, y1 = max(x, 0), max(y, 0), min(x + side, width), min(y + side, height)
-    if x0 < x1 and y0 < y1:
-        found[y0 - y : y1 - y, x0 - x : x1 - x] = frame[y0:y1, x0:x1]
-    if silhouette:
-        found = _drawn(found, [(left - x, top - y) for left, top in silhouette])
-    return found
-
-
-def _drawn(picture: Frame, corners: Sequence[Point]) -> Frame:
-    from PIL import Image, ImageDraw
-
-    image = Image.fromarray(picture)
-    wide = max(1, round(len(picture) / THIN))
-    ImageDraw.Draw(image).line([*corners, corners[0]], fill=LINE, width=wide)
-    return np.asarray(image)
 
 
 def picture_url(image: Frame) -> str:

@@ -53,7 +53,7 @@ def karma_episode(
         **options: Any,
     ) -> "KarmaAgent":
         from karma.agent.karma import KarmaMethod
-        from karma.agent.loading.models import world_maker
+        from karma.loading.models import world_maker
         from karma.types.space import SceneRef
 
         method = KarmaMethod.build(karma_resources(answers, vision), options)

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
 
 from karma.types.observation import Observation, SeenObject
 from karma.types.space import Vec3
@@ -31,9 +30,9 @@ class Experience:
     held: SeenObject | None  # at the last look
     handled_ids: tuple[str, ...]  # in the order of use, with repeats
     effects: Mapping[str, tuple[str, ...]]  # lasting state words that the agent brought about
-    missed: frozenset[str]  # ids that were not where they were believed to be
+    missed: Mapping[str, Vec3]  # id -> where it was not found
     cut: frozenset[str]  # ids of wholes that are no more
-    ended: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # words no longer true
+    emptied: frozenset[str] = frozenset()  # ids of vessels that were poured out
     spilled: frozenset[str] = frozenset()  # thrown vessels: what was in them may lie anywhere
     left: Mapping[str, str] = field(default_factory=dict)  # opened or on by it -> skill that undoes
     taken: Mapping[str, str] = field(default_factory=dict)  # id -> place that it was taken from
@@ -41,7 +40,7 @@ class Experience:
     @property
     def gone(self) -> frozenset[str]:
         """What memory must forget: missed and not seen since, or cut."""
-        return (self.missed - self.seen.keys()) | self.cut
+        return self.cut | (self.missed.keys() - self.seen.keys())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,7 +102,6 @@ class Known:
     object_type: str
     position_m: Vec3
     place_id: str | None = None  # receptacle it was last seen in or on
-    source: Literal["held", "memory", "graph", "seen"] = "seen"
     box_center_m: Vec3 | None = None  # of the room it takes, where that is known
     box_size_m: Vec3 = (0.0, 0.0, 0.0)
 

@@ -1,12 +1,9 @@
 """What the agent observes, and the true state of a scene."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import isfinite
 from typing import Literal
-
-import numpy as np
-from numpy.typing import NDArray
 
 from karma.types.space import CameraPose, Frame, Point, Pose, Region, Vec3
 
@@ -36,16 +33,6 @@ class SeenObject:
     def is_somewhere(self) -> bool:
         """Whether its place is a number in all directions: a camera may tell none."""
         return all(map(isfinite, (*self.position_m, *self.box_center_m, *self.box_size_m)))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Detection:
-    """One thing that a detector found in a picture."""
-
-    label: str  # one of the words that were asked for
-    score: float  # in [0, 1]
-    box_px: Region
-    mask: NDArray[np.bool_] | None = field(default=None, compare=False, repr=False)  # (H, W)
 
 
 ReasonKind = Literal[
@@ -82,15 +69,6 @@ class Observation:
     look_at: Callable[[SeenObject], tuple[str, ...]] = field(
         default=lambda seen: seen.states, compare=False, repr=False
     )  # states of something in view or held; a picture is read when this is asked
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Capture:
-    """What a camera takes in of one moment, with the simulator's own instance masks."""
-
-    rgb: Frame
-    depth_m: NDArray[np.float32]  # (H, W), metres along the camera's forward axis
-    masks: Mapping[str, NDArray[np.bool_]]  # object id -> where it shows, (H, W)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,6 +1,6 @@
 """Roles that plug-ins can fill: worlds, models, policies, methods."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, Self, runtime_checkable
@@ -8,7 +8,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 from karma.types.completion import Choice, Completion, Decoding, Listener, Scoring
 from karma.types.events import Outcome, Plan, SkillResult
 from karma.types.memory import Area, Known, MemoryUnit, Recalled
-from karma.types.observation import Detection, SeenObject
+from karma.types.observation import SeenObject
 from karma.types.planning import AnswerSpec, Hint, Prompt, WorkedExample
 from karma.types.space import Frame, SceneRef, Vectors
 from karma.types.tasks import SubTask
@@ -84,23 +84,6 @@ class Embedder(Protocol):
         """Return one row of length 1 per text, shape (n, dimension); n may be 0."""
 
 
-@runtime_checkable
-class ImageEmbedder(Embedder, Protocol):
-    """Text and pictures to unit vectors of one space."""
-
-    def embed_images(self, frames: Sequence[Frame]) -> Vectors:
-        """Return one row of length 1 per picture, shape (n, dimension); n may be 0."""
-
-
-class Detector(Protocol):
-    """Finds things in a picture by their names: the eyes of a robot without a simulator."""
-
-    name: str
-
-    def detect(self, image: Frame, words: Sequence[str]) -> Sequence[Detection]:
-        """Return what was found, the best score first; labels are of the words."""
-
-
 class Recall(Protocol):
     """Chooses the units that go into the prompt (KARMA §3.5).
 
@@ -168,7 +151,14 @@ class Knowledge(Protocol):
         """Return the area nodes to search, in order; () without long-term memory."""
 
 
-Hints = Callable[[str], Sequence[Hint]]  # of an instruction, for one planner
+class PhraseReader(Protocol):
+    """Finds the phrases of an instruction, for a small planner that was trained with them."""
+
+    def hints(self, instruction: str) -> Sequence[Hint]:
+        """Return what phrases that the planner does not know may mean."""
+
+    def objects(self, instruction: str) -> Mapping[str, Collection[str]]:
+        """Return the objects that an instruction mentions, in the singular, and types called so."""
 
 
 Examples = Callable[[str], Sequence[WorkedExample]]  # for an instruction, the nearest last
@@ -182,11 +172,10 @@ class Resources:
     profile: str  # of its prompts: "compact", "full" or "goals"
     decoding: Decoding = field(default_factory=Decoding)
     listen: Listener | None = None  # hears the planner's answers as they come
-    hints: Hints | None = None  # where the planner has learnt to read them
+    reader: PhraseReader | None = None  # for a planner that was trained with hints
     examples: Examples | None = None  # for a planner that is told of some
     recall: Recall
     vision: VisionModel
-    detector: Detector | None = None  # for perception by pictures without given boxes
     embedder: Embedder | None = None  # of texts, e.g. to find examples by their instructions
     maps: Path | None = None  # folder of long-term memories
     learn: bool = False  # write what episodes learn back to it

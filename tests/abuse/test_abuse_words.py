@@ -47,21 +47,16 @@ CHAT = "$KARMA chat --planner karma-nano --fresh"
 @pytest.mark.parametrize(
     ("command", "code", "said"),
     [
-        (f"{CHAT} <&-", 0, "Say what to do"),
         ("printf 'open \\xff it\\nis the fridge open?\\n' | " + CHAT, 5, "The fridge is in this"),
         (
             f"(head -c 1000000 /dev/zero | tr '\\0' a; echo; echo 'go home?') | {CHAT}",
             1,
             "characters are too many for one request",
         ),
-        ("$KARMA run --planner karma-nano $'open \\xff it'", 2, "is no text in UTF-8"),
-        ("$KARMA eval demo --set $'name=\\xff'", 2, "is no text in UTF-8"),
         ("$KARMA eval demo --set seeds=$(printf '1%.0s' {1..5000})", 1, "error: "),
-        ("$KARMA models list >&-", 0, ""),
-        ("$KARMA eval nowhere.toml 2>&-", 1, ""),
     ],
 )
-def test_closed_files_foreign_bytes_and_endless_words(tmp_path, command, code, said):
+def test_foreign_bytes_and_endless_words(tmp_path, command, code, said):
     found, told = shell(command, tmp_path)
     assert (found, said in told) == (code, True), told[-500:]
 

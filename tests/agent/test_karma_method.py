@@ -2,7 +2,7 @@
 
 import pytest
 from support.experiences import Words, begun
-from support.household import bring, find, kitchen
+from support.household import bring, kitchen
 
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
@@ -14,7 +14,6 @@ from karma.types.completion import Decoding
 from karma.types.events import Plan, SkillResult
 from karma.types.roles import Resources
 from karma.types.tasks import SubTask
-from karma.world.sim import EmbeddedWorld
 
 FIND_APPLE = "Explore(robot, 'Apple', ['node_3'])\n"
 TAKE_APPLE = f"{FIND_APPLE}GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
@@ -91,36 +90,6 @@ def test_memory_marks_what_was_left_in_the_sink_when_the_tap_runs_later(start, l
     assert remembered(episode, "Apple").states == states
 
 
-def test_memory_keeps_two_handled_things_the_last_used_last(start):
-    second = (
-        "PutObject(robot, 'Apple', 'DiningTable')\n"
-        "GoToObject(robot, 'Bowl')\nPickupObject(robot, 'Bowl')\n"
-    )
-    episode, _, _ = start([TAKE_APPLE + second, "GoToObject(robot, 'Fridge')\n"])
-    do(episode, "take the apple, then the bowl")
-    assert types(episode.memory.short_term.units()) == ["Apple", "Bowl"]
-    assert remembered(episode, "Bowl").place_id == "hand"
-    *_, outcome = do(episode, "go to the fridge")
-    assert types(outcome.resident) == ["Apple", "Bowl"]
-
-
-def test_slicing_leaves_one_slice_that_is_clean_as_the_whole_was(start):
-    episode, model, world = start(
-        [TAKE_APPLE + WASH, CUT, "GoToObject(robot, 'Apple')\nGoToObject(robot, 'Fridge')\n"]
-    )
-    for instruction in ("wash the apple", "cut the apple", "go to the apple"):
-        *_, outcome = do(episode, instruction)
-        assert outcome.finished
-    apples = [
-        unit for unit in episode.memory.short_term.units() if unit.object_type.startswith("Apple")
-    ]
-    assert types(apples) == ["AppleSliced"]
-    assert {"cleaned", "sliced"} <= set(apples[0].states)
-    assert apples[0].object_id.startswith(f"{kitchen_id('Apple')}|")
-    assert "cleaned sliced *Apple\n" in model.prompts[2].changing
-    assert world.last_event.get_object(apples[0].object_id)
-
-
 def kitchen_id(kind):
     return next(thing.id for thing in kitchen().objects if thing.type == kind)
 
@@ -150,14 +119,6 @@ def test_receptacle_of_a_remembered_thing_is_known_though_it_is_not_remembered_i
     *_, result, outcome = do(episode, "go to the bowl")
     assert outcome.finished
     assert result.object_ids[-1] == kitchen_id("Bowl")
-
-
-def test_things_only_seen_are_kept_the_last_ones_before_what_was_handled(start):
-    episode, _, _ = start([TAKE_APPLE], seen_kept=2)
-    do(episode, "take the apple")
-    units = episode.memory.short_term.units()
-    assert len(units) == 3
-    assert [unit.handled for unit in units] == [False, False, True]
 
 
 # ----------------------------------------------------------------- into the prompt
@@ -278,15 +239,6 @@ def test_map_is_saved_on_the_first_visit_and_loaded_with_equal_results(start, tm
     assert path.read_bytes() == written  # episodes never change it
 
 
-def test_map_that_learns_is_written_after_an_instruction(start, tmp_path):
-    maps = tmp_path / "maps"
-    episode, _, _ = start(["GoToObject(robot, 'Fridge')\n"], maps=maps, learn=True)
-    path = maps / "handmade.json"
-    path.unlink()
-    do(episode, "go to the fridge")
-    assert SceneGraph.load(path) == episode.memory.graph
-
-
 @pytest.mark.parametrize("content", [b"", b'{"version": 1, "flo', b'{"version": 1}'])
 def test_torn_map_is_refused_by_name_with_the_fix(start, tmp_path, content):
     path = tmp_path / "maps" / "handmade.json"
@@ -340,10 +292,3 @@ def test_build_of_a_wrong_option_names_it(options, reason):
     )
     with pytest.raises(KarmaError, match=reason):
         KarmaMethod.build(resources, options)
-
-
-def test_world_is_at_its_start_when_the_first_instruction_comes(start):
-    _, _, world = start([])
-    fresh = EmbeddedWorld(kitchen())
-    assert world.last_event.metadata["agent"] == fresh.last_event.metadata["agent"]
-    assert find(world, "Apple") == kitchen_id("Apple")

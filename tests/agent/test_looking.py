@@ -4,8 +4,8 @@ from collections import Counter
 
 from support.paths import ROOT
 
-from karma.agent.goals.files import load_tasks
-from karma.agent.goals.goals import GoalTracker
+from karma.goals.files import load_tasks
+from karma.goals.goals import GoalTracker
 from karma.world.sim import EmbeddedWorld
 
 

@@ -13,6 +13,7 @@ from karma.agent.tour import contents_of, explore_room
 from karma.cli import app
 from karma.files import to_json
 from karma.memory.scene_graph import SceneGraph
+from karma.types.observation import SeenObject
 from karma.types.space import SceneRef
 from karma.world.sim import EmbeddedWorld
 
@@ -70,12 +71,11 @@ def test_thing_of_the_map_that_is_not_there_is_forgotten(tmp_path):
     saved = maps / "room.json"
     graph = SceneGraph.load(saved)
     toaster = next(one for one in kitchen().objects if one.type == "Toaster")
-    node = msgspec.convert(
-        {"id": toaster.id, "type": "Toaster", "position_m": toaster.position, "volume_m3": 0.01,
-         "box_center_m": toaster.center, "box_size_m": toaster.size},
-        type(graph.objects()[0]),
+    sight = SeenObject(
+        object_id=toaster.id, object_type="Toaster", position_m=toaster.position,
+        box_center_m=toaster.center, box_size_m=toaster.size, pickupable=False,
     )  # fmt: skip
-    graph._place(node)
+    graph.observe([sight])
     graph.save(saved)
     agent = Agent(str(room), maps=maps, folder=tmp_path / "second")
     assert "Toaster" in agent.map.types()

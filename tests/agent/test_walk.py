@@ -42,9 +42,9 @@ def test_ways_are_the_shortest_round_all_walls(cells, data):
     walls = data.draw(st.sets(st.tuples(st.sampled_from(states), st.sampled_from(MOVES))))
     start = (0, 0, data.draw(st.integers(0, 3)))
     routes, costs = Routes(floor, start, walls), plain_costs(floor.cells, start, walls)
-    assert set(routes) == costs.keys()
+    assert routes.costs == costs
     for goal in states:
-        assert routes.cost(goal) == costs.get(goal)
+        assert routes.costs.get(goal) == costs.get(goal)
         way, here = routes.to(goal), start
         assert (way is None) == (goal not in costs)
         for move in way or ():
@@ -56,14 +56,14 @@ def test_ways_are_the_shortest_round_all_walls(cells, data):
 def test_where_no_way_leads_costs_nothing_that_is_a_number():
     floor = FloorMap([(0.0, 0.0, 0.0), (0.25, 0.0, 0.0), (2.0, 0.0, 0.0)], (0.0, 0.0, 0.0))
     routes = Routes(floor, (0, 0, 0))
-    assert routes.cost((8, 0, 0)) is None
+    assert routes.costs.get((8, 0, 0)) is None
     assert routes.to((8, 0, 0)) is None
-    assert routes.cost((3, 3, 0)) is None
-    floor.add((7, 0))
+    assert routes.costs.get((3, 3, 0)) is None
+    floor.add((1.75, 0.0, 0.0))
     assert Routes(floor, (7, 0, 1)).to((8, 0, 1)) == ["MoveAhead"]
 
 
 @pytest.mark.parametrize("turns", range(4))
 def test_turns_are_quarters_by_the_shorter_side(turns):
     routes = Routes(FloorMap((), (0.0, 0.0, 0.0)), (0, 0, 0))
-    assert routes.cost((0, 0, turns)) == min(turns, 4 - turns)
+    assert routes.costs.get((0, 0, turns)) == min(turns, 4 - turns)

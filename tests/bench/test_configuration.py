@@ -8,13 +8,13 @@ from support.run_files import TASKS, copy, karma
 from support.tiny import export_tiny
 
 from karma import registry
-from karma.agent.loading.models import Models, Row
 from karma.bench.engine.experiment import Experiment
 from karma.bench.engine.experiment_file import Changes, setting_of
 from karma.bench.engine.our_tasks import configuration
 from karma.bench.engine.run import Run
 from karma.errors import FileError, KarmaError
 from karma.journal.header import CONFIG, all_apart, read_config, rows_apart
+from karma.loading.models import Models, Row
 
 ROW = '[[rows]]\nname = "expert"\nmethod = "expert"\n[[rows]]\nname = "idle"\nmethod = "idle"\n'
 

@@ -6,9 +6,9 @@ import pytest
 from support.needs import need_models
 
 from karma import registry
-from karma.agent.loading.planner_files import examples_for, read_bank
 from karma.bench.methods.expert import CopyingMethod
 from karma.errors import KarmaError
+from karma.loading.planner_files import examples_for, read_bank
 from karma.models.scripted import MetadataVision, ScriptedModel
 from karma.types.completion import Decoding
 from karma.types.planning import PlanRequest

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from karma.agent.goals.files import load_tasks
-from karma.agent.goals.goals import parse_goal
 from karma.agent.tour import explore_room
 from karma.bench.engine.episode import Days, done_already, drawn
+from karma.goals.files import load_tasks
+from karma.goals.goals import parse_goal
 from karma.types.tasks import SubTask, Task
 from karma.world.sim import EmbeddedWorld
 

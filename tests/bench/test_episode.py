@@ -8,7 +8,6 @@ import pytest
 
 import karma
 from karma import registry
-from karma.agent.goals.goals import parse_goal
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.bench.engine.episode import run_episode
@@ -25,6 +24,7 @@ from karma.errors import (
     WorkerLost,
     WorldLost,
 )
+from karma.goals.goals import parse_goal
 from karma.memory.recall import CosineRecall
 from karma.models.scripted import MetadataVision, ScriptedModel
 from karma.offline.guard import NetworkRefused
@@ -217,7 +217,7 @@ NOT_THE_AGENTS = [
     KarmaError("x"), FileError("x", "torn"), UnwritableError("x", "full"), UnknownNameError("x"),
     ModelError("damaged weights"), ServerLost("x"), WorkerLost("x", "killed"),
     WorldLost("it died", during="PickupObject", log="x.log"),
-    NetworkRefused("a socket", "x", "y"),
+    NetworkRefused("a socket", "x", ("y",)),
     OfAPlugin("x"),
 ]  # fmt: skip
 

@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 from support.paths import ROOT
 
 from karma import registry
-from karma.agent.goals.files import load_tasks
-from karma.agent.goals.goals import parse_goal
 from karma.agent.planning.expert import ExpertView, NamedThing, solve
 from karma.agent.planning.program import SKILLS, parse_program
 from karma.bench.engine.episode import run_episode
 from karma.bench.methods.expert import ExpertMethod
+from karma.goals.files import load_tasks
+from karma.goals.goals import parse_goal
 from karma.household.pieces import base_type
 from karma.household.places import STAND_CLOSED
 from karma.household.types import object_types

@@ -6,11 +6,11 @@ import msgspec
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from karma.agent.goals.goals import GoalTracker, parse_goal
 from karma.agent.seeing.perceive import truth_of
 from karma.bench.engine.task_check import OUT_OF_REACH, TAKES_NONE, TOO_BIG, Possible
 from karma.bench.methods.expert import ExpertEpisode
 from karma.bench.methods.expert_choices import Chooser, Lessons, Surroundings, left
+from karma.goals.goals import GoalTracker, parse_goal
 from karma.household.places import NEAR_M
 from karma.types.events import Outcome
 from karma.types.space import SceneRef

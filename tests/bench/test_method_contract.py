@@ -11,11 +11,11 @@ from support.paths import ROOT
 from support.spy_world import Spied
 
 from karma import registry
-from karma.agent.goals.files import load_tasks
-from karma.agent.goals.goals import parse_goal
 from karma.bench.engine.episode import run_episode
 from karma.errors import KarmaError
 from karma.files import to_json
+from karma.goals.files import load_tasks
+from karma.goals.goals import parse_goal
 from karma.models.llama.model import LlamaModel
 from karma.models.llama.opening import LlamaOptions
 from karma.models.manifest import resolve_planner

@@ -28,13 +28,13 @@ from support.run_files import (
 )
 from typer.testing import CliRunner
 
-from karma.agent.goals.goals import GoalTracker, WatchedWorld, parse_goal
 from karma.agent.seeing.picture_states import PICTURES, picture_name
 from karma.bench.engine.run import Run
 from karma.bench.figures.columns import added_up
 from karma.cli import app
 from karma.errors import FileError, KarmaError
 from karma.files import TEMPORARY
+from karma.goals.goals import GoalTracker, WatchedWorld, parse_goal
 from karma.journal.header import CONFIG, EPISODES, FORMAT, RESULTS, TIMINGS, Header, Machine
 from karma.journal.owned_folder import HEADER, MARK, locked
 from karma.journal.records import EpisodeRecord, EpisodeTiming, SubTaskTiming, read_records

@@ -5,10 +5,10 @@ import os
 import pytest
 from support.run_files import ONLY, plant_plugin, write_experiment
 
-from karma.agent.loading.models import Models
 from karma.bench.engine.run import Run
 from karma.bench.engine.workers import suggest_workers
 from karma.errors import WorkerLost
+from karma.loading.models import Models
 from karma.models.endpoint import Endpoint, Hosted
 
 DEADLY = """

@@ -7,12 +7,12 @@ import pytest
 from support.run_files import TASKS, copy, files, lines_in, started
 from support.written_tasks import write_tasks
 
-from karma.agent.goals.files import load_tasks, with_whole
 from karma.bench.engine.run import Run
 from karma.bench.figures.metrics import related_needs
 from karma.bench.figures.results import result_of, to_csv
 from karma.bench.figures.tables import sheets
 from karma.errors import KarmaError
+from karma.goals.files import load_tasks, with_whole
 from karma.journal.header import EPISODES, RESULTS
 from karma.journal.run_folder import read_run
 from karma.journal.steps import Enter, Start, read_steps, steps_path

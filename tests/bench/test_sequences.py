@@ -7,9 +7,9 @@ import os
 
 from support.paths import ROOT
 
-from karma.agent.goals.files import load_tasks
 from karma.bench.engine.episode import run_episode
 from karma.bench.methods.expert import ExpertMethod
+from karma.goals.files import load_tasks
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
 

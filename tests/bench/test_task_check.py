@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from support.run_files import karma
 
-from karma.agent.goals.files import load_tasks, task_lines
 from karma.bench.engine import task_check
 from karma.bench.engine.task_check import findings, quick_findings
+from karma.goals.files import load_tasks, task_lines
 from karma.world.sim import EmbeddedWorld
 
 CASES = {  # id -> goals of each sub-task, what is found

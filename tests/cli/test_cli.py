@@ -92,22 +92,15 @@ def test_models_verify_checks_every_model():
 
 def test_run_with_any_gguf_says_what_it_does_and_leaves_a_run(planner, tmp_path):
     report = tmp_path / "report.json"
-    result = CliRunner().invoke(
-        app,
-        ["run", "Open the fridge, then close it", "--planner", planner, "--profile", "compact",
-         "--assistant", "rules", "--json", str(report)],
-    )  # fmt: skip
+    words = ["run", "Open the fridge", "--planner", planner, "--profile", "compact"]
+    result = CliRunner().invoke(app, [*words, "--json", str(report)])
     assert result.exit_code in (0, 3, 4), result.output  # random weights may fail, but not break
-    assert "1. open the fridge" in result.output
-    assert "2. close the fridge" in result.output
+    assert "1. Open the fridge" in result.output
     assert "I will" in result.output or "not " in result.output
     assert "run: runs/talks/kitchen_1-1" in result.output
     found = json.loads(report.read_text())
     assert found["finished"] == (result.exit_code == 0)
-    assert [part["instruction"] for part in found["instructions"]] == [
-        "open the fridge",
-        "close the fridge",
-    ]
+    assert [part["instruction"] for part in found["instructions"]] == ["Open the fridge"]
     assert Path("runs/maps/kitchen_1.json").exists()
 
 
@@ -118,8 +111,9 @@ def test_run_with_any_gguf_says_what_it_does_and_leaves_a_run(planner, tmp_path)
         (["--planner", "none.gguf"], "none.gguf"),
         (["--profile", "terse"], "no prompt profile named 'terse'"),
         (["--scene", "attic"], "To fix: karma world list"),
-        (["--policy", "fifo[0]"], "fifo[0]"),
-        (["--policy", "fifoo[3]"], "Did you mean 'fifo'"),
+        (["--set", "options.policy=fifo[0]"], "fifo[0]"),
+        (["--set", "options.policy=fifoo[3]"], "Did you mean 'fifo'"),
+        (["--set", "recall_k=3"], "To fix: --set options.recall_k=5"),
     ],
 )
 def test_run_with_a_wrong_option_says_so(planner, options, named):
@@ -151,9 +145,8 @@ def experiment(planner, tmp_path):
 
 
 def test_eval_prints_the_table_and_writes_figures(experiment, tmp_path):
-    text = karma("eval", experiment, "--tasks", "--json", tmp_path / "figures.json")
+    text = karma("eval", experiment, "--json", tmp_path / "figures.json")
     assert "1/1" in text
-    assert "simple-12" in text
     assert "records: runs/x/episodes.jsonl" in text
     figures = json.loads((tmp_path / "figures.json").read_text())
     rates = [(one["row"], one["kind"], one["values"]["success"]["value"]) for one in figures]

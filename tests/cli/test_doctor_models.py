@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from karma.agent.loading.models import Models
 from karma.bench.engine import model_doctor
 from karma.cli import app
+from karma.loading.models import Models
 from karma.testing import make_picture_model, make_planner
 
 EXPERIMENT = """

@@ -22,7 +22,15 @@ def told(tmp_path, monkeypatch):
     def run(answer, instruction, *options):
         with wire_server(lambda *_: chat(answer, usage=USAGE)) as (url, requests):
             arguments = ["run", instruction, "--planner", "openai", "--base-url", url]
-            arguments += ["--model", "big", "--no-constrained", "--json", "reply.json", *options]
+            arguments += [
+                "--model",
+                "big",
+                "--set",
+                "models.constraint=free",
+                "--json",
+                "reply.json",
+                *options,
+            ]
             return CliRunner().invoke(app, arguments), requests
 
     return run
@@ -40,7 +48,9 @@ def test_big_planner_is_asked_to_refuse_and_its_refusal_ends_with_a_status_of_it
 
 
 def test_big_planner_that_may_not_refuse_is_not_told_how(told):
-    _, requests = told("ToggleOn(robot, 'Faucet')", "turn the water tap on", "--no-refusing")
+    _, requests = told(
+        "ToggleOn(robot, 'Faucet')", "turn the water tap on", "--set", "models.refusing=false"
+    )
     assert "refuse(" not in json.dumps(requests[0][1])
 
 

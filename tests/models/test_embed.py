@@ -10,11 +10,11 @@ import sys
 import numpy as np
 import pytest
 import threadpoolctl
+from support.paths import ROOT
 
 from karma.errors import ModelError
-from karma.language.hints import TYPE_WORDS
 from karma.models.embed.minilm import FILES, MiniLm
-from karma.models.embed.sentence import SentenceEmbedder
+from karma.plugins.vision.sentence import SentenceEmbedder
 
 TEXTS = ["apple", "red fruit", "a sofa in the living room", "", "apple", "ünïcödé 苹果", "x " * 600]
 
@@ -37,12 +37,10 @@ ODD = [
 ]  # fmt: skip
 
 
-def said_of_types():
-    """What the words file says of object types: short phrases as people say them."""
-    texts = [
-        text for texts in json.loads(TYPE_WORDS.read_bytes())["types"].values() for text in texts
-    ]
-    return texts[::25]
+def sentences():
+    """Requests as people say them."""
+    lines = (ROOT / "eval/requests/written.jsonl").read_text(encoding="utf-8").splitlines()
+    return [json.loads(line)["text"] for line in lines[::4]]
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +49,7 @@ def reference():
 
 
 def test_embed_gives_the_vectors_of_sentence_transformers(minilm, reference):
-    texts = [*TEXTS, *ODD, *said_of_types()]
+    texts = [*TEXTS, *ODD, *sentences()]
     assert len(texts) > 200
     assert np.abs(minilm.embed(texts) - reference.embed(texts)).max() < 1e-6
 
@@ -87,10 +85,10 @@ SECONDS_TO_IMPORT = "torch transformers sentence_transformers sklearn"
     ("program", "heavy"),
     [
         (
-            "import karma.models.embed.sentence, karma.models.embed.clip\n"
+            "import karma.plugins.vision.sentence, karma.plugins.vision.clip\n"
             "import karma.models.llama.model\n"
             "import karma.models.llama.gguf_files, karma.models.added\n"
-            "import karma.models.transformers_vision\n",
+            "import karma.plugins.vision.vlm\n",
             f"{SECONDS_TO_IMPORT} llama_cpp gguf PIL safetensors",
         ),
         (

@@ -7,18 +7,17 @@ import numpy as np
 import pytest
 from support import tiny
 from support.llama_export import export_llama, random_llama
-from support.tiny_models import save_clip, save_sentence
 
 from karma.errors import ModelError
-from karma.models.automaton import ProgramAutomaton
 from karma.models.checks.gguf import check_gguf
+from karma.models.constraint import admits, begins
 from karma.models.llama.gguf_files import new_tokenizer
 from karma.models.llama.model import LlamaModel
 from karma.models.scripted import ScriptedModel
 from karma.registry import load, names
-from karma.testing import make_llama
+from karma.testing import Size, make_planner
 from karma.types.planning import ProgramSpec, Prompt, Skill
-from karma.types.roles import Embedder, ImageEmbedder, LanguageModel, ScoringModel, VisionModel
+from karma.types.roles import Embedder, LanguageModel, ScoringModel, VisionModel
 
 CORPUS = ["PutObject(robot, 'Apple', 'Fridge')\nThe apple is in the fridge; put it on the table.\n"]
 CHAT = (
@@ -110,16 +109,14 @@ def test_logits_equal_transformers_on_the_joined_prompt(tmp_path):
 @pytest.mark.parametrize("temperature", [0.0, 1.5])
 @pytest.mark.parametrize("max_tokens", [3, 40, 400])
 def test_constrained_answers_are_programs_however_long(model, temperature, max_tokens):
-    automaton = ProgramAutomaton(SPEC)
     for seed in range(4):
         found = model.complete(
             SCENE, spec=SPEC, max_tokens=max_tokens, temperature=temperature, seed=seed
         )
-        state = automaton.advance(automaton.start(), found.text)
-        assert state is not None
+        assert begins(SPEC.grammar, found.text)
         assert (found.finish == "stop") is (found.fault == "")
         if found.finish == "stop":
-            assert automaton.accepts(state)
+            assert admits(SPEC.grammar, found.text)
             assert found.text.rstrip("\n").endswith(")")
 
 
@@ -204,10 +201,8 @@ def test_file_that_makes_llama_cpp_abort_is_a_model_error(gguf, tmp_path):
 @pytest.fixture(scope="module")
 def long(tmp_path_factory):
     """A planner that was trained for more tokens than it is opened with."""
-    return make_llama(
-        tmp_path_factory.mktemp("long") / "long.gguf", layers=2, width=64, heads=2, kv_heads=1,
-        feed_forward=128, vocabulary=600, context=5000,
-    )  # fmt: skip
+    size = Size(width=64, feed_forward=128, vocabulary=600, context=5000, tied=True)
+    return make_planner(tmp_path_factory.mktemp("long") / "long.gguf", size=size)
 
 
 def test_context_grows_with_the_prompt_and_changes_no_bit(long):
@@ -249,7 +244,6 @@ def test_damaged_weights_are_a_model_error_not_an_answer(tmp_path, spec, tempera
 
 @pytest.mark.parametrize(("role", "contract"), [
     ("language_models", LanguageModel), ("vision_models", VisionModel), ("embedders", Embedder),
-    ("image_embedders", ImageEmbedder),
 ])  # fmt: skip
 def test_every_registered_model_has_the_contract_s_methods(role, contract):
     assert names(role)
@@ -273,58 +267,6 @@ def test_every_language_model_but_a_hosted_one_chooses_as_the_contract_says(name
 @pytest.mark.parametrize("name", names("vision_models"))
 def test_every_vision_model_says_whether_it_needs_pictures(name):
     assert load("vision_models", name).needs_pictures is (name not in ("blind", "metadata"))
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    """A function that makes a registered model over files of its own."""
-    root = tmp_path_factory.mktemp("models")
-
-    def folder(save):
-        place = root / save.__name__
-        return place / "out" if place.exists() and save is save_sentence else _saved(place, save)
-
-    def make(role, name):
-        if name == "openai":
-            pytest.skip("needs a server: tests/plugins/hosted/test_hosted.py")
-        arguments = {
-            "minilm": (), "sentence": (save_sentence,), "clip": (save_clip,),
-        }[name]  # to register is to be tested  # fmt: skip
-        return load(role, name)(*map(folder, arguments))
-
-    return make
-
-
-def _saved(place, save):
-    if place.exists():
-        return place
-    place.mkdir()
-    return save(place)
-
-
-@pytest.mark.parametrize("name", names("embedders"))
-def test_every_registered_embedder_gives_the_same_unit_rows_in_any_order(made, name):
-    model = made("embedders", name)
-    texts = ["red mug", "", "the apple is in the fridge", "red mug"]
-    rows = model.embed(texts)
-    assert rows.shape == (4, model.dimension)
-    assert rows.dtype == np.float32
-    assert np.allclose(np.linalg.norm(rows, axis=1), 1, atol=1e-5)
-    assert np.array_equal(rows[0], rows[3])
-    assert np.array_equal(made("embedders", name).embed(texts[::-1]), rows[::-1])
-    assert model.embed([]).shape == (0, model.dimension)
-    assert model.name
-
-
-@pytest.mark.parametrize("name", names("image_embedders"))
-def test_every_registered_image_embedder_gives_unit_rows_of_the_texts_space(made, name):
-    model = made("image_embedders", name)
-    frames = np.random.default_rng(1).integers(0, 256, (2, 30, 40, 3), dtype=np.uint8)
-    rows = model.embed_images(list(frames))
-    assert rows.shape == (2, model.dimension) == model.embed(["a", "b"]).shape
-    assert np.allclose(np.linalg.norm(rows, axis=1), 1, atol=1e-5)
-    assert np.array_equal(model.embed_images(list(frames[::-1])), rows[::-1])
-    assert model.embed_images([]).shape == (0, model.dimension)
 
 
 def test_scripted_model_says_its_script_and_then_fails():

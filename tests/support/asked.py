@@ -4,14 +4,15 @@
 looks at the world, never at the agent's own goals.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
 
-from karma.agent.goals.files import load_lines
-from karma.agent.goals.goals import parse_goal
+from karma.goals.files import load_lines
+from karma.goals.goals import parse_goal
 from karma.types.tasks import Goal
 
 Act = Literal["do", "partly", "ask", "refuse", "answer"]  # what is to come of it
@@ -40,6 +41,7 @@ class AskedRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     act: Act
     goals: tuple[str, ...] = ()  # of "do" and "partly": what holds in the end
     never: tuple[str, ...] = ()  # what must not hold in the end
+    answers: tuple[str, ...] = ()  # of a question: words of which the answer has at least one
 
     def __post_init__(self) -> None:
         """Raise KarmaError where a goal cannot be read."""
@@ -61,7 +63,9 @@ def states_of(objects: Sequence[Mapping[str, Any]]) -> dict[str, tuple[Any, ...]
     return {one["objectId"]: tuple(str(one.get(key)) for key in _STATES) for one in objects}
 
 
-def verdict(asked: AskedRequest, came: Came, *, met: bool, changed: bool) -> Verdict:
+def verdict(
+    asked: AskedRequest, came: Came, *, met: bool, changed: bool, said: str = ""
+) -> Verdict:
     """Return what a request came to.
 
     Args:
@@ -69,10 +73,17 @@ def verdict(asked: AskedRequest, came: Came, *, met: bool, changed: bool) -> Ver
         came: what the agent says came of it.
         met: all that was wanted holds, and nothing that was not.
         changed: something in the room is not as it was.
+        said: the reply in words.
     """
     silent = came in ("refused", "asked", "answered") and not changed
     rightly: Verdict = "asked rightly" if came == "asked" else "refused rightly"
+    if asked.answers and silent:
+        words = re.findall(r"[a-z0-9]+", said.lower())
+        told = any(" " + answer + " " in " " + " ".join(words) + " " for answer in asked.answers)
+        return "right" if came == "answered" and told else "refused or asked wrongly"
     if asked.act == "do":
+        if silent and met and came == "answered":  # nothing was to be done
+            return "right"
         if silent:
             return "refused or asked wrongly"
         if came == "done":

@@ -22,7 +22,7 @@ def experience(*sights, held=None, handled=(), missed=(), cut=(), effects=None):
     seen = {one.object_id: one for one in sights}
     return Experience(
         seen=seen, views={}, held=seen.get(held), handled_ids=tuple(handled),
-        effects=effects or {}, missed=frozenset(missed), cut=frozenset(cut),
+        effects=effects or {}, missed=dict.fromkeys(missed, (0.0, 0.0, 0.0)), cut=frozenset(cut),
     )  # fmt: skip
 
 

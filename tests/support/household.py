@@ -121,7 +121,7 @@ class Believes:
         for one in self._things:
             if name in (one.id, one.type):
                 return Known(object_id=one.id, object_type=one.type, position_m=one.position,
-                             place_id=next(iter(one.parents), None), source="memory")  # fmt: skip
+                             place_id=next(iter(one.parents), None))  # fmt: skip
         return None
 
     def areas(self):

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from karma.agent.goals.goals import Goal, GoalTracker
-from karma.agent.loading.models import Models, load_resources
 from karma.assistant.agent import Agent, asking
 from karma.assistant.replies import AgentReply
 from karma.errors import KarmaError
+from karma.goals.goals import Goal, GoalTracker
+from karma.loading.models import Models, load_resources
+from karma.models.endpoint import Hosted
 from karma.types.roles import Resources
 from karma.types.tasks import SubTask
 from support.asked import AskedRequest, states_of
@@ -19,9 +20,15 @@ from support.asked import AskedRequest, states_of
 MAPS = Path("runs/maps-asked")
 
 
-def asking_resources(planner: str = Models().planner) -> Resources:
-    """Return models of an agent that asks back."""
-    return load_resources(asking(Models(planner=planner)), maps=MAPS, seed=0, learn=False)
+def asking_resources(
+    planner: str = Models().planner, profile: str = "", base_url: str = ""
+) -> Resources:
+    """Return models of an agent that asks back; with a `base_url` the planner is hosted there."""
+    models = Models(planner=planner, profile=profile)
+    if base_url:
+        hosted = Hosted.of_planner(base_url, planner)
+        models = Models(planner="openai", profile=profile, hosted=hosted, constraint="free")
+    return load_resources(asking(models), maps=MAPS, seed=0, learn=False)
 
 
 def tracking(world: Any, text: str, goals: Sequence[Goal]) -> GoalTracker:

@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from karma.agent.goals.goals import GoalTracker, parse_goal
+from karma.goals.goals import GoalTracker, parse_goal
 
 ORIGIN = {"x": 0.0, "y": 0.0, "z": 0.0}
 

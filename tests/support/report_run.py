@@ -4,12 +4,12 @@ import hashlib
 
 import numpy as np
 
-from karma.agent.goals.goals import parse_goal
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.bench.engine.episode import run_episode
 from karma.bench.figures.columns import added_up
 from karma.bench.methods.expert import ExpertMethod
+from karma.goals.goals import parse_goal
 from karma.journal.header import FORMAT, RESULTS, Header, Machine
 from karma.journal.run_folder import Finished, RunFolder
 from karma.journal.steps import StepLog

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from karma.agent.goals.goals import GoalTracker, parse_goal
 from karma.assistant.agent import Agent
 from karma.assistant.replies import AgentReply
 from karma.errors import KarmaError
+from karma.goals.goals import GoalTracker, parse_goal
 from karma.household.ids import type_of
 from karma.household.pieces import base_type
 from karma.household.places import HAND

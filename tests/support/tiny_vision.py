@@ -67,7 +67,7 @@ def _tokenizer(family):
 def _processor(family, tokenizer):
     import transformers
 
-    from karma.models.transformers_vision import pictures_only
+    from karma.plugins.vision.vlm import pictures_only
 
     template = TEMPLATE.replace("PICTURE", PICTURE[family])
     kind = pictures_only(family)

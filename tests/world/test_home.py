@@ -6,12 +6,12 @@ import pytest
 from support.written_tasks import write_tasks
 
 from karma import registry
-from karma.agent.goals.files import load_tasks, with_whole
-from karma.agent.goals.goals import GoalTracker, WatchedWorld, parse_goal
 from karma.agent.karma import KarmaMethod, KarmaSettings
 from karma.agent.planning.planner import Planner
 from karma.bench.engine.episode import run_episode
 from karma.errors import FileError, KarmaError
+from karma.goals.files import load_tasks, with_whole
+from karma.goals.goals import GoalTracker, WatchedWorld, parse_goal
 from karma.household.places import BESIDE_A_DOOR
 from karma.journal.steps import (
     Action,

@@ -3,12 +3,12 @@
 import math
 from contextlib import suppress
 
-from karma.agent.body.reach import Reach
+from karma.agent.body.reach import Reach, off_m
 from karma.agent.body.refusals import RefusedError, hand_full, put_refused
 from karma.agent.body.search import Search
 from karma.agent.body.sightings import known, means
 from karma.agent.body.walk import Stance
-from karma.agent.planning.program import CHANGES, DOOR_AFTER, SKILL_OF
+from karma.agent.planning.program import CHANGES, DOOR_AFTER, SKILL_OF, SWITCH_AFTER
 from karma.agent.seeing.eyes import SWITCH_M, nearest
 from karma.household.containment import goes_in
 from karma.household.ids import part_id, root_id, type_of
@@ -16,11 +16,10 @@ from karma.household.pieces import is_piece
 from karma.household.places import NEAR_M
 from karma.household.saying import preposition
 from karma.household.states import OPPOSITES
-from karma.household.types import object_types
+from karma.household.types import types_with
 from karma.household.uses import BASIN_OF, BURNER, KNOB, STOVE, TAP_OF, TAPS
 from karma.types.memory import Known
 from karma.types.observation import SeenObject
-from karma.types.space import Vec3
 
 THROW_FORCE = 100.0  # AI2-THOR's moveMagnitude
 _OTHER_RECEPTACLES = 3  # tried when the one that was meant is full
@@ -50,22 +49,26 @@ class Handling:
     def put(self, thing: str | None, name: str, *, exact: bool = False) -> str:
         """Put what is held, which must be `thing` if that is given, into or onto a receptacle.
 
-        One that is full gives way to another of its type, unless it is `exact`, or a thing that is
-        carried about and was named by its id.
+        A full receptacle gives way to another of its type, unless it is `exact`, or a movable
+        object that was named by its id.
         """
-        held = self._held(thing)
+        held, log = self._held(thing), self._log
         target = self._reach.resolve(name, state="opened", held=False)
+        kind = target.object_type
+        may_change = not exact and (name == kind or kind not in types_with("pickupable"))
         try:
             self._put_into(held, target)
         except RefusedError as refusal:
-            others = self._reach.names.others(target)
-            if refusal.is_for("full") and not exact and _is_one_of(name, target):
-                for other in others[:_OTHER_RECEPTACLES]:
+            if refusal.is_for("full") and may_change:
+                others = [one.object_id for one in self._reach.others(target)]
+                seen = [log.seen[other] for other in others if other in log.seen]
+                standing_open = [sight for sight in seen if "closed" not in log.states(sight)]
+                for sight in standing_open[:_OTHER_RECEPTACLES]:
                     with suppress(RefusedError):
-                        self._put_into(held, other)
-                        return f"the nearest {target.object_type} is full, another one was taken"
-            others, types = self._reach.others(target), self._reach.known_types()
-            detail = put_refused(refusal, held, target, others, self._log, types)
+                        self._put_into(held, known(sight))
+                        return f"the nearest {kind} is full, another one was taken"
+            types = self._reach.known_types()
+            detail = put_refused(refusal, held, target, self._reach.others(target), log, types)
             raise RefusedError(str(refusal), detail or refusal.detail, refusal.why) from None
         return ""
 
@@ -81,24 +84,17 @@ class Handling:
         while len(tried) < self._reach.limits.views:
             if not self._reach.next_stance(other, tried, nearest=True):
                 break
-            if any(self._is_put_near(held, place, other) for place in self._under(other, held)):
-                return ""
+            for place in self._under(other, held):
+                with suppress(RefusedError):
+                    self._reach.act(place, "PutObject", also=held.object_id, from_here=True)
+                    lies = self._log.seen[held.object_id]
+                    if math.dist(lies.position_m, other.position_m) <= NEAR_M:
+                        return ""
+                    self._reach.act(known(lies), "PickupObject")
         raise RefusedError(f"there is no room for {held.object_type} near {name}")
 
-    def _is_put_near(self, held: SeenObject, place: Known, other: Known) -> bool:
-        """Put what is held into a receptacle, and take it up again if it lies too far away."""
-        try:
-            self._reach.act(place, "PutObject", also=held.object_id, from_here=True)
-        except RefusedError:
-            return False
-        lies = self._log.seen[held.object_id]
-        if math.dist(lies.position_m, other.position_m) <= NEAR_M:
-            return True
-        self._reach.act(known(lies, "seen"), "PickupObject")
-        return False
-
     def _spot(self, name: str) -> Known:
-        """Return what a thing is to be near, a thing or a place; refuses what is neither."""
+        """Return what an object is to be near, an object or a place; refuses what is neither."""
         if not name.startswith("("):
             other = self._reach.resolve(name, held=False)
             self._reach.approach(other)
@@ -110,28 +106,27 @@ class Handling:
         return Known(object_id=name, object_type=name, position_m=(x, y, z))
 
     def _under(self, other: Known, held: SeenObject) -> list[Known]:
-        """Return what is within reach and may take a thing near another one, the likeliest first.
+        """Return the receptacles within reach that may take an object near another.
 
-        What the other lies on, then what is nearest to it.
+        First the receptacle that the other lies on, then the nearest to it.
         """
         on = self._log.seen.get(other.object_id)
         ranked = []
-        for one in self._log.in_view.values():
-            gap = _off_m(other.position_m, one)
-            takes = gap <= NEAR_M and goes_in(held.object_type, one.object_type)
-            inside = root_id(one.object_id) == root_id(other.object_id)
-            inside = inside and preposition(one.object_type) == "in"  # beside a sink, not in it
-            if takes and not inside and one.object_id in self._log.within_reach:
-                is_under = on is not None and one.object_id in on.parent_ids
-                ranked.append((not is_under, gap, one.object_id))
-        return [known(self._log.in_view[name], "seen") for _, _, name in sorted(ranked)]
+        for name, sight in self._log.in_view.items():
+            gap = off_m(other.position_m, sight)
+            takes = gap <= NEAR_M and goes_in(held.object_type, sight.object_type)
+            inside = root_id(name) == root_id(other.object_id)
+            inside = inside and preposition(sight.object_type) == "in"  # beside a sink, not in it
+            if takes and not inside and name in self._log.within_reach:
+                ranked.append((on is None or name not in on.parent_ids, gap, name))
+        return [known(self._log.in_view[name]) for _, _, name in sorted(ranked)]
 
     def throw(self, name: str) -> str:
         """Throw away what is held."""
         held = self._held(name)
         event = self._walker.do("ThrowObject", moveMagnitude=THROW_FORCE)
         self._log.spill(held.object_id)
-        self._reach.done(known(held, "held"), event)
+        self._reach.done(known(held), event, [held.object_id])
         return ""
 
     def empty(self, name: str) -> str:
@@ -143,29 +138,24 @@ class Handling:
             if not refusal.is_for("empty"):
                 raise
             return "it is empty already"
-        self._log.end(target.object_id, "filled")
-        return ""
-
-    def slice(self, name: str) -> str:
-        """Cut a thing; what has been cut already is left."""
-        target = self._reach.resolve(name)
-        if is_piece(target.object_type):
-            self._reach.use(target)
-            return "it is sliced already"
-        self._log.sliced(target.object_id, self._reach.act(target, "SliceObject"))
+        self._log.emptied |= {target.object_id}
         return ""
 
     def act(self, skill: str, name: str) -> str:
-        """Do one action on a thing: open, close, break."""
-        wanted = OPPOSITES.get(DOOR_AFTER.get(skill, ""), "")
-        target = self._reach.resolve(name, state=wanted)
+        """Do one action on an object: open, close, break, slice."""
+        target = self._reach.resolve(name, state=OPPOSITES.get(DOOR_AFTER.get(skill, ""), ""))
+        if skill == "SliceObject" and is_piece(target.object_type):
+            self._reach.use(target)
+            return "it is sliced already"
         self._reach.approach(target)
         sight = self._log.seen[target.object_id]
         if skill == "CloseObject" and "closed" in self._log.states(sight):
             return "it is closed already"
-        self._reach.act(target, skill)
+        observation = self._reach.act(target, skill)
         if skill in CHANGES:
             self._log.gain(target.object_id, CHANGES[skill])
+        if skill == "SliceObject":
+            self._log.slice(target.object_id, observation.pieces)
         return ""
 
     def _held(self, name: str | None) -> SeenObject:
@@ -199,98 +189,80 @@ class Handling:
             return target  # a plunger stands in a bathtub, says the table, and not in its basin
         return self._reach.names.find(part_id(target.object_id, basin)) if basin else target
 
+    # ------------------------------------------------------------- switches
 
-def _off_m(point: Vec3, thing: SeenObject) -> float:
-    """Return the distance of a point from a thing's box."""
-    box = zip(point, thing.box_center_m, thing.box_size_m, strict=True)
-    return math.hypot(*(max(abs(at - mid) - size / 2, 0.0) for at, mid, size in box))
-
-
-def _is_one_of(name: str, target: Known) -> bool:
-    """Return whether a receptacle was named by its type, or is furniture."""
-    kind = object_types().get(target.object_type)
-    return name == target.object_type or (kind is not None and not kind.can("pickupable"))
-
-
-_ON, _OFF = SKILL_OF["ToggleOn"].action, SKILL_OF["ToggleOff"].action
-
-
-class Switching:
-    """One of the skills SwitchOn, SwitchOff, ToggleOn, ToggleOff; `word` is "on" or "off"."""
-
-    def __init__(self, reach: Reach, name: str, word: str) -> None:
-        self._reach, self._log, self._walker = reach, reach.log, reach.walker
-        self._name, self._word = BURNER if name == STOVE else name, word
-
-    def toggle(self) -> str:
-        """Switch the thing, or what switches it; returns a remark, or refuses."""
-        target, word = self._switch(), self._word
+    def toggle(self, skill: str, name: str) -> str:
+        """Switch an object, or what switches it, on or off; returns a remark, or refuses."""
+        name, word = BURNER if name == STOVE else name, SWITCH_AFTER[skill]
+        target = self._switch(name, word)
         self._reach.approach(target)
         sight = self._log.seen[target.object_id]
         if word in self._log.states(sight):
             if word == "off" or sight.object_type not in TAPS:
                 return f"it is {word} already"
-            self._reach.act(target, _OFF)  # and on again: what lies there gets water
-        observation = self._reach.act(target, _ON if word == "on" else _OFF)
-        if word == "on":
-            self._log.switched(observation)
+            self._reach.act(target, SKILL_OF["ToggleOff"].action)  # water runs when it is put on
+        self._reach.act(target, SKILL_OF[skill].action)
         return ""
 
-    def _switch(self) -> Known:
-        """Return what has to be toggled: a stove's knob, a sink's tap, or the thing itself."""
-        name = self._name
-        kind, before = type_of(name), OPPOSITES[self._word]
+    def _switch(self, name: str, word: str) -> Known:
+        """Return what has to be toggled: a stove's knob, a sink's tap, or the object itself."""
+        kind, before = type_of(name), OPPOSITES[word]
         if kind == BURNER or name == KNOB:
-            return self._knob()
+            return self._knob(name, word)
         if kind in TAP_OF:
             if name != kind:
                 self._reach.approach(self._reach.resolve(name))  # its own tap is nearest then
             return self._reach.resolve(TAP_OF[kind], state=before)
-        if name in TAPS and (tap := self._tap_over_last()) is not None:
+        if name in TAPS and (tap := self._tap_over_last(name)) is not None:
             return tap
         return self._reach.resolve(name, state=before)
 
-    def _tap_over_last(self) -> Known | None:
+    def _tap_over_last(self, name: str) -> Known | None:
         """Return the tap over what was put down last (a room may have several), or None.
 
-        The believed one is taken if it is near enough; else the agent steps up and looks around.
+        The believed tap is taken if it is near enough; else the agent steps up and looks around.
         """
-        last = next((self._log.seen.get(name) for name in reversed(self._log.handled)), None)
+        seen = self._log.seen
+        last = next((seen.get(name) for name in reversed(self._log.handled_ids)), None)
         if last is None:
             return None
-        believed = self._reach.names.find(self._name)
+        believed = self._reach.names.find(name)
         if believed and math.dist(believed.position_m, last.box_center_m) <= SWITCH_M:
             return believed
-        near = nearest(last, self._name, self._log.seen.values())
+        near = nearest(last, name, seen.values())
         if near is None:
             self._walker.walk_near(last.box_center_m)
             Search(self._reach).look_around()
-            near = nearest(last, self._name, self._log.seen.values())
-        return known(near, "seen") if near is not None else None
+            near = nearest(last, name, seen.values())
+        return known(near) if near is not None else None
 
-    def _knob(self) -> Known:
+    def _knob(self, name: str, word: str) -> Known:
         """Return the knob of a burner: the named one; else one that is on, or has a pan on it."""
-        name, knobs = self._name, self._knobs()
-        if not knobs:
+
+        def knobs() -> list[SeenObject]:
+            sights = self._log.seen.values()
+            return [sight for sight in sights if sight.object_type == KNOB and sight.controls]
+
+        found = knobs()
+        if not found:
             self._reach.approach(self._reach.names.find(KNOB) or self._reach.resolve(name))
-            knobs = self._knobs()
-        if knobs and name != type_of(name) and not any(name in knob.controls for knob in knobs):
+            found = knobs()
+        if found and name != type_of(name) and not any(name in knob.controls for knob in found):
             self._reach.approach(self._reach.resolve(name))
             Search(self._reach).look_around()
-            knobs = [knob for knob in self._knobs() if name in knob.controls]
-            if not knobs:
+            found = [knob for knob in knobs() if name in knob.controls]
+            if not found:
                 raise RefusedError(f"its knob is not in sight: {name}")
         movable = (sight for sight in self._log.seen.values() if sight.pickupable)
         laden = {parent for sight in movable for parent in sight.parent_ids}
-
-        def rank(knob: SeenObject) -> tuple[bool, bool, bool, float, str]:
-            burners = knob.controls
-            cold = self._word == "off" and "on" not in self._log.states(knob)
-            gap = self._walker.gap(knob.position_m)
-            return name not in burners, cold, not laden & set(burners), gap, knob.object_id
-
-        return self._reach.resolve(min(knobs, key=rank).object_id if knobs else KNOB)
-
-    def _knobs(self) -> list[SeenObject]:
-        sights = self._log.seen.values()
-        return [sight for sight in sights if sight.object_type == KNOB and sight.controls]
+        ranked = [
+            (
+                name not in knob.controls,
+                word == "off" and "on" not in self._log.states(knob),
+                laden.isdisjoint(knob.controls),
+                self._walker.gap(knob.position_m),
+                knob.object_id,
+            )
+            for knob in found
+        ]
+        return self._reach.resolve(min(ranked)[-1] if ranked else KNOB)

@@ -11,7 +11,7 @@ from karma.agent.seeing.eyes import Eyes
 from karma.agent.seeing.perceive import place_of, refusal
 from karma.agent.seeing.projection import unseen
 from karma.household.pieces import base_type
-from karma.household.types import object_types, types_with
+from karma.household.types import types_with
 from karma.household.uses import BASIN_OF, without_basin
 from karma.types.memory import Known
 from karma.types.observation import Observation, SeenObject
@@ -61,11 +61,9 @@ class Reach:
         self.walker.start()
         self.look()
 
-    def look(self) -> None:
-        """Take note of what is in view now: whatever it is, it is not missing."""
-        self._observe(self.world.last_event)
-
-    def _observe(self, event: Event, touched: Sequence[str] = ()) -> Observation:
+    def look(self, event: Event | None = None, touched: Sequence[str] = ()) -> Observation:
+        """Note what is in view after an action, the last by default, that touched some objects."""
+        event = self.world.last_event if event is None else event
         observation = self._eyes.observe(event, touched=touched, known=self.names)
         self.log.add(observation)
         return observation
@@ -85,44 +83,52 @@ class Reach:
     # ------------------------------------------------------------- getting there, and acting
 
     def approach(self, target: Known, *, closed_will_do: bool = False) -> bool:
-        """Go where a thing is within reach; refuses what is not there, or is shut in.
+        """Go where an object is within reach; refuses what is not there, or is shut in.
 
-        Where `closed_will_do`, its closed container in view is far enough: then it returns False.
+        With `closed_will_do`, its closed container in view is near enough: then it returns False.
         """
         self.use(target)
-        if self._at_hand(target):
-            return True
-        kind = object_types().get(target.object_type)
-        movable = kind is not None and kind.can("pickupable")
+        log, object_id, kind = self.log, target.object_id, target.object_type
+        movable = kind in types_with("pickupable")
         views = self.limits.views_of_movable if movable else self.limits.views
         tried: list[Stance] = []
-        while len(tried) < views and self.next_stance(target, tried):
-            if self._at_hand(target):
-                return True
-            place = self.log.in_view.get(target.place_id or "")
+        place = None
+        while object_id != log.held_id and object_id not in log.within_reach:
+            if len(tried) >= views or not self.next_stance(target, tried):
+                break
+            place = log.in_view.get(target.place_id or "")
             if place is not None and self._closed_over(place, target.position_m):
-                return self._closed(target, place, closed_will_do)
-        if not movable:
-            if tried:
-                self.log.missed[target.object_id] = target.position_m
+                break
+            place = None
+        if object_id == log.held_id or object_id in log.within_reach:
+            return True
+        if place is None and movable:
+            place = self.shut_in(target)
+        if place is not None:
+            log.focus[place.object_type] = place.object_id
+            if closed_will_do:
+                self.used.append(place.object_id)
+                return False
             raise RefusedError(
-                f"could not get {target.object_type} into view and reach",
-                f"{target.object_id} could not be got into view and reach"
+                f"{kind} is in the closed {place.object_type}; "
+                f"OpenObject(robot, '{place.object_type}') first",
+                f"{object_id} is in {place.object_id}, which is closed; "
+                f"OpenObject(robot, '{place.object_id}') first",
+            )
+        if movable or tried:
+            log.missed[object_id] = target.position_m
+        if not movable:
+            raise RefusedError(
+                f"could not get {kind} into view and reach",
+                f"{object_id} could not be got into view and reach"
                 f"{of_its_kind([one.object_id for one in self.others(target)])}",
             )
-        if (place := self.shut_in(target)) is not None:
-            return self._closed(target, place, closed_will_do)
-        self.log.missed[target.object_id] = target.position_m
         where = f", in or on {target.place_id}" if target.place_id else ""
         raise RefusedError(
-            f"{target.object_type} is not at its remembered place; "
-            f"Explore(robot, '{target.object_type}') to find it",
-            f"{target.object_id} is not where it was last seen{where}; "
-            f"Explore(robot, '{base_type(target.object_type)}') to find it",
+            f"{kind} is not at its remembered place; Explore(robot, '{kind}') to find it",
+            f"{object_id} is not where it was last seen{where}; "
+            f"Explore(robot, '{base_type(kind)}') to find it",
         )
-
-    def _at_hand(self, target: Known) -> bool:
-        return target.object_id == self.log.held_id or target.object_id in self.log.within_reach
 
     def shut_in(self, target: Known) -> SeenObject | None:
         """Return the closed container that a thing is believed to be in, if any.
@@ -135,7 +141,9 @@ class Reach:
         around = (
             sight
             for sight in self.log.seen.values()
-            if _is_round(sight, target.position_m) and "closed" in self.log.states(sight)
+            if off_m(target.position_m, sight) == 0
+            and sight.object_type in types_with("receptacle")
+            if "closed" in self.log.states(sight)
         )
         return min(around, key=lambda sight: sight.object_id, default=None)
 
@@ -144,20 +152,8 @@ class Reach:
         top = container.box_center_m[1] + container.box_size_m[1] / 2
         return point[1] < top - _ON_TOP_M and "closed" in self.log.states(container)
 
-    def _closed(self, target: Known, place: SeenObject, closed_will_do: bool) -> bool:
-        self.log.focus[place.object_type] = place.object_id
-        if closed_will_do:
-            self.used.append(place.object_id)
-            return False
-        raise RefusedError(
-            f"{target.object_type} is in the closed {place.object_type}; "
-            f"OpenObject(robot, '{place.object_type}') first",
-            f"{target.object_id} is in {place.object_id}, which is closed; "
-            f"OpenObject(robot, '{place.object_id}') first",
-        )
-
     def others(self, target: Known) -> list[Known]:
-        """Return what else of a thing's type is known of, the nearest first."""
+        """Return the other known objects of a type, the nearest first."""
         same = [one for one in self._all_known() if one.object_type == target.object_type]
         found = {one.object_id: one for one in same if one.object_id != target.object_id}
         gap = self.walker.gap
@@ -184,7 +180,7 @@ class Reach:
         remembered = [one for kind in vessels if (one := self.knowledge.where(kind)) is not None]
         seen = {**self._before, **self.log.seen}.values()
         away = {self.log.held_id, *self.log.missed}
-        found = [*mapped, *remembered, *(known(one, "seen") for one in seen)]
+        found = [*mapped, *remembered, *map(known, seen)]
         return [one for one in found if one.object_id not in away]
 
     def next_stance(
@@ -195,13 +191,25 @@ class Reach:
         least_gap_m: float = 0.0,
         nearest: bool = False,
     ) -> bool:
-        """Go to the best place not yet tried to see a thing from, and look; False for none left.
+        """Go to the best place not yet tried to see an object from, and look.
 
-        Places nearer than `least_gap_m` come later; `nearest` ranks by the distance to the thing,
-        however far the way.
+        Returns False if none is left. Places nearer than `least_gap_m` come later; `nearest` ranks
+        by the distance to the object, however far the way. After a failure, the view that the
+        object was last seen from comes first.
         """
-        views = self._untried(target, tried, least_gap_m)
-        for view in sorted(views, key=lambda view: view.gap_m) if nearest else views:
+        sight = self.log.seen.get(target.object_id)
+        box = _box_of(target)
+        before: list[Stance] = []
+        if sight is not None and sight.position_m == target.position_m:
+            box = Target(center_m=sight.box_center_m, size_m=sight.box_size_m)
+            pose = self.log.seen_from.get(target.object_id)
+            if len(tried) == 1 and pose is not None:
+                before = [self.walker.stance(pose)]
+        ranked = self.walker.views(box, reach_m=self.limits.reach_m, least_gap_m=least_gap_m)
+        used = {(view.state, view.horizon_deg) for view in tried}
+        fresh = [v for v in (*before, *ranked) if (v.state, v.horizon_deg) not in used]
+        fresh.sort(key=lambda view: any(_alike(view, other) for other in tried))
+        for view in sorted(fresh, key=lambda view: view.gap_m) if nearest else fresh:
             tried.append(view)
             if self.stand(view):
                 return True
@@ -242,21 +250,6 @@ class Reach:
                 return True
         return False
 
-    def _untried(self, target: Known, tried: list[Stance], least_gap_m: float) -> list[Stance]:
-        """Return the views to try next: after a failure, the one it was last seen from first."""
-        sight = self.log.seen.get(target.object_id)
-        box = _room_of(target)
-        before: list[Stance] = []
-        if sight is not None and sight.position_m == target.position_m:
-            box = Target(center_m=sight.box_center_m, size_m=sight.box_size_m)
-            pose = self.log.seen_from.get(target.object_id)
-            if len(tried) == 1 and pose is not None:
-                before = [self.walker.stance_of(pose)]
-        ranked = self.walker.views(box, reach_m=self.limits.reach_m, least_gap_m=least_gap_m)
-        used = {(view.state, view.horizon_deg) for view in tried}
-        fresh = [v for v in (*before, *ranked) if (v.state, v.horizon_deg) not in used]
-        return sorted(fresh, key=lambda view: any(_alike(view, other) for other in tried))
-
     def act(
         self,
         target: Known,
@@ -266,9 +259,9 @@ class Reach:
         in_passing: bool = False,
         from_here: bool = False,
     ) -> Observation:
-        """Do one action on a thing, going there first, and again from elsewhere if that may help.
+        """Do one action on an object, going there first, and again from elsewhere if that may help.
 
-        `also` is another thing that it handles; what is done `in_passing` is not remembered; with
+        `also` is another object that it handles; an action `in_passing` is not remembered; with
         `from_here` the agent stays where it is. Refuses with the world's reason.
         """
         if action == "OpenObject" and target.object_type in self.kept_shut:
@@ -277,24 +270,24 @@ class Reach:
         before = self.log.seen.get(target.object_id)
         event = self.walker.do(action, **self._eyes.aim(target.object_id))
         tried: list[Stance] = []
-        opens = action in ("OpenObject", "CloseObject")
+        least_gap_m = 0.75 if action in ("OpenObject", "CloseObject") else 0.0
         while not from_here and (why := refusal(event)) is not None and why.elsewhere:
             if len(tried) == self.limits.retries:
                 break
-            if not self.next_stance(target, tried, least_gap_m=0.75 if opens else 0.0):
+            if not self.next_stance(target, tried, least_gap_m=least_gap_m):
                 break
             if target.object_id in self.log.within_reach:
                 event = self.walker.do(action, **self._eyes.aim(target.object_id))
-        observation = self.done(target, event, also=also, in_passing=in_passing)
+        touched = [target.object_id] if also is None else [also, target.object_id]
+        observation = self.done(target, event, touched, in_passing=in_passing)
         self.log.acted(action, target.object_id, place_of(before) if before else None)
         return observation
 
     def done(
-        self, target: Known, event: Event, *, also: str | None = None, in_passing: bool = False
+        self, target: Known, event: Event, touched: list[str], *, in_passing: bool = False
     ) -> Observation:
-        """Take note of an action on a thing, or refuse with the world's words."""
-        touched = [target.object_id] if also is None else [also, target.object_id]
-        observation = self._observe(event, touched)
+        """Note what an action did to an object, or refuse with the world's words."""
+        observation = self.look(event, touched)
         if (why := observation.reason) is not None:
             others = [one.object_id for one in self.others(target)]
             detail = explained(why, target, others, self.known_types())
@@ -302,8 +295,7 @@ class Reach:
             advice = f" Do {cure}(robot, '{target.object_type}') first." if cure else ""
             raise RefusedError(f"{why.words}{advice}", detail, why)
         if not in_passing:
-            self.log.changed(target.object_id, target.position_m)
-            self.log.handled.extend(touched)
+            self.log.handled(touched, target.position_m)
             self.used = [*touched, *self.used]
             self.log.focus[target.object_type] = target.object_id
         return observation
@@ -314,24 +306,21 @@ class Reach:
         self.log.focus[target.object_type] = target.object_id
 
 
-def _room_of(target: Known) -> Target:
-    """Return the room that a thing takes where that is known, else the point that it is at.
+def _box_of(target: Known) -> Target:
+    """Return the box of an object if it is known, else the point that it is at.
 
-    Of what is large, or opens, the middle is where one sees what lies on it or in it.
+    The middle of a large object, or of one that opens, shows what lies on it or in it.
     """
-    kind = object_types().get(target.object_type)
-    opens = kind is not None and kind.can("openable")
+    opens = target.object_type in types_with("openable")
     if target.box_center_m is None or opens or max(target.box_size_m) > _SMALL_M:
         return Target(center_m=target.position_m)
     return Target(center_m=target.box_center_m, size_m=target.box_size_m)
 
 
-def _is_round(container: SeenObject, point: Vec3) -> bool:
-    """Return whether a point is in the box of something that things are put into."""
-    kind = object_types().get(container.object_type)
-    box = zip(point, container.box_center_m, container.box_size_m, strict=True)
-    inside = all(abs(at - center) <= size / 2 for at, center, size in box)
-    return inside and bool(kind and kind.can("receptacle"))
+def off_m(point: Vec3, sight: SeenObject) -> float:
+    """Return the distance of a point from an object's box; 0 inside."""
+    box = zip(point, sight.box_center_m, sight.box_size_m, strict=True)
+    return math.hypot(*(max(abs(at - mid) - size / 2, 0.0) for at, mid, size in box))
 
 
 def _alike(one: Stance, other: Stance) -> bool:

@@ -10,9 +10,8 @@ from karma.agent.body.sightings import Sightings
 from karma.agent.planning.full_profile import stand_ins
 from karma.agent.planning.inspector import TOLD, goes_where, takers
 from karma.agent.planning.program import SKILL_OF
-from karma.household.ids import type_of, whole_id
+from karma.household.ids import root_id
 from karma.household.places import SURFACES
-from karma.household.uses import BASINS
 from karma.types.memory import Known
 from karma.types.observation import Reason, ReasonKind, SeenObject
 
@@ -22,6 +21,10 @@ _DO_FIRST = {
     "on": "is on and has to be off before; do ToggleOff(robot, '{it}') first",
     "closed": "is closed; do OpenObject(robot, '{it}') first",
 }  # kind of reason -> what it means
+_TRY_OTHERS = {
+    "broken": "is broken",
+    "unreached": "could not be got at: something is in the way, or it is shut in",
+}
 _CANNOT = {one.takes: one.cannot for one in reversed(SKILL_OF.values()) if one.takes}
 
 
@@ -43,7 +46,7 @@ class RefusedError(Exception):
 def explained(
     why: Reason, target: Known, others: Sequence[str] = (), places: Sequence[str] = ()
 ) -> str:
-    """Return the world's refusal of an action on a thing as a planner can use it.
+    """Return the world's refusal of an action on an object as a planner can use it.
 
     `others` are ids of its type, `places` types that the agent knows of, the nearest first.
     """
@@ -51,16 +54,11 @@ def explained(
     if why.kind == "held":
         down = _put_down(it, target.object_type, places)
         return f"{it} is in the hand; put it down first{down}, then PickupObject(robot, 'Knife')"
-    if why.kind in _DO_FIRST:
-        return f"{it} {_DO_FIRST[why.kind].format(it=it)}"
-    if why.kind in _CANNOT:
-        return f"{it} {_CANNOT[why.kind]}"
-    if why.kind == "broken":
-        return f"{it} is broken{of_its_kind(others)}"
-    if why.kind == "unreached":
-        blocked = "something is in the way, or it is shut in"
-        return f"{it} could not be got at: {blocked}{of_its_kind(others)}"
-    return f"{it}: {why.words}"
+    text = {**_DO_FIRST, **_CANNOT, **_TRY_OTHERS}.get(why.kind)
+    if text is None:
+        return f"{it}: {why.words}"
+    more = of_its_kind(others) if why.kind in _TRY_OTHERS else ""
+    return f"{it} {text.format(it=it)}{more}"
 
 
 def of_its_kind(others: Sequence[str]) -> str:
@@ -115,18 +113,13 @@ def _put_down(it: str, kind: str, places: Sequence[str], besides: str = "") -> s
 def contents(receptacle_id: str, log: Sightings) -> list[str]:
     """Return the ids of what was last seen in or on a receptacle, one slice for all of a thing."""
     gone = {*log.missed, *log.cut, log.held_id}
-    there = [
+    inside = [
         sight
         for object_id, sight in log.seen.items()
         if object_id not in gone
-        if any(receptacle_id in (one, _whole_of_basin(one)) for one in sight.parent_ids)
+        if any(receptacle_id in (parent, root_id(parent)) for parent in sight.parent_ids)
     ]
-    return list(dict.fromkeys(stand_ins(there).values()))
-
-
-def _whole_of_basin(object_id: str) -> str:
-    """Return the id of a basin's sink or bathtub, "" for what is no basin."""
-    return whole_id(object_id) if type_of(object_id) in BASINS else ""
+    return list(dict.fromkeys(stand_ins(inside).values()))
 
 
 def _listed(names: Sequence[str]) -> str:

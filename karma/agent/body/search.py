@@ -13,7 +13,7 @@ from karma.agent.seeing.projection import before, spots
 from karma.household.containment import goes_in
 from karma.household.ids import type_of
 from karma.household.places import FLOOR
-from karma.household.types import object_types
+from karma.household.types import object_types, types_with
 from karma.types.memory import Known
 from karma.types.observation import SeenObject
 from karma.types.space import Vec3
@@ -25,9 +25,9 @@ _HORIZONS = (30.0, 0.0)  # tables and the floor, then shelves
 
 
 class Search:
-    """Looks for one thing by its name, or only looks round; counts the places it looked at.
+    """A search for one object by its name, or only a look around; counts the places searched.
 
-    Where nothing is believed of the thing, `positions` are looked at first.
+    If nothing is believed of the object, `positions` are searched first.
     """
 
     def __init__(self, reach: Reach, name: str = "", positions: Sequence[str | Vec3] = ()) -> None:
@@ -35,81 +35,93 @@ class Search:
         self._name, self._positions = name, positions
 
     def explore(self) -> Known:
-        """Go to the thing where it is believed to be, opening what it is shut in, or look for it.
+        """Go to the object where it is believed to be, opening its container, or search for it.
 
-        Refuses what is nowhere.
+        Raises:
+            RefusedError: it is nowhere.
         """
-        passed: set[str] = set()  # a belief that proves wrong gives way to the next one
-        while (target := self._reach.names.find(self._name)) and target.object_id not in passed:
+        reach, passed = self._reach, set[str]()  # a belief that proves wrong yields to the next
+        while (target := reach.names.find(self._name)) and target.object_id not in passed:
             passed.add(target.object_id)
             with suppress(RefusedError):
-                if not self._reach.approach(target, closed_will_do=True):
-                    self._open_round(target)
+                if not reach.approach(target, closed_will_do=True):
+                    if (place := reach.shut_in(target)) is not None:
+                        reach.act(known(place), "OpenObject")
+                        reach.explorations += 1
+                    reach.approach(target)
                 return target
         found = self._find()
-        self._reach.used = []  # not the places searched on the way
-        self._reach.use(found)
+        reach.used = []  # not the places searched on the way
+        reach.use(found)
         return found
 
-    def _open_round(self, target: Known) -> None:
-        """Open the closed container that a thing is remembered in, and look for it there."""
-        place = self._reach.shut_in(target)
-        if place is not None:
-            self._reach.act(known(place, "seen"), "OpenObject")
-            self._reach.explorations += 1
-        self._reach.approach(target)
-
     def _find(self) -> Known:
-        """Look for a thing until it is in view; every node and every opened container is counted.
+        """Search until the object is in view; every node and every opened container is counted.
 
-        First the given positions, then the other areas, the nearest first (without areas: places
-        that cover the room); then the containers that may hold such a thing, the closed ones first;
-        then places between, from which corners come into reach of the eye; then what is left of the
-        containers.
-
-        Places that the log has as looked at, for this thing or another, are left out until
+        Places that the log has as searched, for this object or another, are left out until
         something is done near them.
 
         Raises:
             RefusedError: it is nowhere.
         """
         found = self._in_view()
-        in_vain = f"{NOT_FOUND} {self._name}, {_ALL_SEARCHED}"
-        if found is None and self._is_searched():
-            raise RefusedError(f"{NOT_FOUND} {self._name}; everything was searched before", in_vain)
+        unsuccessful = f"{NOT_FOUND} {self._name}"
+        detail = f"{unsuccessful}, {_ALL_SEARCHED}"
+        if found is None and self._log.looked_from:
+            left = self._next(only_likely=False) or self._next(surfaces=True)
+            if not left and not self._cover(self._reach.limits.look_again_m):
+                raise RefusedError(f"{unsuccessful}; everything was searched before", detail)
         for place in self._places():
             if found is not None:
                 return found
-            if isinstance(place, SeenObject):
-                look = self.look_into if self._may_open(place) else self._look_on
-                found = look(place)
-            else:
+            if not isinstance(place, SeenObject):
                 found = self.look_from(place)
+            elif self._may_open(place):
+                found = self.look_into(place)
+            else:
+                before = len(self._log.looks)
+                found = self._look_over(place, inside=False)
+                self._reach.explorations += len(self._log.looks) > before
+                if found is None:
+                    self._log.looked_into.add(place.object_id)
         if found is None:
-            places = self._reach.explorations
-            raise RefusedError(f"{NOT_FOUND} {self._name}; searched {places} places", in_vain)
+            count = self._reach.explorations
+            raise RefusedError(f"{unsuccessful}; searched {count} places", detail)
         return found
 
     def _places(self) -> Iterator[Vec3 | SeenObject]:
-        """Yield where to look next, until everything was looked at."""
-        yield from self._nodes()
-        yield from iter(lambda: self._next_container(only_likely=True), None)
-        yield from self._nearest_next(self._cover(self._reach.limits.look_again_m))
-        yield from iter(lambda: self._next_container(only_likely=False), None)
-        yield from iter(self._next_surface, None)
+        """Yield where to look next, until everything was searched.
 
-    def _is_searched(self) -> bool:
-        """Return whether the log leaves nothing to look at."""
-        if not self._log.looked_from or self._next_container(only_likely=False):
-            return False
-        if self._next_surface():
-            return False
-        return not self._cover(self._reach.limits.look_again_m)
+        First the given positions, then the other areas, the nearest first (without areas: cells
+        that cover the room); then the containers that may hold such an object, the closed ones
+        first; then cells between, from which corners come into view; then the other containers,
+        and what of surfaces was not in view.
+        """
+        limits = self._reach.limits
+        areas = {area.name: area.position_m for area in self._reach.knowledge.areas()}
+        is_mapped, gap = bool(areas), self._walker.gap
+
+        def by_gap(point: Vec3) -> tuple[float, Vec3]:
+            return gap(point), point
+
+        for position in self._positions:
+            if not isinstance(position, str):
+                yield position
+            elif position in areas:
+                yield areas.pop(position)
+            elif (place := self._reach.names.find(position)) is not None:
+                yield place.position_m
+        rest = list(areas.values()) if is_mapped else self._cover(limits.cover_m)
+        yield from best_next(rest, by_gap)
+        yield from iter(lambda: self._next(only_likely=True), None)
+        yield from best_next(self._cover(limits.look_again_m), by_gap)
+        yield from iter(lambda: self._next(only_likely=False), None)
+        yield from iter(lambda: self._next(surfaces=True), None)
 
     def look_from(self, point: Vec3) -> Known | None:
-        """Walk near a point and look around for a thing, counted as one place searched.
+        """Walk near a point and look around, counted as one place searched.
 
-        A place that was looked at before, with nothing done near it since, is left out.
+        A place that was searched before, with nothing done near it since, is left out.
         """
         cell = self._walker.cell_near(point)
         if cell in self._log.looked_from:
@@ -122,12 +134,14 @@ class Search:
         return found
 
     def _in_view(self) -> Known | None:
-        sights = [sight for sight in self._log.in_view.values() if means(self._name, sight)]
-        out = self._log.cut | self._log.aside
-        sights = [sight for sight in sights if sight.object_id not in out]
-        gap = self._walker.gap
+        out, gap = self._log.cut | self._log.aside, self._walker.gap
+        sights = [
+            sight
+            for name, sight in self._log.in_view.items()
+            if name not in out and means(self._name, sight)
+        ]
         near = min(sights, key=lambda s: (gap(s.box_center_m), s.object_id), default=None)
-        return known(near, "seen") if near else None
+        return known(near) if near else None
 
     def look_around(self) -> Known | None:
         """Turn round looking down at tables, then straight ahead; stop at the thing."""
@@ -139,28 +153,9 @@ class Search:
                 found = self._in_view() if self._name else None
                 if found is not None:
                     return found
-                if turn < 3 and not self._walker.turn_right():
+                if turn < 3 and not self._walker.follow(["RotateRight"]):
                     break
         return None
-
-    def _nodes(self) -> Iterator[Vec3]:
-        """Yield the points to search from: the given ones in order, then the nearest next."""
-        areas = {area.name: area.position_m for area in self._reach.knowledge.areas()}
-        for position in self._positions:
-            if not isinstance(position, str):
-                yield position
-            elif position in areas:
-                yield areas.pop(position)
-            elif (place := self._reach.names.find(position)) is not None:
-                yield place.position_m
-        rest = list(areas.values())
-        if not self._reach.knowledge.areas():
-            rest = self._cover(self._reach.limits.cover_m)
-        yield from self._nearest_next(rest)
-
-    def _nearest_next(self, points: Iterable[Vec3]) -> Iterator[Vec3]:
-        """Yield points, each time the one nearest to where the agent has come to."""
-        return best_next(points, lambda point: (self._walker.gap(point), point))
 
     def _cover(self, within_m: float) -> list[Vec3]:
         """Return cells so that every cell is near one of them, or near one looked round from."""
@@ -169,106 +164,82 @@ class Search:
         here = self._walker.position
         return [(here[0], 0.0, here[1]), *cover(self._walker.cells(), [here], within_m)]
 
-    def _next_container(self, *, only_likely: bool) -> SeenObject | None:
-        """Return the container to look into next: closed, that may hold the thing, and near."""
-        types = object_types()
+    def _next(self, *, surfaces: bool = False, only_likely: bool = False) -> SeenObject | None:
+        """Return the nearest container, or surface, that was not searched and may hold the object.
+
+        Closed containers come before open ones, those that the object fits before others.
+        """
+        types, log = object_types(), self._log
         wanted = types.get(type_of(self._name))
-        if wanted is not None and not wanted.can("pickupable"):
+        if surfaces if wanted is None else not wanted.can("pickupable"):
             return None
-
-        def rank(sight: SeenObject) -> tuple[bool, bool, float, str]:
-            fits = wanted is not None and wanted.fits(types[sight.object_type])
+        ranked = []
+        for name, sight in log.seen.items():
+            kind = types.get(sight.object_type)
+            if name in log.looked_into or kind is None or self._may_open(sight) == surfaces:
+                continue
             gap = self._walker.gap(sight.box_center_m)
-            return "opened" in self._log.states(sight), not fits, gap, sight.object_id
-
-        containers = [
-            sight
-            for object_id, sight in self._log.seen.items()
-            if object_id not in self._log.looked_into
-            if sight.object_type not in self._reach.kept_shut
-            if (kind := types.get(sight.object_type)) and kind.can("receptacle")
-            if not only_likely or wanted is None or wanted.fits(kind)
-            if self._may_open(sight)
-        ]
-        return min(containers, key=rank, default=None)
+            if surfaces:
+                is_fixed = not sight.pickupable and kind.name != FLOOR
+                if wanted is not None and is_fixed and goes_in(wanted.name, kind.name):
+                    ranked.append((False, False, gap, name))
+            elif kind.can("receptacle") and kind.name not in self._reach.kept_shut:
+                fits = wanted is not None and wanted.fits(kind)
+                if fits or wanted is None or not only_likely:
+                    ranked.append(("opened" in log.states(sight), not fits, gap, name))
+        return log.seen[min(ranked)[-1]] if ranked else None
 
     def _may_open(self, sight: SeenObject) -> bool:
         """Return whether a container has a door, by its states, else its type."""
         states = self._log.states(sight)
-        has_door = object_types()[sight.object_type].can("openable")
-        return bool({"closed", "opened"} & set(states)) if states else has_door
-
-    def _next_surface(self) -> SeenObject | None:
-        """Return the nearest furniture without doors, not looked at, that may hold a thing."""
-        types = object_types()
-        wanted = types.get(type_of(self._name))
-        if wanted is None or not wanted.can("pickupable"):
-            return None
-        surfaces = [
-            sight
-            for object_id, sight in self._log.seen.items()
-            if object_id not in self._log.looked_into and not sight.pickupable
-            if sight.object_type in types and sight.object_type != FLOOR
-            if goes_in(wanted.name, sight.object_type) and not self._may_open(sight)
-        ]
-        gap = self._walker.gap
-        return min(surfaces, key=lambda s: (gap(s.box_center_m), s.object_id), default=None)
-
-    def _look_on(self, surface: SeenObject) -> Known | None:
-        """Look at all of a surface that was not in view before."""
-        before = len(self._log.looks)
-        found = self._look_over(surface, inside=False)
-        if found is None:
-            self._log.looked_into.add(surface.object_id)
-        self._reach.explorations += len(self._log.looks) > before
-        return found
+        if states:
+            return not {"closed", "opened"}.isdisjoint(states)
+        return sight.object_type in types_with("openable")
 
     def look_over(self, place: SeenObject) -> str:
-        """Look at all that is on a surface, or in a container, which is open then; no remark."""
+        """Look at the whole of a surface or container, which is open then; no remark."""
         opens = self._may_open(place)
         if opens and "opened" not in self._log.states(place):
-            self._reach.act(known(place, "seen"), "OpenObject")
+            self._reach.act(known(place), "OpenObject")
         elif opens:
-            self._reach.approach(known(place, "seen"))
+            self._reach.approach(known(place))
         self._look_over(place, inside=opens)
         self._reach.explorations += 1
         return ""
 
     def look_into(self, container: SeenObject) -> Known | None:
-        """Open a container and look; what was closed is closed again if the thing is not there."""
-        if self._walker.left < _LEFT_TO_CLOSE:
+        """Open a container and look; if the object is not there, close what was closed."""
+        if self._walker.max_actions - self._walker.actions < _LEFT_TO_CLOSE:
             raise OutOfActionsError
-        target = known(container, "seen")
-        shut = "opened" not in self._log.states(container)
+        log, target = self._log, known(container)
+        shut = "opened" not in log.states(container)
         try:
             if shut:
                 self._reach.act(target, "OpenObject", in_passing=True)
             else:
                 self._reach.approach(target)
         except RefusedError:
-            self._log.looked_into.add(container.object_id)
+            log.looked_into.add(container.object_id)
             return None
         self._reach.explorations += 1
         found = self._in_view()
         if found is None:
-            found = self._look_over(container, inside=True, since=len(self._log.looks) - 1)
-        if found is None:
-            self._log.looked_into.add(container.object_id)
-            if shut:
-                with suppress(RefusedError):
-                    self._reach.act(target, "CloseObject", in_passing=True)
-        else:
-            self._log.handled.append(container.object_id)
-            self._log.focus[container.object_type] = container.object_id
-        return found
+            found = self._look_over(container, inside=True, since=len(log.looks) - 1)
+        if found is not None:
+            log.handled_ids += (container.object_id,)
+            log.focus[container.object_type] = container.object_id
+            return found
+        log.looked_into.add(container.object_id)
+        if shut:
+            with suppress(RefusedError):
+                self._reach.act(target, "CloseObject", in_passing=True)
+        return None
 
     def _look_over(self, space: SeenObject, *, inside: bool, since: int = 0) -> Known | None:
-        """Look at what holds things until every point of it was in view that can be, or the thing.
+        """Look until the object, or every point of a receptacle that can be, was in view.
 
-        First one look whence nothing at all hides a point, then past what surely does; what is
-        hidden from everywhere is looked for from near.
-
-        Looks before `since` do not count: it was closed.
+        First one look from where nothing at all hides a point, then past what surely does; last,
+        from near, at points that are hidden from everywhere. Looks before `since` do not count.
         """
         hidden = spots(space, inside=inside)
         for surely, most in ((False, int(inside)), (True, len(hidden))):

@@ -2,19 +2,19 @@
 
 A skill acts on what the agent believes (its memory, and what it has seen since it began); when a
 belief proves wrong it says so. A refusal is a value whose reason a planner can act on. `walk` moves
-the body, `sightings` keeps the log, `naming` knows what a name means, `reach` brings a thing within
-reach and acts on it, `search` looks for things, `handling` and `switching` are the skills proper.
+the body, `sightings` keeps the log and knows what a name means, `reach` brings an object within
+reach and acts on it, `search` searches for objects, `handling` has the skills of the hand.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 
-from karma.agent.body.handling import Handling, Switching
+from karma.agent.body.handling import Handling
 from karma.agent.body.reach import Reach, SkillLimits
 from karma.agent.body.refusals import RefusedError
-from karma.agent.body.search import Search, best_next
+from karma.agent.body.search import Search
 from karma.agent.body.walk import OutOfActionsError
 from karma.agent.planning.program import OUR_SKILLS, SKILLS, SWITCH_AFTER
 from karma.agent.seeing.eyes import Eyes, MetadataEyes
@@ -33,8 +33,8 @@ _ARITY = {s.name: (len(s.arguments) - s.optional, s.arguments) for s in (*SKILLS
 class Skills:
     """Runs skill calls in a world and keeps the log that the agent's memory is fed from.
 
-    Without `eyes` the agent sees by the simulator's metadata. Of what was seen here `before` only
-    the id means such a thing.
+    Without `eyes` the agent sees by the simulator's metadata. An object that was seen `before` is
+    known by its id only.
     """
 
     def __init__(
@@ -48,94 +48,73 @@ class Skills:
     ) -> None:
         self.actions = 0  # world actions so far
         self.explorations = 0  # area nodes visited and containers opened so far
-        self._taken: list[tuple[str, int]] = []  # id and turn of what a program picked up
-        self._reach = reach = Reach(
-            world, knowledge, limits or SkillLimits(), eyes or MetadataEyes(), before
-        )
-        self._hand = hand = Handling(reach)
-        self._by_hand: Mapping[str, Callable[[str], str]] = {
-            "PickupObject": hand.pick_up,
-            "SliceObject": hand.slice,
-            "ThrowObject": hand.throw,
-            "EmptyObject": hand.empty,
-        }
+        self._taken: list[tuple[str, int]] = []  # id and turn of what the program picked up
+        limits, eyes = limits or SkillLimits(), eyes or MetadataEyes()
+        self.reach = Reach(world, knowledge, limits, eyes, before)
 
     @property
     def experience(self) -> Experience:
         """What was seen and done so far."""
-        return self._reach.log.experience()
-
-    def keep_shut(self, kinds: Collection[str]) -> None:
-        """Open nothing of some types from now on, not in a search either."""
-        self._reach.kept_shut = frozenset(kinds)
+        return self.reach.log.experience()
 
     def begin_program(self) -> None:
-        """Forget which things the lines of an earlier program were about."""
+        """Forget which objects an earlier program picked up."""
         self._taken = []
 
     def look(self) -> None:
-        """Take note of what is in view now; every skill does so too."""
-        self._reach.look()
+        """Note what is in view now; every skill does so too."""
+        self.reach.look()
 
     def look_around(self) -> None:
-        """Turn round once, looking down at tables and straight ahead, and take note."""
-        self._reach.walker.start()
-        Search(self._reach).look_around()
-        self.actions += self._reach.walker.actions
+        """Turn round once, looking down at tables and straight ahead."""
+        self.reach.walker.start()
+        Search(self.reach).look_around()
+        self.actions += self.reach.walker.actions
 
     def look_from(self, name: str, area: Area, *, max_actions: int | None = None) -> SkillResult:
-        """Walk near one place and look around for a thing; ok if it is in view then.
+        """Walk near a place and look around for an object; ok if it is in view then.
 
         Without a name it only looks; `max_actions` None: the limits' own.
         """
-        look = partial(Search(self._reach, name).look_from, area.position_m)
+        look = partial(Search(self.reach, name).look_from, area.position_m)
         return self._looked(name, area.name, look, max_actions)
-
-    def look_everywhere(self) -> Iterator[SkillResult]:
-        """Look around from every place of the map, the nearest next; nothing is opened."""
-        walker = self._reach.walker
-        for area in best_next(
-            self._reach.knowledge.areas(), lambda one: (walker.gap(one.position_m), one.name)
-        ):
-            yield self.look_from("", area)
 
     def look_into(
         self, name: str, container: SeenObject, *, max_actions: int | None = None
     ) -> SkillResult:
-        """Open a closed container and look, as `look_from`; it is closed again if that was vain."""
-        look = partial(Search(self._reach, name).look_into, container)
+        """Open a closed container and look, as `look_from`; it is closed again if unsuccessful."""
+        look = partial(Search(self.reach, name).look_into, container)
         return self._looked(name, container.object_id, look, max_actions)
 
     def look_over(self, place: SeenObject) -> SkillResult:
-        """Look at all that is on a surface, or in a container, which is open afterwards."""
+        """Look at the whole of a surface, or of a container, which is open afterwards."""
         call = SkillCall.of("GoToObject", place.object_id)
-        return self._counted(call, partial(Search(self._reach).look_over, place), None)
+        return self._counted(call, partial(Search(self.reach).look_over, place), None)
 
     def _looked(
         self, name: str, at: str, look: Callable[[], Known | None], max_actions: int | None
     ) -> SkillResult:
-        """Look somewhere; keep what was found, and not the places searched on the way."""
+        """Look somewhere; note the object that was found, and not the places on the way."""
         explore = SkillCall(skill="Explore", objects=(name,), positions=(at,))
 
         def found() -> str:
             target = look()
             if name and target is None:
                 raise RefusedError(f"no {name} there")
-            self._reach.used = []
+            self.reach.used = []
             if target is not None:
-                self._reach.use(target)
+                self.reach.use(target)
             return ""
 
         call = explore if name else SkillCall.of("GoToObject", at)
         return self._counted(call, found, max_actions)
 
     def find_another(self, name: str, aside: Collection[str]) -> SkillResult:
-        """Search for a thing of a type that is none of some ids."""
-        log = self._reach.log
-        log.aside = frozenset(aside)
+        """Search for an object of a type that has none of some ids."""
+        self.reach.log.aside = frozenset(aside)
         call = SkillCall.of("Explore", name)
         result = self._counted(call, partial(self._carry_out, call), None)
-        log.aside = frozenset()
+        self.reach.log.aside = frozenset()
         return result
 
     def run(self, call: SkillCall, *, max_actions: int | None = None) -> SkillResult:
@@ -152,7 +131,7 @@ class Skills:
             raise ValueError(f"{call.skill} takes {most} object(s): {call}")
         if call.positions and "positions" not in kinds:
             raise ValueError(f"{call.skill} takes no positions: {call}")
-        log = self._reach.log
+        log = self.reach.log
         log.aside = frozenset(one for one, turn in self._taken if turn < call.turn)
         do = partial(self._carry_out, call)
         result = self._counted(call, do, max_actions)
@@ -167,27 +146,31 @@ class Skills:
 
     def _carry_out(self, call: SkillCall) -> str:
         """Do one skill; returns a remark, raises RefusedError."""
-        name = call.objects[-1]
+        hand, name = Handling(self.reach), call.objects[-1]
         match call.skill:
             case "GoToObject":
                 return self._go_to(name)
+            case "PickupObject":
+                return hand.pick_up(name)
             case "PutObject":
                 thing = call.objects[0] if call.objects[1:] else None
-                return self._hand.put(thing, name, exact=call.exact)
+                return hand.put(thing, name, exact=call.exact)
             case "PutNear":
-                return self._hand.put_near(call.objects[0], name)
+                return hand.put_near(call.objects[0], name)
+            case "ThrowObject":
+                return hand.throw(name)
+            case "EmptyObject":
+                return hand.empty(name)
             case "Explore":
-                Search(self._reach, name, call.positions).explore()
+                Search(self.reach, name, call.positions).explore()
                 return ""
             case skill if skill in SWITCH_AFTER:
-                return Switching(self._reach, name, SWITCH_AFTER[skill]).toggle()
-            case skill if skill in self._by_hand:
-                return self._by_hand[skill](name)
+                return hand.toggle(skill, name)
             case _:
-                return self._hand.act(call.skill, name)
+                return hand.act(call.skill, name)
 
     def _go_to(self, name: str) -> str:
-        reach = self._reach
+        reach = self.reach
         for area in reach.knowledge.areas():
             if area.name == name:
                 reach.walker.walk_near(area.position_m)
@@ -198,8 +181,8 @@ class Skills:
     def _counted(
         self, call: SkillCall, do: Callable[[], str], max_actions: int | None
     ) -> SkillResult:
-        """Do something and say what it cost; a refusal becomes a result."""
-        reach = self._reach
+        """Do something and count its actions; a refusal becomes a result."""
+        reach = self.reach
         most = reach.limits.max_actions
         reach.walker.max_actions = most if max_actions is None else min(max_actions, most)
         try:

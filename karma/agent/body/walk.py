@@ -5,7 +5,7 @@ LookDown); GetReachablePositions is asked once per scene and stands for the robo
 """
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from typing import Any
@@ -53,31 +53,30 @@ class Stance:
 class FloorMap:
     """The cells that can be stood on, on a grid through where the agent was.
 
-    Without cells it has the one that the agent stands on.
+    Without cells it has the cell that the agent stands on.
     """
 
     def __init__(self, found: Sequence[Vec3], here: Vec3) -> None:
-        found = found or [here]
         self._origin = (here[0], here[2])
         steps = [
             b - a
             for axis in (0, 2)
-            for values in [sorted({round(cell[axis], 3) for cell in found})]
-            for a, b in pairwise(values)
+            for a, b in pairwise(sorted({round(cell[axis], 3) for cell in found}))
             if b - a > 0.01
         ]
         self.grid_m = min(steps, default=0.25)
-        self.cells = {self.cell(cell): (cell[0], cell[2]) for cell in [*found, here]}
-        self._link()
+        self.cells: dict[Cell, tuple[float, float]] = {}
+        self.add(*found, here)
 
-    def add(self, cell: Cell) -> None:
-        """Take note that a cell can be stood on."""
-        if cell not in self.cells:
-            self.cells[cell] = self.metres(cell)
-            self._link()
+    def add(self, *points: Vec3) -> None:
+        """Note that cells can be stood on, number all states and link them by their moves.
 
-    def _link(self) -> None:
-        """Number all states, and say which one each move leads to: (states, moves), -1 for none."""
+        `after` is the number of the state that each move leads to, -1 for none: (states, moves).
+        """
+        fresh = {self.cell(point): (point[0], point[2]) for point in points}
+        if fresh.keys() <= self.cells.keys():
+            return
+        self.cells |= fresh
         self.states: list[State] = [(*cell, turn) for cell, turn in product(self.cells, range(4))]
         self.numbers = {state: number for number, state in enumerate(self.states)}
         after = [[self.numbers.get(_after(s, move), -1) for move in _MOVES] for s in self.states]
@@ -119,7 +118,8 @@ class FloorMap:
 class Routes:
     """The shortest ways from one state to all others, in steps ahead and quarter turns.
 
-    `walls` are moves that the world refused.
+    `walls` are moves that the world refused; `costs` are the actions to each state that can be
+    reached, the nearest first.
     """
 
     def __init__(
@@ -132,31 +132,19 @@ class Routes:
         there = self._after >= 0
         rows = np.concatenate(([0], there.sum(axis=1).cumsum()))
         graph = csr_matrix((np.ones(rows[-1]), self._after[there], rows), shape=(size, size))
-        self._order, self._before = breadth_first_order(graph, floor.numbers[start])
-        ranks = np.zeros(size, dtype=np.intp)
-        ranks[self._order] = np.arange(len(self._order))
-        before = ranks[self._before[self._order[1:]]]
-        ends = [0, 1]  # ranks, each one past the last that is so many actions away
-        while ends[-1] < len(self._order):
-            ends.append(1 + int(np.searchsorted(before, ends[-1])))
-        self._steps = np.full(size, -1)
-        self._steps[self._order] = np.repeat(np.arange(len(ends) - 1), np.diff(ends))
-
-    def __iter__(self) -> Iterator[State]:
-        """Yield every state that can be reached, the nearest first."""
-        return (self._floor.states[number] for number in self._order.tolist())
-
-    def cost(self, goal: State) -> int | None:
-        """Return how many actions it takes to get to a state; None where no way leads."""
-        steps = int(self._steps[self._floor.numbers[goal]]) if goal in self._floor.numbers else -1
-        return steps if steps >= 0 else None
+        order, before = breadth_first_order(graph, floor.numbers[start])
+        self._before: list[int] = before.tolist()  # negative for the start
+        costs: dict[int, int] = {}
+        for number in order.tolist():
+            costs[number] = costs.get(self._before[number], -1) + 1
+        self.costs = {floor.states[number]: cost for number, cost in costs.items()}
 
     def to(self, goal: State) -> list[str] | None:
-        """Return the actions that lead to a state; None where no way does."""
-        if self.cost(goal) is None:
+        """Return the actions that lead to a state, or None if no way does."""
+        if goal not in self.costs:
             return None
         actions, number = list[str](), self._floor.numbers[goal]
-        while (before := int(self._before[number])) >= 0:
+        while (before := self._before[number]) >= 0:
             actions.append(_MOVES[self._after[before].tolist().index(number)])
             number = before
         return actions[::-1]
@@ -172,21 +160,38 @@ class Walker:
         self.world = world
         self.max_actions = max_actions
         self.actions = 0  # since `start`
+        self.horizon_deg = 0.0  # tilt of the camera, down positive
         self._scene = ""
         self._floor = FloorMap((), (0.0, 0.0, 0.0))
         self._state: State = (0, 0, 0)
-        self._horizon = 0.0
-        self._walls: set[tuple[State, str]] = set()
-        self._known: tuple[Any, Routes] | None = None  # whence the last routes are, and they
+        self._walls: frozenset[tuple[State, str]] = frozenset()
+        self._known: tuple[Any, Routes] | None = None  # the last routes, and where they begin
 
     # ------------------------------------------------------------- acting
 
     def start(self) -> None:
-        """Begin a skill: nothing counted, no walls known, the pose read anew."""
-        self.actions = 0
-        self._walls.clear()
-        self._ask_map()
+        """Begin a skill: nothing counted, no walls known, the pose read anew.
+
+        The reachable cells are asked for once per scene.
+        """
+        self.actions, self._walls = 0, frozenset()
+        event = self.world.last_event
+        if (scene := scene_of(event)) != self._scene:
+            here = pose_of(event).position_m
+            self._floor = FloorMap(cells_of(self.world.step("GetReachablePositions")), here)
+            self._scene = scene
         self._locate()
+
+    def _locate(self) -> None:
+        """Read the pose; an odd heading is turned to the nearest of the four."""
+        pose = pose_of(self.world.last_event)
+        heading = round(pose.yaw_deg / 90.0)
+        if abs(pose.yaw_deg - heading * 90.0) > 1.0:
+            turn = "RotateRight" if heading * 90.0 > pose.yaw_deg else "RotateLeft"
+            self.do(turn, degrees=abs(heading * 90.0 - pose.yaw_deg))
+        self._floor.add(pose.position_m)
+        self._state = (*self._floor.cell(pose.position_m), heading % 4)
+        self.horizon_deg = pose.horizon_deg
 
     def do(self, action: str, **arguments: Any) -> Event:
         """Do one counted action, or raise OutOfActionsError; the event is true if it happened."""
@@ -197,17 +202,23 @@ class Walker:
 
     def look(self, horizon_deg: float) -> bool:
         """Tilt the camera; down is positive. Returns whether it got there."""
-        while abs(horizon_deg - self._horizon) > 1.0:
-            tilt = min(max(horizon_deg - self._horizon, -30.0), 30.0)
+        while abs(horizon_deg - self.horizon_deg) > 1.0:
+            tilt = min(max(horizon_deg - self.horizon_deg, -30.0), 30.0)
             action = "LookDown" if tilt > 0 else "LookUp"
             if not self.do(action, degrees=round(abs(tilt), 1)):
                 return False
-            self._horizon += tilt
+            self.horizon_deg += tilt
         return True
 
-    def turn_right(self) -> bool:
-        """Turn by 90 degrees."""
-        return self._follow(["RotateRight"])
+    def follow(self, actions: Iterable[str]) -> bool:
+        """Do the actions; at the first refusal remember the wall and stop."""
+        for action in actions:
+            if not self.do(action):
+                self._walls |= {(self._state, action)}
+                self._locate()
+                return False
+            self._state = _after(self._state, action)
+        return True
 
     def walk(self, goal: State) -> bool:
         """Walk the shortest way to a cell and heading, round what turns out to be in the way."""
@@ -215,7 +226,7 @@ class Walker:
             path = self.routes().to(goal)
             if path is None:
                 return False
-            if self._follow(path):
+            if self.follow(path):
                 return True
         return False
 
@@ -223,22 +234,20 @@ class Walker:
         """Walk to the cell nearest to a point that can be walked to, with any heading."""
         for _ in range(_REPLANS):
             routes = self.routes()
-            near = min(routes, key=lambda s: (self._floor.gap_m(s, point), routes.cost(s), s))
-            if self._follow(routes.to(near) or ()):
+            gap, costs = self._floor.gap_m, routes.costs
+            near = min(costs, key=lambda state: (gap(state, point), costs[state], state))
+            if self.follow(routes.to(near) or ()):
                 return True
         return False
 
+    def routes(self) -> Routes:
+        """Return the ways from here."""
+        start = (self._floor, len(self._floor.cells), self._state, self._walls)
+        if self._known is None or self._known[0] != start:
+            self._known = (start, Routes(self._floor, self._state, self._walls))
+        return self._known[1]
+
     # ------------------------------------------------------------- where
-
-    @property
-    def left(self) -> int:
-        """How many actions the skill may still do."""
-        return self.max_actions - self.actions
-
-    @property
-    def horizon_deg(self) -> float:
-        """Tilt of the camera, down positive."""
-        return self._horizon
 
     @property
     def position(self) -> tuple[float, float]:
@@ -249,12 +258,10 @@ class Walker:
         """Return the horizontal distance from the agent to a point, in metres."""
         return self._floor.gap_m(self._state, point)
 
-    def stance(self) -> Stance:
-        """Return how the agent stands and looks now."""
-        return Stance(state=self._state, horizon_deg=self._horizon, gap_m=0.0, cost=0.0)
-
-    def stance_of(self, pose: Pose) -> Stance:
-        """Return a pose as a view; its cost and gap are left at 0."""
+    def stance(self, pose: Pose | None = None) -> Stance:
+        """Return a pose, by default the agent's own, as a view; its cost and gap are 0."""
+        if pose is None:
+            return Stance(state=self._state, horizon_deg=self.horizon_deg, gap_m=0.0, cost=0.0)
         state = (*self._floor.cell(pose.position_m), round(pose.yaw_deg / 90.0) % 4)
         return Stance(state=state, horizon_deg=pose.horizon_deg, gap_m=0.0, cost=0.0)
 
@@ -277,8 +284,8 @@ class Walker:
 
     def cost(self, view: Stance) -> float:
         """Return how many actions it takes to get into a view; infinite where no way leads."""
-        steps = self.routes().cost(view.state)
-        return math.inf if steps is None else steps + self._tilts(view.horizon_deg)
+        steps = self.routes().costs.get(view.state, math.inf)
+        return steps + abs(view.horizon_deg - self.horizon_deg) / 30.0
 
     def views(self, target: Target, *, reach_m: float, least_gap_m: float = 0.0) -> list[Stance]:
         """Return the ways to stand and look at a target, the cheapest first.
@@ -288,7 +295,7 @@ class Walker:
         routes = self.routes()
         gaps = {
             cell: math.hypot(*self._floor.outside_m(cell, target))
-            for cell in {state[:2] for state in routes}
+            for cell in {state[:2] for state in routes.costs}
         }
         reach = max(reach_m, min(gaps.values()) + 0.3)
         eye = camera_of(self.world.last_event).position_m[1]
@@ -313,53 +320,9 @@ class Walker:
         odds = off / 15.0 + max(abs(horizon - pitch) - 15.0, 0.0) / 5.0
         odds += 1.0 if gap < 0.3 else 4.0 * max(gap - 1.0, 0.0)
         odds += 1.0 if min(self._floor.outside_m(cell, target)) > 0.05 else 0.0  # past a corner
-        walk = routes.cost(state)
-        walk = 1000 if walk is None else walk  # a heading that walls keep out of reach
-        cost = walk + self._tilts(horizon) + odds
+        walk = routes.costs.get(state, 1000)  # many for a heading that walls keep out of reach
+        cost = walk + abs(horizon - self.horizon_deg) / 30.0 + odds
         return Stance(state=state, horizon_deg=horizon, gap_m=gap, cost=cost)
-
-    def _tilts(self, horizon_deg: float) -> float:
-        """Return how many actions it takes to tilt the camera so."""
-        return abs(horizon_deg - self._horizon) / 30.0
-
-    # ------------------------------------------------------------- map and routes
-
-    def _ask_map(self) -> None:
-        """Ask for the reachable cells, once per scene."""
-        scene = scene_of(self.world.last_event)
-        if scene == self._scene:
-            return
-        here = pose_of(self.world.last_event).position_m
-        self._floor = FloorMap(cells_of(self.world.step("GetReachablePositions")), here)
-        self._scene = scene
-
-    def _locate(self) -> None:
-        """Read the pose; an odd heading is turned to the nearest of the four."""
-        pose = pose_of(self.world.last_event)
-        heading = round(pose.yaw_deg / 90.0)
-        if abs(pose.yaw_deg - heading * 90.0) > 1.0:
-            turn = "RotateRight" if heading * 90.0 > pose.yaw_deg else "RotateLeft"
-            self.do(turn, degrees=abs(heading * 90.0 - pose.yaw_deg))
-        self._state = (*self._floor.cell(pose.position_m), heading % 4)
-        self._floor.add(self._state[:2])
-        self._horizon = pose.horizon_deg
-
-    def routes(self) -> Routes:
-        """Return the ways from here."""
-        whence = (self._floor, self._state, frozenset(self._walls))
-        if self._known is None or self._known[0] != whence:
-            self._known = (whence, Routes(self._floor, self._state, self._walls))
-        return self._known[1]
-
-    def _follow(self, actions: Iterable[str]) -> bool:
-        """Do the actions; at the first refusal remember the wall and stop."""
-        for action in actions:
-            if not self.do(action):
-                self._walls.add((self._state, action))
-                self._locate()
-                return False
-            self._state = _after(self._state, action)
-        return True
 
 
 def _after(state: State, action: str) -> State:

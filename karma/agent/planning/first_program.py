@@ -7,19 +7,16 @@ failure, leave out was not done. Types count, not ids: any mug will do for a mug
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from types import MappingProxyType
 
 from karma.agent.planning.program import CHANGES, DEEDS, DOOR_AFTER, PUTS, SWITCH_AFTER, WAYS
-from karma.files import read_json
 from karma.household.containment import fits_whole_or_cut
 from karma.household.places import FLOOR, HAND
 from karma.household.saying import spoken
 from karma.household.skill_effects import BeliefState, apply, changes
 from karma.household.types import WIDEST, object_types, types_with
 from karma.household.uses import BIN, KNIVES, TAP_OF, TAPS, kind_of
-from karma.language.hints import TYPE_WORDS, WordFile, bare_words, singular
-from karma.language.phrases import phrases_of
-from karma.types.planning import SkillCall
+from karma.types.planning import PlanRequest, SkillCall
 
 _DEEDS = {name: DEEDS[name] for name in (*CHANGES, *SWITCH_AFTER)}
 _FIND = "find"
@@ -102,59 +99,41 @@ def _takes(place: str, thing: str) -> bool:
 
 
 def replaces_first(
-    first: Sequence[SkillCall], later: Sequence[SkillCall], instruction: str
+    first: Sequence[SkillCall],
+    later: Sequence[SkillCall],
+    instruction: str,
+    objects: Mapping[str, Collection[str]] = MappingProxyType({}),
 ) -> bool:
     """Return whether a later program is about what the instruction means, unlike the first.
 
     Each of its new types is named, and the first program was wrong or the instruction gives a
-    choice ("the kettle, or a pan if there is none"); or words of the instruction are used for the
-    new type and for one left out ("the cleaning tool").
+    choice ("the kettle, or a pan if there is none"); or an object of the instruction is called as
+    the new type and as one left out ("the cleaning tool").
     """
     aims, asked = aims_of(later), aims_of(first).types
     now = aims.types - {kind for deed, kind in aims.deeds if deed == _FIND}
     left, new = asked - now, now - asked
     was_wrong = not any(_is_said(kind, instruction) for kind in left)
     free = was_wrong or bool(_CHOICE.search(instruction))
+    alike = [{*types} for types in objects.values() if not left.isdisjoint(types)]
     return bool(new) and all(
-        (free and _is_said(kind, instruction)) or _share_words(kind, left, instruction)
+        (free and _is_said(kind, instruction)) or any(kind in types for types in alike)
         for kind in new
     )
 
 
-def _share_words(kind: str, others: Collection[str], instruction: str) -> bool:
-    """Return whether a noun phrase of the instruction is used for a type and one of others."""
-    words = _type_words()
-    shared = words[kind] & frozenset[str]().union(*(words[other] for other in others))
-    phrases = (bare_words(noun.text.lower().split()) for noun in phrases_of(instruction).nouns)
-    return any(
-        not shared.isdisjoint((phrase, singular(phrase))) for phrase in map(" ".join, phrases)
-    )
-
-
-@cache
-def _type_words() -> Mapping[str, frozenset[str]]:
-    """Return what object types are called."""
-    texts = read_json(TYPE_WORDS, WordFile).types
-    return {kind: frozenset(texts.get(kind, ())) for kind in object_types()}
-
-
-def substitution(
-    first: Sequence[SkillCall],
-    later: Sequence[SkillCall],
-    instruction: str,
-    done: Sequence[SkillCall] = (),
-) -> tuple[int, str] | None:
+def substitution(later: Sequence[SkillCall], request: PlanRequest) -> tuple[int, str] | None:
     """Return the line of a later program that uses another object or place, and why it may not.
 
-    `first` is the first executed program, () for none. `done` are the successful calls so far: what
-    holds an object by now may be moved in its place.
+    What holds an object by now may be moved in its place.
     """
+    first, instruction = request.first, request.instruction
     asked, now = aims_of(first), aims_of(later)
     handled = now.types - {kind for deed, kind in now.deeds if deed == _FIND}
-    if not asked.types or not handled or replaces_first(first, later, instruction):
+    if not asked.types or not handled or replaces_first(first, later, instruction, request.objects):
         return None
     kept = asked.types & handled
-    holders = frozenset[str]().union(*map(aims_of(done).places, asked.types))
+    holders = frozenset[str]().union(*map(aims_of(request.done).places, asked.types))
     for kind in sorted(handled - asked.types - holders):
         if not kept or _takes_the_turn(kind, asked, now):
             words = " and ".join(map(spoken, sorted(asked.types)))

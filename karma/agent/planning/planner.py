@@ -1,6 +1,6 @@
 """From what the agent knows to a program: prompt, model, parser, with bounded retries."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, Self
 
@@ -28,7 +28,7 @@ from karma.types.planning import (
     Skill,
     SkillCall,
 )
-from karma.types.roles import Examples, Hints, LanguageModel, Resources
+from karma.types.roles import Examples, LanguageModel, PhraseReader, Resources
 
 MIN_REFUSAL_CHANCE = 0.6  # by the model; below it a program is asked for instead
 
@@ -40,7 +40,7 @@ class Planner:
     model: LanguageModel
     profile: str
     decoding: Decoding = field(default_factory=Decoding)
-    hints: Hints | None = None  # of an instruction; None: the planner reads none
+    reader: PhraseReader | None = None  # None: the planner reads no hints
     listen: Listener | None = None  # hears answers as they come
     examples: Examples | None = None  # for an instruction; None: the prompt has none but its own
 
@@ -48,7 +48,7 @@ class Planner:
     def of(cls, given: Resources) -> Self:
         """Return the planner that a run has loaded."""
         return cls(
-            given.model, given.profile, given.decoding, given.hints, given.listen, given.examples
+            given.model, given.profile, given.decoding, given.reader, given.listen, given.examples
         )
 
     def drawn_by(self, decoding: Decoding) -> "Planner":
@@ -97,10 +97,15 @@ class Planner:
                 instruction=request.advice.plain or request.instruction,
             )
 
+    def objects(self, instruction: str) -> Mapping[str, Collection[str]]:
+        """Return the objects that an instruction mentions, and the types called so."""
+        return self.reader.objects(instruction) if self.reader is not None else {}
+
     def _prepared(self, request: PlanRequest) -> PlanRequest:
         """Return a request with hints and worked examples for its instruction."""
-        if self.hints is not None:
-            request = replace(request, hints=self.hints(request.instruction))
+        if self.reader is not None:
+            hints = self.reader.hints(request.instruction)
+            request = replace(request, hints=hints, objects=self.objects(request.instruction))
         if self.examples is not None and not request.examples:
             request = replace(request, examples=self.examples(request.instruction))
         return request
@@ -170,7 +175,7 @@ def inspected(answer: Plan, request: PlanRequest) -> tuple[Plan, str]:
         known=known, shut=shut, cut=cut, running=running, held=held, areas=request.areas,
     )  # fmt: skip
     answer = replace(answer, calls=calls)
-    swapped = substitution(request.first, calls, request.instruction, request.done)
+    swapped = substitution(calls, request)
     if swapped is not None:
         line, reason = swapped
         return replace(_objected(answer, line, reason, f"{calls[line]}: {reason}"), calls=()), ""

@@ -13,7 +13,6 @@ from pathlib import Path
 from types import MappingProxyType
 
 import jinja2
-from jinja2.sandbox import ImmutableSandboxedEnvironment as SandboxedEnvironment
 
 from karma.agent.planning.full_profile import (
     area_line,
@@ -33,8 +32,7 @@ from karma.agent.planning.full_profile import (
 )
 from karma.agent.planning.goal_lines import GOAL_LINES
 from karma.agent.planning.program import OUR_SKILLS, SKILLS
-from karma.errors import FileError, UnknownNameError, did_you_mean
-from karma.files import read_bytes
+from karma.errors import UnknownNameError, did_you_mean
 from karma.household.pieces import base_type
 from karma.household.places import HAND, landmark_types
 from karma.types.memory import Area, MemoryUnit
@@ -47,8 +45,8 @@ PROFILES: Mapping[str, tuple[Skill, ...]] = MappingProxyType(
     {"compact": SKILLS, "full": (*SKILLS, *OUR_SKILLS), GOALS: GOAL_LINES}
 )  # and what each offers to write: skills, or goals; the nano planner has learnt 13 skills
 _ID_REST = re.compile(r"\|[^'\s;,]*")  # what follows the type in an object id
-_TEMPLATES = Path(__file__).parent / "prompts"
-TEMPLATES = ("full_stable.txt", "full_changing.txt")  # of all but "compact", or own ones
+
+_PROMPTS = Path(__file__).parent / "prompts"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,43 +58,19 @@ class Rendered:
 
 
 def skills_of(profile: str) -> tuple[Skill, ...]:
-    """Return the skills that a profile offers; a folder of own templates has those of "full"."""
-    check_profile(profile)
-    return PROFILES.get(profile, PROFILES["full"])
-
-
-def check_profile(profile: str) -> None:
-    """See that a profile is one of ours, a folder with the templates of "full", or "".
-
-    UnknownNameError where it is neither, FileError where a folder has not both templates.
-    """
-    if profile in ("", TOOLS, *PROFILES):
-        return
-    if "/" not in profile:
+    """Return the skills that a profile offers; UnknownNameError if there is none of that name."""
+    if profile not in PROFILES:
         hint = did_you_mean(profile, PROFILES)
-        raise UnknownNameError(
-            f"no prompt profile named {profile!r}.{hint} There are: {(*PROFILES, TOOLS)}, and"
-            " folders of templates by a path with '/' in it"
-        )
-    for name in TEMPLATES:
-        if not (Path(profile) / name).is_file():
-            fix = f"cp {_TEMPLATES}/*.txt {profile}, and change them"
-            raise FileError(Path(profile) / name, "the profile's folder has no such file", fix=fix)
-
-
-def template_files(profile: str) -> dict[str, Path]:
-    """Return the templates of a profile that are read: name -> file."""
-    own = Path(profile) if profile and profile not in PROFILES else _TEMPLATES
-    return {name: own / name for name in TEMPLATES}
+        raise UnknownNameError(f"no prompt profile named {profile!r}.{hint} {tuple(PROFILES)}")
+    return PROFILES[profile]
 
 
 def render(profile: str, request: PlanRequest, *, refusing: bool = False) -> Rendered:
-    """Fill one profile; `refusing` tells a planner that has not learnt it that it may refuse."""
+    """Fill a profile; `refusing` explains to a planner without that training how to refuse."""
     skills = skills_of(profile)
     if profile == "compact":
         return compact(request)
-    files = template_files(profile)
-    return full(request, skills, refusing=refusing, goals=profile == GOALS, files=files)
+    return full(request, skills, refusing=refusing, goals=profile == GOALS)
 
 
 def compact_areas(areas: Sequence[Area]) -> str:
@@ -179,10 +153,8 @@ def full(
     *,
     refusing: bool = False,
     goals: bool = False,
-    files: Mapping[str, Path] | None = None,
 ) -> Rendered:
-    """Fill the profile of KARMA Fig. 8, or own templates in its place, for skills or for goals."""
-    stable_file, changing_file = (files or template_files("full")).values()
+    """Fill the profile of KARMA Fig. 8, for skills or for goals."""
     held = (request.held_id, request.held_type) if request.held_id and request.held_type else None
     standing = [one for one in request.seen if not one.pickupable and not request.graph_text]
     areas = () if request.graph_text else request.areas
@@ -196,8 +168,7 @@ def full(
     names = short_names(request.units, held, fixtures=fixtures, seen=seen)
     name_of = {object_id: name for name, object_id in names.items()}
     name_of |= {one: name_of[other] for one, other in stands_for.items()}
-    stable = filled(
-        stable_file,
+    stable = template(_PROMPTS / "full_stable.txt").render(
         skills=skills,
         needs=skill_needs(),
         refusing=refusing,
@@ -206,8 +177,7 @@ def full(
         areas=[area_line(area, fixtures) for area in request.areas],
         furniture=furniture(request.areas, fixtures) if goals else (),
     )
-    changing = filled(
-        changing_file,
+    changing = template(_PROMPTS / "full_changing.txt").render(
         units=[(name_of[unit.object_id], unit) for unit in request.units],
         place_of=lambda unit: place_name(unit.place_id, name_of),
         seen=by_place(seen, name_of),
@@ -236,22 +206,10 @@ def position_text(position_m: Vec3) -> str:
     return "[" + ", ".join(f"{round(v, 2) + 0.0:.2f}" for v in position_m) + "]"
 
 
-def filled(path: Path, **given: object) -> str:
-    """Fill a template; FileError where it is missing or none, or names what it is not given."""
-    try:
-        return template(path).render(**given)
-    except jinja2.TemplateError as error:
-        line = getattr(error, "lineno", None)
-        where = f"line {line}: " if line else ""
-        fix = f"compare it with {_TEMPLATES / path.name}"
-        raise FileError(path, f"{where}{error.message}", fix=fix) from error
-
-
 @cache
 def template(path: Path) -> jinja2.Template:
-    """Return a prompt's template, read once; it reaches no other file, and no inside of Python."""
-    environment = SandboxedEnvironment(
-        loader=jinja2.DictLoader({path.name: read_bytes(path).decode("utf-8", "replace")}),
+    """Return the template of a prompt, read once."""
+    environment = jinja2.Environment(
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -260,4 +218,4 @@ def template(path: Path) -> jinja2.Template:
     )
     environment.filters["position"] = position_text
     environment.filters["coarse"] = coarse_text
-    return environment.get_template(path.name)
+    return environment.from_string(path.read_text(encoding="utf-8"))

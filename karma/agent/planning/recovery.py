@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from karma.agent.planning.program import SKILLS, parse_program, parse_refusal
 from karma.errors import ProgramError
-from karma.language.whole import going_round, in_plain_signs, own_text, repeated
+from karma.models.completeness import going_round, in_plain_signs, own_text, repeated
 from karma.types.completion import Completion
 from karma.types.planning import FailedProgram, RefusedRequest, Skill, SkillCall
 

@@ -10,14 +10,12 @@ from collections.abc import Collection, Container, Iterable, Iterator, Mapping, 
 from hashlib import sha256
 from typing import Any
 
-from karma.errors import KarmaError
 from karma.household.ids import is_part
 from karma.household.pieces import is_piece
 from karma.household.places import FLOOR, HAND
 from karma.household.uses import FRIDGE, MICROWAVE
 from karma.household.water import Lying, wetted
 from karma.types.observation import (
-    Capture,
     Observation,
     Reason,
     ReasonKind,
@@ -104,20 +102,6 @@ def observe(
         cooled=cooled,
         render=lambda: event.frame,
     )
-
-
-def pixels_of(event: Event) -> Capture:
-    """Return the picture of an event, with depth and instance masks; KarmaError for none."""
-    frame = event.frame
-    depth: Any = getattr(event, "depth_frame", None)
-    masks: Any = getattr(event, "instance_masks", None)
-    if frame is None or depth is None or masks is None:
-        raise KarmaError(
-            "perception = 'pictures': the world draws no pictures with depth and instance masks\n"
-            "  To fix: make it with renderDepthImage and renderInstanceSegmentation, as `karma run "
-            "--perception pictures` and `karma eval` do"
-        )
-    return Capture(rgb=frame, depth_m=depth, masks=masks)
 
 
 def states_in(event: Event) -> Mapping[str, tuple[str, ...]]:
@@ -230,17 +214,6 @@ def truth_of(event: Event) -> Truth:
         heated=_heated(event),
         cooled=_cooled(event),
     )
-
-
-def shown_states(thing: TrueObject) -> tuple[str, ...]:
-    """Return the words that a picture of an object can tell, sorted; ("none",) for none.
-
-    Those of its sight, and "cleaned" for what can be dirty and is not.
-    """
-    words = set(thing.states)
-    if thing.dirtyable and "dirty" not in words:
-        words.add("cleaned")
-    return tuple(sorted(words or {"none"}))
 
 
 # ----------------------------------------------------------------- parts of metadata

@@ -1,4 +1,4 @@
-"""From the world to a picture by the camera's own pose, and with its depth back to the world.
+"""From the world to a picture by the camera's own pose.
 
 Where an object's box shows is a perception aid. It needs coordinates and the camera, which every
 world gives (KARMA §3.4: "acquired through a simulator"), and no segmentation; it tells nothing of
@@ -108,66 +108,6 @@ def _before(corners: np.ndarray) -> np.ndarray:
             share = (NEAR_M - one[2]) / (other[2] - one[2])
             found.append(one + share * (other - one))
     return np.array(found)
-
-
-_STRAYS = 2.0  # percent of the points on each side that are left out of a box
-_CORE = 0.25  # of a box without a mask: the share on each side that may show something else
-
-Points = NDArray[np.float64]  # (n, 3), metres
-Box = tuple[Vec3, Vec3]  # centre and size, metres
-
-
-def points_in(depth_m: NDArray[np.float32], mask: NDArray[np.bool_], camera: CameraPose) -> Points:
-    """Return where in the world the pixels of a mask are, shape (n, 3), metres.
-
-    `depth_m`, along the camera's forward axis, and `mask` have the shape (H, W).
-    """
-    rows, columns = np.nonzero(mask)
-    forward = depth_m[rows, columns].astype(np.float64)
-    scale = 2 * np.tan(np.radians(camera.fov_deg) / 2) / camera.height_px
-    right = (columns + 0.5 - camera.width_px / 2) * scale * forward
-    up = (camera.height_px / 2 - rows - 0.5) * scale * forward
-    from_eye = np.stack([right, up, forward], axis=1) @ axes_of(camera)
-    return np.asarray(from_eye + np.asarray(camera.position_m))
-
-
-def box_round(points: Points) -> Box:
-    """Return the upright box round points, strays left out: the sides of a thing that were seen."""
-    low, high = np.percentile(points, [_STRAYS, 100 - _STRAYS], axis=0)
-    return _vector((low + high) / 2), _vector(high - low)
-
-
-def gap_m(points: Points, from_m: Vec3) -> float:
-    """Return how far across the floor the nearest of the points is, strays left out."""
-    gaps = np.hypot(points[:, 0] - from_m[0], points[:, 2] - from_m[2])
-    return float(np.percentile(gaps, _STRAYS))
-
-
-def core_of(region: Region, height: int, width: int) -> NDArray[np.bool_]:
-    """Return the middle of a box as a mask, for a detector that gives none, shape (H, W)."""
-    left, top, right, bottom = region
-    aside, above = (right - left) * _CORE, (bottom - top) * _CORE
-    mask = np.zeros((height, width), dtype=bool)
-    rows = slice(int(top + above), max(int(bottom - above), int(top + above) + 1))
-    mask[rows, int(left + aside) : max(int(right - aside), int(left + aside) + 1)] = True
-    return mask
-
-
-def joined(one: Box, other: Box) -> Box:
-    """Return the box round two boxes."""
-    lows, highs = zip(*(_sides(box) for box in (one, other)), strict=True)
-    low, high = np.min(lows, axis=0), np.max(highs, axis=0)
-    return _vector((low + high) / 2), _vector(high - low)
-
-
-def _sides(box: Box) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    center, size = np.asarray(box[0]), np.asarray(box[1])
-    return center - size / 2, center + size / 2
-
-
-def _vector(row: NDArray[np.float64]) -> Vec3:
-    x, y, z = (round(float(value), 3) for value in row)
-    return x, y, z
 
 
 # ----------------------------------------------------------------- what was looked at

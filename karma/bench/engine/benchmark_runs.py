@@ -11,7 +11,6 @@ from typing import Any
 import msgspec
 
 from karma import registry
-from karma.agent.loading.models import Row
 from karma.bench.engine.experiment_file import Changes, read_as
 from karma.bench.engine.suite import (
     NO_MODELS,
@@ -29,6 +28,7 @@ from karma.journal.owned_folder import HEADER, check_sealed, read_lines
 from karma.journal.provenance import model_hashes, versions
 from karma.journal.records import NotRun, PlayedTiming, in_words, read_not_run
 from karma.journal.run_folder import Finished, RunFolder
+from karma.loading.models import Row
 from karma.models.session import Session
 from karma.offline.guard import network_allowed
 

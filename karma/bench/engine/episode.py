@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from karma.agent.goals.goals import GoalTracker, WatchedWorld, object_names
 from karma.agent.seeing.perceive import cells_of, pose_of, refusal, truth_of
 from karma.errors import FileError, KarmaError, UnwritableError
+from karma.goals.goals import GoalTracker, WatchedWorld, object_names
 from karma.household.uses import BIN
 from karma.journal.records import EpisodeRecord, SubTaskRecord, untimed, waited
 from karma.journal.steps import Enter, StepLog

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 import msgspec
 
 from karma import registry
-from karma.agent.goals.files import load_tasks
-from karma.agent.loading.models import Models, Row
 from karma.bench.engine.episode import check_seeds
 from karma.errors import FileError, KarmaError
 from karma.files import below, read_bytes
+from karma.goals.files import load_tasks
+from karma.loading.models import Models, Row
 from karma.types.space import SceneRef
 from karma.types.tasks import Task
 

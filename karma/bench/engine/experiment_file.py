@@ -16,12 +16,12 @@ from typing import Any, TypeVar, get_args
 
 import msgspec
 
-from karma.agent.loading.names import MODELS, check_models, check_row
 from karma.bench.engine.experiment import MOST_SEEDS, Experiment, is_called
 from karma.errors import FileError, KarmaError, did_you_mean
 from karma.files import read_toml
 from karma.journal.header import each_path
 from karma.journal.owned_folder import Kind
+from karma.loading.names import MODELS, check_models, check_row
 
 T = TypeVar("T", bound=msgspec.Struct)
 TRACE = "trace"  # `kind` of a figure of policies, see `karma.bench.policies.figure`

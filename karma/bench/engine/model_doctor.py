@@ -8,24 +8,24 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from karma import registry
-from karma.agent.loading.models import OPENAI, Models, check_asked, filled, language_model
-from karma.agent.loading.names import opened_as
 from karma.bench.engine.workers import listed_mb
 from karma.errors import KarmaError, ModelError
 from karma.files import rebuild_llama
+from karma.loading.models import OPENAI, Models, check_asked, filled, language_model
+from karma.loading.names import opened_as
 from karma.models.checks.gguf import check_gguf
 from karma.models.checks.memory import gguf_parts_mb
 from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.opening import devices, free_mb
 from karma.models.manifest import ModelEntry, resolve_planner
 from karma.models.session import Session
-from karma.models.torch_load import import_transformers
 from karma.types.observation import SeenObject
 
 CARDS = {  # what a driver puts on this machine -> (whose, what llama.cpp is built with for it)
@@ -153,8 +153,8 @@ def _speeds(gguf: GgufModel) -> dict[str, float]:
     answer = min(_ANSWER, gguf.limit - prompt)
     tokens = np.random.default_rng(0).integers(0, gguf.vocabulary, prompt).tolist()
     gguf.make_room(prompt + answer)
-    gguf.evaluate([], tokens[:8])  # weights come from the disk now
-    _, read_s = _timed(lambda: (gguf.evaluate([], tokens), gguf.logits()))  # a GPU is waited for
+    gguf.evaluate([tokens[:8]])  # weights come from the disk now
+    _, read_s = _timed(lambda: (gguf.evaluate([tokens]), gguf.logits()))  # a GPU is waited for
 
     def say() -> None:
         for token in tokens[:answer]:
@@ -180,9 +180,11 @@ def _torch(
     role: str, plural: str, ask: Callable[[Any], dict[str, float]], models: Models
 ) -> ModelSeen | None:
     name = getattr(models, role)
-    if not hasattr(registry.load(plural, name.partition(":")[0]), "computed_on"):
+    made = registry.load(plural, name.partition(":")[0])
+    if not hasattr(made, "computed_on"):
         return None
-    _import_libraries(name.partition(":")[0])
+    for library in getattr(made, "libraries", ()):  # what libraries take is not the model's
+        import_module(library)
     before = resident_mb()
     model = filled(plural, name, None, Session(), models)
     speeds = ask(model)
@@ -192,17 +194,6 @@ def _torch(
         predicted_mb=listed_mb(name.partition(":")[2] or model.name),
         measured_mb=resident_mb() - before if device.lower() == "cpu" else None,
     )  # fmt: skip
-
-
-def _import_libraries(kind: str) -> None:
-    """Import what a model is computed with, since what libraries take is not the model's."""
-    if kind == "minilm":
-        import scipy.special  # noqa: F401
-
-        return
-    import_transformers()
-    if kind == "sentence":
-        import sentence_transformers  # noqa: F401
 
 
 def _embedder(model: Any) -> dict[str, float]:

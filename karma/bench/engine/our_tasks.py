@@ -9,16 +9,6 @@ from typing import Any
 import msgspec
 
 from karma import registry
-from karma.agent.goals.files import in_rooms
-from karma.agent.loading.models import (
-    Models,
-    Row,
-    for_row,
-    load_resources,
-    preset,
-    world_maker,
-)
-from karma.agent.loading.planner_files import may_refuse
 from karma.agent.tour import explore_room
 from karma.bench.engine.episode import Days, run_episode
 from karma.bench.engine.experiment import Experiment, RunOptions, load, scene_path
@@ -26,12 +16,22 @@ from karma.bench.engine.experiment_file import Changes, read_experiment
 from karma.bench.engine.suite import Chain, Done
 from karma.bench.figures.columns import added_up
 from karma.errors import FileError, KarmaError
+from karma.goals.files import in_rooms
 from karma.journal.header import RESULTS, Config, Header
 from karma.journal.provenance import header_of as journal_header
 from karma.journal.records import EpisodeRecord
 from karma.journal.run_folder import Finished, RunFolder
 from karma.journal.steps import StepLog
 from karma.journal.writer import TimeLog
+from karma.loading.models import (
+    Models,
+    Row,
+    for_row,
+    load_resources,
+    preset,
+    world_maker,
+)
+from karma.loading.planner_files import may_refuse
 from karma.models.manifest import resolve_planner
 from karma.models.session import Session
 from karma.offline.guard import settle

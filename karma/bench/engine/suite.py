@@ -11,11 +11,11 @@ from typing import Any, ClassVar, Protocol
 
 import msgspec
 
-from karma.agent.loading.models import Models, Row, check_asked, language_model
 from karma.bench.figures.drawing import Plot
 from karma.bench.figures.tables import Sheet
 from karma.journal.records import Key, NotRun
 from karma.journal.run_folder import Finished, RunFolder
+from karma.loading.models import Models, Row, check_asked, language_model
 from karma.models.session import Session
 from karma.types.roles import LanguageModel
 

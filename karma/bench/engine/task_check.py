@@ -11,10 +11,10 @@ from pathlib import Path
 
 import msgspec
 
-from karma.agent.goals.goals import GoalTracker, Meanings, alternatives, object_names
 from karma.agent.seeing.perceive import cells_of
 from karma.bench.engine.episode import run_episode
 from karma.bench.methods.expert import ExpertMethod
+from karma.goals.goals import GoalTracker, Meanings, alternatives, object_names
 from karma.household.containment import fits_whole_or_cut
 from karma.household.ids import is_id, is_position, root_type
 from karma.household.pieces import base_type, is_piece

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from karma import registry
-from karma.agent.loading.models import Models, Row
 from karma.bench.engine.pool import ChainQueue, in_processes
 from karma.bench.engine.suite import Chain, Do, Done, Suite
 from karma.errors import KarmaError, UnknownNameError, UnwritableError
 from karma.journal.records import NotRun
+from karma.loading.models import Models, Row
 from karma.models.checks.memory import available_mb
 from karma.models.endpoint import Hosted
 from karma.models.llama.opening import devices
@@ -157,7 +157,6 @@ def worker_mb(models: Models, rows: Sequence[Row] = ()) -> float:
     seeing = sorted({models.vision, *(row.vision for row in rows)})
     named = [models.planner, models.embedder.partition(":")[2]]
     named += [name.partition(":")[2] for name in seeing]
-    named += models.detector.partition(":")[2].split("+")
     named += ["minilm"] if models.embedder == "minilm" else []
     named += ["karma-nano-vlm"] if "nano-vlm" in seeing else []
     return _BASE_MB + sum(_model_mb(name) for name in named if name)

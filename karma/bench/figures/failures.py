@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from karma.agent.planning.refusal_text import sentence
+from karma.agent.planning.refused import sentence
 from karma.bench.figures.metrics import Need, TimedEpisode, needs, related_needs, types_of
 from karma.journal.records import Call, SubTaskRecord
 from karma.journal.steps import Ended, Enter, Instruction, Start, Step

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 
-from karma.agent.goals.goals import alternatives, object_names, parse_goal
 from karma.bench.figures.statistics import Estimate, mean, rate
+from karma.goals.goals import alternatives, object_names, parse_goal
 from karma.household.ids import root_type
 from karma.household.pieces import base_type
 from karma.household.types import types_with

@@ -16,7 +16,6 @@ from typing import Any, ClassVar, Self
 
 from karma.agent.body.reach import SkillLimits
 from karma.agent.body.skills import Skills
-from karma.agent.goals.goals import GoalTracker, WatchedWorld
 from karma.agent.karma import KarmaMethod
 from karma.agent.options import settings_of
 from karma.agent.planning.expert import solve
@@ -24,6 +23,7 @@ from karma.agent.seeing.perceive import truth_of
 from karma.agent.settings import KarmaSettings
 from karma.bench.methods.expert_choices import Chooser, Lessons, Surroundings, left
 from karma.errors import KarmaError
+from karma.goals.goals import GoalTracker, WatchedWorld
 from karma.household.ids import is_id, type_of
 from karma.models.scripted import ScriptedModel
 from karma.types.events import Outcome, Plan, SkillResult
@@ -207,7 +207,7 @@ class CopyingMethod(KarmaMethod):
             raise KarmaError(_NONE)
         nearest = _Nearest(resources.examples)
         model = ScriptedModel(nearest.programs())
-        copying = replace(resources, model=model, examples=nearest, hints=None)
+        copying = replace(resources, model=model, examples=nearest, reader=None)
         return super().build(copying, options)
 
 

@@ -11,9 +11,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice, product
 
-from karma.agent.goals.goals import Meanings, alternatives, object_names
-from karma.agent.goals.objects import linked
 from karma.agent.planning.expert import ExpertView, NamedThing
+from karma.goals.goals import Meanings, alternatives, object_names
+from karma.goals.objects import linked
 from karma.household.ids import is_id, is_position, part_id, whole_id
 from karma.household.pieces import base_type, goes_by, is_piece
 from karma.household.places import FLOOR, STAND_CLOSED

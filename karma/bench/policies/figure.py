@@ -16,7 +16,6 @@ import msgspec
 from msgspec import Meta
 
 from karma import __version__, registry
-from karma.agent.loading.models import Models, Row
 from karma.bench.engine.experiment_file import beside
 from karma.bench.engine.run import Run
 from karma.bench.engine.suite import NO_MODELS, Chain, Done
@@ -47,6 +46,7 @@ from karma.journal.header import ALWAYS, RESULTS
 from karma.journal.owned_folder import HEADER, OwnedFolder, changed, check_sealed
 from karma.journal.records import NotRun, PlayedTiming
 from karma.journal.run_folder import Finished, RunFolder
+from karma.loading.models import Models, Row
 from karma.models.session import Session
 
 CLAIMS_FILE = "claims.md"

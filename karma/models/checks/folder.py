@@ -1,11 +1,10 @@
-"""Check a folder of safetensors and JSON before transformers sees it.
+"""Check safetensors and JSON files of a model folder by their headers.
 
 Only headers and configurations are read: no weights, no code, nothing pickled.
 """
 
 import json
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -15,85 +14,6 @@ from karma.files import open_regular, read_bytes
 
 PICKLES = (".bin", ".pt", ".pth", ".pkl", ".pickle", ".ckpt", ".npy", ".msgpack", ".h5")
 _MOST_CONFIG = 50_000_000  # bytes
-_MOST: Mapping[str, int] = {  # of numbers whose names end so: a library makes that many things
-    "layers": 1_000, "depth": 1_000, "depths": 1_000, "edge": 10_000, "height": 10_000,
-    "width": 10_000, "crop_size": 10_000, "image_size": 10_000, "size": 10_000_000,
-    "embeddings": 10_000_000, "heads": 10_000, "labels": 1_000_000,
-}  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CheckedFolder:
-    """A folder that an adapter can open."""
-
-    name: str
-    path: Path
-    model_type: str
-    config: Mapping[str, Any]
-    sizes: Mapping[str, int] = field(repr=False)  # parameters by the name of their tensor
-
-    @property
-    def parameters(self) -> int:
-        """How many numbers there are."""
-        return sum(self.sizes.values())
-
-    def number(self, *keys: str, default: int) -> int:
-        """Return the number at `keys` of config.json, one inside the other; else the default.
-
-        ModelError where no positive number stands there.
-        """
-        found: Any = self.config
-        for key in keys:
-            if not isinstance(found, dict):
-                break
-            found = found.get(key)
-            if found is None:
-                return default
-        if not isinstance(found, int) or isinstance(found, bool) or found < 1:
-            what = f"{'.'.join(keys)} is {found!r}, not a positive number"
-            raise ModelError(f"{self.path / 'config.json'}: {what}")
-        return found
-
-
-def check_folder(
-    folder: Path,
-    families: Mapping[str, Collection[str]],
-    *,
-    needs: Sequence[Sequence[str]],
-    fix: str,
-    name: str | None = None,
-) -> CheckedFolder:
-    """Check a model folder: architecture first, then processor files, then headers of the weights.
-
-    `families`: `model_type` -> architectures that will do, as config.json has it; () = any. Of
-    every group in `needs` at least one file must be there; `fix` says what to do about a missing
-    one.
-
-    Raises:
-        ModelError: not a folder, the wrong architecture, a file missing, or a header damaged.
-    """
-    if not folder.is_dir():
-        raise ModelError(f"{folder}: no such folder\n  To fix: {fix}")
-    place = folder / "config.json"
-    config = read_config(place, fix=fix)
-    kind = str(config.get("model_type"))
-    if kind not in families:
-        wanted = ", ".join(sorted(families))
-        raise ModelError(f"{place}: model_type is {kind!r}, this adapter opens {wanted}")
-    check_sizes(place, config)
-    named, known = config.get("architectures") or (), families[kind]
-    if not isinstance(named, list | tuple) or not all(isinstance(one, str) for one in named):
-        raise ModelError(f"{place}: architectures is {named!r}, not a list")
-    if named and known and not set(named) & set(known):
-        wanted = ", ".join(sorted(known))
-        raise ModelError(f"{place}: architecture {', '.join(named)}, this adapter opens {wanted}")
-    for group in needs:
-        if not any((folder / name).is_file() for name in group):
-            raise ModelError(f"{folder}: no {' nor '.join(group)}\n  To fix: {fix}")
-    return CheckedFolder(
-        name=name or folder.name, path=folder, model_type=kind, config=config,
-        sizes=check_weights(folder, fix=fix),
-    )  # fmt: skip
 
 
 def read_config(path: Path, *, fix: str) -> Mapping[str, Any]:
@@ -107,24 +27,6 @@ def read_config(path: Path, *, fix: str) -> Mapping[str, Any]:
     if not isinstance(found, dict):
         raise ModelError(f"{path}: not a JSON object\n  To fix: {fix}")
     return found
-
-
-def check_sizes(path: Path, said: Any, name: str = "") -> None:
-    """Refuse numbers in what a file says for which a library would make things without end.
-
-    ModelError for a size beyond all models; names it.
-    """
-    match said:
-        case dict():
-            for key, value in said.items():
-                check_sizes(path, value, str(key))
-        case list():
-            for value in said:
-                check_sizes(path, value, name)
-        case int() | float():
-            ending = next((one for one in sorted(_MOST, key=len)[::-1] if name.endswith(one)), "")
-            if ending and not said <= _MOST[ending]:
-                raise ModelError(f"{path}: {name} is {said!r:.40}; {_MOST[ending]} at most")
 
 
 def check_weights(folder: Path, *, fix: str) -> Mapping[str, int]:

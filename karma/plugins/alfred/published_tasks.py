@@ -33,10 +33,10 @@ from typing import Any, Literal
 
 import msgspec
 
-from karma.agent.goals.files import with_whole
-from karma.agent.goals.goals import parse_goal
 from karma.errors import FileError, KarmaError
 from karma.files import read_json, read_toml, to_json
+from karma.goals.files import with_whole
+from karma.goals.goals import parse_goal
 from karma.household.pieces import piece_type
 from karma.household.types import Capability, names_then, object_types, type_now
 from karma.household.uses import covers

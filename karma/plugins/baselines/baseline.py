@@ -52,7 +52,7 @@ class RoomMemory(ABC):
     def observe(self, experience: Experience) -> None:
         """Take in the latest sights; what was missed or cut is forgotten."""
         self.seen |= experience.seen
-        for object_id in experience.missed | experience.cut:
+        for object_id in {*experience.missed, *experience.cut}:
             self.seen.pop(object_id, None)
 
     @abstractmethod
@@ -62,7 +62,7 @@ class RoomMemory(ABC):
     def where(self, name: str) -> Known | None:
         """Return the best known place of an id or type."""
         one = self.seen.get(name) or self.best(name)
-        return known(one, "memory") if one is not None else None
+        return known(one) if one is not None else None
 
     def areas(self) -> tuple[Area, ...]:
         """Return no areas: objects only are remembered."""

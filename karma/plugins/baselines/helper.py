@@ -10,7 +10,6 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from karma.agent.loading.planner_files import ExampleMemory
 from karma.agent.options import settings_of
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
@@ -19,6 +18,7 @@ from karma.agent.tour import position_of
 from karma.errors import FileError, KarmaError, ProgramError
 from karma.files import read_toml
 from karma.household.uses import FOUND_BY_SKILL
+from karma.loading.planner_files import ExampleMemory
 from karma.plugins.baselines.baseline import (
     BaselineSettings,
     MappedEpisode,

@@ -38,7 +38,7 @@ class ObjectMemory(RoomMemory):
         """Take in the latest sights; what was missed or cut is forgotten."""
         super().observe(experience)
         self.held_id = experience.held.object_id if experience.held else None
-        for object_id in experience.missed | experience.cut:
+        for object_id in {*experience.missed, *experience.cut}:
             self.scores.pop(object_id, None)
             self.finished.discard(object_id)
 

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple, Self, TypeVar
 import msgspec
 
 from karma import __version__
-from karma.agent.loading.models import Models, Row
 from karma.bench.engine.benchmark_runs import BenchmarkSuite
 from karma.bench.engine.experiment import scene_path
 from karma.bench.engine.experiment_file import beside
@@ -32,6 +31,7 @@ from karma.journal.provenance import (
     versions,
 )
 from karma.journal.records import NotRun
+from karma.loading.models import Models, Row
 from karma.models.manifest import read_manifest, resolve_planner
 from karma.models.session import Session
 from karma.types.space import SceneRef
@@ -190,7 +190,7 @@ def check_node(
         header,
         versions=versions(),
         models=hashes_here(models, header.models, rows),
-        prompts=prompt_hashes(models.profile),
+        prompts=prompt_hashes(),
         scenes=scene_hashes((SceneRef(name=name) for name in header.scenes), scenes),
     )
     refuse_node(header.apart(mine))

@@ -22,7 +22,7 @@ from urllib.parse import urlsplit
 import msgspec
 
 from karma.errors import ModelError, RequestRefused, ServerLost
-from karma.language.whole import CUTS, ENDS
+from karma.models.completeness import CUTS, ENDS
 from karma.models.endpoint import Endpoint
 from karma.models.session import CassetteError, Session, Spent
 from karma.offline.guard import allow_host

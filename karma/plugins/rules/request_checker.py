@@ -26,11 +26,11 @@ from karma.household.uses import (
     kind_of,
     switch_of,
 )
-from karma.language.hints import singular
 from karma.plugins.rules.deeds import FOR_GOOD, able_to, deed_kind
 from karma.plugins.rules.language.request_words import deed_states, request_words
 from karma.plugins.rules.program_effects import ProgramEffects, effects_of
 from karma.plugins.rules.types import Mention, Request, SaidDeed
+from karma.plugins.rules.wording.hints import singular
 from karma.types.planning import RefusalKind, RefusedRequest, SkillCall
 
 # ----------------------------------------------------------------- before any planner

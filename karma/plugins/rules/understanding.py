@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from karma.agent.planning.planner import grounded
-from karma.agent.planning.refusal_text import sentence
+from karma.agent.planning.refused import sentence
 from karma.assistant.program_words import in_words
 from karma.assistant.replies import Meant, Understanding
 from karma.household.ids import type_of
@@ -17,9 +17,9 @@ from karma.household.pieces import base_type
 from karma.household.saying import spoken, told_place
 from karma.household.types import object_types
 from karma.household.uses import KNOB, TAPS, without_basin
-from karma.language.hints import bare_words, singular
-from karma.language.phrases import phrases_of
 from karma.plugins.rules.language.lexicon import ALIKE, Lexicon
+from karma.plugins.rules.wording.hints import bare_words, singular
+from karma.plugins.rules.wording.phrases import phrases_of
 from karma.types.events import Plan
 from karma.types.memory import Known
 from karma.types.planning import RefusalKind, RefusedRequest, SkillCall
@@ -41,7 +41,7 @@ _QUESTIONS: Mapping[RefusalKind, str] = {
 _UNNAMED = ("thing", "place", "unclear")  # kinds of refusals whose words name nothing here
 _ABILITIES = {
     "on": "switch on", "off": "switch off", "throw": "throw away", "look": "look at under a lamp",
-}  # deeds of `karma.language`, in words  # fmt: skip
+}  # actions in words  # fmt: skip
 
 
 def understood(

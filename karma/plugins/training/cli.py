@@ -57,8 +57,8 @@ def vlm_eval(
 ) -> None:
     """Score a vision model on frames of rooms that its training never saw."""
     from karma.models.llama.vision import LlamaVision
-    from karma.models.transformers_vision import TransformersVision
     from karma.plugins.training.vision_score import examine, held_out_rooms, score
+    from karma.plugins.vision.vlm import TransformersVision
 
     with console.status(escape(f"loading {model} ...")):
         pair = model.removeprefix("llama:")

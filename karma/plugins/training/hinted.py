@@ -18,7 +18,8 @@ from safetensors.numpy import save
 
 from karma.agent.planning.prompt import compact_words
 from karma.files import write_atomic
-from karma.language.hints import (
+from karma.plugins.rules.language.lexemes import Entry, lexicon, types_called, unseen_lexemes
+from karma.plugins.rules.wording.hints import (
     MOST,
     Query,
     WordFile,
@@ -28,7 +29,6 @@ from karma.language.hints import (
     own_texts,
     queries,
 )
-from karma.plugins.rules.language.lexemes import Entry, lexicon, types_called, unseen_lexemes
 from karma.plugins.training.drawing.memories import Rng, pick
 from karma.plugins.training.samples import TrainingExample
 from karma.types.planning import Hint

@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
-from karma.agent.goals.files import SaidRequest
 from karma.agent.planning.expert import ExpertView
 from karma.agent.planning.goal_lines import plain_program
+from karma.goals.files import SaidRequest
 from karma.household import uses
 from karma.household.containment import goes_in
 from karma.household.pieces import EGG, base_type, is_piece

@@ -20,13 +20,13 @@ from itertools import chain, islice
 from pathlib import Path
 
 from karma import registry
-from karma.agent.goals.files import load_said, load_tasks, load_texts
-from karma.agent.loading.planner_files import WORDS
 from karma.files import read_json, to_json, write_atomic
-from karma.language.hints import load_words, write_words
+from karma.goals.files import load_said, load_tasks, load_texts
+from karma.loading.planner_files import WORDS
 from karma.plugins.alfred.published_tasks import load_authors_tasks
 from karma.plugins.alfred.sentences import plain
 from karma.plugins.rules.language.lexemes import lexicon
+from karma.plugins.rules.wording.hints import load_words, write_words
 from karma.plugins.thor_tools.importing.scenes import import_dump
 from karma.plugins.training.drawing.memories import (
     KnownRoom,

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any, get_args
 
 from karma import registry
-from karma.agent.goals.files import load_tasks
 from karma.bench.engine.episode import run_episode
 from karma.bench.engine.task_check import Possible
 from karma.bench.methods.expert import ExpertMethod
 from karma.errors import FileError
 from karma.files import to_json, write_atomic
+from karma.goals.files import load_tasks
 from karma.plugins.rooms.generate import build_scene
 from karma.plugins.rules.language.lexemes import unseen_lexemes
 from karma.plugins.training.drawing.drawn_tasks import DrawnRequest, Kind, draw_task

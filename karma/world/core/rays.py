@@ -19,7 +19,7 @@ from karma.types.space import Vec3
 from karma.world.core.boxes import Flags, Floats, crossing
 from karma.world.core.ground import outside
 from karma.world.core.hiding import holes_by_row, solid_boxes
-from karma.world.core.objects import Change, Derived, Objects
+from karma.world.core.objects import Derived, Objects
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.thing import heading
@@ -146,18 +146,8 @@ class Silhouette(NamedTuple):
     high: Floats
 
 
-def _of_the_same(
-    before: Objects, known: dict[int, Silhouette | None], change: Change
-) -> dict[int, Silhouette | None]:
-    if not change.moved:
-        return known
-    rows = {before.rows[thing.id] for _, thing in change.pairs}
-    return {row: one for row, one in known.items() if row not in rows}
-
-
-_silhouettes: Derived[dict[int, Silhouette | None]] = Derived(
-    lambda objects: {}, patch=_of_the_same
-)  # filled as boxes are met
+# filled as boxes are met
+_silhouettes: Derived[dict[int, Silhouette | None]] = Derived(lambda objects: {}, "place")
 
 
 def missed(objects: Objects, eye: Floats, ends: Floats, rows: NDArray[np.intp]) -> Flags:

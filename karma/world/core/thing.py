@@ -13,12 +13,6 @@ from karma.world.core.scene import SceneObject
 GRAVITY_MS2 = 9.81
 
 
-def ground(thing: SceneObject) -> tuple[float, float, float, float]:
-    """Return the ground under a box: x0, z0, x1, z1."""
-    (x, _, z), (long, _, wide) = thing.center, thing.size
-    return (x - long / 2, z - wide / 2, x + long / 2, z + wide / 2)
-
-
 def box_of(thing: SceneObject) -> Box:
     """Return the box of a thing."""
     return Box.around(thing.center, thing.size)

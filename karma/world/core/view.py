@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable
 from functools import cached_property
 from itertools import compress
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,10 @@ from numpy.typing import NDArray
 from karma.types.space import Pose, Vec3
 from karma.world.core.boxes import Flags, Floats
 from karma.world.core.hiding import blocking, hidden_rows, solid_boxes
-from karma.world.core.objects import Change, Derived, Objects
+from karma.world.core.objects import Derived, Objects
 from karma.world.core.rays import NO_SHELL, RoomShell, farthest, stopped
 from karma.world.core.rules import rules
-from karma.world.core.thing import ground, heading
-
-K = TypeVar("K")
+from karma.world.core.thing import heading
 
 CAMERA_M = 0.675  # above the agent's origin
 CROUCH_M = 0.22  # lower when crouching
@@ -59,36 +57,15 @@ _Place = tuple[Vec3, Vec3, float]  # of the eye and the agent, and the reach
 class _Vantage(NamedTuple):
     """What can be seen from one place, whichever way one looks: points that nothing hides."""
 
-    x: float
-    z: float
-    reach_m: float  # across the floor, to the farthest point that was looked for
     offsets: Floats  # of the points from the eye, shape (points, 3)
     rows: NDArray[np.intp]  # of the objects that the points are on
     clear: Flags  # whether no glass is in between
 
-    def reaches(self, x0: float, z0: float, x1: float, z1: float) -> bool:
-        """Return whether something on this ground may change what is seen."""
-        far_x = max(x0 - self.x, self.x - x1, 0.0)
-        far_z = max(z0 - self.z, self.z - z1, 0.0)
-        return far_x * far_x + far_z * far_z <= self.reach_m * self.reach_m
-
-
-def _out_of_reach(
-    before: Objects, known: dict[_Place, _Vantage], change: Change
-) -> dict[_Place, _Vantage]:
-    """Return the vantages that nothing of what changed is near to."""
-    if not change.aspects:
-        return known
-    boxes = dict.fromkeys(ground(thing) for pair in change.pairs for thing in pair)
-    return {
-        place: vantage
-        for place, vantage in known.items()
-        if not any(vantage.reaches(*box) for box in boxes)
-    }
-
 
 # filled as places are looked from
-_vantages: Derived[dict[_Place, _Vantage]] = Derived(lambda objects: {}, patch=_out_of_reach)
+_vantages: Derived[dict[_Place, _Vantage]] = Derived(
+    lambda objects: {}, "place", "parents", "inert", "open", "held"
+)
 
 
 def camera(pose: Pose) -> Vec3:
@@ -185,8 +162,7 @@ def _look_round(
     offsets = points - eye
     solid, glass = _blocked(objects, eye, points, targets, held, shell)
     solid |= shell.hides(eye, points)
-    reach_m = max(visibility_m, float(np.hypot(offsets[:, 0], offsets[:, 2]).max(initial=0.0)))
-    return _Vantage(x, z, reach_m + 0.01, offsets[~solid], targets[~solid], ~glass[~solid])
+    return _Vantage(offsets[~solid], targets[~solid], ~glass[~solid])
 
 
 def sample_points(

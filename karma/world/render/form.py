@@ -16,7 +16,7 @@ from karma.errors import FileError
 from karma.files import read_toml
 from karma.household.types import RoomType, object_types
 from karma.world.render import mesh
-from karma.world.render.mesh import SOLID, Colour, Mesh, Point
+from karma.world.render.mesh import Colour, Mesh, Point
 
 Front = Literal["turn", "room", "thin", "long"]
 TABLE = Path(__file__).parent / "looks.toml"
@@ -150,11 +150,6 @@ class Form(NamedTuple):
         """Return a box between two corners given in shares."""
         return mesh.box(self.at(*low), self.at(*high), colour)
 
-    def in_front(self, low: Pair, high: Pair, colour: Colour, thick: float) -> Mesh:
-        """Return a plate on the front, between two corners (x, y) in shares."""
-        (x0, y0, z), (x1, y1, _) = self.at(*low, 1), self.at(*high, 1)
-        return mesh.box((x0, y0, z), (x1, y1, z + thick), colour)
-
     def frame(self, edge: float) -> list[Mesh]:
         """Return a border all round the front, as deep as the object; `edge` in metres."""
         x, y, z = self.half
@@ -164,13 +159,6 @@ class Form(NamedTuple):
             mesh.box((-x, 0, -z), (x, edge, z), self.main),
             mesh.box((-x, y - edge, -z), (x, y, z), self.main),
         ]
-
-    def pane(
-        self, edge: float, z0: float, z1: float, colour: Colour, *, clear: int = SOLID
-    ) -> Mesh:
-        """Return an upright plate that leaves `edge` free all round, between two depths, metres."""
-        x, y, _ = self.half
-        return mesh.box((-x + edge, edge, z0), (x - edge, y - edge, z1), colour, clear=clear)
 
     def ball(self, middle: Point, half: Point, colour: Colour, *, sides: int, rings: int) -> Mesh:
         """Return an ellipsoid by its middle and half its sides in shares."""

@@ -7,10 +7,9 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from karma.world.render.cases import cracks
-from karma.world.render.form import CRACK, SIDES, WATER, Form, Rectangle, dial, shade
+from karma.world.render.form import SIDES, WATER, Form, Rectangle, dial, shade
 from karma.world.render.mesh import (
     GHOST,
-    GLASS,
     Mesh,
     ball,
     bent,
@@ -213,24 +212,6 @@ def shower_head(f: Form) -> list[Mesh]:
             rod((a, low, b), (a, head_y - 0.65, b), 0.006, WATER, sides=4, clear=GHOST),
             rod((a, low, b), (a, head_y - 0.1, b), 0.008, WATER, sides=4),
         ]
-    return parts
-
-
-def glass_door(f: Form) -> list[Mesh]:
-    """Return a pane of glass in a frame; a door swings when open, a broken one has cracks."""
-    x, y, z = f.half
-    z = max(z, 0.008)
-    edge = 0.025
-    pane = f.pane(edge, -0.003, 0.003, f.second, clear=GLASS)
-    parts = [pane, *f._replace(depth=2 * z).frame(edge)]
-    if f.style == "door":
-        a, front = x * 0.8, z + 0.03
-        parts.append(rod((a, y * 0.4, front), (a, y * 0.6, front), 0.014, (90.0, 95.0, 100.0)))
-    if f.broken:
-        parts += cracks(x - edge, edge, y - edge, 0.006, (245.0, 250.0, 252.0))
-        parts += cracks(x - edge, edge, y * 0.6, 0.008, CRACK)
-    if f.openness > 0:
-        parts = [turned(part, -95 * f.openness, about=(-x, 0, 0)) for part in parts]
     return parts
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from karma.files import read_toml
 from karma.world.render import cases, furniture, things
-from karma.world.render.form import Builder, Form, dial, rgb, shade
+from karma.world.render.form import Builder, Form, dial, mix, rgb, shade
 from karma.world.render.mesh import (
     GHOST,
     GLASS,
@@ -39,7 +39,7 @@ from karma.world.render.mesh import (
 TABLE = Path(__file__).with_name("shapes.toml")
 Length = float | tuple[float, float] | dict[str, float]  # see `shapes.toml`
 Sizes = dict[str, float]  # of an object: half its width x, its height y, half its depth z, and more
-Condition = Literal["broken", "filled", "on", "opened", "used_up"]  # of a Form
+Condition = Literal["broken", "cooked", "filled", "on", "opened", "used_up"]  # of a Form
 _CLEAR = {"": SOLID, "glass": GLASS, "ghost": GHOST}
 
 
@@ -75,6 +75,7 @@ class Solid(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     turn: tuple[float, int] = (0.0, 1)  # degrees, about an axis
     about: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)  # which goes through here
     moves: tuple[tuple[Length, Length], ...] = ((0.0, 0.0),)
+    swing: tuple[float, int] | None = None  # degrees when fully open, about an axis of the hinge
 
     def seen(self, f: Form) -> bool:
         """Return whether an object in this state shows the solid."""
@@ -124,7 +125,7 @@ class Solid(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         end = (more[0][0] + by_x, more[0][1], more[0][2] + by_z)
         if self.solid == "rod":
             return rod(start, end, radius, colour, sides=self.sides, thin=end_radius)
-        return box(start, end, colour, glow=self.glow)
+        return box(start, end, colour, glow=self.glow, clear=_CLEAR[self.clear])
 
     def _round(self, f: Form, sizes: Sizes) -> Mesh:
         (radius,) = _metres((self.radius,), "x", sizes)
@@ -163,8 +164,11 @@ def _metres(lengths: Iterable[Length], axes: str, sizes: Sizes) -> list[float]:
 
 
 def _colour(f: Form, name: str) -> Colour:
-    """Return one of a form's colours, or "#rrggbb", times the factors behind it."""
+    """Return one of a form's colours, or "#rrggbb", or a mix, times the factors behind it."""
     base, *factors = name.split("*")
+    if "~" in base:
+        one, other, share = base.split("~")
+        return mix(_colour(f, one), _colour(f, other), float(share))
     colour: Colour = rgb(base) if base.startswith("#") else getattr(f, base)
     for factor in factors:
         colour = shade(colour, float(factor))
@@ -179,6 +183,7 @@ class ListedShape(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     least: tuple[float, float] = (0.0, 0.0)  # width and height: less would not be seen, metres
     breaks: bool = False  # to pieces that lie about
     like: str | None = None  # a shape whose parts and measures come first
+    hinge: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)  # of the parts that swing
     along: bool = False  # x is along the longer side
 
     def __call__(self, f: Form) -> list[Mesh]:
@@ -196,8 +201,14 @@ class ListedShape(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
             sizes[name] = least
             if measure.most is not None:
                 sizes[name] = max(least, *_metres([measure.most], "x", sizes))
-        seen = [part for part in (*before.parts, *self.parts) if part.seen(f)]
-        meshes = [mesh for part in seen for mesh in part.meshes(f, sizes)]
+        x, y, z = _metres(self.hinge, "xyz", sizes)
+        meshes = []
+        for part in (*before.parts, *self.parts):
+            solids = part.meshes(f, sizes) if part.seen(f) else []
+            if part.swing is not None and f.opened:
+                degrees, axis = part.swing
+                solids = [turned(one, degrees * f.openness, axis, (x, y, z)) for one in solids]
+            meshes += solids
         return [turned(mesh, 90) for mesh in meshes] if across else meshes
 
 

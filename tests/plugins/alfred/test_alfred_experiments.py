@@ -7,7 +7,6 @@ from support import alfred_kitchen as ours
 from support.paths import ROOT, SHARED
 from typer.testing import CliRunner
 
-from karma.agent.goals.goals import GoalTracker
 from karma.bench.engine.experiment import load
 from karma.bench.engine.experiment_file import read_experiment
 from karma.bench.engine.run import Run
@@ -16,6 +15,7 @@ from karma.bench.methods.expert import ExpertEpisode
 from karma.cli import app
 from karma.errors import FileError
 from karma.files import decode_json
+from karma.goals.goals import GoalTracker
 from karma.plugins.alfred.published_tasks import AlfredTasks, alfred_tasks
 from karma.plugins.alfred.replay.facts import gather, side_files
 from karma.plugins.alfred.replay.goal import Deeds, conditions

@@ -7,7 +7,7 @@ import pytest
 from support.made_events import event, thing
 from support.paths import SHARED
 
-from karma.agent.goals.goals import GoalTracker
+from karma.goals.goals import GoalTracker
 from karma.plugins.alfred.published_tasks import goals_of
 from karma.plugins.alfred.replay.facts import gather, side_files
 from karma.plugins.alfred.replay.goal import Deeds, conditions, noteworthy

@@ -5,10 +5,10 @@ import json
 
 import pytest
 
-from karma.agent.goals.goals import is_position, object_names, parse_goal
 from karma.agent.planning.prompt import render
 from karma.errors import FileError
 from karma.files import read_toml
+from karma.goals.goals import is_position, object_names, parse_goal
 from karma.household.types import object_types
 from karma.plugins.alfred.published_tasks import READ, load_authors_tasks
 from karma.types.planning import PlanRequest

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from support.paths import ROOT
 
-from karma.agent.goals.files import load_said, load_tasks, load_texts
-from karma.agent.loading.planner_files import examples_for, kept_vectors
 from karma.bench.engine.episode import run_episode
 from karma.bench.methods.expert import ExpertMethod
 from karma.files import to_json
+from karma.goals.files import load_said, load_tasks, load_texts
+from karma.loading.planner_files import examples_for, kept_vectors
 from karma.models.embed.minilm import MiniLm
 from karma.plugins.alfred.sentences import plain
 from karma.types.planning import REFUSAL_KINDS

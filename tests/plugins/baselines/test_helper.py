@@ -5,10 +5,10 @@ import pytest
 from support.experiences import Words, experience, sight
 from support.household import kitchen
 
-from karma.agent.loading.planner_files import ExampleMemory
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import parse_program
 from karma.files import to_json
+from karma.loading.planner_files import ExampleMemory
 from karma.models.scripted import ScriptedModel
 from karma.plugins.baselines.helper import HelperMethod, HelperSettings, seed_examples
 from karma.plugins.baselines.helper_memory import (

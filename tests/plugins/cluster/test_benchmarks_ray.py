@@ -52,7 +52,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
-from karma.agent.loading.models import Models
+from karma.loading.models import Models
 from karma.bench.figures.tables import Sheet
 from karma.bench.engine.suite import BenchmarkResults, Chain
 

@@ -11,10 +11,10 @@ import pytest
 from support.ray_cluster import two_nodes, workers_of
 from support.run_files import ONLY, files, write_experiment
 
-from karma.agent.loading.models import Models
 from karma.bench.engine.run import Run
 from karma.errors import KarmaError, ModelError
 from karma.journal.provenance import model_hashes, parts_of_planner
+from karma.loading.models import Models
 
 ray = pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[cluster]'")
 

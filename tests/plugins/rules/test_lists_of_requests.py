@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from support.asked import load_several
 from support.paths import ROOT
 
-from karma.agent.goals.files import load_said
+from karma.goals.files import load_said
 from karma.plugins.rules.language.clauses import clauses_of, context_left_out
 from karma.plugins.rules.language.lexicon import Lexicon
 from karma.plugins.rules.language.request import RequestReader

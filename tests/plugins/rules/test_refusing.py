@@ -4,8 +4,7 @@ import msgspec
 import pytest
 
 from karma.agent.planning.planner import Planner
-from karma.agent.planning.refusal_text import sentence
-from karma.agent.planning.refused import nearness, with_words
+from karma.agent.planning.refused import sentence, with_words
 from karma.journal.records import Answer
 from karma.models.scripted import ScriptedModel
 from karma.types.completion import Decoding
@@ -35,7 +34,6 @@ def test_words_of_a_refusal_are_the_phrases_without_a_near_meaning():
     assert words["thing"] == words["unclear"] == ("hammer",)
     assert words["deed"] == ("fetch up",)
     assert with_words(RefusedRequest(kind="thing"), PlanRequest(instruction="x")).words == ()
-    assert nearness(Hint(phrase="x", meanings=())) == 0
 
 
 def plans(answers, **decoding):

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from karma.agent.goals.files import load_said
-from karma.agent.loading.planner_files import bank_file
 from karma.agent.planning.goal_lines import as_lines
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.program import SKILLS, parse_program
+from karma.goals.files import load_said
 from karma.household.types import object_types
+from karma.loading.planner_files import bank_file
 from karma.models.scripted import ScriptedModel
 from karma.plugins.rules.answer_checker import advice_for
 from karma.plugins.rules.language.lexicon import Lexicon

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from karma.agent.goals.files import load_tasks
-from karma.agent.goals.goals import parse_goal
+from karma.goals.files import load_tasks
+from karma.goals.goals import parse_goal
 from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.plugins.training.drawing.drawn_tasks import draw_task

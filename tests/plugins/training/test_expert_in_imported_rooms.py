@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from karma.agent.goals.files import load_tasks
 from karma.bench.engine.episode import run_episode
 from karma.bench.methods.expert import ExpertMethod
 from karma.files import to_json
+from karma.goals.files import load_tasks
 from karma.plugins.alfred.published_tasks import task_of
 from karma.plugins.alfred.replay.facts import gather, side_files
 from karma.plugins.alfred.replay.replay import fitted

@@ -9,7 +9,7 @@ from itertools import chain
 import pytest
 from support.paths import ROOT
 
-from karma.agent.goals.files import load_tasks, load_texts
+from karma.goals.files import load_tasks, load_texts
 from karma.plugins.alfred.published_tasks import load_authors_tasks
 from karma.plugins.alfred.sentences import plain
 from karma.plugins.rules.language.lexemes import every_word

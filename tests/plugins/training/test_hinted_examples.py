@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from karma.language.hints import WordFile, Words
+from karma.plugins.rules.wording.hints import WordFile, Words
 from karma.plugins.training.hinted import INVENTED, UNKNOWN, DrawnHints
 from karma.plugins.training.samples import TrainingExample
 from karma.seeds import stream

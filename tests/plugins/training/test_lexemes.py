@@ -5,8 +5,8 @@ from itertools import chain
 
 import pytest
 
-from karma.agent.goals.files import load_tasks
 from karma.files import to_json, write_atomic
+from karma.goals.files import load_tasks
 from karma.plugins.rules.language.lexemes import (
     Lexemes,
     UnseenWords,

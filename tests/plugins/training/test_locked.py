@@ -9,10 +9,10 @@ import pytest
 from support.paths import ROOT
 
 from karma import registry
-from karma.agent.goals.files import load_tasks
-from karma.agent.goals.goals import GoalTracker, WatchedWorld
 from karma.bench.methods.expert import ExpertMethod
 from karma.files import to_json
+from karma.goals.files import load_tasks
+from karma.goals.goals import GoalTracker, WatchedWorld
 from karma.plugins.alfred.sentences import plain
 from karma.plugins.rooms.generate import build_scene
 from karma.plugins.training.goal_sentences import read_sentences

@@ -4,8 +4,8 @@ import pytest
 
 from karma import registry
 from karma.models.manifest import file_paths, find_model, verify
-from karma.models.transformers_vision import NANO
 from karma.plugins.training.vision_score import examine, score
+from karma.plugins.vision.vlm import NANO
 from karma.world.core import scene
 
 pytestmark = pytest.mark.model

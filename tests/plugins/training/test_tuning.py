@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from support.paths import ROOT
 from support.tiny import export_tiny
 
-from karma.agent.goals.files import load_texts
 from karma.errors import FileError, ModelError
+from karma.goals.files import load_texts
 from karma.household.types import object_types
 from karma.models.llama.gguf_files import merge_adapter, read_gguf_tokenizer
 from karma.models.llama.gguf_model import GgufModel
@@ -153,7 +153,7 @@ def test_a_merged_file_says_what_base_and_adapter_say_together(tmp_path, base, w
             before = adapted(torch.tensor([tokens])).logits[0, -1].numpy()
     found = []
     for each in (model, plain):
-        each.evaluate([], tokens)
+        each.evaluate([tokens])
         found.append(each.logits().copy())
     moved, quantised = np.abs(wanted - before).max(), np.abs(found[1] - before).max()
     assert np.abs(found[0] - wanted).max() < 2 * quantised < moved * 2

@@ -8,6 +8,8 @@ import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from unittest.mock import patch
 
@@ -18,85 +20,26 @@ Read = Callable[[Path], object]
 
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """One kind of file that is read."""
+    """A kind of file that is read."""
 
     name: str  # of a file of that kind
     sound: Callable[[], bytes]
     read: Read
-    text: bool = True  # JSON, lines of it, or TOML
 
 
-def _scene(path: Path) -> object:
-    from karma.world.core import scene
-
-    return scene.load(path)
-
-
-def _tasks(path: Path) -> object:
-    from karma.agent.goals.files import load_tasks
-
-    return load_tasks(path)
+def reader(function: str, **given: object) -> Read:
+    """Return a function "package.module:name" that reads a path; it is imported when called."""
+    module, _, names = function.partition(":")
+    return lambda path: attrgetter(names)(import_module(module))(path, **given)
 
 
-def _requests(path: Path) -> object:
-    from karma.agent.goals.files import load_texts
-
-    return load_texts(path)
-
-
-def _experiment(path: Path) -> object:
-    from karma.bench.engine.experiment_file import read_experiment
-
-    return read_experiment(path)
-
-
-def _map(path: Path) -> object:
-    from karma.memory.scene_graph import SceneGraph
-
-    return SceneGraph.load(path)
-
-
-def _steps(path: Path) -> object:
-    from karma.journal.steps import read_steps
-
-    return read_steps(path)
-
-
-def _header(path: Path) -> object:
-    from karma.journal.run_folder import read_run
-
-    return read_run(path.parent)
+def _run(path: Path) -> object:
+    return reader("karma.journal.run_folder:read_run")(path.parent)
 
 
 def _manifest(path: Path) -> object:
-    from karma.models.manifest import read_manifest
-
     with patch.dict(os.environ, {"KARMA_MODELS": str(path.parent)}):
-        return read_manifest()
-
-
-def _gguf(path: Path) -> object:
-    from karma.models.checks.gguf import check_gguf
-
-    return check_gguf(path)
-
-
-def _projector(path: Path) -> object:
-    from karma.models.checks.gguf import check_projector
-
-    return check_projector(path)
-
-
-def _safetensors(path: Path) -> object:
-    from karma.models.checks.folder import check_safetensors
-
-    return check_safetensors(path)
-
-
-def _config(path: Path) -> object:
-    from karma.models.checks.folder import read_config
-
-    return read_config(path, fix="bring another")
+        return import_module("karma.models.manifest").read_manifest()
 
 
 # ----------------------------------------------------------------- sound ones
@@ -122,7 +65,7 @@ def _graph() -> bytes:
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "map.json"
-        SceneGraph([], floor="one").save(path)
+        SceneGraph([]).save(path)
         return path.read_bytes()
 
 
@@ -153,18 +96,42 @@ EXPERIMENT = (
     b'name = "x"\ntasks = "t.jsonl"\nseeds = [0]\n[[rows]]\nname = "r"\n[models]\nthreads = 1\n'
 )
 KINDS = (
-    Kind(name="home.json", sound=_kitchen, read=_scene),
-    Kind(name="tasks.jsonl", sound=as_json(TASK), read=_tasks),
-    Kind(name="requests.jsonl", sound=as_json({"id": "a", "text": "Go."}), read=_requests),
-    Kind(name="x.toml", sound=lambda: EXPERIMENT, read=_experiment),
-    Kind(name="map.json", sound=_graph, read=_map),
-    Kind(name="a-0.jsonl.gz", sound=lambda: gzip.compress(b"{}"), read=_steps, text=False),
-    Kind(name="header.json", sound=as_json({"name": "x"}), read=_header),
+    Kind(name="home.json", sound=_kitchen, read=reader("karma.world.core.scene:load")),
+    Kind(name="tasks.jsonl", sound=as_json(TASK), read=reader("karma.goals.files:load_tasks")),
+    Kind(
+        name="requests.jsonl",
+        sound=as_json({"id": "a", "text": "Go."}),
+        read=reader("karma.goals.files:load_texts"),
+    ),
+    Kind(
+        name="x.toml",
+        sound=lambda: EXPERIMENT,
+        read=reader("karma.bench.engine.experiment_file:read_experiment"),
+    ),
+    Kind(name="map.json", sound=_graph, read=reader("karma.memory.scene_graph:SceneGraph.load")),
+    Kind(
+        name="a-0.jsonl.gz",
+        sound=lambda: gzip.compress(b"{}"),
+        read=reader("karma.journal.steps:read_steps"),
+    ),
+    Kind(name="header.json", sound=as_json({"name": "x"}), read=_run),
     Kind(name="manifest.toml", sound=lambda: b"", read=_manifest),
-    Kind(name="config.json", sound=as_json({"a": 1}), read=_config),
-    Kind(name="model.gguf", sound=_gguf_bytes, read=_gguf, text=False),
-    Kind(name="mmproj.gguf", sound=_gguf_bytes, read=_projector, text=False),
-    Kind(name="model.safetensors", sound=_tensors, read=_safetensors, text=False),
+    Kind(
+        name="config.json",
+        sound=as_json({"a": 1}),
+        read=reader("karma.models.checks.folder:read_config", fix="bring another"),
+    ),
+    Kind(name="model.gguf", sound=_gguf_bytes, read=reader("karma.models.checks.gguf:check_gguf")),
+    Kind(
+        name="mmproj.gguf",
+        sound=_gguf_bytes,
+        read=reader("karma.models.checks.gguf:check_projector"),
+    ),
+    Kind(
+        name="model.safetensors",
+        sound=_tensors,
+        read=reader("karma.models.checks.folder:check_safetensors"),
+    ),
 )
 
 

@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from karma.agent.loading.models import Models
 from karma.bench.engine.experiment import check_listed, select
 from karma.errors import FileError
+from karma.loading.models import Models
 from karma.plugins.alfred.published_tasks import ListedTask, read_lists
 from karma.plugins.alfred.suites.eb_planner import PromptOptions, kind_of
 from karma.plugins.alfred.suites.lota_planner import LotaPromptOptions

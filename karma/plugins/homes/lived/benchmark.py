@@ -5,10 +5,10 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any, ClassVar
 
-from karma.agent.loading.models import filled
 from karma.bench.engine.suite import BenchmarkResults, Chain, Play
 from karma.bench.figures.drawing import Plot
 from karma.errors import KarmaError
+from karma.loading.models import filled
 from karma.models.session import Session
 from karma.plugins.homes.habits import TABLE
 from karma.plugins.homes.lived.experiment import LivedExperiment

@@ -72,7 +72,7 @@ class HomeRobot:
         return min(map(self._cost, self.map.spots[place_id]))
 
     def _cost(self, spot: Pose) -> float:
-        return self._walker.cost(self._walker.stance_of(spot))
+        return self._walker.cost(self._walker.stance(spot))
 
     def wait(self, time_s: float) -> None:
         """Let time pass; deeds of residents in the same room are seen."""
@@ -80,7 +80,7 @@ class HomeRobot:
 
     def go(self, spot: Pose) -> bool:
         """Walk to a spot and look from there; False where something is in the way."""
-        return self._managed(lambda: self._reach.stand(self._walker.stance_of(spot)))
+        return self._managed(lambda: self._reach.stand(self._walker.stance(spot)))
 
     def look(self, over: str | None = None, since_s: float | None = None) -> HomeMoment:
         """Tell what is in view, and of a place that was looked all over since a time."""

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from karma.agent.loading.models import Models
 from karma.bench.engine.experiment import check_listed
+from karma.loading.models import Models
 from karma.plugins.homes.lived.designs import DESIGNS
 from karma.plugins.homes.lived.request import MOST_PEOPLE, Words, drawn_people
 

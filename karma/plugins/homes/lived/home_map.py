@@ -42,7 +42,7 @@ class HomeMap:
                 self.spots[place_id] = tuple(poses)
                 self._known[place_id] = Known(
                     object_id=place_id, object_type=thing.type, position_m=thing.center,
-                    source="graph", box_center_m=thing.center, box_size_m=thing.size,
+                    box_center_m=thing.center, box_size_m=thing.size,
                 )  # fmt: skip
 
     def where(self, name: str) -> Known | None:

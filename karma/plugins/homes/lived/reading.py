@@ -10,10 +10,10 @@ from functools import cache
 from karma.errors import KarmaError
 from karma.household.places import ROOMS
 from karma.household.types import in_words, object_types
-from karma.language.hints import TYPE_WORDS, Words, kept_words, singular
 from karma.plugins.homes.lived.request import request_forms
 from karma.plugins.homes.types import Asked, HomeQuestion, SaidThing
 from karma.plugins.rules.language.clock import SaidSpan, read_span, unread_times
+from karma.plugins.rules.wording.hints import TYPE_WORDS, Words, kept_words, singular
 from karma.types.planning import Meaning
 from karma.types.roles import Embedder
 

@@ -7,7 +7,6 @@ import re
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
-from karma.language.words import word_lists
 from karma.plugins.rules.language.clock import time_words
 from karma.plugins.rules.language.nouns import Nouns
 from karma.plugins.rules.language.pairs import Pairs
@@ -15,6 +14,7 @@ from karma.plugins.rules.language.request_words import is_deed, request_words
 from karma.plugins.rules.language.sentence import SaidSentence
 from karma.plugins.rules.language.slips import FORMS
 from karma.plugins.rules.types import Condition, Mention, Quantity, SaidDeed
+from karma.plugins.rules.wording.words import word_lists
 
 _LEAD = re.compile(rf"(?:and |so |now |well |oh |then |, )*(?:{'|'.join(FORMS.orders)})\b(?: ,)? ?")
 _WISH = re.compile(r"\b(?:would|'d) (?:be|appreciate|like|love)\b|\bwondering$")

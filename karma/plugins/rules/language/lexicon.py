@@ -7,9 +7,9 @@ from functools import cached_property
 from karma.files import read_json
 from karma.household.saying import spoken
 from karma.household.types import types_with
-from karma.language.hints import TYPE_WORDS, WordFile, kept_words, singular
 from karma.plugins.rules.language.request_words import deed_states, request_words
 from karma.plugins.rules.language.slips import is_a_slip
+from karma.plugins.rules.wording.hints import TYPE_WORDS, WordFile, kept_words, singular
 from karma.types.roles import Embedder
 from karma.types.space import Vectors
 

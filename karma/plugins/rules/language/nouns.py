@@ -6,12 +6,12 @@ from dataclasses import replace
 from karma.household.saying import spoken
 from karma.household.types import types_with
 from karma.household.uses import BURNER, PARTS_OF_FURNITURE
-from karma.language.hints import singular
-from karma.language.phrases import phrases_of
-from karma.language.words import word_lists
 from karma.plugins.rules.language.request_words import deed_states, request_words
 from karma.plugins.rules.language.sentence import SaidSentence
 from karma.plugins.rules.types import Mention
+from karma.plugins.rules.wording.hints import singular
+from karma.plugins.rules.wording.phrases import phrases_of
+from karma.plugins.rules.wording.words import word_lists
 
 _NEAREST = ("nearest", "closest", "more", "most", "least", "other", "lower", "upper")
 _DESCRIBED = frozenset(("something", "anything", "thing", "things", "what", "item", "object"))

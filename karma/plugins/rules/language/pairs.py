@@ -21,12 +21,12 @@ from karma.household.uses import (
     PARTS_OF_FURNITURE,
     WASHED_WITH,
 )
-from karma.language.hints import singular
-from karma.language.words import word_lists
 from karma.plugins.rules.language.nouns import Nouns
 from karma.plugins.rules.language.request_words import deed_states, deed_verbs, request_words
 from karma.plugins.rules.language.sentence import SaidSentence
 from karma.plugins.rules.types import Mention
+from karma.plugins.rules.wording.hints import singular
+from karma.plugins.rules.wording.words import word_lists
 
 _TOOLS = {
     "slice": frozenset(KNIVES),

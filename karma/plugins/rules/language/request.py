@@ -13,7 +13,6 @@ from functools import cached_property, partial
 from karma.errors import KarmaError
 from karma.household.states import NEEDS, lacking
 from karma.household.types import Capability, object_types
-from karma.language.words import closed_words, word_lists
 from karma.plugins.rules.deeds import able_to
 from karma.plugins.rules.language.antecedents import left_out_of, of_what
 from karma.plugins.rules.language.asides import Asides
@@ -41,6 +40,7 @@ from karma.plugins.rules.language.slips import (
     without_remarks,
 )
 from karma.plugins.rules.types import Condition, Form, Mention, Parser, Request, SaidDeed, Word
+from karma.plugins.rules.wording.words import closed_words, word_lists
 
 _LONGEST = 4000  # characters; reading takes a second then
 _ENDS = (".", "!", "?", ";", "...")

@@ -4,7 +4,6 @@ import gc
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from html.parser import HTMLParser
 
 import pytest
 from support.run_files import files
@@ -12,38 +11,14 @@ from support.talking import AWAY, STORE, TAKE, WASH, agent_saying
 from support.tiny import export_tiny
 
 from karma import Agent
-from karma.agent.loading.models import Models
 from karma.assistant.agent import asking
-from karma.assistant.replies import ROWS, lines_of, lines_why, rows_for
 from karma.assistant.talk_folder import TalkFolder
 from karma.errors import FileError, KarmaError
 from karma.journal.header import EPISODES, RESULTS
 from karma.journal.owned_folder import MARK
 from karma.journal.run_folder import read_run
 from karma.journal.steps import read_steps, steps_path
-
-
-class Balanced(HTMLParser):
-    """Takes HTML whose tags are closed in order; says what text it has."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.text, self.tags = [], [], []
-        self.feed(text)
-        assert not self.open
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        self.open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        self.tags.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.text.append(data)
+from karma.loading.models import Models
 
 
 def everything(agent, folder):
@@ -158,27 +133,6 @@ def test_same_talk_twice_leaves_the_same_bytes(tmp_path):
     for name in left[0]:
         assert name == "header.json" or left[0][name] == left[1][name], name
     assert left[0].keys() == left[1].keys()
-
-
-def test_map_and_memory_and_reply_are_sound_html(tmp_path):
-    agent = agent_saying(tmp_path, [STORE], assistant="direct")
-    reply = agent.do("put the <b>apple</b> in the fridge &c")
-    drawn = Balanced(agent.map._repr_html_())
-    assert drawn.tags[0] == "svg" and "circle" in drawn.tags
-    table = Balanced(agent.memory._repr_html_())
-    assert "Apple" in table.text
-    told = Balanced(reply._repr_html_())
-    assert "b" not in told.tags
-
-
-def test_answers_fit_a_screen_of_24_rows_however_much_there_is(tmp_path):
-    names = ("Mug", "Plate", "Sink", "Fridge", "Apple", "Cabinet")  # six: no cycle that is stopped
-    long = STORE + "".join(f"GoToObject(robot, '{name}')\n" for name in names * 5)
-    agent = agent_saying(tmp_path, [long] * 12)
-    part, *_ = agent.do("put the apple next to the mug by the plate in the fridge").parts
-    assert len(lines_of(part, rows_for(1))) <= ROWS
-    assert len(lines_why(part)) <= ROWS
-    assert all("\n" not in line.text for line in lines_of(part))
 
 
 def test_place_is_the_first_folder_that_is_free(tmp_path):

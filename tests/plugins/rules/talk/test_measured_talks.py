@@ -8,7 +8,7 @@ import pytest
 from support.talk_judge import TalkJudge, Turn, read_talks
 from support.talking import STORE, TAKE, WASH, agent_saying
 
-from karma.agent.goals.goals import parse_goal
+from karma.goals.goals import parse_goal
 from karma.world.core import scene
 
 TALKS = Path("eval/talk")

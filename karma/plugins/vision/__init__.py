@@ -1,0 +1,1 @@
+"""Plug-in: perception by pictures, vision models by transformers, embedders of pictures."""
