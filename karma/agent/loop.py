@@ -23,7 +23,7 @@ from karma.agent.session import (
 from karma.agent.tour import position_of, tour
 from karma.types.events import AgentEvent, Check, Found, Outcome, SkillResult
 from karma.types.observation import SeenObject
-from karma.types.planning import Advice, SkillCall
+from karma.types.planning import Advice, End, SkillCall
 from karma.types.roles import World
 from karma.types.space import SceneRef
 from karma.types.tasks import SubTask
@@ -66,24 +66,29 @@ class KarmaAgent:
         """
         resident = self.memory.short_term.units()
         session = AgentSession(self, subtask.instruction, keep_shut)
-        finished = yield from executor(session)
+        ended = yield from executor(session)
+        end = ended if isinstance(ended, End) else None
         experience, change = session.skills.experience, None
         if session.has_acted:  # a refusal before the first step changes nothing
             clock_s += session.skills.actions
             change = self.memory.remember(experience, subtask.instruction, clock_s)
-        graph = self.memory.graph
+        graph, checks = self.memory.graph, session.checks()
+        finished = ended is True
+        if end is not None and end.kind in ("done", "tell"):
+            finished = all(check.found != "otherwise" for check in checks)
         yield Outcome(
             finished=finished,
+            end=end,
             resident=resident,
             handled_ids=experience.handled_ids,
             kept=self.memory.short_term.units(),
             tour=graph.tour if graph else None,
-            checks=session.checks(),
+            checks=checks,
             change=change,
         )
 
 
-SessionExecutor = Callable[["AgentSession"], Generator[AgentEvent, None, bool]]
+SessionExecutor = Callable[["AgentSession"], Generator[AgentEvent, None, bool | End]]
 ToolMode = Callable[[SubTask], SessionExecutor]
 
 
@@ -102,9 +107,9 @@ class AgentSession:
     def __init__(self, agent: KarmaAgent, instruction: str, keep_shut: Collection[str]) -> None:
         memory = agent.memory
         self._agent, self._memory, self._instruction = agent, memory, instruction
-        self._beliefs = memory.beliefs(agent.world)
+        self._knowledge = memory.knowledge(agent.world)
         eyes = agent.perception.eyes(memory.scene, instruction)
-        self.skills = Skills(agent.world, self._beliefs, eyes=eyes, before=memory.room.seen)
+        self.skills = Skills(agent.world, self._knowledge, eyes=eyes, before=memory.room.seen)
         self.skills.reach.kept_shut = frozenset(keep_shut)
         self._attempts: list[Attempts] = []  # with at least one result
         self._said: list[Check] = []
@@ -118,7 +123,7 @@ class AgentSession:
         attempts = Attempts(instruction=text, objects=planner.objects(text))
         tells_all = planner.profile != "compact"
         request = self._memory.request(subtask, advice, tells_all=tells_all)
-        self._beliefs.units = self._memory.beliefs(self._agent.world, request.units).units
+        self._knowledge.units = self._memory.knowledge(self._agent.world, request.units).units
         for _ in range(self._agent.attempts):
             answer = None
             self.skills.look()
@@ -162,7 +167,7 @@ class AgentSession:
         self.has_acted = True
         if call.skill == SURVEY:
             call = SkillCall.of("GoToObject", self._memory.scene)
-            areas = tour(self._beliefs.areas(), position_of(self._agent.world))
+            areas = tour(self._knowledge.areas(), position_of(self._agent.world))
             looks = [self.skills.look_from("", area) for area in areas]
             actions = sum(look.actions for look in looks)
             searched = sum(look.explorations for look in looks)

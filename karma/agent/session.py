@@ -8,7 +8,7 @@ from karma.agent.attempts import Attempts
 from karma.types.events import AgentEvent, Found, SkillResult
 from karma.types.memory import MemoryUnit
 from karma.types.observation import SeenObject
-from karma.types.planning import Advice, SkillCall
+from karma.types.planning import Advice, End, SkillCall
 from karma.types.tasks import SubTask
 
 LOOK_OVER = "LookOver"  # a call: look at everything on a surface or in a container
@@ -54,5 +54,5 @@ class InstructionSession(Protocol):
         """Add a line to the report: a state, and the evidence for it."""
 
 
-Executor = Callable[[InstructionSession], Generator[AgentEvent, None, bool]]
-"""Carries out an instruction; returns whether it finished."""
+Executor = Callable[[InstructionSession], Generator[AgentEvent, None, bool | End]]
+"""Carries out an instruction; returns whether it finished, or how it ended."""

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.progress import DownloadColumn
 from rich.table import Table
 
 from karma.cli.progress import bar
@@ -16,10 +15,7 @@ from karma.journal.formats import UNKNOWN, figure_text
 if TYPE_CHECKING:
     from karma.models.manifest import ModelEntry
 
-_OPEN = "hash not known: fill with karma models add PATH"
-_MARKS = {
-    "ok": "[green]✓[/]", "absent": "[dim]–[/]", "open": "[yellow]?[/]", "wrong": "[red]✗[/]"
-}  # fmt: skip
+_MARKS = {"ok": "[green]✓[/]", "absent": "[dim]–[/]", "wrong": "[red]✗[/]"}
 _TEMPLATE = {True: "yes", False: "no", None: "if it has one"}
 _ROLES = "planner, vlm, text-embedder or image-embedder."
 Names = Annotated[list[str] | None, typer.Argument(help="Names; default all that are here.")]
@@ -28,7 +24,7 @@ Names = Annotated[list[str] | None, typer.Argument(help="Names; default all that
 def models_list(json: Json = None) -> None:
     """List all models: those that ship, that may be brought (here: –), that were added.
 
-    Sizes and memory in MB; "+" where a file's size is not known.
+    Sizes and memory in MB.
     """
     from karma.models.manifest import is_present, read_local, read_manifest
 
@@ -42,9 +38,6 @@ def models_list(json: Json = None) -> None:
             escape(entry.licence), here,
         )  # fmt: skip
     console.print(table)
-    unknown = (entry.name for entry in entries if any(one.sha256 is None for one in entry.files))
-    if names := ", ".join(unknown):
-        tell(f"{names}: {_OPEN}")
     write_json(json, entries)
 
 
@@ -64,7 +57,7 @@ def models_show(name: str = argument(..., "A model's name."), json: Json = None)
     for key, value in said.items():
         tell(f"{key:>14}  {_or_dash(value)}")
     for file, place in zip(entry.files, file_paths(entry), strict=True):
-        tell(f"{place}\n  {_or_dash(file.bytes)} bytes, SHA-256 {file.sha256 or _OPEN}")
+        tell(f"{place}\n  {file.bytes} bytes, SHA-256 {file.sha256}")
     write_json(json, entry)
 
 
@@ -83,7 +76,7 @@ def models_verify(names: Names = None, json: Json = None) -> None:
     bad = [one for one in found if one.state == "wrong" or (names and one.state != "ok")]
     if bad:
         raise ModelError(
-            f"wrong, missing or of unknown hash: {', '.join(one.name for one in bad)}\n"
+            f"wrong or missing: {', '.join(one.name for one in bad)}\n"
             "  To fix: see above; `karma models show NAME` tells what each file must be"
         )
 
@@ -94,12 +87,7 @@ def models_add(
     role: str | None = option(None, _ROLES),
     licence: str | None = option(None, "SPDX name."),
     source: str | None = option(None, "Where it came from."),
-    revision: str | None = option(None, "Of the source."),
     profile: str | None = option(None, 'Planners: "full", "goals" or "compact".'),
-    context: int | None = option(None, "Tokens to open with.", min=32),
-    chat: bool | None = option(
-        None, "Through its chat template; default: if it has one.", "--chat/--no-chat"
-    ),
     untried: bool = option(False, "Do not open it, e.g. for a larger machine.", "--untried"),
 ) -> None:
     """Take files in: hash, compare with the manifest, look at headers, list, open, ask a little.
@@ -112,25 +100,11 @@ def models_add(
     from karma.models.added import AddOptions, add_model
 
     options = AddOptions(
-        name=name, role=_role(role), licence=licence, source=source, revision=revision,
-        prompt_profile=profile, context_length=context, chat=chat,
-    )  # fmt: skip
-    with bar(DownloadColumn(), passing=True) as progress:
-        task = progress.add_task("hashing", total=None)
-
-        def told(part: str, done: int, total: int) -> None:
-            progress.update(task, completed=done, total=total, description=escape(part))
-
-        def tries(entry: "ModelEntry", folder: Path) -> None:
-            progress.update(task, description=escape(f"opening and asking {entry.name} ..."))
-            _try(entry, folder)
-
-        added = add_model(path, options, progress=told, trial=None if untried else tries)
-    entry = added.entry
-    why = "as the manifest wants it" if added.known else "a model of your own"
-    tell(f"added {entry.name} ({entry.role}, {_megabytes(entry)} MB), {why}")
-    if added.left_out:
-        tell(f"left out: {', '.join(added.left_out[:6])}")
+        name=name, role=_role(role), licence=licence, source=source, prompt_profile=profile
+    )
+    with console.status(escape(f"hashing and opening {path} ...")):
+        entry = add_model(path, options, trial=None if untried else _try)
+    tell(f"added {entry.name} ({entry.role}, {_megabytes(entry)} MB)")
     tell(f"`karma models verify {entry.name}` checks it at any time")
 
 
@@ -202,10 +176,7 @@ def _role(text: str | None) -> Any:
 
 
 def _megabytes(entry: "ModelEntry") -> str:
-    """Return the size of what is known, with a sign where a file's size is not."""
-    known = [file.bytes for file in entry.files if file.bytes is not None]
-    more = "+" if len(known) < len(entry.files) else ""
-    return f"{sum(known) / 1e6:.1f}{more}" if known else UNKNOWN
+    return f"{sum(file.bytes for file in entry.files) / 1e6:.1f}"
 
 
 def _or_dash(value: object) -> str:

@@ -232,7 +232,7 @@ def _recall(name: str, embedder: Embedder | None, maps: Path | None) -> Recall:
 def filled(
     role: str, name: str, endpoint: Endpoint | None, session: Session, models: Models
 ) -> Any:
-    """Return a role's implementation: "minilm", or with its model, "sentence:bge-small-en".
+    """Return a role's implementation: "minilm", or with its model, "sentence:all-mpnet-base-v2".
 
     One that is hosted is told where, others on what they are computed, if they take it.
     """

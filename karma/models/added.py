@@ -1,25 +1,24 @@
 """Add models that the user has, and remove them again (`karma models add` and `remove`).
 
-Added files stay where they are: they are hashed there, tried, and entered in local.toml by their
-absolute paths. Nothing is parsed before all hashes that the manifest knows were met.
+Added files stay where they are. They are hashed, tried, and entered in local.toml by their absolute
+paths. Nothing is parsed before all hashes that the manifest knows were met.
 """
 
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from karma.errors import KarmaError, ModelError
+from karma.errors import ModelError
 from karma.files import sha256_of, write_atomic
 from karma.models.checks.folder import PICKLES, check_weights, read_config
 from karma.models.checks.gguf import check_gguf, check_projector, is_gguf, is_projector, split_pair
 from karma.models.checks.memory import gguf_parts_mb, projector_mb, weights_mb
 from karma.models.manifest import (
-    Manifest,
     ModelEntry,
     ModelFile,
     Role,
@@ -28,7 +27,6 @@ from karma.models.manifest import (
     read_shipped,
 )
 
-Progress = Callable[[str, int, int], None]  # file, bytes done, bytes in all
 Trial = Callable[[ModelEntry, Path], None]  # of an entry whose files lie in a folder
 Hashes = Mapping[str, tuple[str, int]]  # path inside the model -> SHA-256, size
 
@@ -40,55 +38,36 @@ _FAMILIES: Mapping[Role, Sequence[str]] = {  # `model_type` of config.json
 _ROLES = {family: role for role, families in _FAMILIES.items() for family in families}
 _TAKEN = (".safetensors", ".json", ".txt", ".model", ".jinja")
 _BATCH = 512
-_HEAD = "# Models that `karma models add` brought; `karma models remove NAME` takes one out.\n\n"
+_HEAD = "# Models that `karma models add` entered; `karma models remove NAME` removes one.\n\n"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AddOptions:
-    """What the user said of a model that is added; None where nothing was said."""
+    """Properties of an added model that the user names; None: by its files."""
 
     name: str | None = None
     role: Role | None = None
     licence: str | None = None
     source: str | None = None
-    revision: str | None = None
     prompt_profile: str | None = None
-    context_length: int | None = None
-    chat: bool | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Added:
-    """What `add_model` did."""
-
-    entry: ModelEntry
-    known: bool  # the manifest names this model, and its hashes were met
-    left_out: tuple[str, ...] = ()  # files of the folder that were not taken
 
 
 def add_model(
-    path: str | Path,
-    options: AddOptions | None = None,
-    *,
-    progress: Progress | None = None,
-    trial: Trial | None = None,
-) -> Added:
-    """Take a GGUF file or a folder of safetensors into the list of models.
+    path: str | Path, options: AddOptions | None = None, *, trial: Trial | None = None
+) -> ModelEntry:
+    """Enter a GGUF file or a folder of safetensors into the list of models.
 
-    `progress` hears how far the hashing is; `trial` asks the model before it is listed, and what
-    it raises leaves nothing behind.
+    `trial` asks the model before it is listed; if it raises, nothing changes.
 
     Raises:
         ModelError: a pickle, a damaged file, or not the file that the manifest wants; by name.
-        FileError: something cannot be read, or local.toml cannot be written.
+        FileError: a file cannot be read, or local.toml cannot be written.
     """
     options = options or AddOptions()
     root = Path(path).expanduser().absolute()  # a link's name tells more than its target's
-    found, left_out = _files_of(root)
+    parts = _parts_in(root)
     folder = root if root.is_dir() else root.parent
-    if options.name is not None:
-        _check_free(options.name)
-    hashes = _hashed(folder, found, progress)
+    hashes = _hashed(folder, parts)
     shipped = _matching(options.name, hashes)
     name = options.name or (shipped.name if shipped else root.stem if root.is_file() else root.name)
     _check_free(name)
@@ -101,21 +80,22 @@ def add_model(
         for part, (digest, size) in hashes.items()
     )
     seen = _seen(folder, [folder / part for part in hashes if is_gguf(folder / part)])
-    if shipped is not None:
-        entry = msgspec.structs.replace(shipped, files=files)
-    else:
-        entry = _described(name, options, files, seen)
+    entry = (
+        _described(name, options, files, seen)
+        if shipped is None
+        else msgspec.structs.replace(shipped, files=files)
+    )
     if trial is not None:
         trial(entry, folder)
     _write_local([*read_local().models, entry])
-    return Added(entry=entry, known=shipped is not None, left_out=left_out)
+    return entry
 
 
 def remove_model(name: str) -> ModelEntry:
-    """Take back what `add_model` did; the files stay where they are.
+    """Remove an added model from the list; its files stay where they are.
 
     Raises:
-        ModelError: nothing of that name was added.
+        ModelError: no model of that name was added.
         FileError: local.toml cannot be written.
     """
     models = {entry.name: entry for entry in read_local().models}
@@ -128,21 +108,19 @@ def remove_model(name: str) -> ModelEntry:
 
 
 def _check_free(name: str) -> None:
-    """Refuse a name that is taken, or is none; ModelError says why."""
+    """Check that a name can be given to a model; ModelError says why not."""
     packaged = {entry.name: entry.package for entry in read_shipped().models if entry.package}
     if name in packaged:
         raise ModelError(f"{name!r} comes with the package {packaged[name]}; use another --name")
     if any(entry.name == name for entry in read_local().models):
         raise ModelError(f"{name!r} was added before; `karma models remove {name}`, or use --name")
-    if "/" in name or name.startswith(".") or not name.isprintable():
-        raise ModelError(f"{name!r} is not a name: printable, without '/', not beginning with '.'")
 
 
 # ----------------------------------------------------------------- its files
 
 
-def _files_of(root: Path) -> tuple[dict[str, Path], tuple[str, ...]]:
-    """Return the files to take by their path inside the model, and what is left out."""
+def _parts_in(root: Path) -> list[str]:
+    """Return the files of a model by their path inside it; ModelError if it is no model."""
     if not root.exists():
         raise ModelError(
             f"{root}: no such file or folder\n"
@@ -152,27 +130,29 @@ def _files_of(root: Path) -> tuple[dict[str, Path], tuple[str, ...]]:
     if root.is_file():
         if not is_gguf(root):
             raise _refused(root)
-        return {root.name: root}, ()
-    files = ((p.relative_to(root), p) for p in sorted(root.rglob("*")) if p.is_file())
-    every = {
-        part.as_posix(): path
-        for part, path in files
-        if not any(name.startswith(".") for name in part.parts)
-    }
-    ggufs = [part for part, path in every.items() if is_gguf(path)]
-    taken = {part: p for part, p in every.items() if p.suffix in _TAKEN or part in ggufs}
-    weights = [part for part in taken if part.endswith(".safetensors")] + ggufs
+        return [root.name]
+    paths = (path for path in sorted(root.rglob("*")) if path.is_file())
+    every = [
+        path for path in paths if not any(p.startswith(".") for p in path.relative_to(root).parts)
+    ]
+    ggufs = [path for path in every if is_gguf(path)]
+    weights = [path for path in every if path.suffix == ".safetensors"] + ggufs
     if not weights:
-        pickled = [path for path in every.values() if path.suffix in PICKLES]
+        pickled = [path for path in every if path.suffix in PICKLES]
         raise _refused(pickled[0]) if pickled else ModelError(f"{root}: no .safetensors, no .gguf")
-    pair = len(ggufs) == 2 and sum(is_projector(taken[part]) for part in ggufs) == 1
+    pair = len(ggufs) == 2 and sum(map(is_projector, ggufs)) == 1
     if ggufs and not (len(weights) == 1 or (pair and len(weights) == 2)):
         raise ModelError(
-            f"{root}: more than one model or part: {', '.join(weights[:3])}\n"
+            f"{root}: more than one model or part: {', '.join(p.name for p in weights[:3])}\n"
             "  To fix: add each .gguf by itself, one that reads pictures with its projector in a "
             "folder; parts of one are joined first: llama-gguf-split --merge FIRST_PART WHOLE.gguf"
         )
-    return taken, tuple(sorted(every.keys() - taken.keys()))
+    taken = (path for path in every if path.suffix in _TAKEN or path in ggufs)
+    return [path.relative_to(root).as_posix() for path in taken]
+
+
+def _hashed(folder: Path, parts: Sequence[str]) -> Hashes:
+    return {part: (sha256_of(folder / part), (folder / part).stat().st_size) for part in parts}
 
 
 def _refused(path: Path) -> ModelError:
@@ -182,28 +162,11 @@ def _refused(path: Path) -> ModelError:
     return ModelError(f"{path}: not opened, {why}\n  To fix: {fix}")
 
 
-def _hashed(folder: Path, parts: Iterable[str], progress: Progress | None) -> Hashes:
-    """Return SHA-256 and size of each file of a folder, read once."""
-    sizes = {part: (folder / part).stat().st_size for part in parts}
-    total, done = sum(sizes.values()), 0
-
-    def digest(part: str) -> str:
-        def advance(count: int) -> None:
-            nonlocal done
-            done += count
-            if progress is not None:
-                progress(part, done, total)
-
-        return sha256_of(folder / part, progress=advance)
-
-    return {part: (digest(part), size) for part, size in sizes.items()}
-
-
-# ----------------------------------------------------------------- what it is
+# ----------------------------------------------------------------- its description
 
 
 def _matching(name: str | None, hashes: Hashes) -> ModelEntry | None:
-    """Return the manifest's model of that name, or without one the one whose files these are."""
+    """Return the manifest's model of that name, or without a name the one with these weights."""
     models = read_shipped().models
     if name is not None:
         return next((entry for entry in models if entry.name == name), None)
@@ -211,40 +174,29 @@ def _matching(name: str | None, hashes: Hashes) -> ModelEntry | None:
     return next((entry for entry in models if _weights_of(entry) <= digests), None)
 
 
-def _weights_of(entry: ModelEntry) -> set[str | None]:
-    """Return the hashes of an entry's weights; a hash that is not known fits none."""
+def _weights_of(entry: ModelEntry) -> set[str]:
     heavy = (".safetensors", ".gguf")
-    return {file.sha256 for file in entry.files if file.path.endswith(heavy)} or {None}
-
-
-def _parts_of(entry: ModelEntry) -> dict[str, ModelFile]:
-    """Return an entry's files by their path inside the model's folder."""
-    common = os.path.commonpath([Path(file.path).parent for file in entry.files])
-    return {os.path.relpath(file.path, common): file for file in entry.files}
+    return {file.sha256 for file in entry.files if file.path.endswith(heavy)} or {"none"}
 
 
 def _met(shipped: ModelEntry, hashes: Hashes) -> Hashes:
-    """Return the files that the manifest wants; refuses by name what is not as it must be."""
-    wanted = _parts_of(shipped)
+    """Return the files that the manifest wants; ModelError names a missing or different file."""
+    common = os.path.commonpath([Path(file.path).parent for file in shipped.files])
+    wanted = {os.path.relpath(file.path, common): file for file in shipped.files}
     for part, file in wanted.items():
-        expected = f"  Expected SHA-256: {file.sha256 or 'not known'}"
-        if part not in hashes:
+        digest, size = hashes.get(part, ("", 0))
+        if digest != file.sha256:
+            found = f"its SHA-256 is {digest}, {size} bytes" if digest else "it is missing"
             raise ModelError(
-                f"{Path(part).name}: missing, and model {shipped.name!r} needs {part}\n"
-                f"{expected}\n  To fix: {shipped.fix}"
-            )
-        digest, size = hashes[part]
-        if file.sha256 not in (None, digest) or file.bytes not in (None, size):
-            raise ModelError(
-                f"{part}: not the file of model {shipped.name!r}: its SHA-256 is {digest}, "
-                f"{size} bytes\n{expected}, {file.bytes or 'not known how many'} bytes\n"
+                f"{part}: not the file of model {shipped.name!r}: {found}\n"
+                f"  Expected SHA-256: {file.sha256}\n"
                 f"  To fix: {shipped.fix}; or add it as another model with --name"
             )
     return {part: hashes[part] for part in wanted}
 
 
 def _seen(folder: Path, weights: Sequence[Path]) -> dict[str, Any]:
-    """Return what the headers say: of safetensors, of one GGUF, or of a model and its projector."""
+    """Return what headers tell: of safetensors, of a GGUF, or of a model and its projector."""
     if not weights:
         fix = "bring the model's whole folder"
         parameters = sum(check_weights(folder, fix=fix).values())
@@ -279,24 +231,20 @@ def _gguf(path: Path) -> dict[str, Any]:
 def _described(
     name: str, options: AddOptions, files: tuple[ModelFile, ...], seen: Mapping[str, Any]
 ) -> ModelEntry:
-    usual = {"licence": "not known", "source": "added by hand", "prompt_profile": "full"}
-    fields = usual | {
-        key: value
-        for key, value in (*seen.items(), *asdict(options).items())
-        if value not in (None, "")
-    }
+    fields = {"licence": "not known", "source": "added by hand", "prompt_profile": "full"}
+    named = (*seen.items(), *asdict(options).items())
+    fields |= {key: value for key, value in named if value not in (None, "")}
     if "role" not in fields:
         raise ModelError(f"{name!r}: its config.json does not tell what it is for; give --role")
     if fields["role"] != "planner":
-        fields |= {"prompt_profile": None, "chat": None}
-    fields |= {
-        "name": name,
-        "files": msgspec.to_builtins(files),
-        "restore": f"bring {name}'s files back, or `karma models remove {name}`",
-        "memory_mb": round(seen["memory_mb"]),
-    }
+        del fields["prompt_profile"]
+    restore = f"bring {name}'s files back, or `karma models remove {name}`"
+    memory_mb = round(seen["memory_mb"])
     try:
-        return msgspec.convert(fields, ModelEntry)
+        return msgspec.convert(
+            fields | {"name": name, "files": files, "restore": restore, "memory_mb": memory_mb},
+            ModelEntry,
+        )
     except (msgspec.ValidationError, ValueError) as error:
         raise ModelError(f"{name!r} cannot be described: {error}") from error
 
@@ -305,7 +253,7 @@ def _described(
 
 
 def entry_toml(entry: ModelEntry) -> str:
-    """Write one entry; a JSON string of printable characters is a TOML string."""
+    """Write an entry; a JSON string of printable characters is a TOML string."""
 
     def pairs(values: dict[str, object]) -> list[str]:
         return [
@@ -320,15 +268,7 @@ def entry_toml(entry: ModelEntry) -> str:
 
 
 def _write_local(models: Sequence[ModelEntry]) -> None:
-    path = local_path()
-    if not models:
-        path.unlink(missing_ok=True)
-        return
-    text = _HEAD + "\n".join(map(entry_toml, models))
-    try:
-        back = msgspec.toml.decode(text, type=Manifest)
-    except (msgspec.DecodeError, ValueError) as error:
-        raise KarmaError(f"{path}: this cannot be written down: {error}") from error
-    if back.models != tuple(models):
-        raise KarmaError(f"{path}: an entry would not be read back as it is")
-    write_atomic(path, text.encode())
+    if models:
+        write_atomic(local_path(), (_HEAD + "\n".join(map(entry_toml, models))).encode())
+    else:
+        local_path().unlink(missing_ok=True)

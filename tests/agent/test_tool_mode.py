@@ -7,7 +7,8 @@ from support.experiences import begun
 
 from karma.agent.tools.table import MAX_LINES, BadCall, in_tools, parse_answer
 from karma.models.scripted import ScriptedModel
-from karma.types.events import Outcome, Plan, SkillResult
+from karma.types.events import Outcome, SkillResult
+from karma.types.planning import End
 from karma.types.tasks import SubTask
 
 # ----------------------------------------------------------------- the parser
@@ -103,8 +104,7 @@ def test_request_is_carried_out_and_the_report_is_what_was_observed(talk):
     assert "the apple is in the fridge" in [check.text for check in outcome(events).checks]
     assert state_of(world, "Fridge")["receptacleObjectIds"]
     assert "put(Apple, Fridge) -> FAILED" in model.prompts[1].changing
-    plans = [event for event in events if isinstance(event, Plan)]
-    assert [plan.end and plan.end.kind for plan in plans] == [None, "done"]
+    assert outcome(events).end == End(kind="done", text="The apple is in the fridge.")
 
 
 def test_users_words_stand_in_the_prompt_as_they_were_said(talk):

@@ -217,7 +217,7 @@ NOT_THE_AGENTS = [
     KarmaError("x"), FileError("x", "torn"), UnwritableError("x", "full"), UnknownNameError("x"),
     ModelError("damaged weights"), ServerLost("x"), WorkerLost("x", "killed"),
     WorldLost("it died", during="PickupObject", log="x.log"),
-    NetworkRefused("a socket", "x", "y"),
+    NetworkRefused("a socket", "x", ("y",)),
     OfAPlugin("x"),
 ]  # fmt: skip
 

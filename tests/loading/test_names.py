@@ -19,7 +19,7 @@ from karma.world.core.scene import SCENES, find
         ("profile", "compcat", "compact"),
         ("recall", "statefull", "stateful"),
         ("embedder", "minlm", "minilm"),
-        ("embedder", "sentence:bge-smal-en", "bge-small-en"),
+        ("embedder", "sentence:all-mpnet-base", "all-mpnet-base-v2"),
         ("vision", "nano-vml", "nano-vlm"),
         ("vision", "transformers:karma-nano-vml", "karma-nano-vlm"),
     ],

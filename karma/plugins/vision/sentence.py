@@ -25,7 +25,7 @@ from karma.types.space import Vectors
 FAMILIES: Mapping[str, tuple[str, ...]] = {  # of transformers; any head will do
     family: () for family in ("bert", "distilbert", "mpnet", "roberta", "xlm-roberta", "modernbert")
 }
-DEFAULT = "bge-small-en"
+DEFAULT = "all-mpnet-base-v2"
 NEEDS = (("tokenizer.json", "vocab.txt", "sentencepiece.bpe.model"),)
 
 
