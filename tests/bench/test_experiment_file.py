@@ -59,11 +59,10 @@ def test_setting_of_every_depth_is_what_the_experiment_says_then(path):
         "rows.KARMA (K = 1.5).options.recall_k=7",
         'rows."expert".method=idle',
         "rows.*.vision=blind",
-        "run.steps=false",
         "models.constraint=free",
         "models.gpu_layers=4",
     )
-    assert (found.models.examples, found.seeds, found.run.steps) == (5, (3, 4), False)
+    assert (found.models.examples, found.seeds) == (5, (3, 4))
     assert (found.models.constraint, found.models.gpu_layers) == ("free", 4)
     assert [row.options for row in found.rows] == [{"recall_k": 7}, {}]
     assert [row.method for row in found.rows] == ["karma", "idle"]
@@ -164,7 +163,7 @@ def test_run_folder_of_other_settings_is_refused_by_name(path, tmp_path):
         command = ["eval", str(path), "--out", str(tmp_path / "run"), *options, *more]
         return CliRunner().invoke(app, command)
 
-    assert karma_eval("--set", "run.steps=false").exit_code == 0
+    assert karma_eval().exit_code == 0
     refused = karma_eval("--set", "models.constraint=free", "--seeds", "0-1")
     assert refused.exit_code == 1
     assert 'models.constraint: "types" became "free"' in refused.output

@@ -156,10 +156,8 @@ def test_step_logs_of_equal_runs_are_equal_files_without_a_time_of_day(whole):
 
 
 def test_step_logs_can_be_left_out_but_not_midway(planner, tmp_path):
-    path = write_experiment(
-        tmp_path / "x.toml", planner, only=ONLY[:1], more="[run]\nsteps = false"
-    )
-    run = Run(path, tmp_path / "run")
+    path = write_experiment(tmp_path / "x.toml", planner, only=ONLY[:1], more="")
+    run = Run(path, tmp_path / "run", steps=False)
     assert len(list(run.episodes())) == 2
     assert not (tmp_path / "run" / "steps").exists()
     assert len(run.records) == 2
