@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import dijkstra
 from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
 from karma.household.uses import with_wholes
-from karma.types.memory import Area, Fixture, Known, Tour
+from karma.types.memory import Area, Known, Tour
 from karma.types.observation import SeenObject
 from karma.types.space import Vec3
 
@@ -48,6 +48,16 @@ class ObjectNode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             for axis in (0, 2)
         )
         return dist((0.0, 0.0), tuple(gaps))
+
+    def known(self) -> Known:
+        """Return the object as a belief."""
+        return Known(
+            object_id=self.id,
+            object_type=self.type,
+            position_m=self.position_m,
+            box_center_m=self.box_center_m,
+            box_size_m=self.box_size_m,
+        )
 
 
 class AreaNode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -159,10 +169,7 @@ class SceneGraph:
                 position_m=area.position_m,
                 contains=tuple(sorted(with_wholes(node.type for node in self.objects(name)))),
                 adjacent=area.adjacent,
-                fixtures=tuple(
-                    Fixture(object_id=node.id, object_type=node.type, position_m=node.position_m)
-                    for node in self.objects(name)
-                ),
+                fixtures=tuple(node.known() for node in self.objects(name)),
             )
             for name, area in self._areas.items()
         )
@@ -175,16 +182,8 @@ class SceneGraph:
     def known(self, name: str, *, near: Vec3) -> Known | None:
         """Return the object of an id or type whose box is nearest to a position, if any."""
         nodes = [node for node in self.objects() if name in (node.id, node.type)]
-        if not nodes:
-            return None
-        node = min(nodes, key=lambda node: node.distance_m(near))
-        return Known(
-            object_id=node.id,
-            object_type=node.type,
-            position_m=node.position_m,
-            box_center_m=node.box_center_m,
-            box_size_m=node.box_size_m,
-        )
+        nearest = min(nodes, key=lambda node: node.distance_m(near), default=None)
+        return nearest.known() if nearest is not None else None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, SceneGraph) and self._saved() == other._saved()

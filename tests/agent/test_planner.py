@@ -15,7 +15,7 @@ from karma.household.places import landmark_types
 from karma.models.automaton import ProgramAutomaton
 from karma.models.scripted import ScriptedModel
 from karma.types.completion import Certainty, Decoding
-from karma.types.memory import Area, Fixture, MemoryUnit
+from karma.types.memory import Area, Known, MemoryUnit
 from karma.types.planning import (
     REFUSAL_KINDS,
     Hint,
@@ -266,7 +266,7 @@ def test_grounded_keeps_areas_points_and_lines_and_grounds_furniture_to_search_f
 
 def test_language_of_the_full_profile_has_furniture_by_instance_and_the_14th_skill():
     near = tuple(
-        Fixture(object_id=f"Cabinet|{n}", object_type="Cabinet", position_m=(n, 0, 0))
+        Known(object_id=f"Cabinet|{n}", object_type="Cabinet", position_m=(n, 0, 0))
         for n in range(2)
     )
     area = Area(name="node_1", position_m=(0, 0, 0), contains=("Cabinet",), fixtures=near)

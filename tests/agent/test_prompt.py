@@ -15,7 +15,7 @@ from karma.household.pieces import base_type
 from karma.household.places import landmark_types
 from karma.household.types import object_types
 from karma.household.uses import with_wholes
-from karma.types.memory import Area, Fixture, MemoryUnit
+from karma.types.memory import Area, Known, MemoryUnit
 from karma.types.observation import SeenObject
 from karma.types.planning import FailedProgram, Hint, Meaning, PlanRequest
 
@@ -143,7 +143,7 @@ def test_landmarks_cannot_be_carried_and_skip_the_floor():
 
 
 def fixture(object_id, x):
-    return Fixture(
+    return Known(
         object_id=object_id, object_type=object_id.partition("|")[0], position_m=(x, 1.0, -0.04)
     )
 

@@ -171,11 +171,7 @@ class Reach:
 
     def _all_known(self) -> list[Known]:
         """Return the map's furniture, memory's vessels and all that was seen, but what is held."""
-        mapped = [
-            Known(object_id=one.object_id, object_type=one.object_type, position_m=one.position_m)
-            for area in self.knowledge.areas()
-            for one in area.fixtures
-        ]
+        mapped = [one for area in self.knowledge.areas() for one in area.fixtures]
         vessels = sorted(types_with("receptacle") & types_with("pickupable"))
         remembered = [one for kind in vessels if (one := self.knowledge.where(kind)) is not None]
         seen = {**self._before, **self.log.seen}.values()
