@@ -46,8 +46,8 @@ class Stance:
 
     state: State
     horizon_deg: float
-    gap_m: float  # horizontally, to the target's box
-    cost: float
+    gap_m: float = 0.0  # horizontally, to the target's box
+    cost: float = 0.0
 
 
 class FloorMap:
@@ -261,9 +261,9 @@ class Walker:
     def stance(self, pose: Pose | None = None) -> Stance:
         """Return a pose, by default the agent's own, as a view; its cost and gap are 0."""
         if pose is None:
-            return Stance(state=self._state, horizon_deg=self.horizon_deg, gap_m=0.0, cost=0.0)
+            return Stance(state=self._state, horizon_deg=self.horizon_deg)
         state = (*self._floor.cell(pose.position_m), round(pose.yaw_deg / 90.0) % 4)
-        return Stance(state=state, horizon_deg=pose.horizon_deg, gap_m=0.0, cost=0.0)
+        return Stance(state=state, horizon_deg=pose.horizon_deg)
 
     def camera_of(self, view: Stance) -> CameraPose:
         """Return the camera as it would be in a view."""
