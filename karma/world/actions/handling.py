@@ -159,15 +159,9 @@ def _breaks(thing: SceneObject, impulse: float) -> bool:
 
 
 @on_object("OpenObject")
-def open_object(
-    state: WorldState,
-    thing: SceneObject,
-    *,
-    openness: float = 1.0,
-    moveMagnitude: float | None = None,
-) -> Result:
-    """Open to a degree; opening what is open succeeds. moveMagnitude is openness's old name."""
-    return _opened(state, thing, openness if moveMagnitude is None else moveMagnitude or 1.0)
+def open_object(state: WorldState, thing: SceneObject, *, openness: float = 1.0) -> Result:
+    """Open to a degree; opening what is open succeeds."""
+    return _opened(state, thing, openness)
 
 
 @on_object("OpenObject")
