@@ -6,7 +6,7 @@ objects are seen, and lasts on disk.
 """
 
 from collections.abc import Iterable, Iterator
-from math import dist, prod
+from math import hypot, prod
 from pathlib import Path
 
 import msgspec
@@ -20,7 +20,7 @@ from karma.files import read_json, to_json, write_atomic
 from karma.household.uses import with_wholes
 from karma.types.memory import Area, Known, Tour
 from karma.types.observation import SeenObject
-from karma.types.space import Vec3
+from karma.types.space import Vec3, outside_m
 
 VERSION = 1
 SPACING_M = 1.25  # no cell is farther from its area node, on foot
@@ -43,11 +43,8 @@ class ObjectNode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     def distance_m(self, position: Vec3) -> float:
         """Return the distance on the floor plan from a position to the box; 0 inside."""
-        gaps = (
-            max(abs(position[axis] - self.box_center_m[axis]) - self.box_size_m[axis] / 2, 0.0)
-            for axis in (0, 2)
-        )
-        return dist((0.0, 0.0), tuple(gaps))
+        x, _, z = outside_m(position, self.box_center_m, self.box_size_m)
+        return hypot(x, z)
 
     def known(self) -> Known:
         """Return the object as a belief."""
