@@ -92,10 +92,9 @@ def test_name_of_somebody_s_file_never_leads_out_of_the_folder(name, tmp_path):
         ({"grid_m": -0.25}, "grid_m"),
         ({"agent": {"position": [1e308, 0, 0]}}, "agent"),
         ({"bounds_size": [1e9, 3, 1e9]}, "bounds_size"),
-        ({"bounds_size": [4, -1, 4]}, "below 0"),
+        ({"bounds_size": [4, -1, 4]}, "bounds_size"),
         ({"floor_y": 1e300}, "floor_y"),
         ({"reachable": [[1e308, 0]]}, "reachable"),
-        ({"reachable": [[0, 0]] * 100_001}, "too many"),
     ],
 )
 def test_scene_with_senseless_numbers_is_refused_before_anything_is_computed(
