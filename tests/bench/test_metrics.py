@@ -25,8 +25,8 @@ from karma.bench.figures.metrics import (
     episodes_of,
 )
 from karma.bench.figures.results import result_of
+from karma.journal.entries import Ended, Enter, Instruction
 from karma.journal.run_folder import read_run
-from karma.journal.steps import Ended, Enter, Instruction, Start
 from karma.models.session import Spent
 from karma.types.memory import MemoryUnit, Tour
 from karma.types.planning import RefusedRequest
@@ -272,9 +272,9 @@ def log(*before_and_after):
     """Return a step log that knows memory before and after each sub-task."""
     steps = []
     for number, (before, after) in enumerate(before_and_after):
-        held = tuple(map(unit, before))
-        steps.append(Instruction(number=number, instruction="", memory=held))
-        steps.append(Ended(finished=True, memory=tuple(map(unit, after)), unmet=()))
+        steps.append(Instruction(number=number, instruction=""))
+        held, kept = (tuple(map(unit, memory)) for memory in (before, after))
+        steps.append(Ended(finished=True, resident=held, kept=kept, unmet=()))
     return steps
 
 
@@ -340,14 +340,15 @@ def test_only_what_memory_held_of_the_room_concerned_was_held(room, expected):
     """Apple and knife have the same ids in both rooms."""
     before, after = in_room("kitchen", APPLE), in_room(room, APPLE)
     steps = [
-        Start(scene="kitchen", seed=0),
-        Instruction(number=0, instruction="", memory=()),
-        Ended(finished=True, memory=before, unmet=()),
-        Enter(scene="bedroom"),
-        Instruction(number=1, instruction="", memory=before),
-        Ended(finished=True, memory=after, unmet=()),
         Enter(scene="kitchen"),
-        Instruction(number=2, instruction="", memory=after),
+        Instruction(number=0, instruction=""),
+        Ended(finished=True, resident=(), kept=before, unmet=()),
+        Enter(scene="bedroom"),
+        Instruction(number=1, instruction=""),
+        Ended(finished=True, resident=before, kept=after, unmet=()),
+        Enter(scene="kitchen"),
+        Instruction(number=2, instruction=""),
+        Ended(finished=False, resident=after, kept=after, unmet=()),
     ]
     elsewhere = replace(sub(KEEP), scene="bedroom")
     assert cause(sub(CUT), elsewhere, NEVER_NAMED, steps=steps) == [expected]

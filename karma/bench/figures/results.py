@@ -15,8 +15,7 @@ from karma.bench.figures.tables import PublishedFigures, Result, Sheet
 from karma.errors import KarmaError
 from karma.files import read_bytes, shipped
 from karma.journal.formats import figure_text
-from karma.journal.header import all_apart, read_config, rows_apart, told_apart
-from karma.journal.owned_folder import changed
+from karma.journal.header import changed, options_apart, rows_apart, shared_apart
 from karma.journal.records import in_words
 from karma.journal.run_folder import RunData, read_run
 from karma.journal.steps import read_steps, steps_path
@@ -186,29 +185,25 @@ def set_apart(sides: Sequence[Side]) -> list[str]:
     return [
         f"{side.name}: {words}"
         for side in sides[1:]
-        for words in (*_headers_apart(first.run, side.run), *_told_apart(first, side))
+        for words in (*_headers_apart(first.run, side.run), *_options_apart(first, side))
     ]
 
 
 def _headers_apart(first: RunData, run: RunData) -> list[str]:
-    machines = ({k: str(v) for k, v in asdict(one.header.machine).items()} for one in (first, run))
-    found = first.header.apart(run.header)
-    left_out = ("experiment file: ", "name: ")  # said by the options
-    return [one for one in found if not one.startswith(left_out)] + changed("machine", *machines)
+    headers = [one.header for one in (first, run)]
+    machines = ({k: str(v) for k, v in asdict(h.machine).items()} for h in headers if h.machine)
+    return [*headers[0].inputs_apart(headers[1]), *changed("machine", *machines)]
 
 
-def _told_apart(first: Side, side: Side) -> list[str]:
-    old, new = read_config(first.run.folder), read_config(side.run.folder)
-    if old is None or new is None:
-        unknown = (first if old is None else side).run.folder
-        return [f"options: {unknown} was begun by an earlier version, which kept none"]
+def _options_apart(first: Side, side: Side) -> list[str]:
+    old, new = first.run.header.options, side.run.header.options
     if not first.row and not side.row:
-        return all_apart(old, new)
+        return options_apart(old, new)
     mine, other = (  # where none is named the only one is meant
-        row or next((str(one.get("name")) for one in config["rows"]), "")
-        for config, row in ((old, first.row), (new, side.row))
+        row or next((str(one.get("name")) for one in options["rows"]), "")
+        for options, row in ((old, first.row), (new, side.row))
     )
-    return told_apart(old, new) + rows_apart(old, mine, new, other)
+    return shared_apart(old, new) + rows_apart(old, mine, new, other)
 
 
 def unfinished(runs: Iterable[RunData]) -> list[str]:
