@@ -38,7 +38,7 @@ class KarmaAgent:
     memory: AgentMemory
     perception: Perception
     attempts: int
-    tools: "ToolMode | None" = None  # carries out instructions in place of the planner's programs
+    mode: "Mode | None" = None  # carries out instructions in place of the planner's programs
 
     def enter(self, scene: SceneRef) -> None:
         """Be in a room; its first visit explores it."""
@@ -49,8 +49,8 @@ class KarmaAgent:
         return self.execute(subtask, self.executor(subtask))
 
     def executor(self, subtask: SubTask) -> "SessionExecutor":
-        """Return what carries out an instruction: the planner's programs, or tool calls."""
-        return self.tools(subtask) if self.tools is not None else planned(subtask)
+        """Return what carries out an instruction: its mode, or the planner's programs."""
+        return self.mode(subtask) if self.mode is not None else planned(subtask)
 
     def execute(
         self,
@@ -89,7 +89,7 @@ class KarmaAgent:
 
 
 SessionExecutor = Callable[["AgentSession"], Generator[AgentEvent, None, bool | End]]
-ToolMode = Callable[[SubTask], SessionExecutor]
+Mode = Callable[[SubTask], SessionExecutor]
 
 
 def planned(subtask: SubTask) -> Executor:
@@ -154,6 +154,12 @@ class AgentSession:
     def look(self) -> None:
         """Take note of what is in view now."""
         self.skills.look()
+
+    def restore(self, kept: Collection[str]) -> Iterator[SkillResult]:
+        """Close and switch off what this instruction opened or switched on, but for some ids."""
+        for object_id, undo in self.skills.experience.left.items():
+            if object_id not in kept:
+                yield self.call(SkillCall.of(undo, object_id))
 
     def call(
         self, call: SkillCall, aside: Collection[str] = (), *, reported: bool = False
