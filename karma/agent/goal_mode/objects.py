@@ -72,14 +72,18 @@ class ObjectFinder:
 
     def types(self, name: str) -> tuple[str, ...]:
         """Return the object types that a name means."""
-        object_id = self._memory.room.names.get(name)
+        object_id = self._named(name)
         return (type_of(object_id),) if object_id else types_named(name, self._similar)
+
+    def _named(self, name: str) -> str | None:
+        """Return the id of the object that a numbered name means; a bare type means any."""
+        return self._memory.room.names.get(name) if "_" in name else None
 
     def _could_be_here(self, name: str) -> bool:
         """Return whether a name means a type that can be here: the map shows all furniture."""
         types = self.types(name)
         graph = self._memory.graph
-        if graph is None or name in self._memory.room.names:
+        if graph is None or self._named(name):
             return bool(types)
         here = {node.type for node in graph.objects()} | {FLOOR, *OVERLOOKED}
         here |= {without_basin(kind) for kind in here}
@@ -127,8 +131,7 @@ class ObjectFinder:
         )
 
     def _fits(self, one: KnownObject, description: Description) -> bool:
-        named = self._memory.room.names.get(description.name)
-        if named is not None:
+        if named := self._named(description.name):
             return one.object_id == named
         types = self.types(description.name)
         if not {one.object_type, base_type(one.object_type)} & set(types):
@@ -143,8 +146,7 @@ class ObjectFinder:
     def _lies_in(self, one: KnownObject, place: str) -> bool:
         if one.place_id is None:
             return False
-        named = self._memory.room.names.get(place)
-        if named is not None:
+        if named := self._named(place):
             return one.place_id == named or root_id(one.place_id) == named
         return without_basin(type_of(one.place_id)) in self.types(place)
 
@@ -155,7 +157,7 @@ class ObjectFinder:
 
         `everywhere`: closed containers are searched, too, although enough are known.
         """
-        yield from self._look_at_places(description)
+        yield from self.look_at_places(description)
         wanted = description.count or MAX_OBJECTS
         is_all = description.count is None or everywhere
         if is_all and not self._is_fixed(description):
@@ -176,7 +178,7 @@ class ObjectFinder:
                     self._searched.add(object_type)
         return tuple(one.object_id for one in self.matching(description))[:wanted]
 
-    def _look_at_places(self, description: Description) -> Generator[AgentEvent, None, None]:
+    def look_at_places(self, description: Description) -> Generator[AgentEvent, None, None]:
         """Look over the places that a description names, for what lies there."""
         for place, _ in description.places:
             for one in self.matching(Description(name=place, count=None)):

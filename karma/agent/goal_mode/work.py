@@ -35,9 +35,9 @@ class GoalWork:
 
     def carry_out(self, answer: GoalAnswer) -> Generator[AgentEvent, None, End | bool]:
         """Check the conditions, bring the wishes about, and answer the questions."""
-        self.finder.avoid(answer.avoided)
         for avoided in answer.avoided:
-            yield from self.finder.find(replace(avoided, count=1))
+            yield from self.finder.look_at_places(avoided)
+        self.finder.avoid(answer.avoided)
         for description, wanted in answer.conditions:
             found = yield from self.finder.find(replace(description, count=1))
             if bool(found) != wanted:
