@@ -16,7 +16,6 @@ from karma.errors import FileError, ModelError
 from karma.files import append_line, decode_json, read_toml, to_json, write_atomic
 from karma.goals.files import load_tasks
 from karma.models.llama.model import LlamaModel
-from karma.models.manifest import check_file
 from karma.world.core import scene as scenes
 from karma.world.sim import EmbeddedWorld
 
@@ -54,14 +53,6 @@ def test_broken_scene_is_refused_with_file_and_place(tmp_path, changes, named):
         scenes.load(path)
     with pytest.raises(FileError, match=r"home\.json"):
         EmbeddedWorld(str(path))
-
-
-@pytest.mark.parametrize("keep", [0, 1, 500, -2])
-def test_torn_scene_is_refused_with_the_command_that_helps(tmp_path, keep):
-    path = scene_file(tmp_path)
-    path.write_bytes(path.read_bytes()[:keep])
-    with pytest.raises(FileError, match=r"home\.json: .*\n.*To fix: .*karma world import"):
-        scenes.load(path)
 
 
 def test_unknown_type_in_a_scene_is_refused_by_name(tmp_path):
@@ -104,31 +95,11 @@ def gguf(tmp_path_factory):
     return export_tiny(tmp_path_factory.mktemp("m") / "tiny.gguf")
 
 
-@pytest.mark.parametrize("keep", [0, 3, 40, 5000, -1])
-def test_truncated_model_is_refused_before_llama_cpp_sees_it(gguf, tmp_path, keep):
-    path = tmp_path / "cut.gguf"
-    path.write_bytes(gguf.read_bytes()[:keep])
-    with pytest.raises(ModelError, match=r"cut\.gguf: "):
-        LlamaModel(path)
-
-
 def test_model_of_another_hash_is_refused_with_both_hashes(gguf):
     with pytest.raises(ModelError) as caught:
         LlamaModel(gguf, sha256="00ff")
     for part in ("tiny.gguf: its SHA-256 is", "Expected SHA-256: 00ff", "karma models verify"):
         assert part in str(caught.value)
-
-
-def test_flipped_bit_in_a_model_is_found(gguf, tmp_path):
-    import hashlib
-
-    path = tmp_path / "flipped.gguf"
-    data = bytearray(gguf.read_bytes())
-    sha256 = hashlib.sha256(data).hexdigest()
-    data[-1] ^= 1
-    path.write_bytes(data)
-    with pytest.raises(ModelError, match=r"flipped\.gguf: its SHA-256 is"):
-        check_file(path, sha256, size=len(data))
 
 
 # ----------------------------------------------------------------- full disks
@@ -181,40 +152,6 @@ def test_append_without_room_is_refused_and_keeps_whole_lines(tmp_path):
 def test_append_to_a_full_device_is_refused_with_the_fix():
     with pytest.raises(FileError, match=r"/dev/full: cannot write: No space left.*\n.*free some"):
         append_line("/dev/full", b"line\n")
-
-
-FULL = """
-import sys
-from pathlib import Path
-from karma.errors import FileError
-from karma.files import write_atomic
-folder = Path(sys.argv[1])
-write_atomic(folder / "small.json", b"old")
-try:
-    write_atomic(folder / "small.json", b"x" * 500_000)
-except FileError as error:
-    left = sorted(path.name for path in folder.iterdir())
-    print(error, left, (folder / "small.json").read_bytes())
-"""
-
-
-def test_full_disk_leaves_the_old_file_and_nothing_else(tmp_path):
-    script = f'mount -t tmpfs -o size=64k none "{tmp_path}" && exec "$0" -c "$1" "{tmp_path}"'
-    unshare = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c"]
-    try:
-        trial = subprocess.run(
-            [*unshare, f'mount -t tmpfs none "{tmp_path}"'], capture_output=True, check=False
-        )
-    except FileNotFoundError:
-        pytest.skip("needs unshare")
-    if trial.returncode != 0:
-        pytest.skip("mounting in a namespace is not permitted here")
-    found = subprocess.run(
-        [*unshare, script, sys.executable, FULL],
-        capture_output=True, text=True, check=True, cwd=ROOT,
-    )  # fmt: skip
-    assert "small.json: cannot write: No space left on device" in found.stdout
-    assert "['small.json'] b'old'" in found.stdout
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")

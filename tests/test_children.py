@@ -3,7 +3,6 @@
 import ast
 import os
 import re
-import shutil
 import sys
 from pathlib import Path
 
@@ -13,7 +12,6 @@ from support.needs import need_models
 from support.paths import ROOT
 
 from karma.offline.children import child_command, run_child
-from karma.testing import make_picture_model, make_planner
 
 IN_PYTHON = """from pathlib import Path
 from karma.bench.engine.run import Run
@@ -22,22 +20,6 @@ sys.path.insert(0, "")  # as notebooks have it; what this process needs is loade
 if __name__ == "__main__":
     print(len(list(Run(Path("expert.toml"), Path("out")).episodes(2))))
 """
-FORKED = """import multiprocessing
-from karma.offline.guard import go_offline
-if __name__ == "__main__":
-    go_offline()
-    multiprocessing.RLock()  # starts the tracker of resources
-"""
-
-
-@pytest.fixture(scope="module")
-def models(tmp_path_factory):
-    """A folder with a GGUF, a picture pair, and a manifest of its own beside them."""
-    root = tmp_path_factory.mktemp("models")
-    make_planner(root / "any.gguf", "qwen2.5")
-    make_picture_model(root / "pair", "smolvlm")
-    shutil.copytree(ROOT / "models", root / "models", ignore=shutil.ignore_patterns("weights"))
-    return root
 
 
 @pytest.fixture
@@ -59,30 +41,6 @@ def test_workers_execute_nothing_of_the_folder(folder, words):
     if "-P" not in words:  # Python itself takes the package from there
         (folder / "karma.py").unlink()
     done_in(folder, *words)
-
-
-def test_brought_gguf_and_its_template_are_tried_and_the_folder_is_not(folder, models):
-    planner = ("--planner", models / "any.gguf")
-    done_in(folder, *KARMA, "run", "open the fridge", *planner, "--out", "out", codes=(0, 3, 4))
-
-
-def test_models_are_added_and_the_folder_is_not_executed(folder, models):
-    settings = {"KARMA_MODELS": str(models / "models")}
-    done_in(folder, *KARMA, "models", "add", models / "any.gguf", "--name", "one", **settings)
-    done_in(folder, *KARMA, "models", "add", models / "pair", "--name", "two", **settings)
-
-
-def test_what_libraries_start_by_themselves_executes_nothing_of_the_folder(folder):
-    done_in(folder, sys.executable, "-P", "-c", FORKED)
-
-
-def test_workers_of_a_cluster_on_this_machine_execute_nothing_of_the_folder(folder):
-    pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
-    from support.ray_cluster import cluster_of
-
-    need_models("karma-nano")
-    with cluster_of(1) as address:
-        done_in(folder, *KARMA, "eval", "e.toml", "--ray", address, "--out", "out")
 
 
 def test_child_has_the_guard_before_it_imports_what_it_calls(tmp_path, monkeypatch):
@@ -127,17 +85,6 @@ def test_processes_are_started_in_one_place_and_the_few_others_are_known():
             if {"subprocess", "multiprocessing"} & set(names) or _is_executable(node):
                 found.add(str(path.relative_to(ROOT)))
     assert found == STARTERS.keys() | {"karma/bench/engine/pool.py"}  # asks who its parent is
-
-
-@pytest.mark.parametrize("path", sorted((ROOT / "scripts").glob("*.py")), ids=lambda p: p.name)
-def test_scripts_start_python_away_from_the_folder(path):
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.List | ast.Tuple) and any(map(_is_executable, node.elts)):
-            words = [one.value for one in node.elts if isinstance(one, ast.Constant)]
-            file = any(getattr(one, "id", "") == "__file__" for one in node.elts)
-            assert file or {"-P", "-I"} & set(words), f"{path.name}:{node.lineno}"
-        assert not (isinstance(node, ast.Constant) and node.value == "spawn"), path.name
-        assert getattr(node, "module", "") != "multiprocessing", path.name
 
 
 def _imports(node):

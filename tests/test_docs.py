@@ -255,17 +255,6 @@ def unknown_script(script: str, words: list[str]) -> str:
     return " ".join(sorted(set(options) - set(known)))
 
 
-def test_misspelt_commands_are_noticed():
-    assert misuse(["karma", "eval", "FILE", "--wrokers", "2"])
-    assert misuse(["karma", "world", "paint"])
-    assert misuse(["make", "dmeo"])
-    assert misuse(["python", "scripts/no_such.py"])
-    assert misuse(["python", "scripts/measure_asked.py", "--lnies"])
-    assert misuse(["pytest", "tests/test_nothing.py"])
-    assert misuse(["pytest", "tests/test_docs.py", "-k", "no_such_test"])
-    assert row_of(["karma", "paint"]) is None
-
-
 READY = [" ".join(row) for row, need in needs().items() if need == "nothing"]
 
 

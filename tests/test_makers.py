@@ -1,15 +1,10 @@
 """Models made here: what llama.cpp loads of them, a seed decides every byte; and stand-ins."""
 
-import numpy as np
 import pytest
-from support.sights import seen
-from support.tiny import opened
 
-from karma.errors import FileError, UnknownNameError
+from karma.errors import UnknownNameError
 from karma.models.checks.gguf import check_gguf
-from karma.testing import FAMILIES, StubEmbedder, StubVision, make_llama, make_planner
-from karma.types.planning import Prompt
-from karma.types.roles import Embedder, VisionModel
+from karma.testing import FAMILIES, StubVision, make_planner
 from karma.types.tasks import SubTask
 
 SIZE = {"layers": 3, "width": 64, "heads": 4, "kv_heads": 2, "feed_forward": 96}
@@ -29,43 +24,6 @@ def test_unknown_family_is_refused_with_those_there_are(tmp_path):
     with pytest.raises(UnknownNameError, match=r"no model family 'gpt'; there are llama3, qwen"):
         make_planner(tmp_path / "x.gguf", "gpt")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_planner_that_cannot_be_written_leaves_nothing(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(FileError, match=r"x\.gguf: cannot write"):
-        make_planner(tmp_path / "file" / "x.gguf")
-
-
-@pytest.mark.parametrize("tied", [True, False])
-def test_llama_of_given_size_has_that_many_weights_and_answers(tmp_path, tied):
-    path = make_llama(tmp_path / "x.gguf", vocabulary=2000, context=512, tied=tied, **SIZE)
-    per_layer = 64 * (64 + 2 * 32) + 64 * 64 + 3 * 64 * 96  # q, k, v; output; gate, up, down
-    weights = 3 * per_layer + 64 * 2000 * (1 if tied else 2)
-    assert abs(path.stat().st_size - 2 * weights) < 60_000  # norms, keys and the vocabulary
-    model = opened(path)
-    found = model.complete(Prompt(stable="", changing="Go to the fridge."), max_tokens=4)
-    assert (model.gguf.limit, model.gguf.vocabulary) == (512, 2000)
-    assert found.completion_tokens == 4
-    assert 1 < model.gguf.logits().std() < 6
-
-
-# ----------------------------------------------------------------- stand-ins
-
-
-def test_stub_embedder_gives_unit_rows_and_nears_what_shares_words():
-    embedder: Embedder = StubEmbedder()
-    rows = embedder.embed(["a red apple", "an apple, red", "apple red a", "", "the dirty plate"])
-    assert np.allclose(np.linalg.norm(rows, axis=1), 1)
-    assert rows[0] @ rows[2] > 0.99 > rows[0] @ rows[4]
-    assert embedder.embed([]).shape == (0, embedder.dimension)
-    assert np.array_equal(rows, StubEmbedder().embed(embedder.asked))
-
-
-def test_stub_vision_reads_what_it_was_told():
-    vision: VisionModel = StubVision({"Mug": ("dirty",)})
-    objects = [seen("Mug|1"), seen("Cup|1")]
-    assert vision.read_states(None, "wash it", objects) == {"Mug|1": ("dirty",), "Cup|1": ()}
 
 
 def test_fixture_begins_an_episode_that_acts_and_remembers(karma_episode):

@@ -3,18 +3,12 @@
 import json
 import os
 import shutil
-import socket
 import subprocess
 import sys
 
 import pytest
 from support.needs import CUT_OFF, need_models, need_namespace
 from support.paths import ROOT
-
-from karma.bench.engine.episode import run_episode
-from karma.bench.methods.expert import ExpertMethod
-from karma.goals.files import load_tasks
-from karma.world.sim import EmbeddedWorld
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 INTERFACES = "import socket; print([name for _, name in socket.if_nameindex() if name != 'lo'])"
@@ -85,20 +79,3 @@ def test_runs_need_no_interface_and_connect_to_no_other_machine(cut_off, tmp_pat
     calls = (tmp_path / "trace").read_text().splitlines()
     reached = [line for line in calls if "sin_addr" in line or "sin6_addr" in line]
     assert [line for line in reached if '"127.' not in line and '"::1"' not in line] == []
-
-
-def test_expert_opens_no_socket(monkeypatch, tmp_path):
-    opened = []
-    original = socket.socket.__init__
-
-    def noting(self, *arguments, **options):
-        opened.append(arguments)
-        original(self, *arguments, **options)
-
-    monkeypatch.setattr(socket.socket, "__init__", noting)
-    (task,) = [task for task in load_tasks(TASKS) if task.id == "simple-12"]
-    record = run_episode(
-        ExpertMethod(), EmbeddedWorld(), task, row="expert", seed=0, folder=tmp_path
-    )
-    assert record.success
-    assert opened == []

@@ -16,7 +16,7 @@ NODES = {
     "skills": ["agent/body"],
     "memory": ["memory"],
     "method": [f"agent/{name}.py" for name in (
-        "karma", "loop", "memory", "session", "attempts", "experience", "tour")],
+        "karma", "loop", "memory", "session", "attempts", "experience", "tour", "knowledge")],
     "planner": ["agent/planning"],
     "models": ["models"],
 }  # a stop of the picture -> where its code is  # fmt: skip

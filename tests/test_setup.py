@@ -9,7 +9,6 @@ import shutil
 import subprocess
 import sys
 import zipfile
-from pathlib import Path
 
 import pytest
 from support.paths import ROOT
@@ -101,23 +100,6 @@ def test_setup_without_options_keeps_those_that_were_asked_for(checkout):
     assert set_up(checkout) == []  # looks, and finds llama.cpp as it was asked for
 
 
-def test_setup_with_empty_options_goes_back_by_the_kept_wheel(checkout):
-    set_up(checkout)
-    set_up(checkout, CMAKE_ARGS="-DGGML_CUDA=on")
-    (said,) = set_up(checkout, CMAKE_ARGS="")
-    assert said.startswith("install ")
-    assert set_up(checkout) == []
-
-
-def test_setup_takes_no_kept_wheel_of_other_options(checkout):
-    old = checkout / "cache" / "wheels"
-    old.mkdir(parents=True)
-    name = "llama_cpp_python-0.3.36-py3-none-linux_x86_64.whl"
-    shutil.copy(checkout / "empty.whl", old / name)
-    (options,) = built(set_up(checkout))
-    assert options.startswith(ROOMY)
-
-
 def test_setup_asks_for_real_weights_by_version_and_hash_as_the_manifest_restores_them(checkout):
     set_up(checkout)
     (asked,) = weights(checkout)
@@ -139,10 +121,3 @@ def test_setup_goes_on_and_says_so_where_real_weights_cannot_be_had(checkout):
         file.write("# something has changed\n")
     set_up(checkout)
     assert len(weights(checkout)) == 1
-
-
-def test_setup_notes_where_it_keeps_the_wheel_that_it_installed(checkout):
-    set_up(checkout, CMAKE_ARGS="-DGGML_CUDA=on")
-    *_, folder = (checkout / ".venv" / ".karma-llama").read_text().splitlines()
-    assert (Path(folder) / "cmake-args.txt").read_text() == "-DGGML_CUDA=on\n"
-    assert len(list(Path(folder).glob("llama_cpp_python-*.whl"))) == 1

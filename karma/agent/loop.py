@@ -107,9 +107,9 @@ class AgentSession:
     def __init__(self, agent: KarmaAgent, instruction: str, keep_shut: Collection[str]) -> None:
         memory = agent.memory
         self._agent, self._memory, self._instruction = agent, memory, instruction
-        self._beliefs = memory.beliefs(agent.world)
+        self._knowledge = memory.knowledge(agent.world)
         eyes = agent.perception.eyes(memory.scene, instruction)
-        self.skills = Skills(agent.world, self._beliefs, eyes=eyes, before=memory.room.seen)
+        self.skills = Skills(agent.world, self._knowledge, eyes=eyes, before=memory.room.seen)
         self.skills.reach.kept_shut = frozenset(keep_shut)
         self._attempts: list[Attempts] = []  # with at least one result
         self._said: list[Check] = []
@@ -123,7 +123,7 @@ class AgentSession:
         attempts = Attempts(instruction=text, objects=planner.objects(text))
         tells_all = planner.profile != "compact"
         request = self._memory.request(subtask, advice, tells_all=tells_all)
-        self._beliefs.units = self._memory.beliefs(self._agent.world, request.units).units
+        self._knowledge.units = self._memory.knowledge(self._agent.world, request.units).units
         for _ in range(self._agent.attempts):
             answer = None
             self.skills.look()
@@ -173,7 +173,7 @@ class AgentSession:
         self.has_acted = True
         if call.skill == SURVEY:
             call = SkillCall.of("GoToObject", self._memory.scene)
-            areas = tour(self._beliefs.areas(), position_of(self._agent.world))
+            areas = tour(self._knowledge.areas(), position_of(self._agent.world))
             looks = [self.skills.look_from("", area) for area in areas]
             actions = sum(look.actions for look in looks)
             searched = sum(look.explorations for look in looks)

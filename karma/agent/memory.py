@@ -7,17 +7,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from karma.agent.experience import as_left, lost, shut_away, units_of
+from karma.agent.knowledge import RoomKnowledge
 from karma.agent.planning.full_profile import furniture_names
 from karma.agent.seeing.eyes import Perception
 from karma.agent.settings import KarmaSettings
-from karma.agent.tour import explore_room, position_of
-from karma.household.ids import type_of
-from karma.household.pieces import goes_by
+from karma.agent.tour import explore_room
 from karma.household.places import HAND
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory
-from karma.types.memory import Area, Exchange, Experience, Known, MemoryChange, MemoryUnit, Recalled
+from karma.types.memory import Exchange, Experience, MemoryChange, MemoryUnit, Recalled
 from karma.types.observation import SeenObject
 from karma.types.planning import Advice, PlanRequest
 from karma.types.roles import Recall, VisionModel, World
@@ -99,10 +98,10 @@ class AgentMemory:
 
     # ------------------------------------------------------------- what is known
 
-    def beliefs(self, world: World, recalled: Sequence[MemoryUnit] = ()) -> "Beliefs":
-        """Return the knowledge of skills: units by name, recalled units first, then the map."""
+    def knowledge(self, world: World, recalled: Sequence[MemoryUnit] = ()) -> RoomKnowledge:
+        """Return the knowledge of skills: recalled units first, then all others, then the map."""
         others = self.short_term.units(self.scene) if self.settings.short_term else ()
-        return Beliefs(world, self.graph, (*reversed(recalled), *reversed(others)))
+        return RoomKnowledge(world, self.graph, (*reversed(recalled), *reversed(others)))
 
     def sights(self, experience: Experience) -> dict[str, SeenObject]:
         """Return the latest sight of each object of this room that is not known to be gone."""
@@ -132,21 +131,26 @@ class AgentMemory:
         if units:
             k = min(settings.recall_k, len(units))
             recalled = self._recall.recall(query or subtask.instruction, units, k)
-        chosen = tuple(item.unit for item in recalled)
-        shown = units
-        if settings.means == "recalled":  # the last unit of a type has its bare name
-            shown = chosen[::-1]
-        elif settings.paper_prompt or not tells_all:
-            shown = tuple(unit for unit in units if unit in chosen)
         return PlanRequest(
             instruction=subtask.instruction,
             whole="" if subtask.is_whole else subtask.whole,
             areas=self.graph.areas() if self.graph else (),
             graph_text=self.graph.to_text() if self.graph and settings.paper_prompt else "",
             recalled=tuple(recalled),
-            units=shut_away(shown, self.short_term.units(self.scene)),
+            units=self._shown(units, recalled, tells_all=tells_all and not settings.paper_prompt),
             advice=advice,
         )
+
+    def _shown(
+        self, units: tuple[MemoryUnit, ...], recalled: Sequence[Recalled], *, tells_all: bool
+    ) -> tuple[MemoryUnit, ...]:
+        """Return the units of the prompt: all units of this room, or the recalled units."""
+        chosen = tuple(item.unit for item in recalled)
+        if self.settings.means == "recalled":  # the last unit of a type has its bare name
+            units = chosen[::-1]
+        elif not tells_all:
+            units = tuple(unit for unit in units if unit in chosen)
+        return shut_away(units, self.short_term.units(self.scene))
 
     def updated(self, request: PlanRequest, experience: Experience, *, again: bool) -> PlanRequest:
         """Return the request with hand and sights and, after a failure, the updated units."""
@@ -241,32 +245,3 @@ class AgentMemory:
         """Restore both memories from a snapshot."""
         self.scene, self.short_term, self._rooms, self.exchanges = deepcopy(before)
         self._keep_map()
-
-
-class Beliefs:
-    """The knowledge of skills: units by name, then the map, then the receptacles of units."""
-
-    def __init__(self, world: World, graph: SceneGraph | None, units: Sequence[MemoryUnit]) -> None:
-        self._world, self._graph, self.units = world, graph, units
-
-    def where(self, name: str) -> Known | None:
-        """Return the best known place of a name, or None if it is unknown."""
-        for unit in self.units:
-            if goes_by(name, unit.object_id, unit.object_type):
-                return Known(
-                    object_id=unit.object_id,
-                    object_type=unit.object_type,
-                    position_m=unit.position_m,
-                    place_id=None if unit.place_id == HAND else unit.place_id,
-                )
-        near = position_of(self._world)
-        if self._graph and (found := self._graph.known(name, near=near)):
-            return found
-        for unit in self.units:
-            if unit.place_id == name != HAND:
-                return Known(object_id=name, object_type=type_of(name), position_m=unit.position_m)
-        return None
-
-    def areas(self) -> tuple[Area, ...]:
-        """Return the area nodes; () without long-term memory."""
-        return self._graph.areas() if self._graph else ()

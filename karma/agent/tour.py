@@ -5,11 +5,12 @@ from hashlib import sha256
 from pathlib import Path
 
 from karma.agent.body.skills import Skills
+from karma.agent.knowledge import RoomKnowledge
 from karma.agent.planning.prompt import position_text
 from karma.agent.seeing.eyes import Eyes
 from karma.agent.seeing.perceive import cells_of, fixed_of, pose_of
 from karma.memory.scene_graph import SceneGraph
-from karma.types.memory import Area, Known, Tour
+from karma.types.memory import Area, Tour
 from karma.types.planning import SkillCall
 from karma.types.roles import World
 from karma.types.space import SceneRef, Vec3
@@ -33,8 +34,8 @@ def explore_room(
         places, ours = ([area.position_m for area in one.areas()] for one in (known, graph))
         if known.room == room and places == ours:
             return known, False
-    lookouts = SceneGraph.over(cells, spacing_m=LOOKOUT_M).areas()
-    skills = Skills(world, KnownFloor(lookouts), eyes=eyes)
+    knowledge = RoomKnowledge(world, SceneGraph.over(cells, spacing_m=LOOKOUT_M))
+    lookouts, skills = knowledge.areas(), Skills(world, knowledge, eyes=eyes)
     skills.look_around()
     for area in tour(lookouts, position_of(world)):
         skills.run(SkillCall.of("GoToObject", area.name))
@@ -76,18 +77,3 @@ def _gap(one: Vec3, other: Vec3) -> float:
 def position_of(world: World) -> Vec3:
     """Return where the agent stands."""
     return pose_of(world.last_event).position_m
-
-
-class KnownFloor:
-    """The knowledge of somebody who knows the cells but nothing in the room."""
-
-    def __init__(self, areas: Sequence[Area]) -> None:
-        self._areas = areas
-
-    def where(self, name: str) -> Known | None:
-        """Return None: nothing is known yet."""
-        return None
-
-    def areas(self) -> Sequence[Area]:
-        """Return the nodes to search; the nearest is searched first."""
-        return self._areas

@@ -129,23 +129,27 @@ class Agent:
             self.scene = SceneRef.of(self.home.scene)
             maps = Path(maps) if self.home.folder is None else self.home.folder / "maps"
             self.session = session or Session()
-            named = None if resources else asking(models or _models(planner, preset))
-            planner = resources.model.name if resources else (named or Models()).planner
-            kind = registry.load("assistants", assistant or wanted_assistant(planner))
             row = _row(preset, dict(options or {}), answer_seconds)
+            named = models or Models(planner=planner or default_planner())
+            if preset:
+                named = named.computed_by({"recall": preset_of(preset).recall})
+            if not resources:
+                named = asking(named)
+            planner = resources.model.name if resources else named.planner
+            kind = registry.load("assistants", assistant or wanted_assistant(planner))
             self._world: EmbeddedWorld = world_maker("embedded", [row.all_options])()  # type: ignore[assignment]
             self._world.reset(self.scene.source)  # wrong names are told before models are loaded
             check_options(row.method, row.all_options)
             place = TalkFolder(None if folder is None else Path(folder), self.scene.name)
             loaded = resources or load_resources(
-                named or Models(), maps=maps, seed=seed, learn=True, session=self.session
+                named, maps=maps, seed=seed, learn=True, session=self.session
             )
             self.session.ledger.take()  # what loading asked, as the canary, is no part of the bill
             decoding = replace(loaded.decoding, answer_seconds=answer_seconds)
             loaded = replace(loaded, decoding=decoding, listen=listen)
             self.method = KarmaMethod.build(loaded, row.all_options)
             self.embedder = loaded.embedder
-            self._keeper = Keeper(place, self.scene, row, named, loaded)
+            self._keeper = Keeper(place, self.scene, row, None if resources else named, loaded)
             self._maps = maps
             self._begin(seed)
             # without a cycle, so that folders are free as soon as nobody has the agent
@@ -344,7 +348,7 @@ class Agent:
 
     def where(self, name: str) -> Known | None:
         """Return where the agent believes an object to be, by its type or id."""
-        return self.known.beliefs(self._part.world).where(name)
+        return self.known.knowledge(self._part.world).where(name)
 
     @property
     def memory(self) -> Memory:
@@ -392,20 +396,9 @@ class Agent:
 
 def _row(preset: str, options: dict[str, Any], answer_seconds: float | None) -> Row:
     try:
-        return Row(
-            name="KARMA",
-            preset=preset,
-            options=options,
-            answer_seconds=answer_seconds,
-        )
+        return Row(name="KARMA", preset=preset, options=options, answer_seconds=answer_seconds)
     except ValueError as error:
         raise KarmaError(str(error)) from error
-
-
-def _models(planner: str, preset: str) -> Models:
-    chosen = preset_of(preset)
-    planner = planner or default_planner()
-    return Models(planner=planner, recall=chosen.recall)
 
 
 def asking(models: Models) -> Models:

@@ -136,16 +136,6 @@ def as_it_ends(parts: Sequence[RequestReply]) -> tuple[RequestReply, ...]:
     return tuple(found)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unclear:
-    """A request that is not carried out before a question is answered."""
-
-    text: str
-    question: str
-    candidates: tuple[str, ...] = ()  # object types or things that may be meant
-    about: str = ""  # the words that may mean several things: "the apple"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class AgentReply:
     """What became of all that was said at once."""
@@ -170,30 +160,8 @@ class AgentReply:
         return next((s for s in order if s in every), "answered")
 
     @property
-    def unclear(self) -> Unclear | None:
-        """What is asked back about; None where nothing is."""
-        part = next((one for one in self.parts if one.status == "asked"), None)
-        if part is None:
-            return None
-        if part.end is not None:
-            return Unclear(text=part.instruction, question=part.end.text)
-        return Unclear(
-            text=part.instruction,
-            question=part.understood[-1].question,
-            candidates=part.understood[-1].candidates,
-            about=part.about,
-        )
-
-    @property
-    def offer(self) -> str:
-        """What "yes" asks for; "" where no question was asked that it answers."""
-        planned = (one.offer for part in self.parts for one in part.understood[-1:])
-        answered = (part.answer.look for part in self.parts if part.answer is not None)
-        return next(filter(None, (*planned, *answered)), "")
-
-    @property
     def checks(self) -> tuple[Check, ...]:
-        """What is so afterwards, of all parts."""
+        """The checks of all parts."""
         return tuple(check for part in self.parts for check in part.checks)
 
     def __bool__(self) -> bool:

@@ -1,4 +1,4 @@
-"""`karma eval` and `karma export`."""
+"""`karma eval`."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -20,7 +20,6 @@ from karma.cli.shared import (
     option,
     refuse_options,
     tell,
-    write_for,
     write_json,
 )
 from karma.cli.worlds import warn_of_tasks
@@ -213,13 +212,3 @@ def _kept(run: "Run") -> str:
 
     done = len(read_records(run.records_path))
     return f"{done} of {run.total} episodes; the same command (without --fresh) goes on"
-
-
-def export(
-    run: Path = argument(..., "Folder of a run."),
-    out: Path | None = option(None, "File to write; default in the run's folder."),
-) -> None:
-    """Write a run's episodes for other programs as CSV: one line each, with every metric."""
-    from karma.bench.engine.export import to_csv
-
-    console.print(escape(f"written: {write_for(run, out, 'episodes.csv', to_csv(run))}"))

@@ -61,8 +61,6 @@ CORE = (
                 "karma.cli.compare:compare", SHOWN),
     CommandSpec("report", "Write a run as one HTML page.", "karma.cli.report:ReportCommand",
                 SHOWN),
-    CommandSpec("export", "Write a run's episodes for other programs.", "karma.cli.agents:export",
-                SHOWN),
     CommandSpec("world", "Scenes: list and draw them.", panel=MATERIAL),
     CommandSpec("world list", "List the scenes that ship.", "karma.cli.worlds:world_list"),
     CommandSpec("world show", "Draw a scene from above.", "karma.cli.worlds:world_show"),

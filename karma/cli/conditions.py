@@ -9,7 +9,7 @@ from packaging.requirements import Requirement
 from karma.errors import KarmaError
 from karma.files import cache
 from karma.models.manifest import check, find_model, read_manifest
-from karma.offline.guard import DEFAULTS, LOG, OFFLINE, SWITCHES, is_armed, network_allowed
+from karma.offline.guard import DEFAULTS, OFFLINE, SWITCHES, is_armed, network_allowed
 from karma.world.thor.builds import CheckResult
 
 NEEDED = ("karma-nano", "minilm")  # what `karma run` can do with, where karma-mini is not here
@@ -37,8 +37,6 @@ def _guard(environment: Mapping[str, str]) -> Iterator[CheckResult]:
     inherited = environment.get(OFFLINE) == "1"
     found = "1: what is started from here gets no leave either" if inherited else "not set"
     yield CheckResult.of(OFFLINE, inherited, found, f"export {OFFLINE}=1; {_BY_ITSELF}")
-    if environment.get(LOG):
-        yield CheckResult.of(LOG, True, environment[LOG])
 
 
 def _switches(environment: Mapping[str, str]) -> Iterator[CheckResult]:

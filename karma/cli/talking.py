@@ -98,17 +98,13 @@ class ChatCommand(Computed, Kept, RequestOptions):
         """Return the agent of these options; `view` hears its answers."""
         from karma.assistant.agent import ANSWER_SECONDS, Agent
         from karma.assistant.session_log import DEFAULT_SCENE
-        from karma.loading.models import Models, preset
+        from karma.loading.models import Models
         from karma.models.manifest import default_planner
         from karma.models.session import Session
 
         if self.fresh and self.home:
             raise typer.BadParameter("--fresh keeps nothing, --home keeps a home: one of them")
         planner = self.planner or default_planner()
-        try:
-            chosen = preset(self.preset)
-        except ValueError as error:
-            raise KarmaError(str(error)) from error
         settings = self._settings()
         session = Session(self.tape)
         session.cassette.begin("run")
@@ -116,7 +112,6 @@ class ChatCommand(Computed, Kept, RequestOptions):
             {
                 "planner": planner,
                 "profile": self.profile,
-                "recall": chosen.recall,
                 "hosted": self.hosted(planner, self.model),
                 **self.computed,
                 **settings["models"],
@@ -127,7 +122,8 @@ class ChatCommand(Computed, Kept, RequestOptions):
             return Agent(
                 self.scene,
                 models=models,
-                options={"perception": self.perception, **chosen.options, **settings["options"]},
+                options={"perception": self.perception, **settings["options"]},
+                preset=self.preset,
                 folder=self.out,
                 maps=self.maps,
                 session=session,

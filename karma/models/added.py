@@ -67,9 +67,7 @@ def add_model(
     root = Path(path).expanduser().absolute()  # a link's name tells more than its target's
     parts = _parts_in(root)
     folder = root if root.is_dir() else root.parent
-    hashes: Hashes = {
-        part: (sha256_of(folder / part), (folder / part).stat().st_size) for part in parts
-    }
+    hashes = _hashed(folder, parts)
     shipped = _matching(options.name, hashes)
     name = options.name or (shipped.name if shipped else root.stem if root.is_file() else root.name)
     _check_free(name)

@@ -8,7 +8,6 @@ other programs that are started; `scripts/airgap.sh` runs all where there is no 
 
 import atexit
 import ipaddress
-import json
 import os
 import socket
 import sys
@@ -23,7 +22,6 @@ from karma.errors import KarmaError
 
 OFFLINE = "KARMA_OFFLINE"  # 1: this process and those it starts never get leave
 HOSTED = "the hosted model"  # asks for the network, unless something else says so
-LOG = "KARMA_NETWORK_LOG"  # a file that takes one JSON line per question to the network
 
 # Python programs that are started import nothing from the folder that they stand in.
 SAFE_PATH = {"PYTHONSAFEPATH": "1"}
@@ -89,7 +87,6 @@ class _Guard:
     hosts: set[str] = field(default_factory=set)  # declared by the hosted adapter
     addresses: set[str] = field(default_factory=set)  # that those names turned out to have
     refused: list[NetworkRefused] = field(default_factory=list)
-    log: str = ""
 
 
 _guard = _Guard()
@@ -112,7 +109,6 @@ def go_offline(*, allow_network: bool = False) -> None:
     _guard.hosts.clear()
     _guard.addresses.clear()
     _guard.refused.clear()
-    _guard.log = os.environ.get(LOG, "")
     if allow_network and socket.getaddrinfo is not _remembering:
         socket.getaddrinfo = _remembering
     if not _guard.hooked:
@@ -184,15 +180,12 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
         wanted, allowed = repr(arguments[1]), _may_reach(event, arguments[0], arguments[1])
     else:  # sendmsg where it is connected
         return
-    if allowed and not _guard.log:
+    if allowed:
         return
     error = NetworkRefused(f"{asked} {wanted}", *_asker(sys._getframe(1)))
-    if _guard.log:
-        _note(event, wanted, allowed, error)
-    if not allowed:
-        if not _guard.refused:  # the first tells; repeated attempts do not fill the memory
-            _guard.refused.append(error)
-        raise error
+    if not _guard.refused:  # the first tells; repeated attempts do not fill the memory
+        _guard.refused.append(error)
+    raise error
 
 
 def _text(host: Any) -> str:
@@ -271,20 +264,3 @@ def _asker(frame: FrameType | None) -> tuple[str, tuple[str, ...]]:
 
 def _is_standard(name: str) -> bool:
     return name.startswith(("<frozen", _STDLIB)) or os.path.realpath(name).startswith(_STDLIB)
-
-
-def _note(event: str, wanted: str, allowed: bool, error: NetworkRefused) -> None:
-    """Append one line to the log; one write, so that processes do not mix theirs."""
-    line = {
-        "allowed": allowed,
-        "asked": wanted,
-        "caller": error.caller,
-        "event": event,
-        "process": os.getpid(),
-        "through": error.through,
-    }
-    handle = os.open(_guard.log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
-    try:
-        os.write(handle, json.dumps(line).encode() + b"\n")
-    finally:
-        os.close(handle)

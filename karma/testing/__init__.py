@@ -11,7 +11,7 @@ import numpy as np
 
 from karma.models.scripted import ScriptedModel
 from karma.testing.families import FAMILIES, PICTURE_FAMILIES, Size
-from karma.testing.models import MadePair, make_llama, make_picture_model, make_planner
+from karma.testing.models import MadePair, make_picture_model, make_planner
 from karma.types.observation import SeenObject
 from karma.types.space import Frame, Vectors
 
@@ -23,7 +23,6 @@ __all__ = [
     "Size",
     "StubEmbedder",
     "StubVision",
-    "make_llama",
     "make_picture_model",
     "make_planner",
 ]

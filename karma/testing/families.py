@@ -57,6 +57,8 @@ _LISTED = (
                     "<|assistant|>", "<|end|>")),
     Family(name="smollm", architecture="llama", control=_CHATML, bos="<|im_start|>",
            eos="<|im_end|>", pre="smollm"),
+    Family(name="lfm2", architecture="lfm2", control=_CHATML, eos="<|im_end|>", pre="qwen2"),
+    Family(name="mamba", architecture="mamba", control=_CHATML, eos="<|im_end|>", pre="qwen2"),
     Family(name="qwen2.5-vl", architecture="qwen2vl", control=(*_CHATML, *_SEEN), eos="<|im_end|>",
            pre="qwen2", projector="qwen2.5vl_merger"),
     Family(name="smolvlm", architecture="llama", control=(*_CHATML, *_IDEFICS), bos="<|im_start|>",
@@ -98,12 +100,20 @@ class Size:
 
 
 _BIASED = ("qwen2", "qwen2vl")  # queries, keys and values have biases
-_HEAD_NORMS = ("qwen3", "gemma3")  # queries and keys are normed
+_HEAD_NORMS = ("qwen3", "gemma3", "lfm2")  # queries and keys are normed
 _MORE_KEYS: Mapping[str, Mapping[str, Any]] = {
     # a window shorter than any prompt, every second layer global: both kinds of layer are met
     "gemma3": {"attention.sliding_window": 64, "attention.sliding_window_pattern": 2},
     "qwen2vl": {"rope.dimension_sections": [2, 3, 3, 0]},  # half a head of 16: time, height, width
 }
+
+
+_CONVOLUTION, _STATE, _RANK = 4, 16, 2  # of Mamba: kernel, numbers of a state, of a time step
+
+
+def _is_attention(layer: int) -> bool:
+    """Return whether a layer of LFM2 made here attends; the others are short convolutions."""
+    return layer % 2 == 1
 
 
 def language_keys(architecture: str, size: Size) -> Iterator[tuple[str, Any]]:
@@ -123,18 +133,58 @@ def language_keys(architecture: str, size: Size) -> Iterator[tuple[str, Any]]:
         "rope.dimension_count": size.head,
         **_MORE_KEYS.get(architecture, {}),
     }
+    if architecture == "lfm2":
+        heads = [size.kv_heads * _is_attention(layer) for layer in range(size.layers)]
+        keys |= {"attention.head_count_kv": heads, "shortconv.l_cache": _CONVOLUTION - 1}
+    if architecture == "mamba":
+        keys |= {
+            "feed_forward_length": 0, "ssm.conv_kernel": _CONVOLUTION, "ssm.state_size": _STATE,
+            "ssm.inner_size": 2 * size.width, "ssm.time_step_rank": _RANK,
+        }  # fmt: skip
     yield from ((f"{architecture}.{key}", value) for key, value in keys.items())
 
 
 def language_tensors(architecture: str, size: Size) -> Iterator[tuple[str, Shape]]:
     """Yield (name, shape) of a language model."""
     yield "token_embd.weight", (size.vocabulary, size.width)
-    if not size.tied:
+    if not size.tied and architecture != "lfm2":
         yield "output.weight", (size.vocabulary, size.width)
-    yield "output_norm.weight", (size.width,)
+    norm = "token_embd_norm" if architecture == "lfm2" else "output_norm"
+    yield f"{norm}.weight", (size.width,)
     for layer in range(size.layers):
-        for name, shape in _block(architecture, size):
+        block = _block(architecture, size)
+        if architecture == "mamba":
+            block = _mamba_block(size)
+        elif architecture == "lfm2" and not _is_attention(layer):
+            block = _convolution_block(size)
+        for name, shape in block:
             yield f"blk.{layer}.{name}", shape
+
+
+def _mamba_block(size: Size) -> Iterator[tuple[str, Shape]]:
+    width, inner = size.width, 2 * size.width
+    yield "attn_norm.weight", (width,)
+    yield "ssm_in.weight", (2 * inner, width)
+    yield "ssm_conv1d.weight", (inner, _CONVOLUTION)
+    yield "ssm_conv1d.bias", (inner,)
+    yield "ssm_x.weight", (_RANK + 2 * _STATE, inner)
+    yield "ssm_dt.weight", (inner, _RANK)
+    yield "ssm_dt.bias", (inner,)
+    yield "ssm_a", (inner, _STATE)
+    yield "ssm_d", (inner,)
+    yield "ssm_out.weight", (width, inner)
+
+
+def _convolution_block(size: Size) -> Iterator[tuple[str, Shape]]:
+    width, inner = size.width, size.feed_forward
+    yield "attn_norm.weight", (width,)
+    yield "shortconv.conv.weight", (width, _CONVOLUTION - 1)
+    yield "shortconv.in_proj.weight", (3 * width, width)
+    yield "shortconv.out_proj.weight", (width, width)
+    yield "ffn_norm.weight", (width,)
+    yield "ffn_gate.weight", (inner, width)
+    yield "ffn_up.weight", (inner, width)
+    yield "ffn_down.weight", (width, inner)
 
 
 def _block(architecture: str, size: Size) -> Iterator[tuple[str, Shape]]:

@@ -55,32 +55,6 @@ def make_planner(
     return write_random_gguf(path, chosen.architecture, fill, tensors, seed=seed)
 
 
-def make_llama(
-    path: str | Path,
-    *,
-    layers: int,
-    width: int,
-    heads: int,
-    kv_heads: int,
-    feed_forward: int,
-    vocabulary: int,
-    seed: int = 0,
-    context: int = 8192,
-    tied: bool = True,
-) -> Path:
-    """Write a Llama of random F16 weights in the size of a real one, to measure speed and memory.
-
-    Its first tokens are those of `make_planner`, the rest of the vocabulary is never said. Weights
-    go to the disk matrix by matrix: a model of 3 B takes 6 GB there, half a minute, and 2 GB of
-    memory at most. `tied`: the embedding is the output too, as in most models below 4 B.
-    """
-    size = Size(
-        layers=layers, width=width, heads=heads, kv_heads=kv_heads, feed_forward=feed_forward,
-        vocabulary=vocabulary, context=context, tied=tied,
-    )  # fmt: skip
-    return make_planner(path, "llama3", seed, size=size)
-
-
 def _add_words(writer: Any, family: Family, vocabulary: int) -> None:
     tokenizer = make_tokenizer(family, vocabulary)
     add_vocabulary(writer, tokenizer, vocabulary, pre=family.pre)
@@ -181,8 +155,9 @@ def add_keys(
 
 
 def _kind(name: str, shape: Shape) -> np.dtype[Any]:
-    """Return the type of a tensor; llama.cpp adds vectors and places to activations as they are."""
-    whole = len(shape) == 1 or "position_embd" in name
+    """Return the type of a tensor; llama.cpp takes some only in the precision of activations."""
+    whole = len(shape) == 1 or any(part in name for part in ("position_embd", "conv", "ssm_a"))
+    whole = whole and "_proj" not in name
     return np.dtype(np.float32 if whole else np.float16)
 
 
@@ -200,7 +175,7 @@ def _random(name: str, shape: Shape, seed: int) -> NDArray[Any]:
         piece = generator.random(min(_DRAWN, out.size - start), dtype=np.float32)
         piece -= np.float32(0.5)
         piece *= reach
-        out[start : start + piece.size] = piece
+        out[start : start + piece.size] = -abs(piece) if name.endswith("ssm_a") else piece
     return out.reshape(shape)
 
 

@@ -2,8 +2,9 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol, Self, get_args
+from typing import Any, Literal, Protocol, Self, get_args, runtime_checkable
 
+from karma.types.grammars import program_grammar
 from karma.types.memory import Area, MemoryUnit, Recalled
 from karma.types.observation import SeenObject
 from karma.types.space import Frame, Vec3
@@ -142,6 +143,36 @@ class RefusedRequest:
         return f"refuse('{self.kind}')"
 
 
+class AnswerSpec(Protocol):
+    """The language of answers, for constrained decoding; hashable."""
+
+    def __hash__(self) -> int:
+        """Return a hash, by which an engine keeps what it makes of a spec."""
+
+    @property
+    def grammar(self) -> str:
+        """Return the grammar, as `karma.types.grammars` says; ValueError if it admits nothing."""
+
+
+@runtime_checkable
+class JsonSpec(AnswerSpec, Protocol):
+    """The language of answers in JSON, of which servers take a schema, too."""
+
+    @property
+    def schema(self) -> dict[str, Any]:
+        """Return the JSON schema of the answers; it may admit more than the grammar."""
+
+    def admits(self, text: str) -> bool:
+        """Return whether a JSON text is an answer that can be read."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Grammar:
+    """An `AnswerSpec` that is written down."""
+
+    grammar: str
+
+
 EndKind = Literal["done", "tell", "ask", "refuse"]
 
 
@@ -155,7 +186,7 @@ class End:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProgramSpec:
-    """What a program may say: the language that constrained decoding admits."""
+    """What a program may say: the `AnswerSpec` of lines, each written as `str(SkillCall)`."""
 
     skills: tuple[Skill, ...]
     objects: tuple[str, ...]  # names known to memory or in view
@@ -164,21 +195,11 @@ class ProgramSpec:
     refusals: tuple[RefusalKind, ...] = ()  # for which one line may stand, in place of any call
     narrowed: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...] = ()  # skill, names by argument
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlanSpec:
-    """What a plan in JSON may say: short texts by key, then numbers and names of listed actions."""
-
-    texts: tuple[str, ...]  # keys, in their order
-    plan: str  # key of the list of actions
-    number: str  # key of an action's number
-    name: str  # key of its name
-    actions: tuple[str, ...]  # names, by number
-    max_text: int = 300  # characters of each text
-    max_actions: int = 20
-
-
-AnswerSpec = ProgramSpec | PlanSpec
+    @property
+    def grammar(self) -> str:
+        """Return the grammar of programs; errors as those of `program_grammar`."""
+        refusals = [str(RefusedRequest(kind=kind)) for kind in dict.fromkeys(self.refusals)]
+        return program_grammar(self, refusals)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,6 +13,7 @@ from karma import registry
 from karma.assistant.protocol import wanted_assistant
 from karma.cli import app
 from karma.errors import UnknownNameError
+from karma.models.manifest import resolve_planner
 
 
 def without(monkeypatch, *plug_ins):
@@ -67,16 +68,22 @@ def test_direct_says_why_the_planner_refuses(tmp_path):
     assert "  not done: I have no skill for that." in repr(reply).splitlines()
 
 
-def test_nano_works_without_plug_ins_and_what_is_missing_is_named(tmp_path, monkeypatch):
+def test_planner_works_without_plug_ins_and_what_is_missing_is_named(tmp_path, monkeypatch):
     need_models("karma-nano")
     monkeypatch.chdir(tmp_path)
     without(monkeypatch, "rules", "homes")
-    run = ["run", "put the apple in the fridge", "--planner", "karma-nano"]
-    done = CliRunner().invoke(app, run)
+    bare = tmp_path / "bare.gguf"  # without its words file, which only the plug-in reads
+    bare.symlink_to(resolve_planner("karma-nano").path)
+    run = ["run", "put the apple in the fridge", "--profile", "compact"]
+    done = CliRunner().invoke(app, [*run, "--planner", str(bare)])
     assert done.exit_code == 0, done.output
     assert "the apple is in the fridge: seen" in done.output
-    for option, extra in ((["--assistant", "rules"], "rules"), (["--home", "mine"], "homes")):
-        refused = CliRunner().invoke(app, [*run, *option])
+    for option, extra in (
+        (["--assistant", "rules"], "rules"),
+        (["--home", "mine"], "homes"),
+        (["--planner", "karma-nano"], "rules"),
+    ):
+        refused = CliRunner().invoke(app, [*run, "--planner", str(bare), *option])
         assert refused.exit_code == 1
         assert f"pip install 'karma-offline[{extra}]'" in refused.output
 

@@ -15,7 +15,6 @@ from karma.goals.goals import parse_goal
 from karma.household.ids import short_type
 from karma.household.types import object_types
 from karma.loading.planner_files import bank_file, read_bank
-from karma.models.automaton import ProgramAutomaton
 from karma.models.scripted import ScriptedModel
 from karma.types.completion import Decoding
 from karma.types.memory import Area, MemoryUnit
@@ -115,11 +114,10 @@ def test_no_line_says_what_no_type_allows():
     washing = ("Bathtub", "BathtubBasin", "Sink", "SinkBasin")  # they stand for their taps
     names = tuple(sorted({short_type(name) for name in object_types()} - {*washing}))
     spec = ProgramSpec(skills=GOAL_LINES, objects=names, narrowed=narrowed(GOAL_LINES, names))
-    automaton = ProgramAutomaton(spec)
     needs = {line.name: line.takes for line in GOAL_LINES if line.takes}
     generator = np.random.default_rng(3)
     for _ in range(300):
-        (call,) = parse_program(random_program(automaton, generator, 1), GOAL_LINES)
+        (call,) = parse_program(random_program(spec, generator, 1), GOAL_LINES)
         kinds = [object_types().get(name) for name in call.objects]
         if call.skill in needs and kinds[0] is not None:
             assert kinds[0].can(needs[call.skill]), str(call)

@@ -222,7 +222,7 @@ def test_file_that_came_into_the_way_of_a_run_is_not_replaced(tmp_path):
 def test_page_and_tables_of_a_run_replace_their_own_and_nothing_else(finished, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(finished("run"), folder)
-    made = {"report": "report.html", "table": "table.csv", "export": "episodes.csv"}
+    made = {"report": "report.html", "table": "table.csv"}
     for command, name in made.items():
         for _ in range(2):
             done = CliRunner().invoke(app, [command, str(folder)])

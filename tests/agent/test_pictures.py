@@ -1,14 +1,13 @@
 """With a model that looks, states of memory units come from pictures, and the pictures are kept."""
 
 import io
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.experiences import begun
 
 from karma.agent.body.sightings import Sightings
-from karma.agent.seeing.perceive import observe, shown_states, truth_of
+from karma.agent.seeing.perceive import observe
 from karma.agent.seeing.picture_states import keep, look_at, png
 from karma.models.scripted import MetadataVision, ScriptedModel
 from karma.types.tasks import SubTask
@@ -95,18 +94,3 @@ def test_equal_pictures_are_one_file_and_any_reader_opens_it(tmp_path):
     assert len(list((tmp_path / "short_term/images").iterdir())) == 1
     with Image.open(io.BytesIO(png(frame))) as opened:
         assert (np.asarray(opened) == frame).all()
-
-
-@pytest.mark.parametrize(
-    ("states", "dirtyable", "words"),
-    [
-        ((), False, ("none",)),
-        ((), True, ("cleaned",)),
-        (("dirty", "filled"), True, ("dirty", "filled")),
-        (("closed", "on"), False, ("closed", "on")),
-        (("cooked", "heated"), True, ("cleaned", "cooked", "heated")),
-    ],
-)
-def test_what_a_picture_can_tell(states, dirtyable, words):
-    thing = truth_of(EmbeddedWorld("kitchen_1").last_event).objects[0]
-    assert shown_states(replace(thing, states=states, dirtyable=dirtyable)) == words

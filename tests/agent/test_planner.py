@@ -12,7 +12,7 @@ from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import compact
 from karma.goals.goals import parse_goal
 from karma.household.places import landmark_types
-from karma.models.automaton import ProgramAutomaton
+from karma.models.constraint import admits, begins
 from karma.models.scripted import ScriptedModel
 from karma.types.completion import Certainty, Decoding
 from karma.types.memory import Area, Fixture, MemoryUnit
@@ -230,10 +230,8 @@ def test_spec_admits_every_program_of_the_expert(texts, units, mapped):
     goals = [parse_goal(text) for text in texts if "_2" not in text or "Apple_2" in names]
     calls = solve(goals, ExpertView(things=tuple(things), areas=facts.areas))
     text = "".join(f"{call}\n" for call in calls)
-    automaton = ProgramAutomaton(program_spec(facts, names))
-    state = automaton.advance(automaton.start(), text)
-    assert state is not None, text
-    assert not calls or automaton.accepts(state)
+    grammar = program_spec(facts, names).grammar
+    assert begins(grammar, text) and (not calls or admits(grammar, text)), text
 
 
 # ----------------------------------------------------------------- grounding
@@ -273,5 +271,4 @@ def test_language_of_the_full_profile_has_furniture_by_instance_and_the_14th_ski
     program = "PutObject(robot, 'Cup', 'Cabinet_2')\nEmptyObject(robot, 'Cup')\n"
     for profile, admitted in (("full", True), ("compact", False)):
         model, _ = plans([GOOD] * 4, PlanRequest(instruction="go", areas=(area,)), profile)
-        automaton = ProgramAutomaton(model.specs[0])
-        assert (automaton.advance(automaton.start(), program) is not None) is admitted
+        assert begins(model.specs[0].grammar, program) is admitted

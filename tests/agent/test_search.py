@@ -2,11 +2,11 @@
 
 import msgspec
 import pytest
-from support.household import kitchen, on
+from support.household import Believes, kitchen, on
 
 from karma.agent.body.reach import SkillLimits
 from karma.agent.body.skills import Skills
-from karma.agent.tour import KnownFloor, floor_of, position_of
+from karma.agent.tour import floor_of, position_of
 from karma.files import to_json
 from karma.memory.scene_graph import SceneGraph
 from karma.types.memory import Known
@@ -36,7 +36,7 @@ def world():
 
 def searched(world):
     """Return skills that have searched the whole room in vain."""
-    skills = Skills(world, KnownFloor(()))
+    skills = Skills(world, Believes(()))
     result = explore(skills, "Basketball")
     assert result.reason == f"could not find Basketball; searched {result.explorations} places"
     return skills
@@ -79,7 +79,7 @@ def test_after_a_deed_only_its_neighbourhood_is_searched_again(world):
 def test_a_search_that_ran_out_of_actions_is_gone_on_with(world):
     whole = searched(world).actions
     world.reset("bathroom_1")
-    skills = Skills(world, KnownFloor(()), limits=SkillLimits(max_actions=whole // 3))
+    skills = Skills(world, Believes(()), limits=SkillLimits(max_actions=whole // 3))
     reasons = [explore(skills, "Basketball").reason for _ in range(8)]
     assert reasons[0].startswith("gave up after ")
     assert reasons[-1] == "could not find Basketball; everything was searched before"
@@ -88,7 +88,7 @@ def test_a_search_that_ran_out_of_actions_is_gone_on_with(world):
 
 @pytest.mark.parametrize("most", (60, 140))
 def test_a_search_that_runs_out_of_actions_leaves_nothing_open(world, most):
-    skills = Skills(world, KnownFloor(()), limits=SkillLimits(max_actions=most))
+    skills = Skills(world, Believes(()), limits=SkillLimits(max_actions=most))
     assert explore(skills, "Basketball").reason.startswith("gave up after ")
     assert not any(
         t["isOpen"] for t in world.last_event.metadata["objects"] if t["objectType"] == "Cabinet"
@@ -115,7 +115,7 @@ def test_a_thing_is_put_into_the_basin_that_was_not_in_view(room):
             if of(world, "Sink")["isInteractable"] and not of(world, "SinkBasin")["visible"]:
                 unseen += 1
                 world.step("PickupObject", objectId=thing["objectId"], forceAction=True)
-                do(Skills(world, KnownFloor(())), "PutObject", thing["objectType"], "Sink")
+                do(Skills(world, Believes(())), "PutObject", thing["objectType"], "Sink")
                 assert basin["objectId"] in of(world, thing["objectType"])["parentReceptacles"]
     assert unseen > 3, sink["objectId"]
 
@@ -143,7 +143,7 @@ def test_a_thing_is_found_that_is_hard_to_see(room, kind, container):
     world = EmbeddedWorld(room)
     areas = SceneGraph.over(floor_of(world), height_m=position_of(world)[1]).areas()
     shut_away(world, kind, container)
-    result = explore(Skills(world, KnownFloor(areas)), kind)
+    result = explore(Skills(world, Believes((), areas)), kind)
     assert result.ok, result.reason
     assert result.object_ids == (of(world, kind)["objectId"],)
 
@@ -156,7 +156,7 @@ def test_looked_into_means_seen_into_also_past_what_is_found_in_there(tmp_path):
     lettuce = on(fridge, "Lettuce", -1.84, -0.41, level=1.3, size=(0.12, 0.12, 0.12))
     path = tmp_path / "room.json"
     path.write_bytes(to_json(msgspec.structs.replace(room, objects=(*room.objects, box, lettuce))))
-    result = explore(Skills(EmbeddedWorld(str(path)), KnownFloor(())), "Lettuce")
+    result = explore(Skills(EmbeddedWorld(str(path)), Believes(())), "Lettuce")
     assert result.ok, result.reason
 
 
@@ -165,12 +165,12 @@ def test_a_container_that_stands_open_is_looked_into(world):
     cabinet = of(world, "Cabinet")["objectId"]
     shut_away(world, kind, cabinet)
     world.step("OpenObject", objectId=cabinet, forceAction=True)
-    result = explore(Skills(world, KnownFloor(())), kind)
+    result = explore(Skills(world, Believes(())), kind)
     assert result.ok, result.reason
     assert of(world, "Cabinet")["isOpen"]
 
 
-class Remembers(KnownFloor):
+class Remembers(Believes):
     """One thing is remembered, and what it lay in."""
 
     def __init__(self, known):

@@ -3,12 +3,12 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.household import Believes
 
 from karma.agent.body.skills import Skills
 from karma.agent.planning.planner import grounded
 from karma.agent.planning.program import parse_program
 from karma.agent.planning.turns import with_turns
-from karma.agent.tour import KnownFloor
 from karma.household.pieces import base_type
 from karma.world.core import scene
 from karma.world.sim import EmbeddedWorld
@@ -84,7 +84,7 @@ def of_two():
 def test_two_of_a_kind_lie_in_the_place_after_a_program_that_says_it_twice(known):
     name, kind = next(of_two())
     world = EmbeddedWorld(name)
-    skills = Skills(world, known_room(name) if known else KnownFloor(()))
+    skills = Skills(world, known_room(name) if known else Believes(()))
     place = next(
         surface
         for surface in ("CounterTop", "DiningTable", "Bed", "Desk", "Sofa", "SideTable")

@@ -8,7 +8,6 @@ from support.household import Believes
 from karma.agent.body.reach import SkillLimits
 from karma.agent.body.skills import Skills
 from karma.agent.planning.program import SKILLS, parse_program
-from karma.agent.tour import KnownFloor
 from karma.types.memory import Area, Known
 from karma.types.planning import SkillCall
 from karma.world.core import scene
@@ -270,7 +269,7 @@ def test_open_or_close_again_is_no_refusal(skills):
 
 
 def test_explore_for_a_thing_in_a_drawer_leaves_only_that_drawer_open(world):
-    skills = Skills(world, KnownFloor(()))
+    skills = Skills(world, Believes(()))
     drawer = thing(world, "Fork")["parentReceptacles"][0]
     assert drawer.startswith("Drawer")
     (result,) = succeed(skills, "Explore(robot, 'Fork')")
@@ -286,7 +285,7 @@ def test_explore_for_a_thing_in_a_drawer_leaves_only_that_drawer_open(world):
 
 
 def test_explore_in_vain_is_bounded_and_changes_nothing(world):
-    skills = Skills(world, KnownFloor(()))
+    skills = Skills(world, Believes(()))
     before = truth(world)
     result = skills.run(SkillCall(skill="Explore", objects=("Basketball",)))
     assert not result.ok
@@ -358,7 +357,7 @@ def test_thing_on_top_of_a_closed_container_is_not_taken_to_be_shut_in():
         assert world.step("PutObject", objectId=ids["Toilet"], forceAction=True)
     towel = world.last_event.get_object(ids["HandTowel"])
 
-    class There(KnownFloor):
+    class There(Believes):
         def where(self, name):
             return Known(
                 object_id=towel["objectId"],

@@ -3,18 +3,14 @@
 Covered: the tasks of our grammar, and the rules of each workload.
 """
 
+import hashlib
 import os
 import subprocess
 import sys
-from collections import Counter
-from itertools import groupby
 
 import pytest
 
 from karma.bench.policies.tasks import (
-    DAY,
-    DAYS,
-    STAY,
     WORKLOADS,
     Errand,
     Finds,
@@ -29,6 +25,17 @@ from karma.seeds import stream
 @pytest.fixture(scope="module")
 def pool():
     return grammar_pool(7, scenes=3, tasks=25)
+
+
+@pytest.fixture(scope="module")
+def made_up():
+    """Tasks in a house of so many things that hardly any two share one by chance."""
+    errands = tuple(
+        Errand(scene=room, room=room, r4=(f"{room}{n}",), m=(f"{room}{n}",), subjects=(f"T{n}",))
+        for room in ROOMS
+        for n in range(60)
+    )
+    return Pool(source="made up", errands=errands, finds=Finds(places={}, found={}))
 
 
 # ----------------------------------------------------------------- tasks
@@ -66,6 +73,23 @@ def test_shorter_sequence_is_the_beginning_of_a_longer_one(pool, workload):
     assert draw_errands(pool, workload, 400, 6, 2) != long
 
 
+DIGESTS = {
+    "type": "b3cf09326b00",
+    "house": "1f48d282cef4",
+    "rooms": "6e3d5cd21c52",
+    "habit": "d3e39a55385f",
+    "chain": "20f2486056fd",
+}
+
+
+@pytest.mark.parametrize("workload", DIGESTS)
+def test_workload_is_the_one_of_the_figures(made_up, workload):
+    """Digests of sequences, by which a changed rule or order of draws shows."""
+    drawn = draw_errands(made_up, workload, 600, 5, 0)
+    text = " ".join(errand.r4[0] for errand in drawn)
+    assert hashlib.sha256(text.encode()).hexdigest()[:12] == DIGESTS[workload]
+
+
 @pytest.mark.parametrize("workload", [one for one in WORKLOADS if one != "type"])
 def test_house_has_one_room_of_each_kind(pool, workload):
     drawn = draw_errands(pool, workload, 600, 5, 0)
@@ -73,45 +97,8 @@ def test_house_has_one_room_of_each_kind(pool, workload):
     assert {errand.room for errand in drawn} == set(ROOMS)
 
 
-def test_rooms_are_left_after_eight_tasks_on_average(pool):
-    drawn = draw_errands(pool, "rooms", 20_000, 5, 0)
-    stays = [len(list(group)) for _, group in groupby(drawn, key=lambda errand: errand.room)]
-    mean = sum(stays) / len(stays)
-    assert abs(mean - STAY) < 4 * (STAY * (STAY - 1) / len(stays)) ** 0.5
-
-
-def test_habits_keep_their_hours_and_follow_zipf(pool):
-    tops, draws, expected, variance = 0, 0, 0.0, 0.0
-    for number in range(30):
-        drawn = draw_errands(pool, "habit", DAYS * DAY, 5, number)
-        rooms = [errand.room for errand in drawn]
-        assert all(rooms[at] == rooms[at % DAY] for at in range(len(rooms)))
-        for room in ROOMS:
-            mine = [errand for errand in drawn if errand.room == room]
-            first = 1 / sum(1 / rank for rank in range(1, len(pool.homes[room][mine[0].scene]) + 1))
-            half = len(mine) // 2  # the favourite of one half is counted in the other
-            favourite = Counter(map(id, mine[:half])).most_common(1)[0][0]
-            tops += sum(id(errand) == favourite for errand in mine[half:])
-            draws += len(mine) - half
-            expected += first * (len(mine) - half)
-            variance += first * (1 - first) * (len(mine) - half)
-    assert tops <= expected + 4 * variance**0.5
-    assert tops >= 0.8 * expected  # now and then the second task is taken for the first
-
-
-def test_a_fifth_of_the_habits_is_dealt_anew_after_twenty_days(pool):
-    dropped = often = 0
-    for number in range(15):
-        drawn = draw_errands(pool, "habit", 2 * DAYS * DAY, 5, number)
-        before, after = (Counter(map(id, drawn[at:][: DAYS * DAY])) for at in (0, DAYS * DAY))
-        favourites = [task for task, count in before.items() if count >= 8]
-        often += len(favourites)
-        dropped += sum(after[task] <= 1 for task in favourites)
-    assert 0.05 < dropped / often < 0.3  # without a change about 0.003 would come that seldom
-
-
-def test_half_of_a_chain_is_about_what_came_before(real_like_chain):
-    drawn, every = real_like_chain
+def test_half_of_a_chain_is_about_what_came_before(made_up):
+    drawn = draw_errands(made_up, "chain", 4000, 5, 0)
     keys = [{(errand.scene, name) for name in errand.subjects} for errand in drawn]
     linked = sum(
         bool(mine & set().union(*keys[max(0, at - 3) : at])) for at, mine in enumerate(keys) if at
@@ -124,19 +111,6 @@ def test_half_of_a_chain_is_about_what_came_before(real_like_chain):
         if at
     ) / (len(keys) - 1)
     assert abs(linked - (0.5 + 0.5 * chance)) < 0.05
-    assert every > 100
-
-
-@pytest.fixture
-def real_like_chain():
-    """A chain in a house of so many things that hardly any two tasks share one by chance."""
-    errands = tuple(
-        Errand(scene=room, room=room, r4=(f"T{n}",), m=(f"T{n}",), subjects=(f"T{n}",))
-        for room in ROOMS
-        for n in range(60)
-    )
-    pool = Pool(source="made up", errands=errands, finds=Finds(places={}, found={}))
-    return draw_errands(pool, "chain", 4000, 5, 0), len(errands)
 
 
 def test_sequences_do_not_depend_on_the_hash_seed():
@@ -145,7 +119,7 @@ def test_sequences_do_not_depend_on_the_hash_seed():
         "pool = grammar_pool(1, scenes=1, tasks=9)\n"
         "for work in WORKLOADS:\n"
         "    drawn = draw_errands(pool, work, 60, 1, 0)\n"
-        "    print(trace_of(drawn, work, 'r4').named(), costs_of(drawn, 'm', pool))\n"
+        "    print(trace_of(drawn, work, 'r4').tasks, costs_of(drawn, 'm', pool))\n"
         "print(grammar_pool(1, scenes=1, tasks=4).errands)\n"
     )
     printed = {

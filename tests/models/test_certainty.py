@@ -14,12 +14,10 @@ from karma.agent.planning.prompt import compact
 from karma.models.llama.answer import CertaintyLog, TokenTable
 from karma.models.llama.model import LlamaModel
 from karma.types.memory import Area
-from karma.types.planning import REFUSAL_KINDS, PlanRequest, ProgramSpec, Skill
+from karma.types.planning import PlanRequest
 
 PIECES = (b"Go", b"re", b"refuse('", b"r", b"robot", b"", b"x", b"refused")
 TABLE = TokenTable(PIECES, [5])
-GO = Skill(name="GoToObject", arguments=("object",))
-SPEC = ProgramSpec(skills=(GO,), objects=("Mug",), refusals=REFUSAL_KINDS)
 LOGITS = st.lists(st.floats(-30, 30, width=32), min_size=8, max_size=8)
 
 
@@ -32,7 +30,7 @@ def chances(logits):
 
 @given(steps=st.lists(st.tuples(LOGITS, st.integers(0, 7)), min_size=1, max_size=5))
 def test_certainty_is_mean_and_least_of_the_logarithms_of_the_chosen_tokens_chances(steps):
-    log = CertaintyLog(TABLE, SPEC)
+    log = CertaintyLog(TABLE, may_refuse=True)
     for logits, token in steps:
         log.add(np.array(logits, np.float32), token)
     expected = [logits[token] - max(logits) for logits, token in steps]
@@ -48,12 +46,11 @@ def test_certainty_is_mean_and_least_of_the_logarithms_of_the_chosen_tokens_chan
 
 
 def test_certainty_of_an_answer_that_may_not_refuse_knows_no_refusing():
-    for spec in (None, ProgramSpec(skills=(GO,), objects=("Mug",))):
-        log = CertaintyLog(TABLE, spec)
-        assert log.certainty() is None
-        log.add(np.zeros(8, np.float32), 0)
-        assert log.certainty().refusing is None
-        assert log.certainty().mean_logprob == pytest.approx(-math.log(8), abs=1e-5)
+    log = CertaintyLog(TABLE, may_refuse=False)
+    assert log.certainty() is None
+    log.add(np.zeros(8, np.float32), 0)
+    assert log.certainty().refusing is None
+    assert log.certainty().mean_logprob == pytest.approx(-math.log(8), abs=1e-5)
 
 
 @pytest.mark.model

@@ -5,14 +5,17 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.random_programs import random_program
 
+from karma.agent.planning.program import SKILLS as LISTING_2
+from karma.agent.planning.program import parse_program
 from karma.errors import ModelError
-from karma.models.automaton import ProgramAutomaton, without_closing
-from karma.models.llama.answer import TokenTable, choose_token, descending, gumbel
-from karma.types.planning import REFUSAL_KINDS, ProgramSpec, Skill, SkillCall
+from karma.models.constraint import Constraint, admits, begins
+from karma.models.llama.answer import gumbel
+from karma.types.grammars import CLOSINGS, without_closing
+from karma.types.planning import REFUSAL_KINDS, Grammar, ProgramSpec, Skill, SkillCall
 
 SKILLS = (
     Skill(name="GoToObject", arguments=("object",)),
@@ -77,23 +80,19 @@ def is_line(spec, line):
     return str(SkillCall(skill=name, objects=texts, positions=lists)) == line
 
 
-def read(automaton, text):
-    state = automaton.advance(automaton.start(), text)
-    return "dead" if state is None else "whole" if automaton.accepts(state) else "alive"
+def read(spec, text):
+    whole = admits(spec.grammar, text)
+    return "whole" if whole else "alive" if begins(spec.grammar, text) else "dead"
 
 
 @given(spec=SPECS, generator=SEEDS, data=st.data())
+@settings(max_examples=50, deadline=None)
 def test_random_program_is_a_member_and_its_prefixes_are_alive(spec, generator, data):
-    automaton = ProgramAutomaton(spec)
-    text = random_program(automaton, generator, data.draw(st.integers(1, spec.max_calls)))
+    text = random_program(spec, generator, data.draw(st.integers(1, spec.max_calls)))
     assert members(spec, text)
-    for cut in range(len(text) + 1):
-        found = read(automaton, text[:cut])
-        assert found == ("whole" if cut and text[:cut].rstrip("\n")[-1:] == ")" else "alive")
-    state = automaton.start()
-    for character in text:  # and one character at a time leads to the same place
-        state = automaton.advance(state, character)
-    assert state == automaton.advance(automaton.start(), text)
+    for cut in {0, len(text), *data.draw(st.lists(st.integers(0, len(text)), max_size=8))}:
+        whole = cut and text[:cut].rstrip("\n")[-1:] == ")"
+        assert read(spec, text[:cut]) == ("whole" if whole else "alive")
 
 
 @st.composite
@@ -123,18 +122,17 @@ def programs(draw, spec):
 @given(data=st.data())
 def test_every_program_of_the_spec_is_admitted(data):
     spec = data.draw(SPECS.filter(lambda s: SKILLS[-1] in s.skills))
-    assert read(ProgramAutomaton(spec), data.draw(programs(spec))) == "whole"
+    assert read(spec, data.draw(programs(spec))) == "whole"
 
 
 @given(spec=SPECS, generator=SEEDS, data=st.data())
 def test_mangled_program_is_accepted_only_if_still_a_member(spec, generator, data):
-    automaton = ProgramAutomaton(spec)
-    text = random_program(automaton, generator, data.draw(st.integers(1, spec.max_calls)))
+    text = random_program(spec, generator, data.draw(st.integers(1, spec.max_calls)))
     place = data.draw(st.integers(0, len(text) - 1))
     size = data.draw(st.integers(0, 3))
     new = data.draw(st.text(st.sampled_from("'\"[](), \n_ARobotxé1"), max_size=3))
     mangled = text[:place] + new + text[place + size :]
-    assert (read(automaton, mangled) == "whole") == members(spec, mangled)
+    assert (read(spec, mangled) == "whole") == members(spec, mangled)
 
 
 @pytest.mark.parametrize("text", [
@@ -147,8 +145,8 @@ def test_mangled_program_is_accepted_only_if_still_a_member(spec, generator, dat
 ])  # fmt: skip
 def test_text_outside_the_language_is_not_accepted(text):
     spec = ProgramSpec(skills=SKILLS, objects=("Apple",), positions=("node_1",), max_calls=3)
-    assert read(ProgramAutomaton(spec), text) != "whole"
-    assert read(ProgramAutomaton(spec), "Wait(robot)\n" * 3) == "whole"
+    assert read(spec, text) != "whole"
+    assert read(spec, "Wait(robot)\n" * 3) == "whole"
 
 
 @pytest.mark.parametrize("change", [
@@ -159,7 +157,7 @@ def test_text_outside_the_language_is_not_accepted(text):
 def test_spec_that_cannot_be_said_is_refused(change):
     spec = {"skills": SKILLS, "objects": ("Apple",)} | change
     with pytest.raises(ValueError, match=r"name|admits no program"):
-        ProgramAutomaton(ProgramSpec(**spec))
+        _ = ProgramSpec(**spec).grammar
 
 
 # ------------------------------------------------------------------------------ tokens
@@ -168,109 +166,121 @@ PIECES = [bytes([b]) for b in range(256)] + [
     b"", b"", b"GoTo", b"Object", b"(robot", b", '", b"')\n", b"Apple", b"App", b"le|", b"')\nGo",
     b"\xc3\xa9\xc3", b"Go", b"PutObject(robot, '", b")\n", b"['", b"node_", b"', 'node_1", b"']",
 ]  # fmt: skip
-TABLE = TokenTable(PIECES, [256])
-TOKEN_SPEC = ProgramSpec(
+END = 256
+SPEC = ProgramSpec(
     skills=SKILLS, objects=("Apple", "Apple|-1", "éé"), positions=("node_1", "node_2"), max_calls=3
 )
-AUTOMATON = ProgramAutomaton(TOKEN_SPEC)
 
 
-def masked(state):
+class _Words:
+    """A vocabulary as llguidance takes it."""
+
+    tokens, eos_token_id, bos_token_id, special_token_ids = PIECES, END, None, ()
+
+    def __call__(self, text):
+        return list(text)
+
+
+@pytest.fixture(scope="module")
+def tokenizer():
+    from llguidance import LLTokenizer, TokenizerWrapper
+
+    return LLTokenizer(TokenizerWrapper(_Words()))
+
+
+def held(tokenizer, text, grammar=SPEC.grammar):
+    """A constraint behind a text of single letters."""
+    made = Constraint(tokenizer, grammar)
+    for byte in text.encode():
+        made.take(byte)
+    return made
+
+
+def masked(text):
     """The tokens that may follow, by trying each."""
-    after = [AUTOMATON.advance(state, piece, closing=True) for piece in TABLE.pieces]
-    alive = [
-        bool(piece) and one is not None for piece, one in zip(TABLE.pieces, after, strict=True)
-    ]
-    alive[256] = AUTOMATON.accepts(state)
+    said, grammar = text.encode(), SPEC.grammar
+    alive = [bool(piece) and begins(grammar, said + piece) for piece in PIECES]
+    alive[END] = admits(grammar, text)
     return np.array(alive)
 
 
-@st.composite
-def states(draw):
-    generator = draw(SEEDS)
-    text = random_program(AUTOMATON, generator, draw(st.integers(1, 3))).encode()
-    return AUTOMATON.advance(AUTOMATON.start(), text[: draw(st.integers(0, len(text)))])
-
-
-@pytest.mark.parametrize("end", ["", "\n", "\n\n", "\n```", "\n#"])
+@pytest.mark.parametrize("end", ["", "\n", *(f"\n{closing}" for closing in CLOSINGS)])
 @pytest.mark.parametrize("program", ["Wait(robot)", "Wait(robot)\nGoToObject(robot, 'Apple')"])
 def test_program_may_end_as_models_end_it_and_only_after_a_whole_line(program, end):
-    assert read(AUTOMATON, program + end) == "whole"
+    assert read(SPEC, program + end) == "whole"
     assert without_closing(program + end).rstrip("\n") == program
     for cut in range(1, len(program)):
         kept = program[:cut]
-        whole = kept.endswith(")") and kept.rpartition("\n")[2] in program.split("\n")
-        expected = "whole" if whole or kept.endswith("\n") else "alive"
-        assert read(AUTOMATON, kept) == expected, kept
-        if not whole:
-            assert read(AUTOMATON, kept.rstrip("\n") + "\n```") != "whole" or kept.endswith("\n")
+        whole = kept.endswith((")", "\n"))
+        assert read(SPEC, kept) == ("whole" if whole else "alive"), kept
 
 
-def test_token_that_closes_a_program_may_say_more_which_is_no_part_of_it():
-    state = AUTOMATON.advance(AUTOMATON.start(), "Wait(robot)")
-    table = TokenTable([b"\n\n# Instruction: wait\nWait", b"\nGo", b""], [2])
-    token, after = choose_token(np.array([3, 2, 1], np.float32), AUTOMATON, state, table)
-    assert (token, AUTOMATON.next_bytes(after), AUTOMATON.accepts(after)) == (0, (), True)
-    assert without_closing("Wait(robot)\n\n# Instruction: wait\nWait") == "Wait(robot)\n"
+TEXTS = ["", "Wait(robot)", "Wait(robot)\n", "GoToObject(robot, '", "Explore(robot, 'Apple', ["]
 
 
-@given(state=states(), generator=SEEDS, ties=st.booleans())
-def test_chosen_token_equals_argmax_under_the_full_mask(state, generator, ties):
-    logits = generator.normal(size=len(PIECES)).astype(np.float32) * 3
-    if ties:
-        logits = logits.round()
-    mask = masked(state)
-    token, after = choose_token(logits, AUTOMATON, state, TABLE)
-    assert token == int(np.argmax(np.where(mask, logits, -np.inf)))
-    then = None if token == 256 else AUTOMATON.advance(state, PIECES[token], closing=True)
-    assert after == then
+@pytest.mark.parametrize("text", TEXTS)
+def test_chosen_token_equals_argmax_under_the_full_mask(tokenizer, text):
+    generator, mask = np.random.default_rng(1), masked(text)
+    for ties in (False, True):
+        for _ in range(20):
+            logits = generator.normal(size=len(PIECES)).astype(np.float32) * 3
+            logits = logits.round() if ties else logits
+            token = held(tokenizer, text).choose(logits)
+            assert token == int(np.argmax(np.where(mask, logits, -np.inf)))
 
 
-@pytest.mark.parametrize(
-    "text", ["", "Wait(robot)\n", "GoToObject(robot, '", "Explore(robot, 'Apple', ["]
-)
-def test_sampled_tokens_follow_the_masked_softmax(text):
+@pytest.mark.parametrize("text", TEXTS)
+def test_sampled_tokens_follow_the_masked_softmax(tokenizer, text):
     generator = np.random.default_rng(5)
-    state = AUTOMATON.advance(AUTOMATON.start(), text)
     logits = generator.normal(size=len(PIECES)).astype(np.float32)
-    weights = np.where(masked(state), np.exp(logits / 0.7), 0)
+    weights = np.where(masked(text), np.exp(logits / 0.7), 0)
     expected = weights / weights.sum()
-    draws = 6000
+    draws, made = 3000, held(tokenizer, text)
     counts = np.zeros(len(PIECES))
     for _ in range(draws):
-        noisy = gumbel(logits, 0.7, generator)
-        counts[choose_token(noisy, AUTOMATON, state, TABLE).token] += 1
+        counts[made.choose(gumbel(logits, 0.7, generator))] += 1
     assert np.all(counts[expected == 0] == 0)
     slack = 5 * np.sqrt(expected * (1 - expected) / draws)  # five standard deviations
     assert np.all(np.abs(counts / draws - expected) <= slack + 1e-12)
 
 
-@given(size=st.integers(0, 3000), generator=SEEDS, coarse=st.booleans())
-def test_descending_equals_a_full_stable_sort(size, generator, coarse):
-    scores = (generator.normal(size=size) * 20).astype(np.float32)
-    if coarse:  # many equal scores, also across the borders of chunks
-        scores = scores.round()
-    assert list(descending(scores)) == np.argsort(-scores, kind="stable").tolist()
+def test_an_answer_has_ended_where_nothing_may_follow(tokenizer):
+    refusing = ProgramSpec(skills=SKILLS, objects=("Mug",), refusals=("deed",), max_calls=1)
+    assert not held(tokenizer, "Wait(robot)", refusing.grammar).has_ended
+    for text in ("Wait(robot)\n#", "refuse('deed')\n"):
+        assert held(tokenizer, text, refusing.grammar).has_ended
 
 
-def test_choice_impossible_or_not_a_number_is_a_model_error():
-    start = AUTOMATON.start()
-    with pytest.raises(ModelError, match="damaged"):
-        choose_token(np.zeros(2, np.float32), AUTOMATON, start, TokenTable([b"x", b""], [1]))
+def test_choice_impossible_or_not_a_number_is_a_model_error(tokenizer):
     for bad in (np.nan, -np.inf):
         with pytest.raises(ModelError, match="damaged"):
-            choose_token(np.full(len(PIECES), bad, np.float32), AUTOMATON, start, TABLE)
+            held(tokenizer, "").choose(np.full(len(PIECES), bad, np.float32))
+    scores = np.full(len(PIECES), -np.inf, np.float32)
+    scores[ord("x")] = 0
+    with pytest.raises(ModelError, match="damaged"):
+        held(tokenizer, "").choose(scores)
+    with pytest.raises(ModelError, match="the grammar cannot be used"):
+        Constraint(tokenizer, "start: missing")
+
+
+def test_any_grammar_will_do(tokenizer):
+    tools = Grammar(grammar='start: line ("\\n" line){0,2} "\\n"?\n'
+                            'line: "go(" NAME ")" | "done(\\"" TEXT? "\\")"\n'
+                            'NAME: "Apple" | "Mug"\nTEXT: /[^"\\\\\\n]{1,9}/')  # fmt: skip
+    for text in ("go(Apple)", "go(Mug)\n", 'go(Mug)\ndone("It is é")', 'done("")'):
+        assert admits(tools.grammar, text), text
+    for text in ("go(Pan)", "go(Mug)\n\n", 'done("\n")', "go(Mug)\n" * 4):
+        assert not admits(tools.grammar, text), text
 
 
 def test_admitted_text_parses_with_the_planner_s_own_parser():
-    program = pytest.importorskip("karma.agent.planning.program")
     spec = ProgramSpec(
-        skills=program.SKILLS, objects=("Apple|-00.47|+01.15|+00.48", "Fridge"),
+        skills=LISTING_2, objects=("Apple|-00.47|+01.15|+00.48", "Fridge"),
         positions=("node_1", "node_2"),
     )  # fmt: skip
-    automaton, generator = ProgramAutomaton(spec), np.random.default_rng(0)
+    generator = np.random.default_rng(0)
     for lines in range(1, 41):
-        text = random_program(automaton, generator, lines)
-        calls = program.parse_program(text)
-        assert "".join(f"{call}\n" for call in calls) == text
+        text = random_program(spec, generator, lines)
+        assert admits(spec.grammar, text)
+        assert "".join(f"{call}\n" for call in parse_program(text)) == text
         assert re.fullmatch(r"(\w+\(robot, '[^'\n]+'(, ('[^']+'|\[[^]]+\]))?\)\n)+", text)

@@ -10,7 +10,7 @@ from support import tiny
 from karma.agent.planning.planner import program_spec
 from karma.agent.planning.program import parse_program
 from karma.agent.planning.prompt import render, skills_of
-from karma.models.automaton import ProgramAutomaton
+from karma.models.constraint import admits, begins
 from karma.testing import FAMILIES, Size, make_planner
 from karma.types.memory import Area, MemoryUnit
 from karma.types.planning import PlanRequest, Prompt
@@ -45,7 +45,7 @@ def family(request):
 @pytest.fixture(scope="module")
 def planner(family, tmp_path_factory):
     folder = tmp_path_factory.mktemp("families")
-    layers = 2 if family.name == "gemma3" else 1  # one of each of its kinds
+    layers = 2 if family.name in ("gemma3", "lfm2") else 1  # one of each of its kinds
     return make_planner(folder / f"{family.name}.gguf", family.name, size=Size(layers=layers))
 
 
@@ -63,14 +63,15 @@ def model(planner):
 
 
 def test_every_program_that_is_drawn_is_legal(model):
-    automaton, legal, texts = ProgramAutomaton(LONGER), 0, set()
+    legal, texts = 0, set()
     for seed in range(PROGRAMS):
         spec = LONGER if seed % 20 == 0 else SHORT
         found = model.complete(RENDERED.prompt, spec=spec, temperature=1.0, seed=seed)
-        state = automaton.advance(automaton.start(), found.text)
         calls = parse_program(found.text, SKILLS)
-        ended = found.finish == "stop" and state is not None and automaton.accepts(state)
-        stopped = found.finish == "cycle" and state is not None  # legal as far as it goes
+        ended = found.finish == "stop" and admits(LONGER.grammar, found.text)
+        stopped = found.finish == "cycle" and begins(
+            LONGER.grammar, found.text
+        )  # legal as far as it goes
         legal += (ended or stopped) and 1 <= len(calls) <= spec.max_calls
         texts.add(found.text)
     assert len(texts) > PROGRAMS / 8  # they are drawn, not one and the same
@@ -98,7 +99,7 @@ def test_warm_answer_of_every_family_equals_the_cold_one_to_the_bit(model, plann
     fresh = opened(planner)
     assert fresh.complete(RENDERED.prompt, **options).text == warm.text
     assert fresh.gguf.logits().tobytes() == bits
-    assert warm.state == "kept"
+    assert warm.state == ("kept" if model.gguf._can_rewind else "evaluated")
     fresh.close()
 
 
@@ -137,7 +138,7 @@ def test_a_thought_beyond_its_budget_is_closed_and_the_grammar_holds_behind_it(t
         found = model.complete(SHORT_PROMPT, spec=SHORT, temperature=1.0, seed=seed, max_tokens=90)
         thought, closing, program = said_after(model, SHORT_PROMPT).partition("\n</think>\n\n")
         assert closing and thought.startswith("<|im_end|>\n<|im_start|>assistant\n<think>\n")
-        assert found.text.startswith(program)  # the last token is never decoded
+        assert found.text.startswith(program.rstrip("`"))  # the last token is never decoded
         assert parse_program(found.text, SKILLS)
         assert bool(found.reasoning) <= (budget > 0)
         assert "</think>" not in found.reasoning

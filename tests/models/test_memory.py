@@ -8,13 +8,12 @@ import pytest
 
 from karma.models.checks.gguf import check_gguf
 from karma.models.checks.memory import Footprint, gguf_parts_mb
-from karma.testing import make_llama
+from karma.testing import Size, make_planner
 
 TAKEN = """
 import hashlib, json, sys
 from pathlib import Path
 import llama_cpp
-from karma.models.llama import room_states
 from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.opening import LlamaOptions
 
@@ -27,19 +26,18 @@ sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
 llama_cpp.llama_backend_init()
 before = resident()
 options = LlamaOptions(n_ctx=context, threads=1)
-room_states.MAX_STATES_MB = 0
 model = GgufModel(path, options, sha256=sha256)
-model.evaluate([300] * (context - 8), [301])
+model.evaluate([[300] * (context - 8), [301]])
 print(json.dumps(resident() - before))
 """
 
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
-    return make_llama(
-        tmp_path_factory.mktemp("made") / "large.gguf", layers=3, width=512, heads=8, kv_heads=8,
-        feed_forward=2048, vocabulary=100_000,
-    )  # fmt: skip
+    size = Size(
+        layers=3, width=512, heads=8, kv_heads=8, feed_forward=2048, vocabulary=100_000, tied=True
+    )
+    return make_planner(tmp_path_factory.mktemp("made") / "large.gguf", size=size)
 
 
 @pytest.mark.parametrize("context", [512, 1536])

@@ -1,52 +1,26 @@
-"""Plans in JSON: what an automaton, grammars and a schema admit, and what models say under them."""
+"""Plans in JSON: what a grammar admits, and what models say under them."""
 
 import json
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from support.hosted_server import NANO
 from support.needs import need_models
-from support.plans import ACTIONS, ILLEGAL, LEGAL, PLANS
+from support.plans import ILLEGAL, LEGAL, PLANS
 from support.tiny import export_tiny
 
-from karma.models.automaton import ProgramAutomaton
+from karma.models.constraint import admits
 from karma.models.llama.model import LlamaModel
 from karma.models.llama.opening import LlamaOptions
-from karma.types.planning import PlanSpec, Prompt
+from karma.plugins.alfred.suites.plan_spec import PlanSpec
+from karma.types.planning import Prompt
 
 PROMPT = Prompt(stable="#areas\n", changing="#task put the apple in the fridge\n")
 
 
-def admits(text, spec=PLANS):
-    automaton = ProgramAutomaton(spec)
-    state = automaton.advance(automaton.start(), text)
-    return state is not None and automaton.accepts(state)
-
-
 @pytest.mark.parametrize(("texts", "legal"), [(LEGAL, True), (ILLEGAL, False)])
-def test_automaton_admits_plans_only(texts, legal):
-    assert [admits(text) for text in texts] == [legal] * len(texts)
-
-
-@given(data=st.data())
-def test_automaton_any_walk_through_it_ends_in_a_plan_that_parses(data):
-    automaton = ProgramAutomaton(PLANS)
-    state, text = automaton.start(), b""
-    while not automaton.accepts(state):
-        coming = automaton.expected(state) or bytes(
-            [data.draw(st.sampled_from(automaton.next_bytes(state)))]
-        )
-        text += coming
-        state = automaton.advance(state, coming)
-        assert state is not None
-    found = json.loads(text)
-    assert list(found) == ["why", "words", "plan"]
-    assert all(len(found[key]) <= PLANS.max_text for key in PLANS.texts)
-    assert len(found["plan"]) <= PLANS.max_actions
-    assert all(ACTIONS[one["id"]] == one["action"] for one in found["plan"])
-    assert automaton.next_bytes(state) == ()
+def test_grammar_admits_plans_only(texts, legal):
+    assert [admits(PLANS.grammar, text) for text in texts] == [legal] * len(texts)
 
 
 def test_spec_without_text_or_with_one_action_is_admitted_alike():
@@ -55,8 +29,8 @@ def test_spec_without_text_or_with_one_action_is_admitted_alike():
         max_actions=1,
     )  # fmt: skip
     text = '{"why":"","plan":[{"id":0,"a":"x"}]}'
-    assert admits(text, spec)
-    assert not admits(text.replace("]", ',{"id":0,"a":"x"}]'), spec)
+    assert admits(spec.grammar, text)
+    assert not admits(spec.grammar, text.replace("]", ',{"id":0,"a":"x"}]'))
 
 
 # ----------------------------------------------------------------- models
@@ -87,7 +61,7 @@ def test_constrained_answers_of_any_weights_parse_and_name_listed_actions(models
             )
             assert answer.finish == "stop"
             assert answer.constrained is True
-            assert admits(answer.text), answer.text
+            assert admits(PLANS.grammar, answer.text), answer.text
             lengths.add(len(json.loads(answer.text)["plan"]))
     assert len(lengths) > 1  # they do differ
 
@@ -100,6 +74,6 @@ def test_context_may_be_longer_than_it_was_trained_for_if_it_is_named(tmp_path):
     prompt = Prompt(stable="", changing="put the apple in the fridge\n" * 600)
     answer = longer.complete(prompt, spec=PLANS, max_tokens=100)
     assert answer.prompt_tokens > 4096
-    assert admits(answer.text)
+    assert admits(PLANS.grammar, answer.text)
     for model in (trained, longer):
         model.close()

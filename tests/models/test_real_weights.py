@@ -155,7 +155,7 @@ def test_prompt_that_begins_like_the_last_one_is_still_read_in_its_own_batches(t
         return False
 
     gguf.make_room(700)  # a context that is opened anew keeps nothing
-    gguf.evaluate([5] * 100, [6])
-    gguf.evaluate([5] * 600, [6], is_late=in_time)
+    gguf.evaluate([[5] * 100, [6]])
+    gguf.evaluate([[5] * 600, [6]], is_late=in_time)
     assert gguf.n_batch == 512
     assert len(asked) == 3  # 512 and 88 of the stable part, 1 of the other

@@ -2,7 +2,7 @@
 
 import json
 
-from karma.types.planning import PlanSpec
+from karma.plugins.alfred.suites.plan_spec import PlanSpec
 
 ACTIONS = ("find a Apple", "find a Fridge", *(f"open the Drawer_{n}" for n in range(2, 14)))
 PLANS = PlanSpec(

@@ -8,7 +8,7 @@ import sys
 from karma.models.llama.gguf_files import new_tokenizer
 from karma.models.llama.model import LlamaModel
 from karma.models.llama.opening import LlamaOptions
-from karma.testing import make_llama
+from karma.testing import Size, make_planner
 from support.llama_export import EOS, export_llama, random_llama
 from support.paths import ROOT
 
@@ -27,10 +27,10 @@ def export_tiny(path, template=None, dtype="F16", layers=1):
 
 def make_layers(folder):
     """A file of four layers, which can be placed one by one."""
-    return make_llama(
-        folder / "made.gguf", layers=4, width=256, heads=4, kv_heads=2, feed_forward=512,
-        vocabulary=600,
-    )  # fmt: skip
+    size = Size(
+        layers=4, width=256, heads=4, kv_heads=2, feed_forward=512, vocabulary=600, tied=True
+    )
+    return make_planner(folder / "made.gguf", size=size)
 
 
 def opened(path, *, chat=None, thinking="off", thinking_tokens=1024, **options):

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
+from typing import TypeVar
 
 from karma.agent.planning.program import UNDONE_BY
 from karma.agent.seeing.perceive import place_of
@@ -18,6 +19,7 @@ from karma.types.observation import Observation, SeenObject
 from karma.types.roles import Knowledge
 from karma.types.space import CameraPose, Pose, Vec3
 
+Belief = TypeVar("Belief", Known, MemoryUnit)
 _CHANGES_M = 2.0  # an action may change what is seen from so near
 
 
@@ -160,8 +162,8 @@ def shifted(point: Vec3, before: Vec3, now: Vec3) -> Vec3:
 
 
 def carried(
-    belief: Known | MemoryUnit,
-    before: Callable[[str], Known | MemoryUnit | None],
+    belief: Belief,
+    before: Callable[[str], Belief | None],
     seen: Mapping[str, SeenObject],
 ) -> Vec3:
     """Return where an object is by now: it has moved with the movable object that holds it."""

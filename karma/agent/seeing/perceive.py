@@ -216,17 +216,6 @@ def truth_of(event: Event) -> Truth:
     )
 
 
-def shown_states(thing: TrueObject) -> tuple[str, ...]:
-    """Return the words that a picture of an object can tell, sorted; ("none",) for none.
-
-    Those of its sight, and "cleaned" for what can be dirty and is not.
-    """
-    words = set(thing.states)
-    if thing.dirtyable and "dirty" not in words:
-        words.add("cleaned")
-    return tuple(sorted(words or {"none"}))
-
-
 # ----------------------------------------------------------------- parts of metadata
 
 

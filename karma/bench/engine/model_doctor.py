@@ -153,8 +153,8 @@ def _speeds(gguf: GgufModel) -> dict[str, float]:
     answer = min(_ANSWER, gguf.limit - prompt)
     tokens = np.random.default_rng(0).integers(0, gguf.vocabulary, prompt).tolist()
     gguf.make_room(prompt + answer)
-    gguf.evaluate([], tokens[:8])  # weights come from the disk now
-    _, read_s = _timed(lambda: (gguf.evaluate([], tokens), gguf.logits()))  # a GPU is waited for
+    gguf.evaluate([tokens[:8]])  # weights come from the disk now
+    _, read_s = _timed(lambda: (gguf.evaluate([tokens]), gguf.logits()))  # a GPU is waited for
 
     def say() -> None:
         for token in tokens[:answer]:

@@ -23,9 +23,9 @@ from karma.bench.figures.drawing import png_of, svg_of
 from karma.bench.policies.paper_claims import FigureCell, PaperClaim, claims_of, claims_text
 from karma.bench.policies.simulate import BELADY
 from karma.bench.policies.sweep import (
+    PolicyName,
     explore,
     run_rows,
-    size_of,
     sized,
     sweep_of,
 )
@@ -142,11 +142,6 @@ def figure_run(path: Path, folder: Path, *, fresh: bool = False) -> Run:
     claims_of(figure.claims, [])  # a wrong name must not come to light minutes later
     if folder.exists():
         OwnedFolder(folder, "figure").look()  # before tasks are drawn, which takes seconds
-        if (folder / "cells").exists() and not fresh:
-            reason = "this folder holds a figure as an earlier version made it"
-            raise FileError(
-                folder, reason, fix=f"--out another folder, or karma eval {path} --fresh"
-            )
     pool = _pool(figure, path)
     header = FigureHeader(
         version=__version__,
@@ -275,7 +270,8 @@ def caption_of(results: Results) -> str:
 
 
 def _with_bounds(policies: tuple[str, ...]) -> tuple[str, ...]:
-    bounds = (f"{BELADY}[{size}]" for size in sorted({size_of(text) for text in policies}))
+    sizes = sorted({PolicyName.of(text).size for text in policies})
+    bounds = (f"{BELADY}[{size}]" for size in sizes)
     return tuple(dict.fromkeys((*policies, *bounds)))
 
 

@@ -19,9 +19,6 @@ from karma.bench.policies.sweep import (
     PolicyRow,
     Resampler,
     Sweep,
-    division_of,
-    family_of,
-    line_of,
 )
 from karma.bench.policies.tasks import UnitSet, Workload
 from karma.errors import KarmaError
@@ -127,9 +124,12 @@ def _split(cell: FigureCell, say: Say) -> Claims:
     for policy, row in rows.items():
         if "[9,1]" not in policy:
             continue
-        family = family_of(policy)
-        others = [o for o in rows.values() if o is not row and family_of(o.policy) == family]
-        others = [o for o in others if o.size == row.size]
+        family = row.name.family
+        others = [
+            other
+            for other in rows.values()
+            if other is not row and other.size == row.size and other.name.family == family
+        ]
         fifo, bound = rows.get(f"{FIFO}[10]"), rows.get(f"{BELADY}[10]")
         if not others or fifo is None:
             continue
@@ -140,7 +140,7 @@ def _split(cell: FigureCell, say: Say) -> Claims:
             policy=family,
             figures=[
                 ("[9,1]", _percent(row.cold)),
-                ("best other split", f"{division_of(best.policy)}: {_percent(best.cold)}"),
+                ("best other split", f"{best.name.division}: {_percent(best.cold)}"),
                 ("FIFO", _percent(fifo.cold)),
                 ("Belady", _percent(bound.cold if bound else None)),
                 ("over best split", _points(_gain(cell.sweep, row, best))),
@@ -164,7 +164,7 @@ def _ratio(cell: FigureCell, say: Say, *, wanted: float, queues: bool) -> Claims
     """Compare 25 units with 5."""
     families: dict[str, dict[int, PolicyRow]] = {}
     for row in cell.sweep.rows:
-        families.setdefault(line_of(row.policy), {})[row.size] = row
+        families.setdefault(row.name.line, {})[row.size] = row
     bound = _size_ratio(cell.sweep, families.get(BELADY, {}))
     for family, sizes in families.items():
         ratio = _size_ratio(cell.sweep, sizes)
@@ -215,9 +215,7 @@ def _is_linear(r: Bootstrapped) -> Literal["yes", "no", "tie"]:
 
 def _headroom(cell: FigureCell, say: Say) -> Claims:
     """Compare the best policy of ten lines with the bound."""
-    rows = [
-        row for row in cell.sweep.rows if row.size == 10 and family_of(row.policy) != "unbounded"
-    ]
+    rows = [row for row in cell.sweep.rows if row.size == 10 and row.name.family != "unbounded"]
     bound = next((row for row in rows if row.policy.startswith(BELADY)), None)
     rows = [row for row in rows if row is not bound]
     if bound is None or not rows:

@@ -7,7 +7,7 @@ from typing import Any
 from karma.bench.figures.drawing import empty_figure
 from karma.bench.policies.paper_claims import FIFO, FigureCell
 from karma.bench.policies.simulate import BELADY
-from karma.bench.policies.sweep import PolicyRow, division_of, family_of, line_of
+from karma.bench.policies.sweep import PolicyRow
 
 WIDTH_IN, HEIGHT_IN = 3.1, 2.5  # of a panel
 
@@ -19,13 +19,13 @@ def curves(cells: Sequence[FigureCell], title: str, caption: str) -> Any:
     the bound (dashed) of the sizes that a panel has are in each panel.
     """
     rows = cells[0].sweep.rows
-    panel_of = line_of if len({row.size for row in rows}) > 1 else family_of
-    names = _panel_names([panel_of(row.policy) for row in rows])
+    by = "line" if len({row.size for row in rows}) > 1 else "family"
+    names = _panel_names([getattr(row.name, by) for row in rows])
     figure, axes = _panels(len(names), len(cells))
     for column, cell in enumerate(cells):
         for line, name in enumerate(names):
             panel = axes[line][column]
-            mine = [row for row in cell.sweep.rows if panel_of(row.policy) == name]
+            mine = [row for row in cell.sweep.rows if getattr(row.name, by) == name]
             _draw_curves(panel, mine, cell.sweep.rows)
             panel.set_title(f"{cell.workload} · {name}", fontsize=8)
             if column == 0:
@@ -77,7 +77,7 @@ def _draw_curves(panel: Any, rows: Sequence[PolicyRow], every: Sequence[PolicyRo
     several = len(sizes) > 1
     for number, row in enumerate(rows):
         shade = of_size[row.size] if several else shades(number / max(len(rows) - 1, 1) * 0.9)
-        _line(panel, row, division_of(row.policy), color=shade)
+        _line(panel, row, row.name.division, color=shade)
         if row.warm_task is not None:
             panel.axvline(row.warm_task, color=shade, linewidth=0.5, alpha=0.7)
     for row in every:
@@ -86,7 +86,7 @@ def _draw_curves(panel: Any, rows: Sequence[PolicyRow], every: Sequence[PolicyRo
         if row.policy.startswith(f"{BELADY}["):
             look = {"color": of_size[row.size] if several else "black", "linestyle": "--"}
             _line(panel, row, f"Belady [{row.size}]", **look)
-        elif family_of(row.policy) == FIFO:
+        elif row.name.family == FIFO:
             look = {"color": of_size[row.size] if several else "C3", "linestyle": ":"}
             _line(panel, row, f"FIFO [{row.size}]", **look)
     panel.set_xscale("log")  # memories of ten fill within ten tasks

@@ -1,10 +1,11 @@
 """Replay policies, or Belady's bound, over access traces: the units that each task needs."""
 
 import copy
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from heapq import heappop, heappush
+from itertools import chain
 from typing import Any
 
 from karma.memory.policies import make_policy
@@ -12,22 +13,21 @@ from karma.memory.policies import make_policy
 Key = int | str
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Trace:
-    """One sequence of tasks; all units of a task are asked for before any of them is touched."""
+    """One sequence of tasks; all units of a task are requested before any of them is touched."""
 
-    keys: tuple[Key, ...]  # the distinct keys, in order of first use
-    tasks: tuple[tuple[int, ...], ...]  # numbers into `keys`, none twice in one task
+    tasks: tuple[tuple[Key, ...], ...]  # a unit at most once in a task
 
     @classmethod
-    def of(cls, tasks: Iterable[Sequence[Key]]) -> "Trace":
+    def of(cls, tasks: Iterable[Iterable[Key]]) -> "Trace":
         """Return the trace of some tasks; a unit that a task names twice counts once."""
-        numbers: dict[Key, int] = {}
-        found = tuple(
-            tuple(dict.fromkeys(numbers.setdefault(key, len(numbers)) for key in task))
-            for task in tasks
-        )
-        return cls(keys=tuple(numbers), tasks=found)
+        return cls(tuple(tuple(dict.fromkeys(task)) for task in tasks))
+
+    @property
+    def keys(self) -> frozenset[Key]:
+        """The distinct units."""
+        return frozenset(chain.from_iterable(self.tasks))
 
     @cached_property
     def starts(self) -> tuple[int, ...]:
@@ -41,10 +41,6 @@ class Trace:
     def requests(self) -> int:
         """How many units are asked for in all."""
         return self.starts[-1]
-
-    def named(self) -> list[list[Key]]:
-        """Return the tasks by their keys."""
-        return [[self.keys[number] for number in task] for task in self.tasks]
 
 
 BELADY = "belady"  # stands where a policy is named, with a size: belady[10]
@@ -109,7 +105,7 @@ def simulate_with(policy: Any, trace: Trace) -> TraceReplay:
     answers, left, warm = bytearray(), 0, None
     need = WARM_OCCUPANCY * policy.capacity
     touch = policy.touch
-    for number, task in enumerate(trace.named()):
+    for number, task in enumerate(trace.tasks):
         if warm is None and len(policy) >= need:
             warm = number
         for key in task:
@@ -129,35 +125,30 @@ def best(trace: Trace, capacity: int) -> TraceReplay:
     if capacity < 0:
         raise ValueError(f"capacity must not be negative, not {capacity}")
     never = len(trace.tasks)
-    upcoming = _next_uses(trace, never)
-    waits = [never] * len(trace.keys)  # resident key -> the task that it waits for
-    farthest: list[tuple[int, int]] = []  # (-task, key); may be stale
+    waits: dict[Key, int] = {}  # resident unit -> the task that it waits for
+    order: dict[Key, int] = {}  # by first use, which decides between equally far uses
+    farthest: list[tuple[int, int, Key]] = []  # (-task, order, unit); may be stale
     answers = bytearray()
-    size = 0
-    for number, task in enumerate(trace.tasks):
-        for place, key in enumerate(task):
-            hit = waits[key] == number
-            answers.append(hit)
-            size -= hit
-            use = waits[key] = upcoming[number][place]
+    for number, upcoming in enumerate(_next_uses(trace)):
+        for key, use in upcoming.items():
+            answers.append(waits.pop(key, never) == number)
             if use < never:
-                heappush(farthest, (-use, key))
-                size += 1
-        while size > capacity:
-            use, key = heappop(farthest)
-            if waits[key] == -use:
-                waits[key] = never
-                size -= 1
+                waits[key] = use
+                heappush(farthest, (-use, order.setdefault(key, len(order)), key))
+        while len(waits) > capacity:
+            use, _, key = heappop(farthest)
+            if waits.get(key) == -use:
+                del waits[key]
     return TraceReplay(answers=bytes(answers), starts=trace.starts, left=None, warm_task=None)
 
 
-def _next_uses(trace: Trace, never: int) -> list[tuple[int, ...]]:
-    """Return for each unit of each task the number of the next task that needs it."""
-    later = [never] * len(trace.keys)
-    upcoming: list[tuple[int, ...]] = [()] * len(trace.tasks)
-    for number in range(len(trace.tasks) - 1, -1, -1):
+def _next_uses(trace: Trace) -> list[dict[Key, int]]:
+    """Return for each task its units, with the number of the next task that needs each."""
+    never = len(trace.tasks)
+    later: dict[Key, int] = {}
+    upcoming = []
+    for number in range(never - 1, -1, -1):
         task = trace.tasks[number]
-        upcoming[number] = tuple([later[key] for key in task])
-        for key in task:
-            later[key] = number
-    return upcoming
+        upcoming.append({key: later.get(key, never) for key in task})
+        later |= dict.fromkeys(task, number)
+    return upcoming[::-1]

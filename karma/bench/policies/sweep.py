@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple, Self
 
 import msgspec
 import numpy as np
@@ -14,9 +15,7 @@ from karma.memory.policies import make_policy
 from karma.seeds import stream
 
 RESAMPLES = 2000
-_SHARE = re.compile(r"([\w-]+)\[(\d+)/(\d+)\](.*)")
-_NAME = re.compile(r"([\w-]+)((?: +\S+)*)")
-_SIZE = re.compile(r"\[(\d+)(?:,(\d+))?\]")
+_TEXT = re.compile(r"([\w-]+)(\[\d+(?:[,/]\d+)?\])?((?: +\S+)*)")
 
 
 # ----------------------------------------------------------------- intervals, by bootstrap
@@ -83,6 +82,91 @@ def _short(value: float) -> float:
     return round(value, 5)
 
 
+# ----------------------------------------------------------------- policies by name
+
+
+class PolicyName(NamedTuple):
+    """A policy text in parts: `wtinylfu-karma[9,1] W=inf`.
+
+    >>> name = PolicyName.of("wtinylfu-karma[23,2] W=inf")
+    >>> name.size, name.division, name.family, name.line
+    (25, '[23,2]', 'wtinylfu-karma W=inf', 'wtinylfu-karma 9/1 W=inf')
+    """
+
+    policy: str
+    division: str  # the size as the text has it; "" without any
+    options: str
+
+    @classmethod
+    def of(cls, text: str) -> Self:
+        """Return the parts of a policy text; KarmaError if it has another form."""
+        found = _TEXT.fullmatch(text.strip())
+        if found is None:
+            raise KarmaError(f"{text!r} is no policy, as fifo-merge[10] is")
+        return cls(found[1], found[2] or "", found[3])
+
+    @property
+    def lines(self) -> list[int]:
+        """The lines of each segment."""
+        return [int(number) for number in re.findall(r"\d+", self.division)]
+
+    @property
+    def size(self) -> int:
+        """The lines in all."""
+        return sum(self.lines)
+
+    @property
+    def family(self) -> str:
+        """The text without its size."""
+        return self.policy + self.options
+
+    @property
+    def line(self) -> str:
+        """The name that the sizes of a policy share, with their division."""
+        if len(self.lines) < 2:
+            return self.family
+        window, main = self.lines
+        share = f"{window},{main}"
+        if main == max(1, (window + main) // 10):
+            share = "9/1"
+        elif window == 1:
+            share = "1/9"
+        return f"{self.policy} {share}{self.options}"
+
+    def at_size(self, size: int) -> str:
+        """Return the text at a size, which a share as `[9/1]` divides."""
+        if self.division:
+            window, main = self.lines
+            lines = max(1, size * main // max(window + main, 1))
+            return f"{self.policy}[{size - lines},{lines}]{self.options}"
+        return f"{self.policy}[{size}]{self.options}"
+
+
+def sized(policies: Iterable[str], sizes: Sequence[int]) -> tuple[str, ...]:
+    """Return policies in the notation of `make_policy`, each without a size at all sizes.
+
+    `lru` takes all sizes, as does `wtinylfu-karma W=inf`; `wtinylfu-caffeine[9/1]` divides each
+    size nine to one, the main segment at least one line; `lru[10]` stays what it is.
+
+    Raises:
+        KarmaError: a text is no policy, or a policy without a size has none given.
+        UnknownNameError: no such policy is registered.
+    """
+    found: dict[str, None] = {}
+    for text in policies:
+        name = PolicyName.of(text)
+        if name.division and "/" not in name.division:
+            found[text.strip()] = None
+        elif not sizes:
+            fix = f"give sizes = [10], or write {name.policy}[10]"
+            raise KarmaError(f"policy {text!r} has no size: {fix}")
+        else:
+            found |= dict.fromkeys(map(name.at_size, sizes))
+    for text in found:
+        make_policy(text.replace(BELADY, "lru", 1) if text.startswith(f"{BELADY}[") else text)
+    return tuple(found)
+
+
 # ----------------------------------------------------------------- sweeps
 
 
@@ -108,6 +192,11 @@ class PolicyRow(msgspec.Struct, frozen=True, kw_only=True):
     warm_task: float | None  # tasks until the memory was 95 % full, mean; None: not in each
     curve: list[Point]
 
+    @property
+    def name(self) -> PolicyName:
+        """The policy in parts."""
+        return PolicyName.of(self.policy)
+
 
 class Sweep(msgspec.Struct, frozen=True, kw_only=True):
     """All rows over the same sequences."""
@@ -117,87 +206,6 @@ class Sweep(msgspec.Struct, frozen=True, kw_only=True):
     units: float  # distinct ones a sequence, mean
     interval: str  # what the intervals are over
     rows: list[PolicyRow]
-
-
-def sized(policies: Iterable[str], sizes: Iterable[int]) -> tuple[str, ...]:
-    """Return policies in the notation of `make_policy`, each named one at each size.
-
-    `lru` takes all sizes, with what stands behind it (`wtinylfu-karma W=inf`);
-    `wtinylfu-caffeine[9/1]` divides each size nine to one, the main segment at least one line;
-    `lru[10]` stays what it is. The order is that of the policies, then of the sizes. KarmaError
-    if a text is no policy, or no size was given for a bare name; UnknownNameError if no such
-    policy is registered.
-    """
-    sizes = tuple(sizes)
-    found = tuple(dict.fromkeys(one for text in policies for one in _at_sizes(text.strip(), sizes)))
-    for text in found:
-        make_policy(text.replace(BELADY, "lru", 1) if text.startswith(f"{BELADY}[") else text)
-    return found
-
-
-def _at_sizes(text: str, sizes: Sequence[int]) -> Iterator[str]:
-    share, bare = _SHARE.fullmatch(text), _NAME.fullmatch(text)
-    if (share or bare) and not sizes:
-        name = text.split("[")[0].split(" ")[0]
-        raise KarmaError(f"policy {text!r} has no size: give sizes = [10], or write {name}[10]")
-    if share:
-        name, window, main, rest = share.groups()
-        part = int(main) / max(int(window) + int(main), 1)
-        for size in sizes:
-            lines = max(1, int(size * part))
-            yield f"{name}[{size - lines},{lines}]{rest}"
-    elif bare:
-        yield from (f"{bare[1]}[{size}]{bare[2]}" for size in sizes)
-    else:
-        yield text
-
-
-def size_of(policy: str) -> int:
-    """Return the lines that a policy text has.
-
-    >>> size_of("wtinylfu-karma[9,1] W=inf")
-    10
-    """
-    found = _SIZE.search(policy)
-    return sum(int(part or 0) for part in found.groups()) if found else 0
-
-
-def family_of(policy: str) -> str:
-    """Return a policy text without its size.
-
-    >>> family_of("wtinylfu-karma[9,1] W=inf")
-    'wtinylfu-karma W=inf'
-    """
-    return _SIZE.sub("", policy, count=1)
-
-
-def division_of(policy: str) -> str:
-    """Return the size as a policy text has it.
-
-    >>> division_of("wtinylfu-karma[9,1] W=inf")
-    '[9,1]'
-    """
-    found = _SIZE.search(policy)
-    return found[0] if found else ""
-
-
-def line_of(policy: str) -> str:
-    """Return the name that the sizes of a policy share, with their division.
-
-    >>> line_of("wtinylfu-karma[23,2] W=inf"), line_of("lru[5]")
-    ('wtinylfu-karma 9/1 W=inf', 'lru')
-    """
-    found = _SIZE.search(policy)
-    if found is None or found[2] is None:
-        return family_of(policy)
-    window, main = int(found[1]), int(found[2])
-    kind = f"{window},{main}"
-    if main == max(1, (window + main) // 10):
-        kind = "9/1"
-    elif window == 1:
-        kind = "1/9"
-    name, _, rest = family_of(policy).partition(" ")
-    return f"{name} {kind} {rest}".strip()
 
 
 def run_rows(
@@ -225,16 +233,13 @@ def sweep_of(traces: Sequence[Trace], rows: Iterable[PolicyRow]) -> Sweep:
         requests=[trace.requests for trace in traces],
         steady_requests=[t.requests - half for t, half in zip(traces, halves, strict=True)],
         units=round(sum(len(trace.keys) for trace in traces) / len(traces), 3),
-        interval=_over(traces),
+        interval=(
+            f"none: {len(traces)} sequences say little of others, it takes {FEWEST_TASKS}"
+            if len(traces) < FEWEST_TASKS
+            else "bootstrap over sequences"
+        ),
         rows=list(rows),
     )
-
-
-def _over(traces: Sequence[Trace]) -> str:
-    """Return the sampling unit of the intervals, or the reason for their absence."""
-    if len(traces) < FEWEST_TASKS:
-        return f"none: {len(traces)} sequences say little of others, it takes {FEWEST_TASKS}"
-    return "bootstrap over sequences"
 
 
 def _rate_over(
@@ -263,7 +268,7 @@ def _row(
     ]
     return PolicyRow(
         policy=policy,
-        size=size_of(policy),
+        size=PolicyName.of(policy).size,
         cold=_rate_over(outcomes, every, resampler),
         first=_rate_over(outcomes, [(0, FIRST_TASKS)] * len(outcomes), resampler),
         steady=_rate_over(outcomes, halves, resampler),

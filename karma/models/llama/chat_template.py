@@ -1,8 +1,7 @@
 """Render prompts by a GGUF's own chat template, and let a model think before it answers.
 
-Prompts are cut where their changing part begins. The tags of a thought are `<think>` and
-`</think>`, as Qwen 3, QwQ and the models distilled from DeepSeek R1 have them. A grammar holds from
-behind the closing tag on, never inside the thought.
+Prompts are cut where their changing part begins. Tags of thoughts are those of
+`karma.models.thoughts`. A grammar holds from behind the closing tag on, never inside the thought.
 """
 
 from collections.abc import Callable
@@ -12,9 +11,10 @@ from typing import Any, NamedTuple
 
 from karma.errors import ModelError
 from karma.models.checks.template import TEMPLATE, try_template
-from karma.models.llama.answer import UnderWay
+from karma.models.llama.answer import StreamingAnswer
 from karma.models.llama.gguf_model import GgufModel
 from karma.models.llama.opening import LlamaOptions
+from karma.models.thoughts import GAP, TAGS, open_tag, tags_in
 from karma.types.completion import Thinking
 from karma.types.planning import Prompt
 
@@ -29,7 +29,7 @@ def trial(path: str) -> None:
     if TEMPLATE in model.metadata:
         with suppress(ModelError):  # a run can do without, and says why it must
             ChatTemplate(model).halves(prompt)
-    model.evaluate([], model.tokens(prompt.text, begins=True))
+    model.evaluate([model.tokens(prompt.text, begins=True)])
     model.logits()
 
 
@@ -49,12 +49,13 @@ class ChatTemplate:
         text = model.metadata.get(TEMPLATE)
         if text is None:
             raise ModelError(f"{model.name}: has no chat template{_FIX}")
-        if thinking == "on" and CLOSE not in text:
+        self.tags = tags_in(text)
+        if thinking == "on" and self.tags is None:
+            known = ", ".join(closing for _, closing in TAGS)
             raise ModelError(
-                f"{model.name}: its chat template knows no {CLOSE}; only a model that was taught to"
-                ' think can\n  To fix: thinking = "off"'
+                f"{model.name}: its chat template knows no tag that ends a thought ({known}); only"
+                ' a model that was taught to think can\n  To fix: thinking = "off"'
             )
-
         if reason := try_template(model.name, text):
             raise ModelError(f"{model.name}: {reason}{_FIX}")
 
@@ -89,7 +90,7 @@ class ChatTemplate:
                 continue
             if len(halves) == 2 and prompt.stable.strip() in halves[0]:
                 self._form = form
-                return halves[0], prompt.changing + prepared(halves[1], self._thinking)
+                return halves[0], prompt.changing + prepared(halves[1], self._thinking, self.tags)
             reason = "it does not repeat what it is given"
         raise ModelError(f"{self._name}: its chat template cannot be used: {reason}{_FIX}")
 
@@ -115,18 +116,7 @@ def _messages(prompt: Prompt, system: bool, parts: bool) -> list[dict[str, Any]]
     ]
 
 
-OPEN, CLOSE = "<think>", "</think>"
-_GAP = "\n\n"  # between thought and answer, as the families' own templates have it
-
-
-class Thought(NamedTuple):
-    """What was thought."""
-
-    text: str
-    tokens: int  # that the model chose
-
-
-def prepared(ending: str, thinking: Thinking) -> str:
+def prepared(ending: str, thinking: Thinking, tags: tuple[str, str] | None = TAGS[0]) -> str:
     r"""Return what a template ends a prompt with, so that a thought is open or closed as wanted.
 
     >>> prepared("assistant:<think>\n", "off")
@@ -134,50 +124,40 @@ def prepared(ending: str, thinking: Thinking) -> str:
     >>> prepared("assistant:", "on")
     'assistant:<think>\n'
     """
-    is_open = ending.rfind(OPEN) > ending.rfind(CLOSE)
-    if thinking == "on":
-        return ending if is_open else f"{ending}{OPEN}\n"
-    return f"{ending.rstrip()}\n\n{CLOSE}{_GAP}" if is_open else ending
+    opened = open_tag(ending)
+    if thinking == "on" and tags is not None:
+        return ending if opened else f"{ending}{tags[0]}\n"
+    return f"{ending.rstrip()}\n\n{opened[1]}{GAP}" if opened else ending
 
 
-def think(model: GgufModel, budget: int, choose: Callable[[], int], answer: UnderWay) -> Thought:
+class Thought(NamedTuple):
+    """A model's thought."""
+
+    text: str
+    tokens: int  # that the model chose
+
+
+def think(
+    model: GgufModel, closing: str, budget: int, choose: Callable[[], int], answer: StreamingAnswer
+) -> Thought:
     """Continue the thought that the evaluated prompt has opened, and close it.
 
     It ends where the model closes it, or would end its answer, or after `budget` tokens, or when
     time is up; what is then missing of the closing tag and the gap behind it is put there.
     ModelError as by `GgufModel.extend`.
     """
-    tag = model.tokens(CLOSE, special=True)
-    said, count, closed = b"", 0, False
+    thought, count, closed = b"", 0, False
     while count < budget and not closed and not answer.is_late:
         token = choose()
         if token in model.table.end_tokens:
             break
         count += 1
-        said += CLOSE.encode() if [token] == tag else model.table.pieces[token]
+        thought += model.table.pieces[token]
         answer.came(model.table.pieces[token])
         model.extend([token])
-        closed = CLOSE.encode() in said
-    before, _, behind = said.decode("utf-8", errors="replace").partition(CLOSE)
-    missing = _GAP.removeprefix(behind) if closed else f"\n{CLOSE}{_GAP}"
+        closed = closing.encode() in thought
+    before, _, behind = thought.decode("utf-8", errors="replace").partition(closing)
+    missing = GAP.removeprefix(behind) if closed else f"\n{closing}{GAP}"
     if missing:
         model.extend(model.tokens(missing, special=True))
     return Thought(before.strip(), count)
-
-
-def told_apart(text: str) -> tuple[str, str]:
-    r"""Return the thought that a free answer begins with, "" if with none, and the rest of it.
-
-    >>> told_apart("<think>\nAn apple.\n</think>\n\nGo")
-    ('An apple.', 'Go')
-    """
-    before, tag, behind = text.partition(CLOSE)
-    thought = before.strip()
-    if not tag or not thought.startswith(OPEN):
-        return "", text
-    return thought.removeprefix(OPEN).strip(), behind.lstrip("\n")
-
-
-def closing_tokens(model: GgufModel) -> int:
-    """Return how many tokens it takes at most to close a thought."""
-    return len(model.tokens(f"\n{CLOSE}{_GAP}", special=True))

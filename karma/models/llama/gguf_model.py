@@ -1,13 +1,15 @@
 """Decode with one GGUF file: text to tokens, tokens to logits, keys and values kept.
 
-A prompt is always decoded in the same cut, [stable] then [changing], also when nothing is kept:
-how a prompt is cut into calls changes the last bits of the logits, so only then are warm and cold
-answers identical bit for bit. What was computed of stable parts is kept, see `room_states`. How
-long the context is changes no bit, so it is as long as the longest prompt so far has needed.
+A prompt is always decoded in the same cut, each segment by itself, also when nothing is kept: how a
+prompt is cut into calls changes the last bits of the logits, so only then are warm and cold answers
+identical bit for bit. What is in the context of the last prompt is used again as far as the next
+begins with it, except for recurrent and hybrid models, whose state cannot be cut back. How long the
+context is changes no bit, so it is as long as the longest prompt so far has needed.
 """
 
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,8 @@ from karma.errors import ModelError
 from karma.files import repair
 from karma.models.checks.gguf import check_gguf
 from karma.models.checks.memory import Footprint, check_memory
-from karma.models.llama.answer import Logits, TokenTable
+from karma.models.constraint import Logits, llama_tokenizer
+from karma.models.llama.answer import TokenTable
 from karma.models.llama.opening import (
     LlamaOptions,
     free_mb,
@@ -26,14 +29,14 @@ from karma.models.llama.opening import (
     place,
     try_in_own_process,
 )
-from karma.models.llama.room_states import RoomStates, put_back, taken_out
 from karma.models.manifest import check_file
-from karma.types.completion import Engine, KvState
+from karma.models.thoughts import is_tag
+from karma.types.completion import Engine
 
 _TRIAL = "karma.models.llama.chat_template:trial"
 _N_BATCH = 512  # tokens per call; measured to change nothing but memory and speed
 _PLAIN_TYPES = (0, 1, 7, 32)  # F32, F16, Q8_0, BF16, whose sums over several tokens are cheap
-_WORTH_GUESSING = (3, 9)  # tokens ahead, of those and of other files: fewer cost as much as alone
+_LEAST_EXPECTED = 3  # tokens that go along in a call; fewer take as long as alone
 _PLANNED = 8192  # tokens that layers on a GPU leave room for, where the context is not said
 _PIECE_BYTES = 256
 _MARKS = ("\n", "|", "\x01")  # one of them goes together with no text that follows
@@ -109,15 +112,16 @@ class GgufModel:
             )
         self.vocabulary = int(self.llama.n_vocab())  # how many tokens there are
         self.end_token = int(self.llama.token_eos())  # it ends an answer
-        self.table = _token_table(self.llama)
+        self._control = _control_tokens(self.llama)
+        self.table = _token_table(self.llama, self._control)
         letter = b"".join(self.table.pieces[one] for one in self._tokenized("a", False))
         self._spaces = letter[:1] == b" "  # the tokens of a text say a space before it
-        self._kept: list[int] = []  # tokens whose keys and values are valid from position 0
+        self._kept: list[tuple[int, ...]] = []  # batches of the prompt in the context
         self._ahead: list[int] = []  # tokens that were decoded behind the last, as a guess
         self._row = -1  # of the last call's logits, those after the last token
-        self._keeps = not (self.llama._is_recurrent or self.llama._is_hybrid)
-        self._is_plain = metadata.get("general.file_type") in _PLAIN_TYPES
-        self._states = RoomStates() if self._keeps else None
+        self._can_rewind = not (self.llama._is_recurrent or self.llama._is_hybrid)
+        is_plain = metadata.get("general.file_type") in _PLAIN_TYPES
+        self._looks_ahead = self._can_rewind and is_plain
 
     def tokens(self, text: str, *, begins: bool = False, special: bool = False) -> list[int]:
         """Return the tokens of a text, or of a part of one; half characters are replaced.
@@ -182,9 +186,9 @@ class GgufModel:
         self.llama._n_ctx = self.n_ctx = wanted
 
     def evaluate(
-        self, stable: Sequence[int], changing: Sequence[int], *, is_late: Callable[[], bool] = never
-    ) -> KvState:
-        """Decode a prompt in its cut; return where the state of its stable part came from.
+        self, segments: Sequence[Sequence[int]], *, is_late: Callable[[], bool] = never
+    ) -> int:
+        """Decode a prompt, each segment by itself; return how many tokens were there already.
 
         `is_late` is asked before each batch of tokens; what was read until then stays, and the same
         prompt goes on from there.
@@ -193,57 +197,36 @@ class GgufModel:
             ModelError: it does not fit the context, or llama.cpp cannot decode it.
             OutOfTime: it is late.
         """
-        self.make_room(len(stable) + len(changing))
-        known = self._known(stable)
-        self._kept, self._ahead = [], []  # while decoding, nothing is certain
-        try:
-            if known:
-                self.llama.n_tokens = known
-            source: KvState = "kept"
-            if not stable or known < len(stable):
-                source = self._bring(stable, known, is_late)
-            self.extend(changing, is_late=is_late)
-        except OutOfTime:
-            self._kept = list(stable[: self.llama.n_tokens])
-            raise
-        self._kept = list(stable)
-        return source
-
-    def _known(self, stable: Sequence[int]) -> int:
-        """Return how many tokens of the stable part are in the cache, in batches as it is read."""
-        count = len(self._kept)
-        if not self._keeps or self._kept != stable[:count]:
-            return 0
-        return count if count == len(stable) or count % self.n_batch == 0 else 0
-
-    def _bring(self, stable: Sequence[int], known: int, is_late: Callable[[], bool]) -> KvState:
-        """Have the stable part in the cache, of which some is: put back, or decoded and kept."""
-        states = self._states if stable else None
-        if not known:
+        self.make_room(sum(map(len, segments)))
+        batches = [
+            tuple(segment[start : start + self.n_batch])
+            for segment in segments
+            for start in range(0, len(segment), self.n_batch)
+        ]
+        most = len(batches) - 1 if self._can_rewind else 0  # the last one's logits are needed
+        same = next(
+            (n for n in range(min(most, len(self._kept))) if self._kept[n] != batches[n]),
+            min(most, len(self._kept)),
+        )
+        self._kept, self._ahead = self._kept[:same], []
+        reused = sum(map(len, self._kept))
+        if reused:
+            self.llama.n_tokens = reused
+        else:
             self.llama.reset()
-        state = states.find(stable) if states is not None and not known else None
-        if states is not None and state is not None:
-            if put_back(self.llama.ctx, state):
-                self.llama.n_tokens = len(stable)
-                return "kept"
-            states.forget(stable)
-        if stable:
-            self.extend(stable[known:], is_late=is_late)
-        if states is not None:
-            states.keep(stable, taken_out(self.llama.ctx))
-        return "evaluated"
+        for batch in batches[same:]:
+            if is_late():
+                raise OutOfTime
+            self.extend(batch)
+            self._kept.append(batch)
+        return reused
 
-    def extend(
-        self,
-        tokens: Sequence[int],
-        *,
-        ahead: Sequence[int] = (),
-        is_late: Callable[[], bool] = never,
-    ) -> None:
-        """Decode tokens behind what was decoded last; `is_late` and errors as in `evaluate`.
+    def extend(self, tokens: Sequence[int], *, ahead: Sequence[int] = ()) -> None:
+        """Decode tokens, a batch at most, behind what was decoded last.
 
         A guess of what follows goes along in the same call, which is quicker than calls of their
-        own; what comes true of it is there when the model is extended by it.
+        own; what comes true of it is there when the model is extended by it. Errors as in
+        `evaluate`.
         """
         if tokens and self._ahead[: len(tokens)] == list(tokens):
             del self._ahead[: len(tokens)]
@@ -252,13 +235,10 @@ class GgufModel:
             return
         self._ahead, self._row = [], -1
         try:
-            if self._keeps and len(ahead) >= _WORTH_GUESSING[0 if self._is_plain else 1]:
+            if self._looks_ahead and len(ahead) >= _LEAST_EXPECTED:
                 self._decode_ahead(tokens, ahead)
-                return
-            for start in range(0, len(tokens), self.n_batch):
-                if is_late():
-                    raise OutOfTime
-                self.llama.eval(tokens[start : start + self.n_batch])
+            else:
+                self.llama.eval(list(tokens))
         except RuntimeError as error:
             raise ModelError(f"{self.name}: llama.cpp cannot decode: {error}") from error
 
@@ -272,14 +252,34 @@ class GgufModel:
         llama.n_tokens = first + len(tokens)
         self._ahead, self._row = both[len(tokens) :], len(tokens) - 1
 
+    def branch(self, start: int, tokens: Sequence[int]) -> Logits:
+        """Decode tokens behind the first `start`, in place of others; return a row for each.
+
+        The rows are valid until the next call.
+
+        Raises:
+            ModelError: the model's state cannot be taken back, or llama.cpp cannot decode.
+        """
+        import llama_cpp
+
+        if not self._can_rewind:
+            raise ModelError(f"{self.name}: keeps no keys and values, so it cannot branch")
+        self.llama.n_tokens = start
+        rows = []
+        for first in range(0, len(tokens), self.n_batch):
+            batch = tokens[first : first + self.n_batch]
+            try:
+                self._decode_ahead(batch, ())
+            except RuntimeError as error:
+                raise ModelError(f"{self.name}: llama.cpp cannot decode: {error}") from error
+            pointer = llama_cpp.llama_get_logits(self.llama.ctx)
+            rows.append(np.ctypeslib.as_array(pointer, (len(batch), self.vocabulary)).copy())
+        return np.concatenate(rows)
+
     @property
     def decoded(self) -> int:
         """How many tokens were decoded, the prompt's included."""
         return int(self.llama.n_tokens)
-
-    def rewind(self, tokens: int) -> None:
-        """Forget what was decoded behind the first so many tokens; there are no logits then."""
-        self.llama.n_tokens, self._ahead = tokens, []
 
     def logits(self) -> Logits:
         """Return the logits after the last token, shape (vocabulary,), valid until the next."""
@@ -288,23 +288,11 @@ class GgufModel:
         pointer = llama_cpp.llama_get_logits_ith(self.llama.ctx, self._row)
         return np.ctypeslib.as_array(pointer, shape=(self.vocabulary,))
 
-    def sequences(self, count: int, *, cells: int) -> Any:
-        """Open a second context over the same weights: `cells` tokens of several sequences.
-
-        It is freed with the model at the latest; see `karma.models.llama.scoring`.
-
-        Raises:
-            ModelError: the model keeps no keys and values, or there is no memory for more.
-        """
-        if not self._keeps:
-            raise ModelError(f"{self.name}: keeps no keys and values, so it cannot branch")
-        self._check_more(cells, f"a second cache, of {cells} tokens")
-        # llama.cpp ends the process where a batch cannot hold a token of each sequence
-        batch = max(self.n_batch, count)
-        try:
-            return open_context(self.llama, cells, sequences=count, batch=batch)
-        except ValueError as error:
-            raise ModelError(f"{self.name}: no memory for a cache of {cells} tokens") from error
+    @cached_property
+    def grammar_tokens(self) -> Any:
+        """The vocabulary as `Constraint` takes it; control tokens are in no answer."""
+        words = [b"" if token in self._control else p for token, p in enumerate(self.table.pieces)]
+        return llama_tokenizer(self.llama, words, sorted(self.table.end_tokens))
 
     def close(self) -> None:
         """Free the model's memory; it cannot be used afterwards."""
@@ -334,14 +322,25 @@ def _check_there(path: Path, sha256: str | None, restore: str) -> None:
         raise ModelError(f"{path}: no such file\n  Expected SHA-256: {expected}\n  To fix: {fix}")
 
 
-def _token_table(llama: Any) -> TokenTable:
-    """Return the vocabulary as bytes; control tokens and the unused say nothing."""
+def _control_tokens(llama: Any) -> frozenset[int]:
+    import llama_cpp
+
+    vocab = llama._model.vocab
+    tokens = range(llama.n_vocab())
+    return frozenset(n for n in tokens if llama_cpp.llama_vocab_is_control(vocab, n))
+
+
+def _token_table(llama: Any, control: frozenset[int]) -> TokenTable:
+    """Return the vocabulary as bytes; control tokens say nothing, except tags of thoughts."""
     import llama_cpp
 
     vocab = llama._model.vocab
     buffer = ctypes.create_string_buffer(_PIECE_BYTES)
 
     def piece(token: int) -> bytes:
+        if token in control:
+            word = llama._model.token_get_text(token)
+            return word.encode() if is_tag(word) else b""
         size = llama_cpp.llama_token_to_piece(vocab, token, buffer, _PIECE_BYTES, 0, False)
         if size >= 0:
             return buffer.raw[:size]

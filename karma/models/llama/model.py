@@ -1,46 +1,26 @@
-"""Continue prompts, with or without a grammar, and score texts, by one GGUF file.
-
-Names in programs are chosen as a whole. A grammar lets a model begin a name and then denies it the
-rest: who would say `Desk` in a room without one has said "Des", and all that is left is `DeskLamp`.
-So where the token that the model wants most may not follow inside a name, the name is taken back,
-and the likeliest of all names that may stand there is found: best first, by the sum of their
-tokens' log-probabilities.
-"""
+"""Continue prompts, with or without a grammar, and score texts, by one GGUF file."""
 
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
-from heapq import heappop, heappush
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from karma.errors import ModelError, RequestRefused
-from karma.models.automaton import ProgramAutomaton, State, without_closing
 from karma.models.checks.template import TEMPLATE
 from karma.models.completeness import cut_off, cycle, going_round
-from karma.models.llama.answer import (
-    CertaintyLog,
-    Logits,
-    UnderWay,
-    best_token,
-    choose_token,
-    gumbel,
-)
-from karma.models.llama.chat_template import (
-    ChatTemplate,
-    Thought,
-    closing_tokens,
-    think,
-    told_apart,
-)
+from karma.models.constraint import Constraint, Logits, best_token
+from karma.models.llama.answer import CertaintyLog, StreamingAnswer, gumbel
+from karma.models.llama.chat_template import ChatTemplate, Thought, think
 from karma.models.llama.gguf_model import GgufModel, OutOfTime
 from karma.models.llama.opening import LlamaOptions
-from karma.models.llama.scoring import SkillScorer, path_to, trie_of
+from karma.models.llama.scoring import choose
+from karma.models.thoughts import GAP, split_thought
 from karma.seeds import stream
-from karma.types.completion import Choice, Completion, KvState, Listener, Scoring, Thinking
+from karma.types.completion import Choice, Completion, Listener, Scoring, Thinking
+from karma.types.grammars import without_closing
 from karma.types.planning import AnswerSpec, ProgramSpec, Prompt
 
 
@@ -51,6 +31,18 @@ class _Decoded:
     text: bytes
     finish: Literal["stop", "length", "time", "cycle"]
     tokens: int
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """How a token is chosen: the best, or a sample at a temperature."""
+
+    temperature: float = 0.0
+    rng: np.random.Generator | None = None
+
+    def scores(self, logits: Logits) -> Logits:
+        """Return scores whose best is the token."""
+        return logits if self.rng is None else gumbel(logits, self.temperature, self.rng)
 
 
 class LlamaModel:
@@ -89,8 +81,12 @@ class LlamaModel:
         way = "through" if used else "without"
         self.manner = f"{way} its own chat template" if there else ""
         self._thinking_tokens = thinking_tokens if thinking == "on" else 0
-        self._closing_tokens = closing_tokens(self.gguf) if thinking == "on" else 0
-        self._scorer: SkillScorer | None = None  # opened when first asked
+        tags = self._template.tags if self._template is not None else None
+        self._closing = tags[1] if tags is not None and thinking == "on" else ""
+        self._closing_tokens = 0
+        if self._closing:
+            closing = f"\n{self._closing}{GAP}"
+            self._closing_tokens = len(self.gguf.tokens(closing, special=True))
 
     def complete(
         self,
@@ -118,47 +114,47 @@ class LlamaModel:
         """
         if prompt.pictures:
             raise ModelError(f"{self.name} takes no pictures here; a hosted model may")
-        answer = UnderWay(max_seconds, listen)
-        stable, changing = self._cut(prompt)
-        prompt_tokens = len(stable) + len(changing)
+        answer = StreamingAnswer(max_seconds, listen)
+        segments = self._cut(prompt)
+        prompt_tokens = sum(map(len, segments))
+        stable_tokens = prompt_tokens - len(segments[-1])
         spare, room = self._rooms(prompt_tokens, max_tokens)
         self.gguf.make_room(prompt_tokens + spare + self._closing_tokens + room)
-        automaton = None if spec is None else _automaton(spec)
-        rng = stream(seed, "decode") if temperature > 0 else None
-        log = CertaintyLog(self.gguf.table, spec)
-        state: KvState | None = None
+        held = None if spec is None else Constraint(self.gguf.grammar_tokens, spec.grammar)
+        draw = Draw(temperature, stream(seed, "decode") if temperature > 0 else None)
+        log = CertaintyLog(
+            self.gguf.table, may_refuse=isinstance(spec, ProgramSpec) and bool(spec.refusals)
+        )
         thought, found = Thought("", 0), _Decoded(b"", "time", 0)
+        reused: int | None = None
         with suppress(OutOfTime):
-            state = self.gguf.evaluate(stable, changing, is_late=lambda: answer.is_late)
-            thought = self._think(spare, temperature, rng, answer)
-            found = self._decode(automaton, room, temperature, rng, answer, log)
-        reasoning, text = self._thought_and_answer(thought, found, spec)
+            reused = self.gguf.evaluate(segments, is_late=lambda: answer.is_late)
+            thought = self._think(spare, draw, answer)
+            found = self._decode(held, room, draw, answer, log)
+        text, reasoning = found.text.decode("utf-8", errors="replace"), thought.text
+        if held is not None:
+            text = without_closing(text)
+        elif not reasoning:
+            reasoning, text = split_thought(text)  # it may think without being asked to
         return Completion(
             text=text,
             finish=found.finish,
             prompt_tokens=prompt_tokens,
-            reused_tokens=len(stable) if state == "kept" else 0,
+            reused_tokens=min(reused or 0, stable_tokens),
             completion_tokens=thought.tokens + found.tokens,
             first_token_s=answer.first_token_s,
             total_s=answer.seconds,
             reasoning=reasoning,
-            constrained=spec is not None,
+            constrained=held is not None,
             fault=_fault(found, answer),
             engine=self.gguf.engine,
-            state=state,
+            state=None
+            if reused is None
+            else "kept"
+            if 0 < stable_tokens <= reused
+            else "evaluated",
             certainty=log.certainty(),
         )
-
-    def _thought_and_answer(
-        self, thought: Thought, found: _Decoded, spec: AnswerSpec | None
-    ) -> tuple[str, str]:
-        """Return the thought and the answer."""
-        text = found.text.decode("utf-8", errors="replace")
-        if isinstance(spec, ProgramSpec):
-            text = without_closing(text)
-        if thought.text or self._template is None:
-            return thought.text, text
-        return told_apart(text)  # it may think without being asked to
 
     def check(self, prompt: Prompt) -> None:
         """Refuse a prompt that cannot be asked; computes nothing.
@@ -167,43 +163,42 @@ class LlamaModel:
             RequestRefused: it leaves no room for an answer.
             ModelError: the chat template cannot render it.
         """
-        stable, changing = self._cut(prompt)
-        self._rooms(len(stable) + len(changing), 1)
+        self._rooms(sum(map(len, self._cut(prompt))), 1)
 
     def choose(
         self, prompt: Sequence[str], continuations: Sequence[str], *, scoring: Scoring = "sum"
     ) -> Choice:
-        """Return the likeliest continuation; see `SkillScorer.choose`.
-
-        The first call opens a second cache over the same weights, which stays.
-
-        Raises:
-            ModelError: the model keeps no keys and values, there is no memory for a second cache,
-                or prompt and longest continuation do not fit the context.
-        """
-        if self._scorer is None:
-            self._scorer = SkillScorer(self.gguf)
-        return self._scorer.choose(prompt, continuations, scoring=scoring)
+        """Return the likeliest continuation; see `karma.models.llama.scoring`, also for errors."""
+        return choose(self.gguf, prompt, continuations, scoring=scoring)
 
     def close(self) -> None:
         """Free the model's memory; it cannot be used afterwards."""
-        if self._scorer is not None:
-            self._scorer.close()
         self.gguf.close()
 
-    def _cut(self, prompt: Prompt) -> tuple[list[int], list[int]]:
-        """Return the tokens of the two segments; the second is never empty."""
+    def _cut(self, prompt: Prompt) -> list[list[int]]:
+        """Return the tokens of the segments that a prompt is decoded in; the last is never empty.
+
+        Earlier turns are segments of their own, as what follows them changes.
+        """
         before, after, special = prompt.before, prompt.changing, False
         if self._template is not None:
             before, after = self._template.halves(prompt)
             special = True
-        stable = self.gguf.tokens(before, begins=True, special=special)
-        changing = self.gguf.tokens(after, special=special)
-        if not changing:
-            stable, changing = stable[:-1], stable[-1:]
-        if not changing:
+        texts, said = [], [prompt.stable, *(text for turn in prompt.turns for text in turn)]
+        for text in said if prompt.turns else ():
+            head, found, before = before.partition(text.strip())
+            texts.append(head + found)
+        texts.append(before)
+        segments = [
+            self.gguf.tokens(text, begins=not number, special=special)
+            for number, text in enumerate(texts)
+        ]
+        segments.append(self.gguf.tokens(after, special=special))
+        if not segments[-1] and segments[-2]:
+            segments[-1] = [segments[-2].pop()]
+        if not segments[-1]:
             raise ModelError("the prompt is empty")
-        return stable, changing
+        return segments
 
     def _rooms(self, prompt_tokens: int, max_tokens: int) -> tuple[int, int]:
         """Return how many tokens a thought and the answer may have; the answer comes first.
@@ -219,89 +214,52 @@ class LlamaModel:
         answer = min(max_tokens, left)
         return min(self._thinking_tokens, left - answer), answer
 
-    def _think(
-        self, spare: int, temperature: float, rng: np.random.Generator | None, answer: UnderWay
-    ) -> Thought:
-        if not self._closing_tokens:
+    def _think(self, spare: int, draw: Draw, answer: StreamingAnswer) -> Thought:
+        if not self._closing:
             return Thought("", 0)
 
-        def choose() -> int:
-            return self._next(None, None, temperature, rng)[0]
+        def next_token() -> int:
+            return best_token(draw.scores(self.gguf.logits()))
 
-        return think(self.gguf, spare, choose, answer)
+        return think(self.gguf, self._closing, spare, next_token, answer)
 
     def _decode(
         self,
-        automaton: ProgramAutomaton | None,
+        held: Constraint | None,
         room: int,
-        temperature: float,
-        rng: np.random.Generator | None,
-        answer: UnderWay,
+        draw: Draw,
+        answer: StreamingAnswer,
         log: CertaintyLog,
     ) -> _Decoded:
-        table = self.gguf.table
-        state = automaton.start() if automaton is not None else None
-        pieces: list[bytes] = []
-        told = 0  # pieces: a name is told of when it is whole
-        names = NameWatch(self.gguf, automaton, log) if automaton and rng is None else None
-        while len(pieces) < room:
-            if names and state:
-                state = names.seen(state, pieces)
-            token, state = self._next(automaton, state, temperature, rng, log)
+        table, text, count = self.gguf.table, b"", 0
+        while count < room:
+            logits = self.gguf.logits()
+            scores = draw.scores(logits)
+            token = best_token(scores) if held is None else held.choose(scores)
+            log.add(logits, token)
             answer.begins()
             if token in table.end_tokens:
-                return _Decoded(b"".join(pieces), "stop", len(pieces))
-            pieces.append(table.pieces[token])
-            under_way = len(pieces) < room and not answer.is_late
-            if not (names and state and state.frame.names and under_way):
-                answer.came(b"".join(pieces[told:]), len(pieces) - told)
-                told = len(pieces)
-            if automaton is not None and state is not None and not automaton.next_bytes(state):
-                return _Decoded(b"".join(pieces), "stop", len(pieces))
-            if automaton is not None and b"\n" in pieces[-1] and _cycle(b"".join(pieces)):
-                return _Decoded(b"".join(pieces), "cycle", len(pieces))
+                return _Decoded(text, "stop", count)
+            text, count = text + table.pieces[token], count + 1
+            answer.came(table.pieces[token])
+            if held is not None:
+                held.take(token)
+                if held.has_ended:
+                    return _Decoded(text, "stop", count)
+                if b"\n" in table.pieces[token] and _cycle(text):
+                    return _Decoded(text, "cycle", count)
             if answer.is_late:
-                return _Decoded(b"".join(pieces), "time", len(pieces))
-            if len(pieces) < room:
-                self.gguf.extend([token], ahead=self._expected(automaton, state, pieces))
-        return _Decoded(b"".join(pieces), "length", len(pieces))
-
-    def _next(
-        self,
-        automaton: ProgramAutomaton | None,
-        state: State | None,
-        temperature: float,
-        rng: np.random.Generator | None,
-        log: CertaintyLog | None = None,
-    ) -> tuple[int, State | None]:
-        logits = self.gguf.logits()
-        scores = logits if rng is None else gumbel(logits, temperature, rng)
-        if automaton is None or state is None:
-            token, after = best_token(scores), None
-        else:
-            token, after = choose_token(scores, automaton, state, self.gguf.table)
-        if log is not None:
-            log.add(logits, token)
-        return token, after
-
-    def _expected(
-        self, automaton: ProgramAutomaton | None, state: State | None, pieces: Sequence[bytes]
-    ) -> list[int]:
-        """Return tokens that the answer is likely to go on with, as it is cut when it is read."""
-        if automaton is None or state is None or not (text := automaton.expected(state)):
-            return []
-        begun = next((i for i, one in enumerate(reversed(pieces)) if b"\n" in one), len(pieces))
-        line = list(pieces[len(pieces) - begun :])
-        tokens = self.gguf.tokens((b"".join(line) + text).decode())
-        cut = [self.gguf.table.pieces[token] for token in tokens]
-        return tokens[len(line) :] if cut[: len(line)] == line else []
+                return _Decoded(text, "time", count)
+            if count < room:
+                self.gguf.extend([token], ahead=held.expected() if held is not None else ())
+        return _Decoded(text, "length", count)
 
 
 def _cycle(text: bytes) -> int:
     return cycle(text.split(b"\n")[:-1])
 
 
-def _fault(found: _Decoded, answer: UnderWay) -> str:
+def _fault(found: _Decoded, answer: StreamingAnswer) -> str:
     """Return why an answer is not whole; "" for one that is."""
     match found.finish:
         case "length":
@@ -311,86 +269,3 @@ def _fault(found: _Decoded, answer: UnderWay) -> str:
         case "time":
             return answer.late
     return ""
-
-
-@lru_cache(maxsize=8)
-def _automaton(spec: AnswerSpec) -> ProgramAutomaton:
-    return ProgramAutomaton(spec)
-
-
-# ----------------------------------------------------------------- names as a whole
-
-
-@dataclass(frozen=True, slots=True)
-class NameBegun:
-    """Where an answer stood before a name."""
-
-    pieces: int  # of the answer, before it
-    state: State
-    decoded: int  # tokens in the cache, prompt included
-    logits: Logits
-
-
-class NameWatch:
-    """Sees that names are chosen as a whole while an answer is decoded behind its prompt."""
-
-    def __init__(self, model: GgufModel, automaton: ProgramAutomaton, log: CertaintyLog) -> None:
-        self._model, self._automaton, self._log = model, automaton, log
-        self._begun: NameBegun | None = None
-
-    def seen(self, state: State, pieces: list[bytes]) -> State | None:
-        """Return where the answer stands, a name that led astray replaced, in `pieces` too."""
-        if not state.frame.names:
-            return state
-        if state.node == 0:
-            logits = self._model.logits().copy()
-            self._begun = NameBegun(len(pieces), state, self._model.decoded, logits)
-        elif self._begun is not None and not self._goes_on(state):
-            return self._taken_back(self._begun, pieces)
-        return state
-
-    def _goes_on(self, state: State) -> bool:
-        """Return whether the token that the model wants most may follow."""
-        piece = self._model.table.pieces[best_token(self._model.logits())]
-        return bool(piece) and self._automaton.advance(state, piece, closing=True) is not None
-
-    def _taken_back(self, begun: NameBegun, pieces: list[bytes]) -> State | None:
-        word, tokens, chances = best_name(self._model, begun)
-        self._log.replace(begun.pieces, chances)
-        pieces[begun.pieces :] = [self._model.table.pieces[token] for token in tokens]
-        self._model.rewind(begun.decoded)
-        self._model.extend(tokens)
-        return self._automaton.advance(begun.state, word)
-
-
-def best_name(model: GgufModel, begun: NameBegun) -> tuple[str, list[int], list[float]]:
-    """Return the likeliest name that may stand there, its tokens and their log-probabilities.
-
-    The cache then holds what stood before the name, and what was run last; rewind it.
-    """
-    words = begun.state.frame.words
-    trie = trie_of([model.tokens(word) for word in words])
-    found: dict[int, float] = {0: 0.0}
-    waiting = [(0.0, 0)]
-    while True:
-        _, number = heappop(waiting)
-        if trie[number].ends:
-            path = path_to(trie, number)
-            gains = np.diff([0.0, *(found[one] for one in path)]).tolist()
-            return words[trie[number].ends[0]], [trie[one].token for one in path], gains
-        logits = begun.logits
-        if number:
-            model.rewind(begun.decoded)
-            model.extend([trie[one].token for one in path_to(trie, number)])
-            logits = model.logits()
-        for token, chance in _chances(logits, list(trie[number].children)):
-            child = trie[number].children[token]
-            found[child] = found[number] + chance
-            heappush(waiting, (-found[child], child))
-
-
-def _chances(logits: Logits, tokens: Sequence[int]) -> list[tuple[int, float]]:
-    """Return the log-probabilities of some tokens among all."""
-    top = float(logits.max())
-    whole = top + float(np.log(np.exp(logits - np.float32(top)).sum(dtype=np.float64)))
-    return [(token, min(float(logits[token]) - whole, 0.0)) for token in tokens]

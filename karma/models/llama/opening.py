@@ -109,20 +109,15 @@ def _listening() -> Iterator[list[bytes]]:
         llama_cpp.llama_log_set(_logger.llama_log_callback, None)
 
 
-def open_context(llama: Any, tokens: int, *, sequences: int = 1, batch: int = 0) -> Any:
-    """Open one more context over loaded weights, freed with the model at the latest.
+def open_context(llama: Any, tokens: int) -> Any:
+    """Open another context over loaded weights, freed with the model at the latest.
 
-    Its cache holds so many tokens of all sequences together; a batch of 0 is the model's own.
     ValueError where there is no memory for it.
     """
     from llama_cpp import _internals, _utils
 
     parameters = type(llama.context_params).from_buffer_copy(llama.context_params)
     parameters.n_ctx = tokens
-    if sequences > 1:
-        parameters.n_seq_max, parameters.kv_unified = sequences, True
-    if batch:
-        parameters.n_batch = parameters.n_ubatch = batch
     with _utils.suppress_stdout_stderr(disable=False):  # it warns of longer than trained
         return _internals.LlamaContext(model=llama._model, params=parameters, verbose=False)
 

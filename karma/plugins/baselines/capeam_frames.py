@@ -7,18 +7,18 @@ picked up before.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from typing import Literal
 
 from karma.agent.planning.program import SWITCH_AFTER
 from karma.household.ids import short_type
+from karma.household.skill_effects import BeliefState, apply, unmet
 from karma.household.types import object_types
 from karma.household.uses import (
     BIN,
     FAUCET,
     FRIDGE,
     KNIFE,
-    KNIVES,
     MICROWAVE,
     SINK,
     without_basin,
@@ -45,22 +45,29 @@ class SubGoal:
 class ProgramReader:
     """Reads a program (of types or short names) call by call as frames.
 
-    It tracks what is in the hand, at first a type or "", and what stands open.
+    Its beliefs follow the frames by `karma.household.skill_effects`: what the hand holds, at first
+    a type or "", and what stands open.
     """
 
     calls: Sequence[SkillCall]
-    hand: str = ""
+    hand: InitVar[str] = ""
     frames: list[SubGoal] = field(default_factory=list)
     unsupported: list[SkillCall] = field(default_factory=list)  # what no frame says
-    open: str = ""  # what was opened last and not closed since
     running: str = ""  # the appliance whose switching a frame has taken in
     resting: SubGoal | None = None  # a change that left its thing in the appliance
+    beliefs: BeliefState = field(init=False)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, hand: str) -> None:
         """Read all calls."""
+        self.beliefs = BeliefState.holding(hand)
         for number, call in enumerate(self.calls):
             self._step(call, self.calls[number + 1 :])
         self._leave()
+
+    @property
+    def held(self) -> str:
+        """The type of object in the hand; "" if it is empty."""
+        return self.beliefs.held.name if self.beliefs.held else ""
 
     def _step(self, call: SkillCall, rest: Sequence[SkillCall]) -> None:
         thing = _kind(call.objects[0])
@@ -77,32 +84,41 @@ class ProgramReader:
             case "OpenObject" | "CloseObject":
                 if not self._wraps(thing):
                     self.unsupported.append(call)
-                self.open = thing if call.skill == "OpenObject" else ""
+                self.beliefs = apply(_of(call.skill, thing), self.beliefs)
             case skill if skill in SWITCH_AFTER:
                 self._switch(thing, skill)
             case _:
                 self.unsupported.append(call)
 
+    def _frame(self, action: Action, thing: str, place: str = "") -> SubGoal:
+        """Append a frame, and note what its pick-up or put does to the hand."""
+        frame = SubGoal(action=action, thing=thing, place=place)
+        self.frames.append(frame)
+        if action == "Pickup":
+            self.beliefs = apply(_of("PickupObject", thing), self.beliefs)
+        elif place or action == "Put":
+            self.beliefs = apply(_of("PutObject", thing, place), self.beliefs)
+        return frame
+
     def _pick_up(self, thing: str) -> None:
-        rests = self.resting
-        if rests is not None and rests.thing == thing:
+        if self.resting is not None and self.resting.thing == thing:
             self.resting = None  # the change ends with the thing in the hand anyway
-        else:
-            self._leave()
-            if self.hand == thing:
-                return
+            self.beliefs = apply(_of("PickupObject", thing), self.beliefs)
+            return
+        self._leave()
+        if self.held != thing:
             self._free()
-            self.frames.append(SubGoal(action="Pickup", thing=thing, place=self.open))
-        self.hand = thing
+            opened = [
+                item.name for item, states in self.beliefs.states.items() if "opened" in states
+            ]
+            self._frame("Pickup", thing, opened[-1] if opened else "")
 
     def _put(self, thing: str, place: str, rest: Sequence[SkillCall]) -> None:
         self._leave()
-        thing = self.hand or thing  # one object through all frames of a chain
-        action = self._change(thing, place, rest)
-        self.frames.append(SubGoal(action=action, thing=thing, place=place))
-        self.hand = ""
-        if action != "Put":
-            self.resting = self.frames[-1]
+        thing = self.held or thing  # one object through all frames of a chain
+        frame = self._frame(self._change(thing, place, rest), thing, place)
+        if frame.action != "Put":
+            self.resting = frame
             self.running = _APPLIANCES[place][1] if place in _APPLIANCES else ""
 
     def _change(self, thing: str, place: str, rest: Sequence[SkillCall]) -> Action:
@@ -127,17 +143,15 @@ class ProgramReader:
         self.resting, self.running = None, ""
 
     def _free(self) -> None:
-        if self.hand:
-            self.frames.append(SubGoal(action="Put", thing=self.hand))
-            self.hand = ""
+        if self.held:
+            self._frame("Put", self.held)
 
     def _slice(self, thing: str) -> None:
         self._leave()
-        if self.hand not in KNIVES:
+        if "knife" in unmet(_of("SliceObject", thing), self.beliefs):
             self._free()
-            self.frames.append(SubGoal(action="Pickup", thing=KNIFE))
-            self.hand = KNIFE
-        self.frames.append(SubGoal(action="Slice", thing=thing))
+            self._frame("Pickup", KNIFE)
+        self._frame("Slice", thing)
 
     def _switch(self, thing: str, skill: str) -> None:
         if self.running and (thing == self.running or _APPLIANCES.get(thing, ("", ""))[1] == thing):
@@ -145,8 +159,7 @@ class ProgramReader:
         if self.running == FAUCET and thing == SINK:
             return
         self._leave()
-        action: Action = "ToggleOn" if SWITCH_AFTER[skill] == "on" else "ToggleOff"
-        self.frames.append(SubGoal(action=action, thing=thing))
+        self._frame("ToggleOn" if SWITCH_AFTER[skill] == "on" else "ToggleOff", thing)
 
     def _wraps(self, place: str) -> bool:
         """Return whether opening and closing this is part of putting in or taking out."""

@@ -13,13 +13,14 @@ from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Self
 
 from karma.agent.body.skills import Skills
+from karma.agent.knowledge import RoomKnowledge
 from karma.agent.options import settings_of
 from karma.agent.planning.inspector import mend, objection
 from karma.agent.planning.planner import Planner, grounded
 from karma.agent.planning.program import SKILLS
 from karma.agent.planning.prompt import compact, template
 from karma.agent.planning.recovery import program_of
-from karma.agent.tour import KnownFloor, floor_of, position_of
+from karma.agent.tour import floor_of, position_of
 from karma.bench.methods.expert import NoOptions
 from karma.errors import ModelError, ProgramError
 from karma.household.pieces import base_type
@@ -184,7 +185,7 @@ class LotaGenerate(PlannerRow):
 # ----------------------------------------------------------------- an episode of either row
 
 
-class LotaEpisode(RoomByRoom[KnownFloor]):
+class LotaEpisode(RoomByRoom[RoomKnowledge]):
     """One sequence of instructions, of which only requests and answers are kept.
 
     `act` carries out one instruction, told the ones before it; of a room only the floor is known.
@@ -211,10 +212,10 @@ class LotaEpisode(RoomByRoom[KnownFloor]):
         yield Outcome(finished=finished, resident=(), handled_ids=skills.experience.handled_ids)
 
 
-def _floor(world: World) -> KnownFloor:
+def _floor(world: World) -> RoomKnowledge:
     """Return area nodes over the cells that can be stood on."""
     graph = SceneGraph.over(sorted(floor_of(world)), height_m=position_of(world)[1])
-    return KnownFloor(tuple(graph.areas()))
+    return RoomKnowledge(world, graph)
 
 
 def chooser_of(

@@ -5,25 +5,18 @@ docs/plugins/hosted.md says which dialects were tried against the real server.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
 from karma.errors import ModelError
-from karma.models.automaton import ProgramAutomaton
+from karma.models import constraint
 from karma.models.endpoint import Constraint, DialectName, Endpoint
 from karma.plugins.hosted.connection import Connection
-from karma.plugins.hosted.grammars import (
-    admits_plan,
-    gbnf,
-    plan_gbnf,
-    plan_schema,
-    program_text,
-    schema,
-)
+from karma.plugins.hosted.grammars import gbnf, program_text, schema
 from karma.types.completion import Thinking
-from karma.types.planning import AnswerSpec, PlanSpec
+from karma.types.planning import AnswerSpec, JsonSpec, ProgramSpec
 
 Fields = dict[str, Any]  # of a request
 
@@ -33,7 +26,7 @@ class Language:
     """What an answer may say, in every form that a server may take."""
 
     grammar: str  # GBNF
-    schema: Mapping[str, Any]
+    schema: Mapping[str, Any] | None  # None: the answers cannot be written in JSON
     read: Callable[[str], str | None] = field(compare=False)  # a JSON answer as the text it means
     admits: Callable[[str], bool] = field(compare=False)
     begins: Callable[[str], bool] = field(compare=False)  # something that is admitted
@@ -43,24 +36,19 @@ class Language:
 @lru_cache(maxsize=8)
 def language_of(spec: AnswerSpec) -> Language:
     """Return the answers of a spec; ValueError where it admits none."""
-    automaton = ProgramAutomaton(spec)
-
-    def begins(text: str) -> bool:
-        return automaton.advance(automaton.start(), text) is not None
-
-    def admits(text: str) -> bool:
-        state = automaton.advance(automaton.start(), text)
-        return state is not None and automaton.accepts(state)
-
-    if isinstance(spec, PlanSpec):
-        return Language(
-            grammar=plan_gbnf(spec), schema=plan_schema(spec),
-            read=lambda text: text, admits=lambda text: admits_plan(spec, text), begins=begins,
-            otherwise="schema",
-        )  # fmt: skip
-    return Language(
-        grammar=gbnf(spec), schema=schema(spec),
-        read=program_text, admits=admits, begins=begins,
+    grammar = spec.grammar
+    language = Language(
+        grammar=gbnf(grammar),
+        schema=schema(spec) if isinstance(spec, ProgramSpec) else None,
+        read=program_text,
+        admits=lambda text: constraint.admits(grammar, text),
+        begins=lambda text: constraint.begins(grammar, text),
+    )
+    if not isinstance(spec, JsonSpec):
+        return language
+    return replace(
+        language, schema=spec.schema, read=lambda text: text, admits=spec.admits,
+        otherwise="schema",
     )  # fmt: skip
 
 
@@ -68,7 +56,7 @@ Binding = Callable[[Language], Fields]
 
 
 def _response_format(language: Language) -> Fields:
-    named = {"name": "program", "strict": True, "schema": dict(language.schema)}
+    named = {"name": "program", "strict": True, "schema": dict(language.schema or {})}
     return {"response_format": {"type": "json_schema", "json_schema": named}}
 
 
@@ -99,7 +87,7 @@ _ALL = (
         page=("../props", "default_generation_settings"),
         bindings={
             "grammar": lambda language: {"grammar": language.grammar},
-            "schema": lambda language: {"json_schema": dict(language.schema)},
+            "schema": lambda language: {"json_schema": dict(language.schema or {})},
         },
         constraint="grammar",
         thinking=_by_template,
@@ -111,7 +99,7 @@ _ALL = (
         page=("../version", "version"),
         bindings={
             "grammar": _structured("grammar", lambda language: language.grammar),
-            "schema": _structured("json", lambda language: dict(language.schema)),
+            "schema": _structured("json", lambda language: dict(language.schema or {})),
         },
         constraint="grammar",
         thinking=_by_template,
@@ -166,9 +154,12 @@ class Manner:
 
     def binding(self, language: Language | None) -> Constraint | None:
         """Return the form in which a request says the language; None: in none."""
-        if language is None or self.constraint is not None:
-            return None if language is None else self.constraint
-        return language.otherwise if language.otherwise in self.dialect.bindings else None
+        if language is None:
+            return None
+        form = self.constraint or language.otherwise
+        if form not in self.dialect.bindings or (form == "schema" and language.schema is None):
+            return None
+        return form
 
     def fields(self, language: Language | None, max_tokens: int) -> tuple[Fields, int]:
         """Return what a request says beside its text, and the tokens that the answer may have."""

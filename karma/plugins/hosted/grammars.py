@@ -1,134 +1,38 @@
-"""Write the language of a spec, of programs or of plans, as servers take it.
+"""Write the language of a spec as servers take it.
 
 GBNF are llama.cpp's grammars; XGrammar reads them too. For servers that enforce JSON schemas only,
 a program is
 `{"program": [{"skill": "PutObject", "object": "Mug", "object_2": "Sink"}, ...]}`: a call is an
-object with its arguments by kind, in the order in which a line has them. Who may refuse may say
-`{"program": {"refuse": "thing"}}`.
+object with its arguments by kind, in the order in which a line has them. A planner that may refuse
+may answer `{"program": {"refuse": "thing"}}`.
 """
 
 import json
-from collections.abc import Sequence
+import re
 from typing import Any
 
-import msgspec
+from karma.types.grammars import Argument, LineForm, forms
+from karma.types.planning import REFUSAL_KINDS, ProgramSpec, RefusedRequest, SkillCall
 
-from karma.models.automaton import (
-    CLOSINGS,
-    Argument,
-    LineForm,
-    as_json,
-    forms,
-    items_of,
-    refusal_lines,
-)
-from karma.types.planning import REFUSAL_KINDS, PlanSpec, ProgramSpec, RefusedRequest, SkillCall
-
-_CLASS = r"[ !#-\[\]-~]"  # printable ASCII without quotes and backslashes
+_TEXT_OR_CLASS = re.compile(r'("(?:\\.|[^"\\])*")|/((?:\\.|[^/\\])*)/')
 
 
-def gbnf(spec: ProgramSpec) -> str:
-    r"""Return the grammar of programs, one rule a line; its root is the rule `root`.
+def gbnf(grammar: str) -> str:
+    r"""Return the grammar of a spec, Lark, in llama.cpp's notation; its root is the rule `root`.
 
-    Raises:
-        ValueError: the spec admits no program.
-
-    >>> from karma.types.planning import Skill
-    >>> go = Skill(name="GoToObject", arguments=("object",))
-    >>> print(gbnf(ProgramSpec(skills=(go,), objects=("Mug", "Sink"), max_calls=3)))
-    root ::= line ("\n" line){0,2} ("\n" ("\n" | "```" | "#")?)?
-    line ::= "GoToObject" "(robot" ", '" names0 ")"
-    names0 ::= ("Mug" | "Sink") "'"
+    >>> print(gbnf('start: "go(" NAME ")"\nNAME: /[A-Z]/{1,9} | "a: /b/"'))
+    root ::= "go(" NAME ")"
+    NAME ::= [A-Z]{1,9} | "a: /b/"
     """
-    kinds = forms(spec)
-    lists = list(dict.fromkeys(one.names for form in kinds for one in form.arguments))
-    rule_of = {names: f"names{number}" for number, names in enumerate(lists)}
-
-    def argument(one: Argument) -> str:
-        name = f"""{literal(", '")} {rule_of[one.names]}"""
-        if not one.most:
-            return name
-        more = f"({name}){{0,{one.most - 1}}} " if one.most > 1 else ""
-        return f"""{literal(", ['")} {rule_of[one.names]} {more}{literal("]")}"""
-
-    def line(form: LineForm) -> str:
-        before = [_any(form.skills), literal("(robot")]
-        rest: list[str] = []  # an argument that may be left out holds those behind it
-        for one in reversed(form.arguments[form.needed :]):
-            rest = [f"({' '.join([argument(one), *rest])})?"]
-        needed = map(argument, form.arguments[: form.needed])
-        return " ".join([*before, *needed, *rest, literal(")")])
-
-    newline = literal("\n")
-    more = f" ({newline} line){{0,{spec.max_calls - 1}}}" if spec.max_calls > 1 else ""
-    refusals = [f"{literal(line)} {newline}?" for line in refusal_lines(spec)]
-    program = f"root ::= line{more} ({newline} {_any(CLOSINGS)}?)?"
-    rules = [
-        " | ".join([program, *refusals]),
-        f"line ::= {' | '.join(map(line, kinds))}",
-        *(f'{rule} ::= {_any(names)} "\'"' for names, rule in rule_of.items()),
-    ]
-    return "\n".join(rules)
-
-
-def literal(text: str) -> str:
-    r"""Return a text as a terminal of GBNF.
-
-    >>> print(literal('a "b"'))
-    "a \"b\""
-    """
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
-    return f'"{escaped}"'
-
-
-def _any(words: Sequence[str]) -> str:
-    terminals = " | ".join(map(literal, words))
-    return terminals if len(words) == 1 else f"({terminals})"
-
-
-def plan_gbnf(spec: PlanSpec) -> str:
-    """Return the grammar of plans; errors as those of `plan_frame`."""
-    items = " | ".join(map(literal, items_of(spec)))
-    parts = [literal("{")]
-    for key in spec.texts:
-        parts += [literal(f'{as_json(key)}:"'), "text", literal('",')]
-    parts.append(literal(f"{as_json(spec.plan)}:["))
-    more = f' ("," item){{0,{spec.max_actions - 1}}}' if spec.max_actions > 1 else ""
-    parts.append(f"(item{more})?")
+    rules = [line.partition(": ") for line in grammar.splitlines()]
     return "\n".join(
-        (
-            f"root ::= {' '.join([*parts, literal(']}')])}",
-            f"text ::= {_CLASS}{{0,{spec.max_text}}}" if spec.max_text else 'text ::= ""',
-            f"item ::= {items}",
-        )
+        f"{'root' if name == 'start' else name} ::= {_TEXT_OR_CLASS.sub(_text_or_class, body)}"
+        for name, _, body in rules
     )
 
 
-def plan_schema(spec: PlanSpec) -> dict[str, Any]:
-    """Return the JSON schema of plans; errors as those of `plan_frame`."""
-    action = object_schema(
-        {
-            spec.number: {"type": "integer", "minimum": 0, "maximum": len(spec.actions) - 1},
-            spec.name: {"type": "string"},
-        }
-    )
-    text = {"type": "string", "maxLength": spec.max_text}
-    plan = {"type": "array", "items": action, "maxItems": spec.max_actions}
-    return object_schema({**dict.fromkeys(spec.texts, text), spec.plan: plan})
-
-
-def admits_plan(spec: PlanSpec, text: str) -> bool:
-    """Return whether a JSON text, however it is spaced, is a plan of listed actions."""
-    try:
-        found = msgspec.json.decode(text)
-    except (msgspec.DecodeError, UnicodeError, RecursionError):
-        return False
-    if not isinstance(found, dict) or not isinstance(found.get(spec.plan), list):
-        return False
-    numbers = [one.get(spec.number) if isinstance(one, dict) else None for one in found[spec.plan]]
-    return len(numbers) <= spec.max_actions and all(
-        type(number) is int and 0 <= number < len(spec.actions) for number in numbers
-    )
+def _text_or_class(found: re.Match[str]) -> str:
+    return found[1] or found[2]
 
 
 PROGRAM = "program"

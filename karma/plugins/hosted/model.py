@@ -13,19 +13,20 @@ from typing import Any, Literal
 import numpy as np
 
 from karma.errors import ModelError, RequestRefused
-from karma.models.automaton import without_closing
 from karma.models.completeness import CUTS, cut_off, filtered
 from karma.models.embed import REMEMBERED, stacked, unit_row
 from karma.models.endpoint import Endpoint
 from karma.models.picture_questions import picture_url, question, some_picture, states_told
 from karma.models.session import Session
+from karma.models.thoughts import split_thought
 from karma.plugins.hosted.cassette import Exchange
 from karma.plugins.hosted.connection import Connection
 from karma.plugins.hosted.dialects import Language, Manner, language_of, manner_of
 from karma.plugins.hosted.usage import cost_of, usage_of
 from karma.types.completion import Completion, Heard, Listener
+from karma.types.grammars import without_closing
 from karma.types.observation import SeenObject
-from karma.types.planning import AnswerSpec, PlanSpec, ProgramSpec, Prompt
+from karma.types.planning import AnswerSpec, JsonSpec, Prompt
 from karma.types.space import Frame, Vectors
 
 _VISION_TOKENS = 1024  # four steps of reasoning
@@ -33,7 +34,6 @@ _VISION_ATTEMPTS = 2  # the second quotes what could not be used
 _FIELDS = ("reasoning_content", "reasoning", "thinking")  # that servers return a thought in
 _SPOKEN = ("text", "output_text", "refusal", None)  # types of parts of a message
 _THOUGHT = ("thinking", "reasoning")
-_TAGS = (("<think>", "</think>"), ("<thinking>", "</thinking>"), ("[THINK]", "[/THINK]"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +85,7 @@ class HostedLanguageModel:
         Raises:
             ModelError: the endpoint failed, or its answer has another form.
         """
-        asked = self.manner.constraint is not None or isinstance(spec, PlanSpec)
+        asked = self.manner.constraint is not None or isinstance(spec, JsonSpec)
         language = language_of(spec) if spec is not None and asked else None
         if self.manner.binding(language) is None:
             language = None
@@ -97,7 +97,7 @@ class HostedLanguageModel:
             seconds = said.exchange.seconds
             listen(Heard(text=said.text, tokens=usage.completion_tokens, seconds=seconds))
         fault = _fault(said, language, usage.completion_tokens)
-        held = isinstance(spec, ProgramSpec) and language is not None and not fault
+        held = language is not None and not isinstance(spec, JsonSpec) and not fault
         return Completion(
             text=without_closing(said.text) if held else said.text,
             finish=said.finish,
@@ -385,15 +385,8 @@ def told_apart(message: Mapping[str, Any]) -> tuple[str, str]:
         content = "".join(text for kind, text in parts if kind in _SPOKEN)
     if not isinstance(content, str):
         raise TypeError(f"a {type(content).__name__} where a text should be")
-    for opening, closing in _TAGS:
-        before, found, after = content.rpartition(closing)
-        if found:  # the opening tag may have been in the prompt
-            inside = before.strip().removeprefix(opening).strip()
-            return after.lstrip(), "\n".join(filter(None, [thought, inside]))
-        if content.lstrip().startswith(opening):
-            inside = content.lstrip().removeprefix(opening).strip()
-            return "", "\n".join(filter(None, [thought, inside]))
-    return content, thought
+    inside, answer = split_thought(content)
+    return answer, "\n".join(filter(None, [thought, inside]))
 
 
 def _text_of(part: Mapping[str, Any]) -> str:

@@ -12,10 +12,11 @@ from karma.models.endpoint import Endpoint
 from karma.models.session import Session
 from karma.plugins.hosted.connection import Connection
 from karma.plugins.hosted.dialects import Language, manner_of
-from karma.plugins.hosted.grammars import literal, object_schema
+from karma.plugins.hosted.grammars import object_schema
 from karma.plugins.hosted.model import HostedLanguageModel
 from karma.seeds import stream
 from karma.types.completion import Thinking
+from karma.types.grammars import any_of
 from karma.types.planning import Prompt
 from karma.types.roles import LanguageModel
 
@@ -83,7 +84,7 @@ def _language(words: tuple[str, ...]) -> Language:
         return f"{found[1]}\n" if found else None
 
     return Language(
-        grammar=f"root ::= {' | '.join(map(literal, admitted))}",
+        grammar=f"root ::= {any_of(admitted)}",
         schema=object_schema({"k": {"type": "string", "enum": list(words)}}),
         read=read,
         admits=admitted.__contains__,

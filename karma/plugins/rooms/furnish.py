@@ -1,6 +1,7 @@
 """Furnish a room: along walls, on walls and in the middle, no box inside another."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from math import ceil, floor
 from typing import NamedTuple
 
 import msgspec
@@ -11,6 +12,7 @@ from karma.household.types import object_type
 from karma.household.uses import FRIDGE
 from karma.plugins.rooms.rooms import Furnishing, FurniturePart, Kind, Piece, RoomTable
 from karma.world.core.boxes import Box
+from karma.world.core.ground import AGENT_HEIGHT_M, AGENT_RADIUS_M, GRID_M, NEAR_M, Cell, Key, parts
 
 TRIES = 40
 FRONT_M = 0.45  # kept free before what stands at a wall
@@ -259,3 +261,27 @@ def _front(boxes: Sequence[Box], yaw: int, depth: float) -> Box:
     hull = Box.hull(boxes)
     width, deep = extent(hull, yaw)
     return LocalFrame.of(hull, yaw).box((0.0, width), (0.05, 1.6), (deep, deep + depth))
+
+
+# ------------------------------------------------------------- cells to stand on
+
+
+def reachable_cells(room: Box, obstacles: Iterable[Box]) -> tuple[Cell, ...]:
+    """Return the largest part of the free floor, sorted; () when there is none.
+
+    The room's y0 is the floor; of obstacles those that begin below the agent's head block cells.
+    """
+    free = set(_grid(room.grown(-AGENT_RADIUS_M, 0.0, -AGENT_RADIUS_M)))
+    for box in obstacles:
+        if box.y0 - room.y0 <= AGENT_HEIGHT_M:
+            near = _grid(box.grown(NEAR_M, 0.0, NEAR_M))
+            free.difference_update(
+                (i, j) for i, j in near if box.distance(i * GRID_M, box.y0, j * GRID_M) < NEAR_M
+            )
+    return tuple((i * GRID_M, j * GRID_M) for i, j in max(parts(free), key=len, default=()))
+
+
+def _grid(box: Box) -> Iterator[Key]:
+    for i in range(ceil(box.x0 / GRID_M), floor(box.x1 / GRID_M) + 1):
+        for j in range(ceil(box.z0 / GRID_M), floor(box.z1 / GRID_M) + 1):
+            yield i, j

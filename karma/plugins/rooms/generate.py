@@ -13,12 +13,19 @@ from karma.errors import KarmaError, UnknownNameError
 from karma.household.places import FLOOR
 from karma.household.types import object_type
 from karma.household.uses import BURNER, KNOB
-from karma.plugins.rooms.furnish import LocalFrame, NoRoomError, Placed, RoomInMaking, extent
+from karma.plugins.rooms.furnish import (
+    LocalFrame,
+    NoRoomError,
+    Placed,
+    RoomInMaking,
+    extent,
+    reachable_cells,
+)
 from karma.plugins.rooms.rooms import Furnishing, Rest, RoomTable, Wares, rooms
 from karma.seeds import stream
 from karma.types.space import Vec3
 from karma.world.core.boxes import Box, rounded
-from karma.world.core.ground import Cell, distances, nearest_to_centre, reachable_cells
+from karma.world.core.ground import Cell, distances, nearest_to_centre
 from karma.world.core.scene import AgentPose, Scene, SceneObject
 
 ATTEMPTS = 200

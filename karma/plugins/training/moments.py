@@ -12,14 +12,14 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from karma.agent.seeing.perceive import camera_of, shown_states, truth_of
+from karma.agent.seeing.perceive import camera_of, truth_of
 from karma.agent.seeing.projection import placed
 from karma.household.pieces import EGG
 from karma.household.places import FLOOR
 from karma.household.uses import BURNER, KNOB, MICROWAVE
 from karma.plugins.rooms.generate import build_scene
 from karma.seeds import stream
-from karma.types.observation import SeenObject
+from karma.types.observation import SeenObject, TrueObject
 from karma.world.core.scene import Scene, SceneObject
 from karma.world.event import WorldEvent
 from karma.world.sim import EmbeddedWorld
@@ -198,3 +198,14 @@ def _tells(thing: SceneObject) -> bool:
 def generator(seed: int, *use: str) -> _Lot:
     """Return the random stream of a use."""
     return stream(seed, "vision", *use)
+
+
+def shown_states(thing: TrueObject) -> tuple[str, ...]:
+    """Return the words that a picture of an object can tell, sorted; ("none",) for none.
+
+    Those of its sight, and "cleaned" for what can be dirty and is not.
+    """
+    words = set(thing.states)
+    if thing.dirtyable and "dirty" not in words:
+        words.add("cleaned")
+    return tuple(sorted(words or {"none"}))

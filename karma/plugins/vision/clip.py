@@ -103,8 +103,9 @@ class _Words:
     """Text to token ids, as the family's own processor does it."""
 
     def __init__(self, folder: CheckedFolder) -> None:
-        default = 77 if folder.model_type == "clip" else 64
-        self._length = folder.number("text_config", "max_position_embeddings", default=default)
+        usual = 77 if folder.model_type == "clip" else 64
+        text = folder.config.get("text_config") or {}
+        self._length = int(text.get("max_position_embeddings", usual))
         self._tokenizer = load_tokenizer(folder)
         self._tokenizer.no_padding()
         self._tokenizer.enable_truncation(self._length)

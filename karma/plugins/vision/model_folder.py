@@ -8,12 +8,6 @@ from typing import Any
 from karma.errors import ModelError
 from karma.models.checks.folder import check_weights, read_config
 
-_MOST: Mapping[str, int] = {  # of numbers whose names end so: a library makes that many things
-    "layers": 1_000, "depth": 1_000, "depths": 1_000, "edge": 10_000, "height": 10_000,
-    "width": 10_000, "crop_size": 10_000, "image_size": 10_000, "size": 10_000_000,
-    "embeddings": 10_000_000, "heads": 10_000, "labels": 1_000_000,
-}  # fmt: skip
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckedFolder:
@@ -29,23 +23,6 @@ class CheckedFolder:
     def parameters(self) -> int:
         """How many numbers there are."""
         return sum(self.sizes.values())
-
-    def number(self, *keys: str, default: int) -> int:
-        """Return the number at `keys` of config.json, one inside the other; else the default.
-
-        ModelError where no positive number stands there.
-        """
-        found: Any = self.config
-        for key in keys:
-            if not isinstance(found, dict):
-                break
-            found = found.get(key)
-            if found is None:
-                return default
-        if not isinstance(found, int) or isinstance(found, bool) or found < 1:
-            what = f"{'.'.join(keys)} is {found!r}, not a positive number"
-            raise ModelError(f"{self.path / 'config.json'}: {what}")
-        return found
 
 
 def check_folder(
@@ -73,7 +50,6 @@ def check_folder(
     if kind not in families:
         wanted = ", ".join(sorted(families))
         raise ModelError(f"{place}: model_type is {kind!r}, this adapter opens {wanted}")
-    check_sizes(place, config)
     named, known = config.get("architectures") or (), families[kind]
     if not isinstance(named, list | tuple) or not all(isinstance(one, str) for one in named):
         raise ModelError(f"{place}: architectures is {named!r}, not a list")
@@ -87,21 +63,3 @@ def check_folder(
         name=name or folder.name, path=folder, model_type=kind, config=config,
         sizes=check_weights(folder, fix=fix),
     )  # fmt: skip
-
-
-def check_sizes(path: Path, said: Any, name: str = "") -> None:
-    """Refuse numbers in what a file says for which a library would make things without end.
-
-    ModelError for a size beyond all models; names it.
-    """
-    match said:
-        case dict():
-            for key, value in said.items():
-                check_sizes(path, value, str(key))
-        case list():
-            for value in said:
-                check_sizes(path, value, name)
-        case int() | float():
-            ending = next((one for one in sorted(_MOST, key=len)[::-1] if name.endswith(one)), "")
-            if ending and not said <= _MOST[ending]:
-                raise ModelError(f"{path}: {name} is {said!r:.40}; {_MOST[ending]} at most")

@@ -10,7 +10,7 @@ from karma.errors import KarmaError, ModelError
 from karma.models.checks.folder import read_config
 from karma.models.checks.memory import check_memory, weights_mb
 from karma.models.manifest import Role, resolve_folder
-from karma.plugins.vision.model_folder import CheckedFolder, check_folder, check_sizes
+from karma.plugins.vision.model_folder import CheckedFolder, check_folder
 
 
 def checked_folder(
@@ -119,7 +119,6 @@ def load_image_processor(folder: CheckedFolder) -> Any:
     kinds = [said.get(key) for key in ("image_processor_type", "feature_extractor_type")]
     if not any(isinstance(kind, str) for kind in kinds):  # else sizes would be guessed
         raise ModelError(f"{where}: cannot be used: no image_processor_type")
-    check_sizes(where, said)
     with quiet(), foreign(f"{where}: cannot be used"):
         return import_transformers().AutoImageProcessor.from_pretrained(
             folder.path, local_files_only=True, trust_remote_code=False, backend="pil"

@@ -9,13 +9,11 @@ import numpy as np
 from karma.types.space import Vec3
 from karma.world.actions.moving import hang
 from karma.world.core.arguments import Place
-from karma.world.core.boxes import Floats
-from karma.world.core.posing import angles, met_by, rotation_matrix, spun, vector, with_contents
+from karma.world.core.posing import angles, rotation_matrix, spun, vector, with_contents
 from karma.world.core.state import Performed, Refusal, Result, WorldState
 from karma.world.core.view import camera, camera_axes, in_picture
 
 _EMPTY = "Agent is not holding anything in its hand."
-_CLOSE_M = 0.01
 
 
 def move(
@@ -51,11 +49,7 @@ def _reach(state: WorldState, by: Vec3, force: bool) -> Result:
     after = replace(state, hand_m=(x, y, z))
     if refusal := _out_of_reach(after, force):
         return refusal
-    after = replace(after, objects=hang(after, state.held, 0.0))
-    hit = bumped(state, after)
-    if hit is not None:
-        return Refusal(f"{state.objects[state.held].name} would run into {hit}.")
-    return Performed(after)
+    return Performed(replace(after, objects=hang(after, state.held, 0.0)))
 
 
 def _out_of_reach(state: WorldState, force: bool) -> Refusal | None:
@@ -92,32 +86,5 @@ def rotate(
     there = spun(thing, delta, angles(delta @ rotation_matrix(thing.rotation)))
     if wanted[1, 1] < 0:  # tilted by more than 90 degrees
         there = msgspec.structs.replace(there, is_filled=False, liquid=None)
-    after = replace(
-        state, objects=with_contents(state.objects, there), hand_turn_deg=angles(wanted)
-    )
-    hit = bumped(state, after)
-    if hit is not None:
-        return Refusal(f"{thing.name} would run into {hit} when turned.")
-    return Performed(after)
-
-
-def bumped(before: WorldState, after: WorldState) -> str | None:
-    """Return the name of what the held thing gets into that it was not in; None if nothing."""
-    room, held = after.room, after.held or ""
-    (low, high), (was_low, was_high) = _box(after), _box(before)
-    middle, half = np.array(room.bounds_center), np.array(room.bounds_size) / 2
-    below, above = np.minimum(was_low, middle - half), np.maximum(was_high, middle + half)
-    if (low < below).any() or (high > above).any():
-        return "the room's wall"
-    objects = after.objects
-    fresh = met_by(objects, low, high) & ~met_by(before.objects, was_low, was_high)
-    for object_id in (held, *after.in_hand):
-        fresh[objects.rows[object_id]] = False
-    rows = np.flatnonzero(fresh)
-    return None if not len(rows) else list(objects.values())[rows[0]].name
-
-
-def _box(state: WorldState) -> tuple[Floats, Floats]:
-    thing = state.objects[state.held or ""]
-    center, half = np.array(thing.center), np.array(thing.size) / 2 - _CLOSE_M
-    return center - half, center + half
+    objects = with_contents(state.objects, there)
+    return Performed(replace(state, objects=objects, hand_turn_deg=angles(wanted)))

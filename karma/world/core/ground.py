@@ -1,8 +1,7 @@
 """Measure the floor: the cells that an agent can stand on, which hang together, and polygons."""
 
 from collections import deque
-from collections.abc import Collection, Container, Iterable, Iterator, Sequence
-from math import ceil, floor
+from collections.abc import Collection, Container, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -44,27 +43,6 @@ def parts(cells: Collection[Key]) -> list[list[Key]]:
             found.append(sorted(walk(left, start)))
             left.difference_update(found[-1])
     return found
-
-
-def reachable_cells(room: Box, obstacles: Iterable[Box]) -> tuple[Cell, ...]:
-    """Return the largest part of the free floor, sorted; () when there is none.
-
-    The room's y0 is the floor; of obstacles those that begin below the agent's head block cells.
-    """
-    free = set(_grid(room.grown(-AGENT_RADIUS_M, 0.0, -AGENT_RADIUS_M)))
-    for box in obstacles:
-        if box.y0 - room.y0 <= AGENT_HEIGHT_M:
-            near = _grid(box.grown(NEAR_M, 0.0, NEAR_M))
-            free.difference_update(
-                (i, j) for i, j in near if box.distance(i * GRID_M, box.y0, j * GRID_M) < NEAR_M
-            )
-    return tuple((i * GRID_M, j * GRID_M) for i, j in max(parts(free), key=len, default=()))
-
-
-def _grid(box: Box) -> Iterator[Key]:
-    for i in range(ceil(box.x0 / GRID_M), floor(box.x1 / GRID_M) + 1):
-        for j in range(ceil(box.z0 / GRID_M), floor(box.z1 / GRID_M) + 1):
-            yield i, j
 
 
 def nearest_to_centre(cells: Sequence[Cell]) -> Cell:

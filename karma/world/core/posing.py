@@ -8,8 +8,7 @@ import numpy as np
 
 from karma.types.space import Vec3
 from karma.world.core.arguments import Place
-from karma.world.core.boxes import Flags, Floats
-from karma.world.core.hiding import inert_rows, solid_boxes
+from karma.world.core.boxes import Floats
 from karma.world.core.objects import Objects
 from karma.world.core.placement import nested, parents_in
 from karma.world.core.scene import SceneObject
@@ -136,10 +135,3 @@ def released(state: WorldState, middle: Vec3, holder: str | None) -> WorldState:
     objects = objects.changed(changes)
     changes = {c: nested(objects, objects[c]) for c in objects.carried(thing.id)}
     return replace(emptied(state), objects=objects.changed(changes))
-
-
-def met_by(objects: Objects, low: Floats, high: Floats) -> Flags:
-    """Return which objects' solid parts a box overlaps, shape (n,)."""
-    solid_low, solid_high = solid_boxes(objects)
-    overlap: Flags = np.all((solid_low < high) & (solid_high > low), axis=1)
-    return overlap & ~inert_rows(objects)

@@ -177,32 +177,6 @@ def egg(f: Form) -> list[Mesh]:
     return [body._replace(vertices=points)]
 
 
-def lettuce(f: Form) -> list[Mesh]:
-    """Return leaves round a heart."""
-    heart = (f.width * 0.3, f.height * 0.42, f.depth * 0.3)
-    return [
-        *_leaves(f, (f.main, f.second, shade(f.main, 0.8)), 9),
-        ball((0, f.height * 0.5, 0), heart, f.third),
-    ]
-
-
-def leaves(f: Form) -> list[Mesh]:
-    """Return a few loose leaves."""
-    low = f._replace(height=f.height * 0.9)
-    return _leaves(low, (f.main, f.second, shade(f.second, 1.1)), 5)
-
-
-def _leaves(f: Form, colours: tuple[Colour, ...], count: int) -> list[Mesh]:
-    x, y, z = f.half
-    found = []
-    for leaf in range(count):
-        angle = leaf * 2.4
-        middle = (cos(angle) * x * 0.55, y * (0.3 + 0.45 * leaf / count), sin(angle) * z * 0.55)
-        colour = colours[leaf % len(colours)]
-        found.append(ball(middle, f.at(0.44, 0.3, 0.44), colour, sides=8, rings=5))
-    return found
-
-
 # ------------------------------------------------------------------ pieces
 
 

@@ -16,7 +16,7 @@ from karma.agent.planning.program import SKILLS
 from karma.errors import ModelError, ServerLost
 from karma.plugins.baselines.lota import chooser_of
 from karma.plugins.hosted.dialects import DIALECTS
-from karma.plugins.hosted.grammars import plan_gbnf, plan_schema
+from karma.plugins.hosted.grammars import gbnf
 from karma.plugins.hosted.planner import open_planner
 from karma.types.planning import ProgramSpec
 from karma.types.roles import ScoringModel
@@ -114,8 +114,8 @@ def test_server_without_a_grammar_is_refused_by_name_unless_told_otherwise():
 @pytest.mark.parametrize(
     ("dialect", "field"),
     [
-        ("plain", lambda b: b["response_format"]["json_schema"]["schema"] == plan_schema(PLANS)),
-        ("vllm", lambda b: b["structured_outputs"] == {"grammar": plan_gbnf(PLANS)}),
+        ("plain", lambda b: b["response_format"]["json_schema"]["schema"] == PLANS.schema),
+        ("vllm", lambda b: b["structured_outputs"] == {"grammar": gbnf(PLANS.grammar)}),
     ],
 )
 def test_plans_are_asked_for_as_each_server_takes_it(dialect, field):

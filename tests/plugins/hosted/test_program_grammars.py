@@ -1,4 +1,4 @@
-"""GBNF and JSON schema admit exactly the programs and plans of the automaton.
+"""GBNF and JSON schema admit exactly the programs and plans of the grammar.
 
 Each is read by somebody else than who wrote it: llama.cpp's grammar sampler, and a schema reader of
 the tests as well as llama.cpp's own conversion of schemas. KARMA_SAMPLE sets how many programs.
@@ -19,11 +19,9 @@ from support.random_programs import random_program
 from karma.agent.planning.program import SKILLS, parse_program, parse_refusal
 from karma.errors import ProgramError
 from karma.household.types import object_types
-from karma.models.automaton import ProgramAutomaton
+from karma.models.constraint import admits
 from karma.plugins.hosted.grammars import (
     gbnf,
-    plan_gbnf,
-    plan_schema,
     program_text,
     schema,
 )
@@ -75,11 +73,10 @@ def mutated(text, generator):
 def samples():
     """Programs of one to seven lines, half of them changed."""
     generator = np.random.default_rng(12)
-    automaton = ProgramAutomaton(SPEC)
     found = []
     for number in range(SAMPLES):
         lines = 1 + int(generator.integers(SPEC.max_calls))
-        text = random_program(automaton, generator, lines)
+        text = random_program(SPEC, generator, lines)
         end = ("\n", "", "\n\n", "\n```", "\n#")[number % 5]
         text = text if text.startswith("refuse") else text.rstrip("\n") + end
         found.append(text if number % 2 else mutated(text, generator))
@@ -88,18 +85,17 @@ def samples():
 
 @pytest.fixture(scope="module")
 def admitted(samples):
-    automaton = ProgramAutomaton(SPEC)
-    states = [automaton.advance(automaton.start(), text) for text in samples]
-    found = [state is not None and automaton.accepts(state) for state in states]
+    grammar = SPEC.grammar
+    found = [admits(grammar, text) for text in samples]
     assert SAMPLES // 2 <= sum(found) < SAMPLES * 0.7  # both kinds are there
     assert sum(text.startswith("refuse") for text in samples) > SAMPLES // 5
     return found
 
 
 @pytest.mark.model
-def test_gbnf_admits_exactly_the_programs_of_the_automaton(samples, admitted):
+def test_gbnf_admits_exactly_the_programs_of_the_spec(samples, admitted):
     need_models("karma-nano")
-    with LlamaGrammar(NANO, gbnf(SPEC)) as grammar:
+    with LlamaGrammar(NANO, gbnf(SPEC.grammar)) as grammar:
         assert [grammar.accepts(text) for text in samples] == admitted
 
 
@@ -123,7 +119,7 @@ def as_json(text):
     return program_json(calls) if "".join(f"{call}\n" for call in calls) == text else None
 
 
-def test_schema_admits_exactly_the_programs_of_the_automaton_without_loss(samples, admitted):
+def test_schema_admits_exactly_the_programs_of_the_spec_without_loss(samples, admitted):
     made, found = schema(SPEC), []
     for text in samples:
         answer = as_json(text)
@@ -147,7 +143,7 @@ def test_number_of_calls_is_bounded_in_every_grammar(most):
     spec = ProgramSpec(skills=SKILLS, objects=("Mug",), max_calls=most)
     line = "GoToObject(robot, 'Mug')\n"
     made = schema(spec)
-    with LlamaGrammar(NANO, gbnf(spec)) as grammar:
+    with LlamaGrammar(NANO, gbnf(spec.grammar)) as grammar:
         for calls, legal in ((0, False), (1, True), (most, True), (most + 1, False)):
             text = line * calls
             assert grammar.accepts(text) is legal
@@ -158,7 +154,7 @@ def test_signs_in_names_stand_for_themselves():
     names = ('Apple|-00.47|+01.15|(2) "x" [b] {c}', "Crème", "a.c", "a^b$")
     spec = ProgramSpec(skills=SKILLS[:1], objects=names, max_calls=1)
     made = schema(spec)
-    with LlamaGrammar(NANO, gbnf(spec)) as grammar:
+    with LlamaGrammar(NANO, gbnf(spec.grammar)) as grammar:
         for name in names:
             answer = json.dumps({"program": [{"skill": "GoToObject", "object": name}]})
             assert grammar.accepts(f"GoToObject(robot, '{name}')\n")
@@ -186,14 +182,14 @@ def test_json_that_is_no_program_is_told_apart_from_an_empty_one(answer):
 
 
 @pytest.mark.parametrize(("texts", "legal"), [(LEGAL, True), (ILLEGAL, False)])
-def test_grammar_admits_the_plans_of_the_automaton(texts, legal):
-    with LlamaGrammar(NANO, plan_gbnf(PLANS)) as grammar:
+def test_grammar_admits_the_plans_of_the_spec(texts, legal):
+    with LlamaGrammar(NANO, gbnf(PLANS.grammar)) as grammar:
         for text in texts:
             assert grammar.accepts(text) is legal, text
 
 
 def test_schema_admits_plans_of_listed_numbers_only():
-    made = plan_schema(PLANS)
+    made = PLANS.schema
     assert all(is_valid(made, text) for text in LEGAL)
     for text in (plan(14), plan(-1), plan(0, 0, 0, 0), plan(0, why="thirteen char"), "{}"):
         assert not is_valid(made, text)

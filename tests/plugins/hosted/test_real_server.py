@@ -25,7 +25,7 @@ from support.needs import need_models
 from karma.agent.planning.program import SKILLS, parse_program
 from karma.errors import ModelError
 from karma.household.types import object_types
-from karma.models.automaton import ProgramAutomaton
+from karma.models.constraint import admits
 from karma.models.llama.model import LlamaModel
 from karma.models.session import Session
 from karma.plugins.hosted.cassette import Cassette
@@ -86,9 +86,7 @@ def auto(url, **more):
 
 
 def is_program(spec, text):
-    automaton = ProgramAutomaton(spec)
-    state = automaton.advance(automaton.start(), text)
-    return state is not None and automaton.accepts(state)
+    return admits(spec.grammar, text)
 
 
 # ----------------------------------------------------------------- held to programs

@@ -9,7 +9,7 @@ from karma.files import to_json
 from karma.plugins.rules.language.clauses import completed
 from karma.plugins.rules.method import reader_of
 from karma.plugins.rules.request_checker import Guard
-from karma.plugins.rules.talk.offers import is_no, is_yes
+from karma.plugins.rules.talk.offers import is_no, is_yes, offered, pending
 
 HERE = ("Apple", "Bowl", "CounterTop", "DiningTable", "Fridge", "Mug", "Sink", "Faucet")
 OPENED = "OpenObject(robot, 'Fridge')\nPutObject(robot, 'Apple', 'Fridge')\n"
@@ -160,11 +160,11 @@ def test_which_of_two_is_asked_where_nothing_takes_it_back(tmp_path):
     before = {name: one["parentReceptacles"] for name, one in objects(agent).items()}
     reply = agent.do("throw the egg away")
     assert reply.status == "asked" and "Which one?" in str(reply)
-    assert sorted(reply.unclear.candidates) == [
+    assert sorted(pending(reply).candidates) == [
         "the egg in the fridge", "the egg on the dining table",
     ]  # fmt: skip
     assert before == {name: one["parentReceptacles"] for name, one in objects(agent).items()}
-    assert completed(reply.unclear.text, "the one in the fridge", reply.unclear.about) == (
+    assert completed(pending(reply).text, "the one in the fridge", pending(reply).about) == (
         "throw the egg in the fridge away"
     )
 
@@ -180,7 +180,7 @@ def test_which_of_two_is_asked_where_nothing_takes_it_back(tmp_path):
 )
 def test_yes_asks_for_what_was_offered(tmp_path, text, offer):
     reply = agent_saying(tmp_path, [STORE]).do(text)
-    assert (reply.status, reply.offer) == ("refused", offer)
+    assert (reply.status, offered(reply)) == ("refused", offer)
 
 
 def test_yes_and_no():

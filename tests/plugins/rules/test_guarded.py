@@ -10,6 +10,7 @@ from karma.cli.conversation import CODES
 from karma.plugins.rules.method import reader_of
 from karma.plugins.rules.program_effects import effects_of
 from karma.plugins.rules.request_checker import Guard, cannot_serve, here_of
+from karma.plugins.rules.talk.offers import offered, pending
 
 HERE = ("Apple", "Bowl", "CounterTop", "Fridge", "Mug", "Sink", "Faucet", "Microwave", "Toaster")
 CUT = "PickupObject(robot, 'Knife')\nSliceObject(robot, 'Apple')\n"
@@ -128,7 +129,7 @@ def test_statuses_and_codes(tmp_path, text, status, code):
     reply = agent_saying(tmp_path, [STORE]).do(text)
     assert (reply.status, CODES[reply.status]) == (status, code)
     if status == "asked":
-        assert reply.unclear is not None and reply.unclear.question
+        assert pending(reply) is not None and pending(reply).question
 
 
 def test_a_stubborn_planner_is_not_followed(tmp_path):
@@ -293,7 +294,7 @@ def test_all_furniture_of_a_kind_has_its_turn(agent_in):
     assert all(one["isOpen"] for one in things if one["objectType"] == "Drawer")
     assert agent.do("close all of them but the first").status == "asked"
     asked = agent.do("close the top drawer")
-    assert (asked.status, asked.offer) == ("asked", "close the drawer")
+    assert (asked.status, offered(asked)) == ("asked", "close the drawer")
 
 
 def test_each_thing_that_they_stand_for_is_carried(agent_in):

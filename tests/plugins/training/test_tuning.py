@@ -153,7 +153,7 @@ def test_a_merged_file_says_what_base_and_adapter_say_together(tmp_path, base, w
             before = adapted(torch.tensor([tokens])).logits[0, -1].numpy()
     found = []
     for each in (model, plain):
-        each.evaluate([], tokens)
+        each.evaluate([tokens])
         found.append(each.logits().copy())
     moved, quantised = np.abs(wanted - before).max(), np.abs(found[1] - before).max()
     assert np.abs(found[0] - wanted).max() < 2 * quantised < moved * 2

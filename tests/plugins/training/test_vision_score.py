@@ -1,11 +1,13 @@
 """Scoring a vision model: hand-counted figures, the questions, the command."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
+from karma.agent.seeing.perceive import truth_of
 from karma.models.picture_questions import STATES
-from karma.plugins.training.moments import generator, moments, room, samples
+from karma.plugins.training.moments import generator, moments, room, samples, shown_states
 from karma.plugins.training.vision_score import (
     AskedFrame,
     AskedObject,
@@ -14,6 +16,7 @@ from karma.plugins.training.vision_score import (
     score,
 )
 from karma.world.core import scene
+from karma.world.sim import EmbeddedWorld
 
 
 def asked(truth, answer, *, share=0.01):
@@ -141,3 +144,18 @@ def test_the_command_writes_figures(tmp_path):
     assert json.loads((tmp_path / "f.json").read_text())["frames"] == 2
     wrong = CliRunner().invoke(app, ["vlm", "eval", "--model", "karma-nano-vlmm"])
     assert wrong.exit_code == 1
+
+
+@pytest.mark.parametrize(
+    ("states", "dirtyable", "words"),
+    [
+        ((), False, ("none",)),
+        ((), True, ("cleaned",)),
+        (("dirty", "filled"), True, ("dirty", "filled")),
+        (("closed", "on"), False, ("closed", "on")),
+        (("cooked", "heated"), True, ("cleaned", "cooked", "heated")),
+    ],
+)
+def test_what_a_picture_can_tell(states, dirtyable, words):
+    thing = truth_of(EmbeddedWorld("kitchen_1").last_event).objects[0]
+    assert shown_states(replace(thing, states=states, dirtyable=dirtyable)) == words

@@ -1,10 +1,10 @@
 """Eyes that see by pictures alone: what they know is what boxes, depth and a reader told them."""
 
 import pytest
+from support.household import Believes
 
 from karma.agent.body.skills import Skills
 from karma.agent.seeing.perceive import observe, truth_of
-from karma.agent.tour import KnownFloor
 from karma.models.scripted import BlindVision, MetadataVision
 from karma.plugins.vision.picture_eyes import GivenBoxes, PictureEyes
 from karma.types.planning import SkillCall
@@ -95,7 +95,7 @@ def test_true_states_come_only_with_a_reader_that_tells_them(world):
 def test_what_is_put_somewhere_is_believed_to_be_there_and_the_tap_washes_it():
     world = EmbeddedWorld("kitchen_3", **FLAGS)
     eyes = PictureEyes(BlindVision(), GivenBoxes())
-    skills = Skills(world, KnownFloor(()), eyes=eyes)
+    skills = Skills(world, Believes(()), eyes=eyes)
     for skill, *objects in (
         ("Explore", "Mug"), ("PickupObject", "Mug"), ("Explore", "Sink"),
         ("PutObject", "Mug", "Sink"), ("ToggleOn", "Faucet"),
@@ -109,7 +109,7 @@ def test_what_is_put_somewhere_is_believed_to_be_there_and_the_tap_washes_it():
 
 def test_hand_is_felt_and_what_it_holds_is_not_in_view(world):
     eyes = PictureEyes(BlindVision(), GivenBoxes())
-    skills = Skills(world, KnownFloor(()), eyes=eyes)
+    skills = Skills(world, Believes(()), eyes=eyes)
     assert skills.run(SkillCall(skill="Explore", objects=("Egg",))).ok
     assert skills.run(SkillCall(skill="PickupObject", objects=("Egg",))).ok
     seen = eyes.observe(world.last_event)
@@ -127,5 +127,5 @@ def test_closed_containers_are_searched_by_one_who_reads_no_states():
     ]
     others = {one.object_type for one in truth_of(world.last_event).objects if one not in inside}
     name = next(one.object_type for one in inside if one.object_type not in others)
-    skills = Skills(world, KnownFloor(()), eyes=PictureEyes(BlindVision(), GivenBoxes()))
+    skills = Skills(world, Believes(()), eyes=PictureEyes(BlindVision(), GivenBoxes()))
     assert skills.run(SkillCall(skill="Explore", objects=(name,))).ok

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from support.household import Believes
 
 from karma.agent.body.skills import Skills
 from karma.agent.seeing.perceive import camera_of
-from karma.agent.tour import KnownFloor
 from karma.household.ids import type_of
 from karma.household.types import object_types
 from karma.models.scripted import BlindVision
@@ -88,7 +88,7 @@ def test_thing_that_is_not_in_the_picture_is_refused_by_the_world(world):
 
 def test_agent_picks_up_and_puts_down_by_pointing_into_the_picture(world):
     skills = Skills(
-        world, KnownFloor(()), eyes=PictureEyes(BlindVision(), TrackedBoxes(Pointing(world)))
+        world, Believes(()), eyes=PictureEyes(BlindVision(), TrackedBoxes(Pointing(world)))
     )
     calls = (
         ("Explore", "Potato"), ("PickupObject", "Potato"), ("Explore", "Fridge"),

@@ -7,9 +7,8 @@ that the attack is given, and nowhere else; connections go to this machine only.
 
 import os
 import random
-import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from karma.errors import KarmaError
@@ -26,45 +25,21 @@ class Case:
     attack: Callable[[Path], None]  # in an empty folder
 
 
-@dataclass(kw_only=True)
-class Tally:
-    """What became of some attacks."""
-
-    tried: int = 0
-    gave_way: list[tuple[str, str]] = field(default_factory=list)  # name, and how
-    slowest_s: float = 0.0  # of processor
-    slowest: str = ""
-
-
-def attacked(cases: Iterator[Case], folder: Path) -> Iterator[Tally]:
-    """Try one case after the other, each in a folder of its own; yields the tally so far."""
-    tally = Tally()
-    for number, case in enumerate(cases):
-        place = folder / str(number)
+def all_held(draw: Callable[[int, int], Iterator[Case]], count: int, folder: Path) -> None:
+    """Try `count` cases of a class, or $KARMA_SAMPLE; raises AssertionError with what gave way."""
+    gave_way = []
+    tried = 0
+    for tried, case in enumerate(draw(SEED, SAMPLE or count), 1):
+        place = folder / str(tried)
         place.mkdir(parents=True)
-        begun = time.process_time()
         try:
             case.attack(place)
         except BaseException as error:
             if isinstance(error, KeyboardInterrupt):
                 raise
-            tally.gave_way.append((case.name, f"{type(error).__name__}: {str(error)[:300]}"))
-        took_s = time.process_time() - begun
-        if took_s > tally.slowest_s:
-            tally.slowest_s, tally.slowest = took_s, case.name
-        tally.tried += 1
-        yield tally
-
-
-def all_held(draw: Callable[[int, int], Iterator[Case]], count: int, folder: Path) -> None:
-    """Try `count` cases of a class, or $KARMA_SAMPLE; raises AssertionError with what gave way."""
-    tally = Tally()
-    for now in attacked(draw(SEED, SAMPLE or count), folder):
-        tally = now
-    slowest = f"{tally.slowest_s:.1f} s of processor ({tally.slowest[:40]})"
-    print(f"{tally.tried} tried, {len(tally.gave_way)} gave way, the slowest {slowest}")
-    assert tally.tried >= min(SAMPLE or count, count)
-    assert not tally.gave_way, tally.gave_way[:5]
+            gave_way.append((case.name, f"{type(error).__name__}: {str(error)[:300]}"))
+    assert tried >= min(SAMPLE or count, count)
+    assert not gave_way, gave_way[:5]
 
 
 def refused(act: Callable[[], object], *, naming: str = "") -> None:

@@ -20,8 +20,9 @@ from msgspec import Meta
 
 from karma.files import read_toml
 from karma.plugins.alfred.eb_world.environment import Environment, Step
+from karma.plugins.alfred.suites.plan_spec import PlanSpec
 from karma.plugins.alfred.suites.players import BenchmarkAnswer, kept
-from karma.types.planning import PlanSpec, Prompt
+from karma.types.planning import Prompt
 from karma.types.roles import LanguageModel
 from karma.types.space import Frame
 

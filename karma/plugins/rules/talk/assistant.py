@@ -16,7 +16,14 @@ from karma.plugins.rules.method import reader_of
 from karma.plugins.rules.object_finder import Earlier, Progress
 from karma.plugins.rules.request_executor import RequestExecutor, not_to_open
 from karma.plugins.rules.talk import history
-from karma.plugins.rules.talk.offers import corrected, is_no, is_yes, with_offer
+from karma.plugins.rules.talk.offers import (
+    corrected,
+    is_no,
+    is_yes,
+    offered,
+    pending,
+    with_offer,
+)
 from karma.plugins.rules.talk.questions import answered, of_another
 from karma.plugins.rules.talk.remembering import Remembering
 from karma.plugins.rules.talk.telling import told_of
@@ -185,7 +192,7 @@ class RulesAssistant:
 
     def _answer_to(self, typed: str, last: AgentReply) -> Resolved:
         """Return the pending request, completed with what was typed if that answers it."""
-        asked, offer = last.unclear, last.offer
+        asked, offer = pending(last), offered(last)
         if is_no(typed) and (offer or asked):
             return Resolved("", "all right, I do nothing")
         if is_yes(typed) and offer:

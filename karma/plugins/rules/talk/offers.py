@@ -1,9 +1,9 @@
 """What "yes" would mean where an errand was not carried out, and how answers go on with it."""
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from karma.assistant.replies import Understanding
+from karma.assistant.replies import AgentReply, Understanding
 from karma.plugins.rules.language.request import RequestReader
 from karma.plugins.rules.language.request_words import request_words
 from karma.plugins.rules.types import Request
@@ -25,6 +25,39 @@ _CORRECTS = re.compile(
     re.IGNORECASE,
 )
 _COMPLAINTS = {"dirty": "wash", "on": "turn off", "opened": "close", "filled": "empty"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PendingRequest:
+    """A request that is not carried out before a question is answered."""
+
+    text: str
+    question: str
+    candidates: tuple[str, ...] = ()  # object types or ids that the question offers
+    about: str = ""  # the words that may mean several objects: "the apple"
+
+
+def pending(reply: AgentReply) -> PendingRequest | None:
+    """Return the request that a reply asks back about, or None if it asks nothing."""
+    part = next((one for one in reply.parts if one.status == "asked"), None)
+    if part is None:
+        return None
+    if part.end is not None:
+        return PendingRequest(text=part.instruction, question=part.end.text)
+    understood = part.understood[-1]
+    return PendingRequest(
+        text=part.instruction,
+        question=understood.question,
+        candidates=understood.candidates,
+        about=part.about,
+    )
+
+
+def offered(reply: AgentReply) -> str:
+    """Return the request that "yes" stands for, or "" if no question of the reply offers one."""
+    planned = (one.offer for part in reply.parts for one in part.understood[-1:])
+    answered = (part.answer.look for part in reply.parts if part.answer is not None)
+    return next(filter(None, (*planned, *answered)), "")
 
 
 def is_yes(text: str) -> bool:

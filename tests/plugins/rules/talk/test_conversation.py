@@ -13,6 +13,7 @@ from karma.cli import app
 from karma.cli.conversation import converse, say
 from karma.cli.shared import console
 from karma.models.scripted import ScriptedModel
+from karma.plugins.rules.talk.offers import pending
 
 
 @pytest.fixture
@@ -63,7 +64,7 @@ def test_refusal_is_told_with_a_question(talk):
 def test_an_answer_to_what_was_asked_back_goes_on_with_the_errand(tmp_path):
     agent = agent_saying(tmp_path, [STORE, STORE])
     asked = agent.do("put the apple in")
-    assert asked.unclear is not None
+    assert pending(asked) is not None
 
     def resolved(typed, at_terminal=True):
         return agent.assistant.resolve(typed, at_terminal=at_terminal)

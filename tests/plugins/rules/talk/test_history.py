@@ -8,6 +8,7 @@ from support.talking import STORE, TAKE, WASH, agent_saying
 from karma.plugins.rules.language.clock import DAY_S, HOUR_S, read_span, time_of_day
 from karma.plugins.rules.method import reader_of
 from karma.plugins.rules.talk.history import habits_in, in_plain_words, in_turn, moves
+from karma.plugins.rules.talk.offers import offered
 from karma.types.memory import MemoryChange
 
 BACK = (
@@ -218,7 +219,7 @@ def test_how_a_thing_is_by_a_persons_words_is_kept_and_told_as_theirs(agent):
     assert seen.startswith("No, the apple is not dirty; seen")
     filthy = agent.do("the apple is dirty again")  # that may ask for something
     kept = ("I will remember: the apple is dirty.", "Should I wash the apple?")
-    assert (filthy.parts[0].answer.lines, filthy.offer) == (kept, "wash the apple")
+    assert (filthy.parts[0].answer.lines, offered(filthy)) == (kept, "wash the apple")
     (told,) = answer(agent, "is the apple dirty?")
     assert told == "Yes, the apple is dirty; you told me just now."
     assert answer(agent, "I just washed the apple") == ("I will remember: the apple is clean.",)
