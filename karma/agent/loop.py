@@ -21,6 +21,7 @@ from karma.agent.session import (
     Remembered,
 )
 from karma.agent.tour import position_of, tour
+from karma.errors import KarmaError
 from karma.types.events import AgentEvent, Check, Found, Outcome, SkillResult
 from karma.types.observation import SeenObject
 from karma.types.planning import Advice, End, SkillCall
@@ -38,7 +39,9 @@ class KarmaAgent:
     memory: AgentMemory
     perception: Perception
     attempts: int
-    mode: "Mode | None" = None  # carries out instructions in place of the planner's programs
+    mode: "ModeExecutor | None" = (
+        None  # carries out instructions in place of the planner's programs
+    )
 
     def enter(self, scene: SceneRef) -> None:
         """Be in a room; its first visit explores it."""
@@ -89,7 +92,7 @@ class KarmaAgent:
 
 
 SessionExecutor = Callable[["AgentSession"], Generator[AgentEvent, None, bool | End]]
-Mode = Callable[[SubTask], SessionExecutor]
+ModeExecutor = Callable[[SubTask], SessionExecutor]
 
 
 def planned(subtask: SubTask) -> Executor:
@@ -120,6 +123,11 @@ class AgentSession:
     ) -> Generator[AgentEvent, None, Attempts]:
         """Plan and act until a program succeeds or the attempts are used up."""
         planner, text = self._agent.planner, subtask.instruction
+        if self._agent.mode is not None:
+            raise KarmaError(
+                f"{planner.model.name} does not write programs in the mode {planner.profile!r}\n"
+                '  To fix: --mode full, or profile = "full" under [models]'
+            )
         attempts = Attempts(instruction=text, objects=planner.objects(text))
         tells_all = planner.profile != "compact"
         request = self._memory.request(subtask, advice, tells_all=tells_all)

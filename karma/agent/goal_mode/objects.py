@@ -158,6 +158,9 @@ class ObjectFinder:
         `everywhere`: closed containers are searched, too, although enough are known.
         """
         yield from self.look_at_places(description)
+        if any(holds for _, holds in description.places):  # and only there
+            ids = [one.object_id for one in self.matching(description)]
+            return tuple(ids[: description.count])
         wanted = description.count or MAX_OBJECTS
         is_all = description.count is None or everywhere
         if is_all and not self._is_fixed(description):
