@@ -100,8 +100,6 @@ def table(
         parts = {
             "name": result.name,
             "figures": plain(result.figures),
-            "reductions": result.reductions,
-            "paper_reductions": result.paper_reductions,
             "comparisons": result.comparisons,
             "failures": result.failures,
             "margins": margins(result),
