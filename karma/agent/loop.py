@@ -168,14 +168,14 @@ class AgentSession:
         if call.skill == SURVEY:
             call = SkillCall.of("GoToObject", self._memory.scene)
             areas = tour(self._knowledge.areas(), position_of(self._agent.world))
-            looks = [self.skills.look_from("", area) for area in areas]
+            looks = [self.skills.look_for("", area) for area in areas]
             actions = sum(look.actions for look in looks)
             searched = sum(look.explorations for look in looks)
             return SkillResult(call=call, ok=True, actions=actions, explorations=searched)
         if call.skill == LOOK_OVER:
             return self.skills.look_over(self.seen()[call.objects[0]])
         if call.skill == "Explore" and aside:
-            return self.skills.find_another(call.objects[0], aside)
+            return self.skills.run(SkillCall.of("Explore", call.objects[0]), aside=aside)
         result = self.skills.run(call)
         if result.ok and self._attempts:
             self._attempts[-1] = self._attempts[-1].with_result(result)

@@ -172,7 +172,7 @@ class Agent:
             times=TimeLog(),
             tours={},
         )
-        steps.start(self.scene.name, seed)
+        steps.start(self.scene.name)
         self.home.restore(world, self._world)
         for errand in self.home.past:
             for change in errand.changes:

@@ -8,7 +8,7 @@ import msgspec
 
 from karma.agent.seeing.perceive import digest_of
 from karma.errors import KarmaError
-from karma.journal.steps import Action
+from karma.journal.entries import Action
 from karma.types.memory import MemoryChange
 from karma.types.observation import SeenObject
 from karma.types.roles import Event, World

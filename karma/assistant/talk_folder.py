@@ -14,8 +14,8 @@ import msgspec
 
 from karma.errors import FileError
 from karma.files import read_bytes
+from karma.journal.folder import locked
 from karma.journal.header import Header
-from karma.journal.owned_folder import locked
 from karma.journal.provenance import header_of
 from karma.journal.records import SAID, EpisodeRecord, SubTaskRecord, Turn, turns_file
 from karma.journal.run_folder import Finished, RunFolder
@@ -45,7 +45,7 @@ class TalkFolder:
         self.folder = _next(scene, talks) if folder is None else folder
         held = ExitStack()
         held.enter_context(locked(self.folder))
-        self.files = RunFolder(self.folder, steps=True, kind="talk")
+        self.files = RunFolder(self.folder, steps=True)
         try:
             self.files.reserve()
         except BaseException:
@@ -133,7 +133,7 @@ class Keeper:
         told = {"rows": [msgspec.to_builtins(self._row)], "models": msgspec.to_builtins(models)}
         header = header_of(
             f"talk in {self._scene.name}", told, models,
-            rows=[self._row], tasks=[task], scenes={}, steps=True,
+            rows=[self._row], tasks=[task], scenes={}, steps=True, kind="talk",
         )  # fmt: skip
         names = {"planner": self._given.model.name, "vision": self._given.vision.name}
         return header if self._models else replace(header, models=names)

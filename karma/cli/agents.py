@@ -28,7 +28,7 @@ from karma.errors import KarmaError
 if TYPE_CHECKING:
     from karma.bench.engine.experiment_file import Changes
     from karma.bench.engine.run import Run
-    from karma.journal.owned_folder import Kind
+    from karma.journal.header import Kind
 
 MARKS = {True: "[green]✓[/]", False: "[red]✗[/]"}  # of success
 
@@ -170,7 +170,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
     def _do_benchmark(self, run: "Run") -> None:
         """Do a benchmark's episodes that are missing, and print its tables."""
         from karma.bench.figures.tables import to_markdown
-        from karma.journal.header import TABLE
+        from karma.journal.folder import TABLE
         from karma.journal.records import in_words
 
         workers = workers_for(run, self.workers, self.ray)
@@ -190,7 +190,7 @@ class EvalCommand(Computed, Kept, EvalOptions):
         from rich.markdown import Markdown
 
         from karma.bench.policies.figure import figure_run
-        from karma.journal.header import RESULTS
+        from karma.journal.folder import RESULTS
 
         workers = self.workers if self.ray else self.workers or 1
         with bar() as progress:

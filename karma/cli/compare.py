@@ -19,6 +19,7 @@ from karma.cli.shared import (
     write_json,
 )
 from karma.errors import KarmaError
+from karma.files import write_atomic
 
 if TYPE_CHECKING:
     from karma.bench.figures.compare import Comparison, Split
@@ -69,7 +70,7 @@ def table(
         unfinished,
     )
     from karma.bench.figures.tables import to_markdown
-    from karma.journal.owned_folder import kind_in, write_beside
+    from karma.journal.header import kind_in
     from karma.journal.run_folder import read_run
 
     if kind_in(run) == "benchmark":
@@ -91,16 +92,14 @@ def table(
     for words in unfinished([data]):
         tell(words)
     folder = out or run
-    write_beside(folder, "table.md", to_markdown(sheets).encode())
-    write_beside(folder, "table.csv", to_csv(result).encode())
+    write_atomic(folder / "table.md", to_markdown(sheets).encode())
+    write_atomic(folder / "table.csv", to_csv(result).encode())
     names = f"{folder}/table.md, table.csv"
     console.print(escape(f"written, with all that stands behind them: {names}"))
     if json is not None:
         parts = {
             "name": result.name,
             "figures": plain(result.figures),
-            "reductions": result.reductions,
-            "paper_reductions": result.paper_reductions,
             "comparisons": result.comparisons,
             "failures": result.failures,
             "margins": margins(result),
@@ -116,13 +115,12 @@ def _write_benchmark(runs: Sequence[Path], folder: Path, json: Path | None) -> N
     """
     from karma.bench.engine.benchmark_runs import read_results, written
     from karma.bench.figures.tables import to_markdown
-    from karma.journal.header import TABLE
-    from karma.journal.owned_folder import write_beside
+    from karma.journal.folder import TABLE
 
     results = read_results(*runs)
     if not results.figures:
         raise KarmaError(f"{runs[0]}: the run has no episodes yet\n  To fix: karma eval FILE")
-    write_beside(folder, TABLE, written(results))
+    write_atomic(folder / TABLE, written(results))
     tell(to_markdown(results.behind))
     tell(f"all tables: {folder / TABLE}")
     write_json(json, results.figures)

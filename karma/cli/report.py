@@ -23,7 +23,7 @@ class ReportCommand:
 
     def do(self) -> None:
         """Write the page of a run, a benchmark's run, or a figure."""
-        from karma.journal.owned_folder import kind_in
+        from karma.journal.header import kind_in
 
         match kind_in(self.run):
             case "figure":

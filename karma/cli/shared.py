@@ -102,12 +102,9 @@ def write_json(place: Path | None, figures: object) -> None:
 
 def write_for(run: Path, out: Path | None, name: str, data: bytes) -> Path:
     """Write what shows a run where it is wanted, else into the run's folder; return where."""
-    from karma.journal.owned_folder import write_beside
-
-    if out is None:
-        return write_beside(run, name, data)
-    write_atomic(out, data)
-    return out
+    place = out or run / name
+    write_atomic(place, data)
+    return place
 
 
 def refuse_options(context: typer.Context, what: str, known: Collection[str]) -> None:

@@ -4,7 +4,6 @@ import hashlib
 import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -14,10 +13,9 @@ import msgspec
 from karma import __version__, registry
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, sha256_of, to_json
-from karma.journal.header import FORMAT, Header, Machine, without_places
+from karma.journal.header import Header, Kind, Machine, Options
 from karma.loading.models import OPENAI, Models, Row
 from karma.loading.planner_files import words_path
-from karma.models.checks.memory import MEMINFO
 from karma.models.llama.opening import devices
 from karma.models.manifest import find_model, resolve_planner
 from karma.offline.guard import network_allowed
@@ -35,30 +33,31 @@ COMPUTING = (  # packages whose next version may give other bits
 
 def header_of(
     name: str,
-    told: Mapping[str, Any],
+    options: Options,
     models: Models,
     *,
     rows: Sequence[Row],
     tasks: Iterable[Task],
     scenes: Mapping[str, bytes],
     steps: bool,
+    kind: Kind = "run",
 ) -> Header:
-    """Return what a run depends on; errors as `model_hashes`.
+    """Return what a run of our own tasks depends on; errors as `model_hashes`.
 
-    `told` is all that was said of it, as plain values; `scenes` are imported floor plans.
+    `options` are all that was said of it, as plain values; `scenes` are imported floor plans.
     """
     tasks = list(tasks)
     return Header(
+        kind=kind,
         name=name,
-        experiment=_sha(to_json(without_places(told))),
-        tasks=_sha(to_json([_listed(task) for task in tasks])),
+        options=options,
+        files={"tasks": _sha(to_json([_listed(task) for task in tasks]))},
         versions=versions(),
         models=model_hashes(models, rows),
         prompts=prompt_hashes(),
         scenes=scene_hashes({scene for task in tasks for scene in task.scenes}, scenes),
         network=network_allowed(),
         steps=steps,
-        format=FORMAT,
         machine=machine(models.threads),
     )
 
@@ -80,7 +79,6 @@ def machine(threads: int) -> Machine:
         platform=platform.platform(),
         cpu=_cpu(),
         cores=len(os.sched_getaffinity(0)),
-        memory_mb=_memory_mb(),
         threads=threads,
         devices=tuple(f"{one.name}: {one.description}" for one in devices()),
     )
@@ -203,12 +201,6 @@ def _cpu() -> str:
         return platform.processor() or platform.machine()
     names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     return next(names, platform.machine())
-
-
-def _memory_mb() -> int | None:
-    with suppress(OSError, ValueError, IndexError):
-        return int(MEMINFO.read_text().split()[1]) * 1024 // 1_000_000
-    return None
 
 
 def _sha(data: bytes) -> str:

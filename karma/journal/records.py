@@ -17,10 +17,10 @@ import msgspec
 
 from karma.errors import FileError
 from karma.files import read_bytes, to_json
-from karma.journal.owned_folder import read_lines
+from karma.journal.entries import Answer, Call
+from karma.journal.folder import NOT_RUN, TURNS, read_lines
 from karma.models.session import Spent
 from karma.types.completion import Engine, KvState
-from karma.types.events import Plan, SkillResult
 from karma.types.memory import Tour
 from karma.types.planning import RefusedRequest
 from karma.types.tasks import Kind
@@ -28,7 +28,6 @@ from karma.types.tasks import Kind
 KINDS: tuple[str, ...] = get_args(Kind)
 ALL, TRAINED, NOT_TRAINED = "all", "in training", "not in training"  # beside kinds
 Key = tuple[str, str, int]  # row, task, seed: what names an episode of a run
-TURNS = "turns.json"
 SAID = "said"  # the task of a conversation, and its kind
 
 
@@ -47,58 +46,6 @@ class OfEpisode:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Call:
-    """One skill call and how it went."""
-
-    text: str
-    ok: bool
-    reason: str
-    actions: int
-    explorations: int
-
-    @classmethod
-    def of(cls, result: SkillResult) -> "Call":
-        """Return the record of a result."""
-        costs = {"actions": result.actions, "explorations": result.explorations}
-        return cls(text=str(result.call), ok=result.ok, reason=result.reason, **costs)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
-    """One planner call: the program as written, and its cost."""
-
-    program: str
-    error: str
-    finish: str
-    prompt_tokens: int | None
-    completion_tokens: int | None
-    cost: float | None = None  # of a hosted model, in the currency of the price table
-    constrained: bool | None = None  # a grammar held; None where it is not known
-    reasoning: str = ""  # of a thinking model, before the program
-    prompt: str = ""  # whole, of an answer that was refused
-    dropped: tuple[str, ...] = ()  # lines that were no part of the program, where no grammar held
-    refused: RefusedRequest | None = None  # the request, in place of a program
-
-    @classmethod
-    def of(cls, plan: Plan) -> "Answer":
-        """Return the record of a plan."""
-        said = plan.completion
-        return cls(
-            program=said.text,
-            error=plan.error,
-            finish=said.finish,
-            prompt_tokens=said.prompt_tokens,
-            completion_tokens=said.completion_tokens,
-            cost=said.cost,
-            constrained=said.constrained,
-            reasoning=said.reasoning,
-            prompt=plan.prompt.text if plan.error else "",
-            dropped=plan.dropped,
-            refused=plan.refused,
-        )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SubTaskRecord:
     """One instruction of an episode."""
 
@@ -108,7 +55,6 @@ class SubTaskRecord:
     finished: bool  # the last program ran to its end
     answers: tuple[Answer, ...]
     calls: tuple[Call, ...]
-    recalled: tuple[str, ...]  # object ids in the prompt
     queries: int  # things that can be carried which the goals mention
     hits: int  # of those, in short-term memory when the instruction came
     at_start: tuple[str, ...] = ()  # goals that held already when the task began
@@ -119,6 +65,11 @@ class SubTaskRecord:
     def success(self) -> bool:
         """Whether all its goals held."""
         return not self.unmet
+
+    @property
+    def recalled(self) -> tuple[str, ...]:
+        """The object ids in the first prompt."""
+        return self.answers[0].recalled if self.answers else ()
 
     @property
     def timed_out(self) -> bool:
@@ -283,7 +234,6 @@ def read_turns(folder: Path) -> tuple[Turn, ...]:
 
 # ----------------------------------------------------------------- episodes that were not run
 
-NOT_RUN = "not_run.jsonl"  # of a run's folder
 IN_A_ROW = 3  # after which a run ends
 
 

@@ -8,32 +8,25 @@ killed run left half done is not counted and is written again, so the files end 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any
 
-from karma.agent.seeing.picture_states import PICTURES, picture_name
 from karma.errors import FileError
-from karma.files import TEMPORARY, append_line, to_json, write_atomic
-from karma.journal.header import (
-    CONFIG,
+from karma.files import LARGEST_LOG, append_line, read_bytes, to_json, write_atomic
+from karma.journal import folder as folders
+from karma.journal.folder import (
     EPISODES,
+    HEADER,
+    MARK,
+    NOT_RUN,
     RESULTS,
     TABLE,
     TIMINGS,
-    Config,
-    Header,
-    read_config,
-)
-from karma.journal.owned_folder import (
-    HEADER,
-    MARK,
-    Kind,
-    OwnedFolder,
     check_sealed,
     read_lines,
-    refuse_other,
+    replace_file,
 )
+from karma.journal.header import Header, kind_in
 from karma.journal.records import (
-    NOT_RUN,
     EpisodeRecord,
     EpisodeTiming,
     Key,
@@ -45,23 +38,7 @@ from karma.journal.records import (
 )
 from karma.journal.steps import packed, steps_path
 
-
-class OwnHeader(Protocol):
-    """What a run of another kind than ours depends on."""
-
-    @classmethod
-    def read(cls, folder: Path) -> Self:
-        """Read it; FileError where it is damaged, or another's."""
-
-    @property
-    def names(self) -> frozenset[str]:
-        """The files that such a run may write."""
-
-    def apart(self, new: Any) -> list[str]:
-        """Return what tells another one apart, in words."""
-
-
-_NO_SCENES: Mapping[str, bytes] = {}
+_NO_FILES: Mapping[str, bytes] = {}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,9 +64,19 @@ class RunData:
 
 
 def read_run(folder: str | Path) -> RunData:
-    """Read a run's folder, and change nothing in it; errors as `Header.read` and `read_lines`."""
+    """Read the folder of a run of our own tasks, or of a conversation, and change nothing in it.
+
+    Raises:
+        FileError: there is none, a line of it is damaged, or it is another kind of run.
+    """
     folder = Path(folder)
     header = Header.read(folder)
+    if header.kind == "figure":
+        fix = f"karma report {folder}"
+        raise FileError(folder, "a figure of policies, which has no episodes", fix=fix)
+    if header.kind == "benchmark":
+        reason = f"a run of the benchmark {header.options['benchmark']}, not of our own tasks"
+        raise FileError(folder, reason, fix=f"karma table {folder}")
     check_sealed(folder)
     return RunData(
         folder=folder,
@@ -102,64 +89,54 @@ def read_run(folder: str | Path) -> RunData:
 
 
 class RunFolder:
-    """The folder that a run writes."""
+    """The folder that a run writes; with `steps`, a step log per episode."""
 
-    def __init__(
-        self, path: Path, *, steps: bool, kind: Kind = "run", records: type[Any] = EpisodeRecord
-    ) -> None:
+    def __init__(self, path: Path, *, steps: bool, records: type[Any] = EpisodeRecord) -> None:
         self.path, self._steps, self._records = path, steps, records
         self._timings: type[Any] = EpisodeTiming if records is EpisodeRecord else PlayedTiming
-        self._kind: Kind = kind
-        self._owned = OwnedFolder(path, kind)
 
     def clear(self) -> None:
-        """Throw away what an earlier run left; FileError where what is there is no run's."""
-        if self._owned.look():
-            for picture in (self.path / PICTURES).glob("*.png"):
-                if picture.stem == picture_name(picture.read_bytes()):
-                    picture.unlink()
-            self._owned.fold(f"{PICTURES}/picture")
-            self._owned.clear()
+        """Remove what an earlier run left; FileError for a folder that no run has made."""
+        if folders.is_begun(self.path):
+            folders.clear(self.path)
 
-    def claim(
-        self,
-        header: Header | OwnHeader,
-        config: Config | None,
-        *,
-        fix: str,
-        scenes: Mapping[str, bytes] = _NO_SCENES,
-    ) -> None:
-        """Make the folder that run's, or see that it is; a run without an episode is no obstacle.
+    def claim(self, header: Header, *, fix: str, scenes: Mapping[str, bytes] = _NO_FILES) -> None:
+        """Make the folder that run's, or check that it is; a run without an episode gives way.
 
-        Without `config` the header says all; `scenes` are rooms that the tasks bring along, by
-        their path below the folder. FileError names what differs, or whose it is.
+        `scenes` are rooms that the tasks bring along, by their path below the folder.
+
+        Raises:
+            FileError: names what differs, or a file that no run has written.
         """
-        path, data = self.path / HEADER, to_json(header, indent=2)
-        self._owned.look()
-        check_sealed(self.path)
-        found = ["header: none"]
-        if path.exists():
-            found = self._apart(header, config)
-        begun = bool(read_lines(self.path / EPISODES, self._records))
-        if found and not begun:
-            self.clear()
-        if path.exists() or begun:
-            refuse_other(path, found, fix=fix)
-        else:
-            self._owned.begin({*header.names, *scenes}, data)
-            self._owned.write(HEADER, data)
-        told = {} if config is None else {CONFIG: to_json(config, indent=2)}
-        for name, content in {**told, **scenes}.items():
-            self._owned.write(name, content)
+        path = self.path / HEADER
+        if folders.is_begun(self.path):
+            check_sealed(self.path)
+            known = kind_in(self.path) is not None
+            found = Header.read(self.path).apart(header) if known else ["header: none"]
+            if found and self._has_records():
+                reason = "this folder holds a run of something else:\n  " + "\n  ".join(found)
+                raise FileError(path, reason, fix=fix)
+            if found:
+                folders.clear(self.path)
+        if not path.exists():
+            data = to_json(header, indent=2)
+            folders.begin(self.path, data)
+            write_atomic(path, data)
+        for name, content in scenes.items():
+            replace_file(self.path / name, content)
+
+    def _has_records(self) -> bool:
+        path = self.path / EPISODES
+        return path.exists() and b"\n" in read_bytes(path, most=LARGEST_LOG)
 
     def reserve(self) -> None:
-        """Make a folder in which nothing was written this run's; FileError where something was."""
-        if self._owned.look() and any((self.path / name).exists() for name in self._owned.names):
+        """Mark a folder in which no run has begun; FileError for a folder that holds one."""
+        if folders.is_begun(self.path) and [one.name for one in self.path.iterdir()] != [MARK]:
             raise FileError(self.path, "holds another conversation", fix="--out another folder")
-        self._owned.begin(())
+        folders.begin(self.path)
 
     def release(self) -> None:
-        """Take the mark away where nothing else was written."""
+        """Remove the mark if nothing else was written."""
         if [one.name for one in self.path.iterdir()] == [MARK]:
             (self.path / MARK).unlink()
 
@@ -170,16 +147,14 @@ class RunFolder:
 
         Episodes that stand `together` count only if all of them are done.
         """
-        self._owned.sweep()
-        for left in (self.path / PICTURES).glob(f".*{TEMPORARY}"):
-            left.unlink(missing_ok=True)
+        folders.sweep(self.path)
         timings = {one.key: one for one in read_lines(self.path / TIMINGS, self._timings)}
         found = {key_of(one): one for one in read_lines(self.path / EPISODES, self._records)}
 
-        def there(key: Key) -> bool:
+        def is_logged(key: Key) -> bool:
             return all((self.path / name).exists() for name in self._logs([key]))
 
-        kept = {key: found[key] for key in found if key in timings and there(key)}
+        kept = {key: found[key] for key in found if key in timings and is_logged(key)}
         for keys in together:
             if not kept.keys() >= {*keys}:
                 kept = {key: kept[key] for key in kept if key not in keys}
@@ -191,7 +166,7 @@ class RunFolder:
 
     def reopen(self) -> None:
         """Take back what says that the run is finished, as more is to be done."""
-        for name in self._owned.names & {RESULTS, NOT_RUN, TABLE}:
+        for name in (RESULTS, NOT_RUN, TABLE):
             (self.path / name).unlink(missing_ok=True)
 
     def put_aside(self, one: NotRun) -> None:
@@ -203,24 +178,24 @@ class RunFolder:
         for name, data in one.files.items():
             if not (self.path / name).exists():
                 write_atomic(self.path / name, data)
-        if self._steps:
-            self._write_steps(one)
+        self._write_steps(one)
         append_line(self.path / TIMINGS, to_json(one.timing))
         append_line(self.path / EPISODES, to_json(one.record))
 
     def put_only(self, header: Header, one: Finished) -> None:
         """Have one episode that nobody judges in the folder, in place of itself before."""
         self.reopen()
-        for name, data in one.files.items():
-            self._owned.write(name, data)
+        files = {
+            **one.files,
+            TIMINGS: to_json(one.timing),
+            EPISODES: to_json(one.record),
+            HEADER: to_json(header, indent=2),
+        }
         self._write_steps(one)
-        for name, data in (
-            (TIMINGS, to_json(one.timing)),
-            (EPISODES, to_json(one.record)),
-            (HEADER, to_json(header, indent=2)),
-        ):
-            self._owned.write(name, data)
-        self._owned.seal([EPISODES, *self._logs([one.record.key]), *one.files], RESULTS, b"[]\n")
+        for name, data in files.items():
+            replace_file(self.path / name, data)
+        sealed = [EPISODES, *self._logs([key_of(one.record)]), *one.files]
+        folders.seal(self.path, sealed, b"[]\n")
 
     def finish(
         self, order: Sequence[Key], add_up: Callable[[Sequence[Any]], Mapping[str, bytes]]
@@ -239,20 +214,14 @@ class RunFolder:
         made = dict(add_up([by_key[key] for key in order]))
         results = made.pop(RESULTS)
         for name, data in made.items():
-            self._owned.write(name, data)
-        self._owned.seal([EPISODES, *self._logs(order)], RESULTS, results)
+            replace_file(self.path / name, data)
+        folders.seal(self.path, [EPISODES, *self._logs(order)], results)
 
     # ------------------------------------------------------------- parts
 
-    def _apart(self, header: Header | OwnHeader, config: Config | None) -> list[str]:
-        """Return what tells the folder's run apart from another one."""
-        if isinstance(header, Header):
-            return Header.read(self.path).apart(header, read_config(self.path), config)
-        kind: type[Any] = type(header)
-        return list(kind.read(self.path).apart(header))
-
     def _write_steps(self, one: Finished) -> None:
-        self._owned.write(steps_path(Path(), *one.record.key).as_posix(), packed(one.steps))
+        for name in self._logs([key_of(one.record)]):
+            write_atomic(self.path / name, packed(one.steps))
 
     def _logs(self, keys: Iterable[Key]) -> list[str]:
         """Return the names of the step logs of episodes; none where none are kept."""
@@ -264,4 +233,4 @@ class RunFolder:
         for name, lines in ((TIMINGS, timings), (EPISODES, records)):
             data = b"".join(to_json(line) for line in lines.values())
             if data or (self.path / name).exists():
-                self._owned.write(name, data)
+                replace_file(self.path / name, data)

@@ -1,9 +1,9 @@
-"""The step log of an episode: everything that happened, one JSON line each, in its order.
+"""The step log of an episode: everything that happened, a JSON line each, in its order.
 
 The actions stand there with their exact arguments, from the last reset before the first
 instruction on: reset the embedded world to the scene, do them, and it goes through the episode
-again. A log is the same in every run of the same experiment, so what a method did to get to know
-the room is not in it: after that it resets the world.
+again. A log is the same in every run of the same experiment. What a method did to get to know the
+room is not in it: after that it resets the world.
 """
 
 import gzip
@@ -13,105 +13,18 @@ from copy import deepcopy
 from hashlib import blake2b
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import msgspec
 
-from karma.agent.planning.refused import sentence
 from karma.agent.seeing.perceive import refusal
 from karma.errors import FileError
 from karma.files import read_bytes, to_json, unpack
-from karma.journal.owned_folder import STEPS
-from karma.types.events import Outcome, Plan, SkillResult
-from karma.types.memory import MemoryUnit
+from karma.journal.entries import Action, Enter, Entry, Instruction, Map
+from karma.journal.folder import STEPS
 from karma.types.roles import Event
-from karma.types.tasks import SubTask
 
 _LONGEST_SLUG = 80  # characters
-
-
-class Start(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="start"):
-    """The world has been reset; actions before the first instruction set the episode up."""
-
-    scene: str  # one of ours, or the name of a file in the run folder's `scenes`
-    seed: int
-
-
-class Enter(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="enter"):
-    """The agent has gone into another room of the home; the actions after it are there.
-
-    What the hand held was put down in the room that it left: see `karma.world.home`.
-    """
-
-    scene: str  # as in `Start`
-
-
-class Instruction(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="subtask"):
-    """An instruction is given."""
-
-    number: int  # from 0
-    instruction: str
-    memory: tuple[MemoryUnit, ...]  # short-term memory before it
-
-
-class Map(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="map"):
-    """The stable part of the prompt; only where it is not the last one again."""
-
-    text: str
-
-
-class Planned(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="plan"):
-    """The planner was asked and has answered."""
-
-    recalled: tuple[str, ...]  # ids of the units in the prompt
-    prompt: str  # its changing part
-    program: str
-    error: str  # why the answer was refused
-    examples: tuple[str, ...] = ()  # instructions of the worked examples that were retrieved
-    refused: str = ""  # what people are told where the request is not carried out
-
-    @classmethod
-    def of(cls, plan: Plan) -> Self:
-        """Return what the log keeps of a plan."""
-        return cls(
-            recalled=tuple(unit.object_id for unit in plan.units),
-            prompt=plan.prompt.changing,
-            program=plan.completion.text,
-            error=plan.error,
-            refused=sentence(plan.refused) if plan.refused else "",
-            examples=plan.examples,
-        )
-
-
-class Action(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="action"):
-    """The world did one action, or refused it."""
-
-    action: str
-    arguments: dict[str, Any]
-    ok: bool
-    error: str
-
-
-class SkillStep(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="skill"):
-    """A skill has ended; its actions stand before it."""
-
-    call: str
-    ok: bool
-    reason: str
-    object_ids: tuple[str, ...]
-
-
-class Ended(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="outcome"):
-    """The instruction has ended."""
-
-    finished: bool
-    memory: tuple[MemoryUnit, ...]  # short-term memory after it
-    unmet: tuple[str, ...]  # goals that do not hold
-
-
-Step = Start | Enter | Instruction | Map | Planned | Action | SkillStep | Ended
-
-
 _ASK_ONLY = frozenset(("GetReachablePositions", "GetInteractablePoses", "GetShortestPath"))
 
 
@@ -119,31 +32,30 @@ class StepLog:
     """Collects one episode's steps; `data` are the lines."""
 
     def __init__(self) -> None:
-        self._written = bytearray()  # lines of what is over
-        self._steps: list[Step] = []  # since the last instruction came to its end
+        self._lines: list[bytes] = []
         self._open = False
-        self._given = 0  # where the last instruction stands among them
-        self.actions: list[Action] = []  # since it was given, but for what only asks
-        self._map: str | None = None
-        self._memory: tuple[MemoryUnit, ...] = ()
+        self._map = ""
+        self.actions: list[Action] = []  # of this instruction, without questions to the world
 
     def reset(self) -> None:
         """The world is reset; what was done to it before `start` no longer counts."""
         if not self._open:
-            self._steps.clear()
+            self._lines.clear()
 
-    def start(self, scene: str, seed: int) -> None:
-        """The method is ready."""
-        self._steps.insert(0, Start(scene=scene, seed=seed))
+    def start(self, scene: str) -> None:
+        """The method is ready; the actions so far set the episode up."""
+        self._lines.insert(0, to_json(Enter(scene=scene)))
         self._open = True
 
-    def add(self, step: Step) -> None:
+    def add(self, step: Entry) -> None:
         """Write one step."""
         asks = isinstance(step, Action) and step.action in _ASK_ONLY
         if isinstance(step, Action) and not asks:
             self.actions.append(step)
+        if isinstance(step, Instruction):
+            self.actions = []
         if self._open or not asks:  # what is asked of a room depends on whether it is known
-            self._steps.append(step)
+            self._lines.append(to_json(step))
 
     def watch(self, action: str, arguments: Mapping[str, Any], event: Event) -> None:
         """Write one action down."""
@@ -151,44 +63,19 @@ class StepLog:
         error = why.words if why is not None else ""
         self.add(Action(action=action, arguments=plain, ok=why is None, error=error))
 
-    def instruction(self, number: int, subtask: SubTask) -> None:
-        """An instruction is given; memory before it is what it was, until the outcome tells."""
-        self._given = len(self._steps)
-        self.actions = []
-        text = subtask.instruction
-        self.add(Instruction(number=number, instruction=text, memory=self._memory))
-
-    def event(self, event: Plan | SkillResult) -> None:
-        """Write an answer or a call's result."""
-        if isinstance(event, Plan):
-            if event.prompt.stable != self._map:
-                self._map = event.prompt.stable
-                self.add(Map(text=self._map))
-            self.add(Planned.of(event))
-        else:
-            ids, ok, call = event.object_ids, event.ok, str(event.call)
-            self.add(SkillStep(call=call, ok=ok, reason=event.reason, object_ids=ids))
-
-    def outcome(self, outcome: Outcome, unmet: Sequence[str]) -> None:
-        """Write how the instruction ended, and what memory held when it was given."""
-        given = self._steps[self._given]
-        if isinstance(given, Instruction):
-            self._steps[self._given] = msgspec.structs.replace(given, memory=outcome.resident)
-        self._memory = outcome.kept
-        self.add(Ended(finished=outcome.finished, memory=self._memory, unmet=tuple(unmet)))
-        self._written += self._lines()
-        self._steps.clear()
+    def map(self, text: str) -> None:
+        """Write the stable part of a prompt unless it is the last that was written."""
+        if text != self._map:
+            self._map = text
+            self.add(Map(text=text))
 
     def go_back(self, before: "StepLog") -> None:
         """Hold what a copy of this log holds: what came after it never happened."""
         vars(self).update(deepcopy(vars(before)))
 
     def data(self) -> bytes:
-        """Return the lines so far."""
-        return bytes(self._written) + self._lines()
-
-    def _lines(self) -> bytes:
-        return b"".join(to_json(step) for step in self._steps if self._open)
+        """Return the lines so far; none before `start`."""
+        return b"".join(self._lines) if self._open else b""
 
 
 def _as_json(value: Any) -> Any:
@@ -236,11 +123,11 @@ def packed(data: bytes) -> bytes:
     return gzip.compress(data, compresslevel=6, mtime=0)
 
 
-def read_steps(path: Path) -> list[Step]:
+def read_steps(path: Path) -> list[Entry]:
     """Read one episode's log; FileError where it is missing, or names the damaged line."""
     fix = "run it again: karma eval"
     lines = unpack(read_bytes(path, fix=fix), path=path, fix=fix).splitlines()
-    decoder: msgspec.json.Decoder[Step] = msgspec.json.Decoder(Step)
+    decoder: msgspec.json.Decoder[Entry] = msgspec.json.Decoder(Entry)
     found = []
     for number, line in enumerate(lines, start=1):
         try:

@@ -7,10 +7,9 @@ from karma.errors import KarmaError
 from karma.goals.files import required_types
 from karma.goals.goals import GoalTracker
 from karma.household.pieces import base_type
+from karma.journal.entries import Answer, Call, Ended, Instruction
 from karma.journal.records import (
-    Answer,
     AnswerTiming,
-    Call,
     EpisodeRecord,
     EpisodeTiming,
     SubTaskRecord,
@@ -20,7 +19,8 @@ from karma.journal.records import (
 )
 from karma.journal.steps import StepLog
 from karma.models.session import Cassette, Ledger
-from karma.types.events import AgentEvent, Outcome, Plan, SkillResult
+from karma.types.completion import Completion
+from karma.types.events import AgentEvent, Outcome, Plan
 from karma.types.memory import Tour
 from karma.types.roles import World
 from karma.types.tasks import SubTask
@@ -79,33 +79,37 @@ class EpisodeWriter:
             The instruction's record.
         """
         self.tracker.begin_subtask(subtask, self.world.last_event)
-        self.steps.instruction(number, subtask)
-        plans: list[Plan] = []
-        results: list[SkillResult] = []
+        self.steps.add(Instruction(number=number, instruction=subtask.instruction))
+        answers: list[Answer] = []
+        completions: list[Completion] = []
+        calls: list[Call] = []
         outcome: Outcome | None = None
         begun = self.cassette.clock()
         for event in events:
             if isinstance(event, Outcome):
                 outcome = event
                 continue
-            self.steps.event(event)
             if isinstance(event, Plan):
-                plans.append(event)
+                self.steps.map(event.prompt.stable)
+                answers.append(Answer.of(event))
+                completions.append(event.completion)
+                self.steps.add(answers[-1])
             else:
-                results.append(event)
+                calls.append(Call.of(event))
+                self.steps.add(calls[-1])
             yield event
         seconds = self.cassette.clock() - begun
         if outcome is None:
             raise KarmaError(f"{self.method} ended an instruction without an outcome")
         unmet = tuple(str(g) for g in self.tracker.unmet(subtask.goals, self.world.last_event))
-        self.steps.outcome(outcome, unmet)
+        self.steps.add(Ended.of(outcome, unmet))
         if outcome.tour is not None:
             self.tours.setdefault(room, outcome.tour)
         spent = self.ledger.take()
         self.times.subtasks.append(
             SubTaskTiming(
                 seconds=seconds,
-                answers=tuple(_timing(plan, self.cassette) for plan in plans),
+                answers=tuple(_timing(one, self.cassette) for one in completions),
                 hosted_s=waited(spent),
             )
         )
@@ -118,22 +122,20 @@ class EpisodeWriter:
             goals=tuple(str(goal) for goal in subtask.goals),
             unmet=unmet,
             finished=outcome.finished,
-            answers=tuple(Answer.of(plan) for plan in plans),
-            calls=tuple(Call.of(result) for result in results),
-            recalled=tuple(unit.object_id for unit in plans[0].units) if plans else (),
+            answers=tuple(answers),
+            calls=tuple(calls),
             queries=len(wanted),
             hits=sum(name in here for name in wanted),
             hosted=untimed(spent),
         )
 
 
-def _timing(plan: Plan, cassette: Cassette) -> AnswerTiming:
-    said = plan.completion
-    first = said.first_token_s
+def _timing(completion: Completion, cassette: Cassette) -> AnswerTiming:
+    first = completion.first_token_s
     return AnswerTiming(
         first_token_s=None if first is None else cassette.measured(first),
-        total_s=cassette.measured(said.total_s),
-        reused_tokens=said.reused_tokens,
-        state=said.state,
-        engine=said.engine,
+        total_s=cassette.measured(completion.total_s),
+        reused_tokens=completion.reused_tokens,
+        state=completion.state,
+        engine=completion.engine,
     )

@@ -83,7 +83,7 @@ def add_model(
     entry = (
         _described(name, options, files, seen)
         if shipped is None
-        else msgspec.structs.replace(shipped, files=files)
+        else msgspec.structs.replace(shipped, files=files, package=None)
     )
     if trial is not None:
         trial(entry, folder)

@@ -177,17 +177,9 @@ def read_local() -> Manifest:
 
 
 def read_manifest() -> Manifest:
-    """Read the manifest together with what was added.
-
-    A model that both name is the manifest's, with the files where they were added. FileError as
-    `read_shipped`; or local.toml contradicts a hash of the manifest.
-    """
-    added = {entry.name: entry for entry in read_local().models}
-    models = []
-    for entry in read_shipped().models:
-        local = added.pop(entry.name, None)
-        models.append(entry if local is None else _filled(entry, local))
-    return Manifest(models=(*models, *added.values()))
+    """Read the manifest together with what was added, which replaces a model of its name."""
+    models = {entry.name: entry for entry in (*read_shipped().models, *read_local().models)}
+    return Manifest(models=tuple(models.values()))
 
 
 def find_model(name: str) -> ModelEntry:
@@ -366,16 +358,6 @@ def _unique(found: Manifest, path: Path) -> Manifest:
     if twice:
         raise FileError(path, f"model {twice[0]!r} is there twice")
     return found
-
-
-def _filled(entry: ModelEntry, local: ModelEntry) -> ModelEntry:
-    """Return the manifest's entry with the files that were added for it."""
-    hashes = {file.sha256 for file in local.files}
-    if lost := sorted({file.sha256 for file in entry.files} - hashes):
-        fix = f"karma models remove {entry.name}, then add it again"
-        reason = f"model {entry.name!r} has no file of SHA-256 {lost[0]}, as the manifest wants"
-        raise FileError(local_path(), reason, fix=fix)
-    return msgspec.structs.replace(entry, files=local.files, package=None)
 
 
 def _wrong(where: str | Path, reason: str, sha256: str, restore: str) -> ModelError:

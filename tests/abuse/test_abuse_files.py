@@ -7,8 +7,8 @@ from support.abuse import all_held
 from support.abuse.files import files
 
 from karma.errors import FileError
-from karma.files import TEMPORARY, below, unpack, write_atomic
-from karma.journal.owned_folder import MARK, OwnedFolder
+from karma.files import below, unpack, write_atomic
+from karma.journal.folder import is_begun, sweep
 from karma.world.core import scene as scenes
 
 
@@ -24,39 +24,10 @@ def test_folder_that_is_no_run_is_refused_and_keeps_every_file(tmp_path):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("mine")
     before = sorted(tmp_path.rglob("*"))
-    owned = OwnedFolder(tmp_path, "run")
-    owned.sweep()
+    sweep(tmp_path)
     with pytest.raises(FileError, match="holds no run, but"):
-        owned.look()
+        is_begun(tmp_path)
     assert sorted(tmp_path.rglob("*")) == before
-
-
-def test_run_folder_sweeps_its_own_leftovers_only(tmp_path):
-    owned = OwnedFolder(tmp_path, "run")
-    owned.begin(["episodes.jsonl", "maps/a.json"])
-    mine = [tmp_path / ".notes.original", tmp_path / f"maps/.b.json.x{TEMPORARY}"]
-    left = [
-        tmp_path / f".episodes.jsonl.ab12cd34{TEMPORARY}",
-        tmp_path / f"maps/.a.json.x{TEMPORARY}",
-    ]
-    for path in (*mine, *left):
-        path.parent.mkdir(exist_ok=True)
-        path.write_text("x")
-    owned.sweep()
-    assert all(path.exists() for path in mine)
-    assert not any(path.exists() for path in left)
-
-
-@pytest.mark.parametrize("part", ["episodes.jsonl", "maps", "scenes/a.json", MARK])
-def test_run_folder_with_a_link_in_it_is_refused(part, tmp_path):
-    elsewhere, folder = tmp_path / "elsewhere", tmp_path / "run"
-    elsewhere.mkdir()
-    OwnedFolder(folder, "run").begin(["episodes.jsonl", "maps/b.json", "scenes/a.json"])
-    (folder / part).unlink(missing_ok=True)
-    (folder / part).parent.mkdir(exist_ok=True)
-    (folder / part).symlink_to(elsewhere)
-    with pytest.raises(FileError, match="is a link"):
-        OwnedFolder(folder, "run").look()
 
 
 def test_link_stays_and_what_it_leads_to_is_replaced(tmp_path):

@@ -11,7 +11,7 @@ from support.run_files import write_experiment
 
 from karma.bench.engine.run import Run
 from karma.errors import FileError
-from karma.journal.header import EPISODES, RESULTS
+from karma.journal.folder import EPISODES, RESULTS
 from karma.journal.run_folder import read_run
 from karma.journal.steps import steps_path
 

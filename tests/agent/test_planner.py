@@ -15,7 +15,7 @@ from karma.household.places import landmark_types
 from karma.models.constraint import admits, begins
 from karma.models.scripted import ScriptedModel
 from karma.types.completion import Certainty, Decoding
-from karma.types.memory import Area, Fixture, MemoryUnit
+from karma.types.memory import Area, MemoryUnit
 from karma.types.planning import (
     REFUSAL_KINDS,
     Hint,
@@ -93,12 +93,6 @@ def test_plan_gives_up_after_the_attempts_it_has(attempts):
     model, found = plans([BAD] * 9, attempts=attempts)
     assert len(found) == len(model.prompts) == attempts
     assert all(plan.error and not plan.calls for plan in found)
-
-
-@pytest.mark.parametrize("text", ["", "# I cannot do that\n", "```python\n```"])
-def test_plan_of_an_answer_without_calls_is_an_error(text):
-    _, (plan,) = plans([text], attempts=1)
-    assert plan.error == "the answer holds no skill call"
 
 
 @pytest.mark.parametrize("profile", ["compact", "full"])
@@ -244,15 +238,6 @@ def test_grounded_puts_ids_for_short_names_and_keeps_types():
     assert second.objects == ("Cup", "Shelf")
 
 
-def test_grounded_receptacle_with_a_number_is_meant_exactly():
-    names = {"Cabinet_2": "Cabinet|2", "Fridge": "Fridge|1"}
-    exact = [
-        grounded(parse_program(f"PutObject(robot, 'Cup', '{place}')"), names)[0].exact
-        for place in ("Cabinet_2", "Fridge", "Cabinet")
-    ]
-    assert exact == [True, False, False]
-
-
 def test_grounded_keeps_areas_points_and_lines_and_grounds_furniture_to_search_from():
     places = ("node_1", (1.0, 0.9, 2.0), "Cabinet_2")
     call = SkillCall(skill="Explore", objects=("Mug",), positions=places, line=3)
@@ -260,15 +245,3 @@ def test_grounded_keeps_areas_points_and_lines_and_grounds_furniture_to_search_f
     assert found.objects == ("Mug|1",)
     assert found.positions == ("node_1", (1.0, 0.9, 2.0), "Cabinet|2")
     assert found.line == 3
-
-
-def test_language_of_the_full_profile_has_furniture_by_instance_and_the_14th_skill():
-    near = tuple(
-        Fixture(object_id=f"Cabinet|{n}", object_type="Cabinet", position_m=(n, 0, 0))
-        for n in range(2)
-    )
-    area = Area(name="node_1", position_m=(0, 0, 0), contains=("Cabinet",), fixtures=near)
-    program = "PutObject(robot, 'Cup', 'Cabinet_2')\nEmptyObject(robot, 'Cup')\n"
-    for profile, admitted in (("full", True), ("compact", False)):
-        model, _ = plans([GOOD] * 4, PlanRequest(instruction="go", areas=(area,)), profile)
-        assert begins(model.specs[0].grammar, program) is admitted

@@ -202,18 +202,6 @@ def test_refusal_names_line_code_and_nearest_skill():
     assert caught.value.reason.endswith("Did you mean GoToObject?")
 
 
-def test_refusal_of_an_argument_names_its_own_line():
-    with pytest.raises(ProgramError) as caught:
-        parse_program("Explore(robot, 'Mug', [\n 'node_1',\n 3,\n])")
-    assert (caught.value.line, caught.value.code) == (3, "3,")
-
-
-def test_parse_with_other_skills_admits_only_those():
-    assert parse_program("ToggleOn(robot, 'Lamp')", SKILLS[-2:])
-    with pytest.raises(ProgramError, match="no skill GoToObject"):
-        parse_program("GoToObject(robot, 'Lamp')", SKILLS[-2:])
-
-
 # ----------------------------------------------------------------- refusals
 
 

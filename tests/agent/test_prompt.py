@@ -10,12 +10,10 @@ from support.paths import GOLDEN
 from karma.agent.planning.full_profile import fixture_names, in_names, short_names, skill_needs
 from karma.agent.planning.program import OUR_SKILLS, SKILLS, parse_program
 from karma.agent.planning.prompt import PROFILES, render
-from karma.errors import UnknownNameError
 from karma.household.pieces import base_type
-from karma.household.places import landmark_types
 from karma.household.types import object_types
 from karma.household.uses import with_wholes
-from karma.types.memory import Area, Fixture, MemoryUnit
+from karma.types.memory import Area, Known, MemoryUnit
 from karma.types.observation import SeenObject
 from karma.types.planning import FailedProgram, Hint, Meaning, PlanRequest
 
@@ -103,25 +101,7 @@ def test_full_profile_s_examples_are_programs():
         assert f"\n{skill.name}(robot" in stable
 
 
-def test_render_of_an_unknown_profile_names_the_known_ones():
-    with pytest.raises(UnknownNameError, match=r"'terse'.*compact.*full"):
-        render("terse", FACTS)
-
-
 # ----------------------------------------------------------------- short names
-
-
-def test_short_names_give_the_newest_the_bare_type():
-    names = short_names((OLD_APPLE, MUG, SLICE), None)
-    assert names["Apple"] == "Apple|2|AppleSliced_1"
-    assert names["Apple_2"] == "Apple|1"
-    assert names["Mug"] == "Mug|1"
-
-
-def test_short_names_give_what_is_held_the_bare_type():
-    names = short_names((OLD_APPLE, SLICE), ("Apple|1", "Apple"))
-    assert names["Apple"] == "Apple|1"
-    assert names["Apple_2"] == "Apple|2|AppleSliced_1"
 
 
 @given(units=UNITS)
@@ -134,16 +114,11 @@ def test_short_names_are_unique_and_reach_every_unit(units):
         assert name.split("_")[0] == base_type(one.object_type)
 
 
-def test_landmarks_cannot_be_carried_and_skip_the_floor():
-    assert {"Fridge", "CounterTop", "LightSwitch"} <= landmark_types()
-    assert not {"Floor", "Chair", "Plate", "Apple"} & landmark_types()
-
-
 # ----------------------------------------------------------------- the full profile
 
 
 def fixture(object_id, x):
-    return Fixture(
+    return Known(
         object_id=object_id, object_type=object_id.partition("|")[0], position_m=(x, 1.0, -0.04)
     )
 
@@ -168,13 +143,6 @@ def seen(object_id, place, object_type=""):
         position_m=(0.0, 0.9, 0.0), box_center_m=(0.0, 0.9, 0.0), box_size_m=(0.1, 0.1, 0.1),
         pickupable=True, parent_ids=(place,),
     )  # fmt: skip
-
-
-def test_furniture_is_numbered_where_there_are_several_and_what_skills_find_is_not():
-    assert fixture_names(FURNISHED) == {
-        "Cabinet_1": "Cabinet|1", "Cabinet_2": "Cabinet|2", "Cabinet_3": "Cabinet|0",
-        "Fridge": "Fridge|1",
-    }  # fmt: skip
 
 
 def test_map_says_each_thing_once_with_its_place():
@@ -281,14 +249,6 @@ def test_last_program_stands_whole_and_earlier_ones_as_a_line():
         "GoToObject(robot, 'Cabinet_2')  # done\n"
         "OpenObject(robot, 'Fridge')  # FAILED: Fridge is stuck\nGo(robot)  # not run\n"
     ) in changing
-
-
-def test_long_program_is_shown_round_the_line_that_failed():
-    lines = tuple(f"GoToObject(robot, 'Thing_{n}')" for n in range(100))
-    failed = FailedProgram(lines=lines, failed=70, reason="no", ran=True)
-    changing = parts("full", PlanRequest(instruction="go", failures=(failed,)))[1]
-    assert "Thing_70')  # FAILED: no\n" in changing
-    assert changing.count("GoToObject") == 40
 
 
 def test_skills_say_what_the_table_of_types_says():

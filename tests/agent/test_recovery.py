@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from karma.agent.planning.program import parse_program
-from karma.agent.planning.recovery import program_of, recover_program
+from karma.agent.planning.recovery import program_of
 from karma.errors import ProgramError
 from karma.types.completion import Completion
 from karma.types.planning import RefusedRequest
@@ -47,12 +46,6 @@ def test_program_is_found_among_talk_and_marks(text):
     assert not kept & set(found.dropped)
 
 
-def test_what_was_dropped_is_told_line_by_line():
-    found = program_of(said(f"Sure!\n\n{PROGRAM}Bye."))
-    assert found.dropped == ("Sure!", "Bye.")
-    assert program_of(said(PROGRAM)).dropped == ()
-
-
 def test_answer_that_a_grammar_held_is_read_strictly():
     with pytest.raises(ProgramError, match="line 1: not a program"):
         program_of(said(f"Sure! Here:\n{PROGRAM}", constrained=True))
@@ -76,19 +69,6 @@ def test_answer_that_a_grammar_held_is_read_strictly():
 def test_what_is_no_program_is_refused_by_what_is_wrong_with_it(text, named):
     with pytest.raises(ProgramError, match=named):
         program_of(said(text))
-
-
-def test_fault_of_the_answer_is_quoted_with_its_last_line():
-    with pytest.raises(ProgramError, match="line 2: it was cut\n    PutObj") as caught:
-        program_of(said("GoToObject(robot, 'Mug')\nPutObj", fault="it was cut"))
-    assert (caught.value.line, caught.value.code) == (2, "PutObj")
-    with pytest.raises(ProgramError, match="line 1: nothing"):
-        program_of(said("", fault="nothing"))
-
-
-def test_recovered_program_is_what_the_parser_makes_of_its_lines():
-    found = recover_program(f"Sure!\n{PROGRAM}")
-    assert [str(c) for c in found.calls] == [str(c) for c in parse_program(PROGRAM)]
 
 
 @pytest.mark.parametrize("text", [

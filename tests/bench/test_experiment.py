@@ -4,6 +4,7 @@ import io
 import re
 from dataclasses import replace
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -17,7 +18,7 @@ from karma.bench.figures.columns import figures
 from karma.cli import show
 from karma.errors import FileError, KarmaError
 from karma.files import append_line, decode_json, to_json
-from karma.journal.owned_folder import read_lines
+from karma.journal.folder import read_lines
 from karma.journal.records import (
     AnswerTiming,
     EpisodeRecord,
@@ -70,7 +71,7 @@ FAILED = episode(task="t2", subtasks=(part(unmet=("OPEN(Fridge): 1",), hits=0, q
 BROKEN = episode(task="t3", kind="complex", subtasks=(part(queries=0, hits=0),), error="broke")
 SILENT = episode(
     row="expert",
-    subtasks=(part(answers=(), recalled=(), hits=0, calls=(CALL, replace(CALL, actions=5))),),
+    subtasks=(part(answers=(), hits=0, calls=(CALL, msgspec.structs.replace(CALL, actions=5))),),
 )
 
 

@@ -24,8 +24,7 @@ from karma.bench.policies.sweep import (
 from karma.bench.policies.tasks import WORKLOADS
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.files import read_toml
-from karma.journal.header import EPISODES, RESULTS, TIMINGS
-from karma.journal.owned_folder import MARK
+from karma.journal.folder import EPISODES, MARK, RESULTS, TIMINGS
 
 PAPER = sorted((ROOT / "eval" / "paper").glob("fig*.toml"))
 

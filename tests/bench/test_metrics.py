@@ -17,7 +17,7 @@ from support.made_records import (
     write_run,
 )
 
-from karma.bench.figures.columns import LOTA_ROW, OFF_ROW, figures, reductions
+from karma.bench.figures.columns import OFF_ROW, figures
 from karma.bench.figures.columns import plain as plain_figures
 from karma.bench.figures.failures import CAUSES, count, failures
 from karma.bench.figures.metrics import (
@@ -25,8 +25,8 @@ from karma.bench.figures.metrics import (
     episodes_of,
 )
 from karma.bench.figures.results import result_of
+from karma.journal.entries import Ended, Enter, Instruction
 from karma.journal.run_folder import read_run
-from karma.journal.steps import Ended, Enter, Instruction, Start
 from karma.models.session import Spent
 from karma.types.memory import MemoryUnit, Tour
 from karma.types.planning import RefusedRequest
@@ -36,9 +36,9 @@ HOLD = "HOLDON(robot, Mug): 1"
 TAP = "TOGGLEON(Faucet): 1"
 
 
-def saved(records, timings=None, **changes):
-    """Return what the rows of some records save."""
-    return reductions(episodes_of(records, timings), **changes)
+def saved(records):
+    """Return the figures of all episodes of the row that saves."""
+    return next(one for one in figures(records) if one.pairs and one.kind == "all")
 
 
 def value(records, key, *, row="KARMA", kind="all", timings=None):
@@ -153,8 +153,6 @@ def test_figures_do_not_depend_on_the_order_of_records(records, data):
     named = {(line.row, line.kind): line for line in figures(turned)}
     for line in figures(records):
         assert named[line.row, line.kind] == line
-    there = {(one.row, one.kind): one for one in saved(turned)}
-    assert there == {(one.row, one.kind): one for one in saved(records)}
 
 
 @given(records=runs())
@@ -186,8 +184,8 @@ def twins(*amounts, row="KARMA"):
 
 def test_reduction_is_what_the_twin_spent_less_what_the_row_spent():
     records = twins(("t1", 0, 1, 10), ("t1", 1, 3, 10), ("t2", 0, 0, 20))
-    line = next(one for one in saved(records) if one.kind == "all")
-    assert (line.row, line.reference, line.pairs) == ("KARMA", OFF_ROW, 3)
+    line = saved(records)
+    assert (line.row, line.pairs) == ("KARMA", 3)
     assert line.values["re"].value == pytest.approx(1 - 4 / 40)
     assert line.values["rt"].value == pytest.approx(1 - 4 / 40)
     assert line.values["rt_clock"].value is None  # nobody timed it
@@ -212,12 +210,9 @@ def test_the_first_tour_is_spread_over_what_was_asked_in_the_room():
 
 def test_reduction_pairs_by_task_and_seed_whatever_else_is_there():
     records = twins(("t1", 0, 2, 4), ("t2", 0, 3, 6))
-    records += [plain(True, places=99, task="t1", seed=7), plain(True, places=50, row=LOTA_ROW)]
-    line = next(one for one in saved(records) if (one.row, one.kind) == ("KARMA", "all"))
+    records += [plain(True, places=99, task="t1", seed=7)]
+    line = saved(records)
     assert (line.pairs, line.values["re"].value) == (2, 0.5)
-    other = next(one for one in saved(records, reference=LOTA_ROW) if one.row == "KARMA")
-    assert other.values["re"].value == pytest.approx(1 - 2 / 50)
-    assert saved(records, reference="nobody") == ()
 
 
 def test_reduction_of_related_sub_tasks_leaves_out_the_first_search():
@@ -225,7 +220,7 @@ def test_reduction_of_related_sub_tasks_leaves_out_the_first_search():
         looks = [call("Explore(robot, 'Apple')", explorations=n) for n in (first, second)]
         return episode(sub(CUT, calls=looks[:1]), sub(KEEP, calls=looks[1:]), row=name)
 
-    line = next(one for one in saved([row("KARMA", 8, 1), row(OFF_ROW, 8, 8)]) if one.kind == "all")
+    line = saved([row("KARMA", 8, 1), row(OFF_ROW, 8, 8)])
     assert line.values["re"].value == pytest.approx(1 - 9 / 16)
     assert line.values["re_related"].value == pytest.approx(1 - 1 / 8)
     assert line.values["rt_related"].value == 0
@@ -234,7 +229,7 @@ def test_reduction_of_related_sub_tasks_leaves_out_the_first_search():
 def test_reduction_of_solved_pairs_leaves_out_who_gave_up():
     records = [*twins(("t1", 0, 5, 10)), plain(False, places=0, task="t2"),
                plain(True, places=10, row=OFF_ROW, task="t2")]  # fmt: skip
-    line = next(one for one in saved(records) if one.kind == "all")
+    line = saved(records)
     assert line.values["re"].value == 0.75
     assert (line.solved_pairs, line.values["re_solved"].value) == (1, 0.5)
 
@@ -247,7 +242,7 @@ def test_a_known_reduction_is_recovered_inside_its_interval(places):
         (f"t{number}", 0, off + round(wobble), 5 * off)
         for number, (off, wobble) in enumerate(places)
     ))  # fmt: skip
-    line = next(one for one in saved(records) if one.kind == "all")
+    line = saved(records)
     assert line.values["re"].value in line.values["re"].interval
     assert 0.6 - 1e-9 <= line.values["re"].value <= 0.8 + 1e-9
 
@@ -272,9 +267,9 @@ def log(*before_and_after):
     """Return a step log that knows memory before and after each sub-task."""
     steps = []
     for number, (before, after) in enumerate(before_and_after):
-        held = tuple(map(unit, before))
-        steps.append(Instruction(number=number, instruction="", memory=held))
-        steps.append(Ended(finished=True, memory=tuple(map(unit, after)), unmet=()))
+        steps.append(Instruction(number=number, instruction=""))
+        held, kept = (tuple(map(unit, memory)) for memory in (before, after))
+        steps.append(Ended(finished=True, resident=held, kept=kept, unmet=()))
     return steps
 
 
@@ -340,14 +335,15 @@ def test_only_what_memory_held_of_the_room_concerned_was_held(room, expected):
     """Apple and knife have the same ids in both rooms."""
     before, after = in_room("kitchen", APPLE), in_room(room, APPLE)
     steps = [
-        Start(scene="kitchen", seed=0),
-        Instruction(number=0, instruction="", memory=()),
-        Ended(finished=True, memory=before, unmet=()),
-        Enter(scene="bedroom"),
-        Instruction(number=1, instruction="", memory=before),
-        Ended(finished=True, memory=after, unmet=()),
         Enter(scene="kitchen"),
-        Instruction(number=2, instruction="", memory=after),
+        Instruction(number=0, instruction=""),
+        Ended(finished=True, resident=(), kept=before, unmet=()),
+        Enter(scene="bedroom"),
+        Instruction(number=1, instruction=""),
+        Ended(finished=True, resident=before, kept=after, unmet=()),
+        Enter(scene="kitchen"),
+        Instruction(number=2, instruction=""),
+        Ended(finished=False, resident=after, kept=after, unmet=()),
     ]
     elsewhere = replace(sub(KEEP), scene="bedroom")
     assert cause(sub(CUT), elsewhere, NEVER_NAMED, steps=steps) == [expected]

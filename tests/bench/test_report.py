@@ -21,13 +21,10 @@ from karma.bench.figures.results import result_of
 from karma.bench.figures.tables import sheets
 from karma.bench.report.page import render
 from karma.bench.report.replay import choose, episode_key, replay, replays
+from karma.journal.entries import Action, Ended, Enter, Instruction
 from karma.journal.records import EpisodeRecord, EpisodeTiming
 from karma.journal.run_folder import Finished, RunFolder, read_run
 from karma.journal.steps import (
-    Action,
-    Ended,
-    Instruction,
-    Start,
     packed,
     read_steps,
     steps_path,
@@ -118,10 +115,10 @@ def test_replay_says_which_action_did_not_go_as_logged(run):
 
 def test_log_that_breaks_off_is_replayed_as_far_as_it_goes(run):
     lines = [
-        Start(scene="kitchen_1", seed=0),
-        Instruction(number=0, instruction="a", memory=()),
-        Ended(finished=True, memory=(), unmet=()),
-        Instruction(number=1, instruction="b", memory=()),
+        Enter(scene="kitchen_1"),
+        Instruction(number=0, instruction="a"),
+        Ended(finished=True, resident=(), kept=(), unmet=()),
+        Instruction(number=1, instruction="b"),
         Action(action="Pass", arguments={}, ok=True, error=""),
     ]
     found = replay(lines, run.records[0], run.folder)

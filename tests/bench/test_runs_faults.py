@@ -5,7 +5,7 @@ from support.run_files import ONLY, files, plant_plugin, write_experiment
 from typer.testing import CliRunner
 
 from karma.cli import app
-from karma.journal.header import RESULTS
+from karma.journal.folder import RESULTS
 from karma.journal.run_folder import read_run
 
 FLAKY = """

@@ -13,9 +13,10 @@ from karma.bench.figures.results import result_of, to_csv
 from karma.bench.figures.tables import sheets
 from karma.errors import KarmaError
 from karma.goals.files import load_tasks, with_whole
-from karma.journal.header import EPISODES, RESULTS
+from karma.journal.entries import Enter
+from karma.journal.folder import EPISODES, RESULTS
 from karma.journal.run_folder import read_run
-from karma.journal.steps import Enter, Start, read_steps, steps_path
+from karma.journal.steps import read_steps, steps_path
 from karma.types.space import SceneRef
 from karma.types.tasks import Task
 
@@ -79,7 +80,7 @@ def test_log_begins_in_the_first_room_and_enters_the_others(whole):
     _, folder = whole
     for record in read_run(folder).records:
         start, *steps = read_steps(steps_path(folder, *record.key))
-        assert start == Start(scene=ROOMS[0], seed=0)
+        assert start == Enter(scene=ROOMS[0])
         moves = [step.scene for step in steps if isinstance(step, Enter)]
         assert moves == [sub.scene or ROOMS[0] for sub in record.subtasks][1:]
 

@@ -18,7 +18,7 @@ from karma.bench.figures.tables import (
     sheets,
     to_markdown,
 )
-from karma.journal.header import RESULTS
+from karma.journal.folder import RESULTS
 from karma.journal.run_folder import read_run
 
 PAPER = ROOT / "eval" / "paper"

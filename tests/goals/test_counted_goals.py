@@ -2,13 +2,10 @@
 
 from itertools import combinations, product
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.made_events import event, goals, thing, unmet
-from support.written_tasks import write_tasks
 
-from karma.goals.files import load_tasks
 from karma.goals.goals import ARITY, MOST, GoalTracker, object_names, parse_goal, read_goal
 from karma.types.tasks import Goal
 
@@ -45,56 +42,7 @@ def test_goal_written_and_read_again_is_the_same(goal):
     assert parse_goal(str(goal)) == read_goal(str(goal)) == goal
 
 
-def test_task_file_keeps_the_count(tmp_path):
-    path, again = tmp_path / "tasks.jsonl", tmp_path / "again.jsonl"
-    path.write_text(
-        '{"id": "t", "kind": "simple", "scene": "bedroom_1", "subtasks": [{"instruction": "Put'
-        ' two pens on the desk.", "goals": ["2*ON(Pen, Desk)", "STATE(Desk, dirty)"]}]}'
-    )
-    (task,) = load_tasks(path)
-    assert task.subtasks[0].goals[0].count == 2
-    write_tasks(again, [task])
-    assert '"2*ON(Pen, Desk)"' in again.read_text()
-    assert load_tasks(again) == (task,)
-
-
 # ----------------------------------------------------------------- what they ask for
-
-
-@pytest.mark.parametrize(("on", "met"), [((1, 1), True), ((1, 2), False), ((1,), False),
-                                         ((0, 2, 1, 2), True)])  # fmt: skip
-def test_two_of_a_kind_are_different_and_lie_in_one_place(on, met):
-    assert (unmet(event(*DESKS, *pens(*on)), "2*ON(Pen, Desk)") == []) is met
-
-
-def test_two_of_a_kind_may_be_of_two_types():
-    pencil = thing("Pencil|1", inside=["Desk|1"], pickupable=True)
-    assert unmet(event(*DESKS, *pens(1), pencil), "2*ON(Pen/Pencil, Desk)") == []
-
-
-def test_goals_with_the_same_count_ask_for_the_same_things():
-    dirty, clean = pens(1, 1, 1, isDirty=True), pens(1, 1)
-    now = event(*DESKS, clean[0], clean[1], dirty[2])
-    texts = ("2*ON(Pen, Desk)", "2*STATE(Pen, dirty)")
-    assert len(unmet(now, *texts)) == 1
-    assert unmet(event(*DESKS, clean[0], *dirty[1:]), *texts) == []
-
-
-def test_goal_with_a_lower_count_asks_it_of_so_many_of_the_chosen():
-    box, texts = (
-        thing("Box|1", receptacle=True, pickupable=True),
-        ("2*ON(Pen, Desk)", "ON(Pen, Box)"),
-    )
-    boxed = thing("Pen|9", inside=["Box|1"], pickupable=True)
-    assert len(unmet(event(*DESKS, *pens(1, 1), box, boxed), *texts)) == 1
-    on_desk = {**box, "parentReceptacles": ["Desk|1"]}
-    assert unmet(event(*DESKS, *pens(1), on_desk, boxed), *texts) == []
-
-
-def test_two_switched_things_are_counted():
-    on, off = (thing(f"DeskLamp|{i}", toggleable=True, isToggled=i == 1) for i in (1, 2))
-    assert unmet(event(on, off), "2*TOGGLEON(DeskLamp)") == ["2*TOGGLEON(DeskLamp): 1"]
-    assert unmet(event(on, {**off, "isToggled": True}), "2*TOGGLEON(DeskLamp)") == []
 
 
 def test_slices_of_a_crowded_table_are_counted_without_trying_every_set():

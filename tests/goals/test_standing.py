@@ -2,7 +2,7 @@
 
 import pytest
 
-from karma.goals.goals import GoalTracker, Standing
+from karma.goals.goals import GoalTracker
 from karma.types.tasks import SubTask
 from tests.support.made_events import event, goals, thing
 
@@ -64,22 +64,6 @@ def test_placement_from_before_its_sub_task_counts_while_it_stays():
     assert judged([COLD], [TAKEN, ON_TABLE], before=IN_FRIDGE) == [COLD]
 
 
-def test_placement_undone_by_a_later_sub_task_has_counted_at_the_end_of_its_own():
-    first, later = goals(COLD), goals("ON(Apple, DiningTable)")
-    tracker = GoalTracker()
-    tracker.start(ON_TABLE)
-    tracker.begin_subtask(SubTask(instruction="in", goals=first), ON_TABLE)
-    for one in (TAKEN, IN_FRIDGE):
-        tracker.update(one)
-    assert tracker.unmet(first, IN_FRIDGE) == ()
-    tracker.begin_subtask(SubTask(instruction="out", goals=later), IN_FRIDGE)
-    assert tracker.unmet(later, IN_FRIDGE) == later
-    for one in (TAKEN, ON_TABLE):
-        tracker.update(one)
-    assert tracker.unmet(later, ON_TABLE) == ()
-    assert tracker.unmet(first, ON_TABLE) == first  # it is not remembered from one to the next
-
-
 def test_what_lies_in_a_thing_that_is_taken_away_is_taken_away_on_purpose():
     assert judged(["ON(Apple, DiningTable)"], [ON_PLATE, CARRIED]) == ["ON(Apple, DiningTable)"]
     assert judged(["ON(Apple, Plate)"], [ON_PLATE, CARRIED]) == []
@@ -110,9 +94,3 @@ def test_two_things_do_not_lend_each_other_what_held_of_them():
     assert len(judged(texts, events, before=start, passing=[COLD])) == 1
     events.append(both(TABLE, FRIDGE, clean=True))
     assert judged(texts, events, before=start, passing=[COLD]) == []
-
-
-def test_standing_is_told_of_placements_and_goals_on_the_way_only():
-    wanted = goals(COLD, "STATE(Apple, clean)", "TOGGLEON(Faucet)")
-    standing = Standing.of(SubTask(instruction="do it", goals=wanted, passing=wanted[2:]))
-    assert standing.goals == (wanted[0], wanted[2])

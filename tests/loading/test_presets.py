@@ -7,13 +7,11 @@ from pathlib import Path
 import msgspec
 import pytest
 from support.paths import ROOT
-from typer.testing import CliRunner
 
 from karma import registry
 from karma.agent.karma import KarmaSettings
 from karma.agent.options import settings_of
 from karma.bench.engine.experiment_file import kind_of, read_experiment
-from karma.cli import app
 from karma.cli.talking import RequestOptions
 from karma.errors import FileError
 from karma.loading.models import PRESETS, Models, Row, for_row
@@ -93,12 +91,6 @@ def row_of(tmp_path, text):
 def test_row_that_names_what_there_is_not_is_refused(tmp_path, text, words):
     with pytest.raises(FileError, match=re.escape(words)):
         row_of(tmp_path, text)
-
-
-def test_command_refuses_a_preset_that_is_nobody_s():
-    said = CliRunner().invoke(app, ["run", "wash the mug", "--preset", "papers"])
-    assert said.exit_code == 1
-    assert "there is 'paper'" in said.output
 
 
 def test_row_takes_its_own_vision_and_recall_and_leaves_the_run_s_alone(tmp_path):

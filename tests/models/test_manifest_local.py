@@ -10,7 +10,7 @@ from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma.cli import app
-from karma.errors import FileError, ModelError, UnknownNameError
+from karma.errors import ModelError, UnknownNameError
 from karma.loading.models import Models, Row
 from karma.loading.names import check_models
 from karma.models import added as added_models
@@ -192,19 +192,6 @@ def test_remove_touches_only_what_was_added(manifest, gguf):
     assert (manifest.parent / "ours.gguf").read_bytes() == b"abc"
     with pytest.raises(ModelError, match="Added: nothing"):
         remove_model("tiny-Q8")
-
-
-def test_manifest_that_came_to_know_another_hash_wins(manifest, clip):
-    known(manifest, clip)
-    add_model(clip)
-    known(manifest, clip, wrong="config.json")
-    with pytest.raises(
-        FileError, match=r"local\.toml: model 'clip' has no file of SHA-256"
-    ) as caught:
-        read_manifest()
-    assert "karma models remove clip" in str(caught.value)
-    remove_model("clip")
-    assert find_model("clip")
 
 
 # ------------------------------------------------------------------------------ the command

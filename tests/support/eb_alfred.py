@@ -5,7 +5,7 @@ import json
 import pytest
 
 from karma.bench.engine.run import Run
-from karma.journal.header import EPISODES, RESULTS, TABLE
+from karma.journal.folder import EPISODES, RESULTS, TABLE
 from karma.plugins.alfred.eb_world.actions import ActionTypes
 from karma.plugins.alfred.eb_world.environment import Environment
 from karma.plugins.alfred.replay.facts import gather

@@ -1,12 +1,14 @@
 """Records made by hand, with only what a test speaks of."""
 
+import msgspec
 from hypothesis import strategies as st
 
 from karma.bench.figures.metrics import needs
 from karma.files import to_json
-from karma.journal.header import EPISODES, FORMAT, TIMINGS, Header, Machine
-from karma.journal.owned_folder import HEADER
-from karma.journal.records import Answer, Call, EpisodeRecord, SubTaskRecord
+from karma.journal.entries import Answer, Call
+from karma.journal.folder import EPISODES, HEADER, TIMINGS
+from karma.journal.header import Header
+from karma.journal.records import EpisodeRecord, SubTaskRecord
 
 
 def answer(program="GoToObject(robot, 'Apple')\n", error="", **changes):
@@ -21,14 +23,16 @@ def call(text, reason="", *, actions=10, explorations=0):
 def sub(*goals, unmet=(), recalled=(), hits=0, queries=0, answers=None, calls=(), finished=True,
         instruction="Do it."):  # fmt: skip
     """Return a sub-task; `unmet=True` misses every goal."""
+    first, *others = (answer(),) if answers is None else (*answers, None)
+    if first is not None:
+        first = msgspec.structs.replace(first, recalled=tuple(recalled))
     return SubTaskRecord(
         instruction=instruction,
         goals=goals,
         unmet=goals if unmet is True else tuple(unmet),
         finished=finished,
-        answers=(answer(),) if answers is None else tuple(answers),
+        answers=tuple(one for one in (first, *others) if one is not None),
         calls=tuple(calls),
-        recalled=tuple(recalled),
         queries=queries,
         hits=hits,
     )
@@ -100,11 +104,8 @@ def runs(draw, rows=("KARMA", "memory off")):
 
 def write_run(folder, records, *, name="made", timings=(), **header):
     """Write records as a run's folder."""
-    usual = {"versions": {}, "models": {}, "prompts": {}, "scenes": {}}
-    header = Header(
-        name=name, experiment="0" * 64, tasks="0" * 64, format=FORMAT, **{**usual, **header},
-        machine=Machine(platform="x", cpu="x", cores=1, memory_mb=None, threads=1),
-    )  # fmt: skip
+    usual = {"versions": {}, "options": {"rows": []}, "files": {"tasks": "0" * 64}}
+    header = Header(name=name, **{**usual, **header})
     folder.mkdir(parents=True)
     (folder / HEADER).write_bytes(to_json(header, indent=2))
     for place, lines in ((EPISODES, records), (TIMINGS, timings)):

@@ -10,7 +10,8 @@ from karma.bench.engine.episode import run_episode
 from karma.bench.figures.columns import added_up
 from karma.bench.methods.expert import ExpertMethod
 from karma.goals.goals import parse_goal
-from karma.journal.header import FORMAT, RESULTS, Header, Machine
+from karma.journal.folder import RESULTS
+from karma.journal.header import Header
 from karma.journal.run_folder import Finished, RunFolder
 from karma.journal.steps import StepLog
 from karma.journal.writer import TimeLog
@@ -116,12 +117,11 @@ TASKS["s16"] = sequence("s16", *4 * (*FRIDGE, *PEN))
 def make_run(folder, keys=KEYS):
     """Write the run of some episodes into a folder and return it."""
     files = RunFolder(folder, steps=True)
-    machine = Machine(platform="x", cpu="y", cores=1, memory_mb=None, threads=1)
     header = Header(
-        name="small <i>run</i>", experiment="e" * 64, tasks="t" * 64, versions={"karma": "0"},
-        models={"planner": "scripted"}, prompts={}, scenes={}, format=FORMAT, machine=machine,
+        name="small <i>run</i>", options={"rows": []}, files={"tasks": "t" * 64},
+        versions={"karma": "0"}, models={"planner": "scripted"}, steps=True,
     )  # fmt: skip
-    files.claim(header, {"rows": []}, fix="")
+    files.claim(header, fix="")
     for row, name, seed in keys:
         world = Home(EmbeddedWorld) if len(TASKS[name].scenes) > 1 else EmbeddedWorld()
         steps, times = StepLog(), TimeLog()

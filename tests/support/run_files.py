@@ -13,7 +13,7 @@ from pathlib import Path
 from typer.testing import CliRunner
 
 from karma.cli import app
-from karma.journal.header import TIMINGS
+from karma.journal.folder import TIMINGS
 from support.paths import ROOT
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"

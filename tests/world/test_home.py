@@ -13,12 +13,8 @@ from karma.errors import FileError, KarmaError
 from karma.goals.files import load_tasks, with_whole
 from karma.goals.goals import GoalTracker, WatchedWorld, parse_goal
 from karma.household.places import BESIDE_A_DOOR
+from karma.journal.entries import Action, Ended, Enter, Instruction
 from karma.journal.steps import (
-    Action,
-    Ended,
-    Enter,
-    Instruction,
-    Start,
     StepLog,
     packed,
     read_steps,
@@ -218,7 +214,7 @@ def replayed(log, scenes):
     """Do all that a log says; returns how its sub-tasks ended and where it went."""
     start, *steps = log
     home, tracker, goals = Home(EmbeddedWorld), GoalTracker(), {}
-    assert isinstance(start, Start)
+    assert isinstance(start, Enter)
     for scene in scenes.values():
         home.reset(scene)
     home.reset(scenes[start.scene])

@@ -23,8 +23,8 @@ from karma.bench.engine.suite import (
 from karma.bench.figures.tables import to_markdown
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json
-from karma.journal.header import EPISODES, RESULTS, TABLE, BenchmarkHeader
-from karma.journal.owned_folder import HEADER, check_sealed, read_lines
+from karma.journal.folder import EPISODES, HEADER, RESULTS, TABLE, check_sealed, read_lines
+from karma.journal.header import Header
 from karma.journal.provenance import model_hashes, versions
 from karma.journal.records import NotRun, PlayedTiming, in_words, read_not_run
 from karma.journal.run_folder import Finished, RunFolder
@@ -62,7 +62,7 @@ class BenchmarkSuite:
         return made
 
     @property
-    def header(self) -> BenchmarkHeader:
+    def header(self) -> Header:
         """What records depend on.
 
         Raises:
@@ -71,10 +71,10 @@ class BenchmarkSuite:
             UnknownNameError: there is no such model.
         """
         one = self.experiment
-        return BenchmarkHeader(
-            benchmark=one.benchmark,
+        return Header(
+            kind="benchmark",
             name=one.name,
-            experiment=msgspec.to_builtins(one),
+            options=msgspec.to_builtins(one),
             files=self.file_hashes(),
             versions=versions(),
             models=model_hashes(one.models) if one.plans else {},
@@ -89,7 +89,7 @@ class BenchmarkSuite:
     def files(self, folder: Path) -> RunFolder:
         """Return the folder as what takes what episodes leave."""
         kind = self._kind.record_kind
-        return RunFolder(folder, steps=False, kind="benchmark", records=kind)
+        return RunFolder(folder, steps=False, records=kind)
 
     def chains(self, seeds: Sequence[int]) -> Sequence[Chain]:
         """Return all episodes in their final order; their seeds are the experiment's."""
@@ -159,7 +159,7 @@ def read_results(folder: Path, *more: Path) -> BenchmarkResults:
         FileError: a folder holds no run of a benchmark, or a damaged line; or runs that are to
             stand in one table have other tasks, or a row of the same name.
     """
-    headers = [BenchmarkHeader.read(one) for one in (folder, *more)]
+    headers = [Header.read(one) for one in (folder, *more)]
     records: list[Any] = []
     remarks: list[str] = []
     for place, header in zip((folder, *more), headers, strict=True):
@@ -180,12 +180,14 @@ def _with(results: BenchmarkResults, not_run: Sequence[NotRun]) -> BenchmarkResu
     return replace(results, remarks=(*results.remarks, *filter(None, [said])))
 
 
-def read_played(folder: Path, header: BenchmarkHeader) -> tuple[Benchmark, list[Any]]:
+def read_played(folder: Path, header: Header) -> tuple[Benchmark, list[Any]]:
     """Return a run's benchmark, and its records; FileError for a damaged line or a changed file."""
     check_sealed(folder)
-    kind = benchmark_of(header.benchmark, folder / HEADER)
+    if header.kind != "benchmark":
+        raise FileError(folder, "no run of a benchmark", fix=f"karma report {folder}")
+    kind = benchmark_of(header.options["benchmark"], folder / HEADER)
     try:
-        experiment = msgspec.convert(header.experiment, kind.experiment_kind)
+        experiment = msgspec.convert(header.options, kind.experiment_kind)
     except msgspec.ValidationError as error:
         fix = f"karma eval FILE --out {folder} --fresh"
         raise FileError(folder / HEADER, f"experiment: {error}", fix=fix) from error

@@ -18,8 +18,9 @@ from karma.agent.seeing.perceive import cells_of, pose_of, refusal, truth_of
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.goals.goals import GoalTracker, WatchedWorld, object_names
 from karma.household.uses import BIN
+from karma.journal.entries import Enter
 from karma.journal.records import EpisodeRecord, SubTaskRecord, untimed, waited
-from karma.journal.steps import Enter, StepLog
+from karma.journal.steps import StepLog
 from karma.journal.writer import EpisodeWriter, TimeLog, through
 from karma.models.session import Cassette, CassetteError, Ledger, NoCassette
 from karma.seeds import stream
@@ -226,7 +227,7 @@ def run_episode(
         world = days.of(WatchedWorld(world, steps), task, seed)
         watched = WatchedWorld(world, tracker)
         episode = _begun(method, watched, task.scenes, seed=seed, folder=folder)
-        steps.start(first, seed)
+        steps.start(first)
         tracker.start(world.last_event)
         alone = task.kind == "sequence"  # every sub-task is a task by itself
         met = [] if alone else [_met(tracker, sub, world.last_event) for sub in task.subtasks]

@@ -19,8 +19,7 @@ import msgspec
 from karma.bench.engine.experiment import MOST_SEEDS, Experiment, is_called
 from karma.errors import FileError, KarmaError, did_you_mean
 from karma.files import read_toml
-from karma.journal.header import each_path
-from karma.journal.owned_folder import Kind
+from karma.journal.header import Kind, each_path
 from karma.loading.names import MODELS, check_models, check_row
 
 T = TypeVar("T", bound=msgspec.Struct)

@@ -1,6 +1,6 @@
 """Our tasks as a run does them: every row on every task, with models that are loaded once."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,14 +11,15 @@ import msgspec
 from karma import registry
 from karma.agent.tour import explore_room
 from karma.bench.engine.episode import Days, run_episode
-from karma.bench.engine.experiment import Experiment, RunOptions, load, scene_path
+from karma.bench.engine.experiment import Experiment, load, scene_path
 from karma.bench.engine.experiment_file import Changes, read_experiment
 from karma.bench.engine.suite import Chain, Done
 from karma.bench.figures.columns import added_up
 from karma.errors import FileError, KarmaError
 from karma.goals.files import in_rooms
-from karma.journal.header import RESULTS, Config, Header
-from karma.journal.provenance import header_of as journal_header
+from karma.journal.folder import RESULTS
+from karma.journal.header import Header, Options
+from karma.journal.provenance import header_of
 from karma.journal.records import EpisodeRecord
 from karma.journal.run_folder import Finished, RunFolder
 from karma.journal.steps import StepLog
@@ -61,13 +62,12 @@ class OurTasks:
 
     @property
     def header(self) -> Header:
-        """What records depend on; errors as `header_of`."""
-        return header_of(self.experiment, self.tasks, self.scenes, steps=self.steps)
-
-    @property
-    def config(self) -> Config:
-        """What the run was told; errors as `configuration`."""
-        return configuration(self.experiment)
+        """What records depend on; errors as `configuration`."""
+        one = self.experiment
+        return header_of(
+            one.name, configuration(one), one.models,
+            rows=one.rows, tasks=self.tasks, scenes=self.scenes, steps=self.steps,
+        )  # fmt: skip
 
     def files(self, folder: Path) -> RunFolder:
         """Return the folder as what takes what episodes leave."""
@@ -234,7 +234,7 @@ def _built(
         raise KarmaError(f"row {row.name!r}: {error}") from error
 
 
-def configuration(experiment: Experiment) -> Config:
+def configuration(experiment: Experiment) -> Options:
     """Return all that an experiment says, with what it leaves to presets, models and methods.
 
     Raises:
@@ -270,30 +270,3 @@ def _row(row: Row, models: Models) -> dict[str, Any]:
         "vision": row.vision or models.vision,
         "options": {**defaults, **row.all_options},
     }
-
-
-# ----------------------------------------------------------------- two runs
-
-
-def header_of(
-    experiment: Experiment, tasks: Iterable[Task], scenes: Mapping[str, bytes], *, steps: bool
-) -> Header:
-    """Return what a run of an experiment depends on.
-
-    The tasks are those that it selects, the scenes imported floor plans by name. A comment in the
-    experiment's file changes nothing.
-
-    Raises:
-        ModelError: a model's file is missing.
-        UnknownNameError: there is no such model.
-    """
-    told = msgspec.to_builtins(msgspec.structs.replace(experiment, run=RunOptions()))
-    for name in ("only", "limit"):  # what they select stands in `tasks`
-        del told[name]
-    for endpoint in filter(None, told["models"]["hosted"].values()):
-        for name in ("timeout_s", "retries"):  # a request that is given up leaves no record
-            del endpoint[name]
-    return journal_header(
-        experiment.name, told, experiment.models,
-        rows=experiment.rows, tasks=tasks, scenes=scenes, steps=steps,
-    )  # fmt: skip

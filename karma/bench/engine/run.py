@@ -10,8 +10,7 @@ from karma.bench.engine.our_tasks import OurTasks, our_tasks
 from karma.bench.engine.suite import BenchmarkResults, Chain, Suite
 from karma.bench.engine.workers import IN_FLIGHT, Suggestion, check_far, perform, suggest_workers
 from karma.errors import KarmaError
-from karma.journal.header import EPISODES
-from karma.journal.owned_folder import locked
+from karma.journal.folder import EPISODES, locked
 from karma.journal.records import IN_A_ROW, Key, NotRun, key_of
 from karma.models.session import Cassette, Session
 from karma.types.tasks import Task
@@ -61,7 +60,6 @@ class Run:
         self.experiment: Any = self.suite.experiment  # an `Experiment`, or a benchmark's own
         ours = self.suite if isinstance(self.suite, OurTasks) else None
         self.tasks: tuple[Task, ...] = ours.placed() if ours else ()  # of our own
-        self._config = ours.config if ours else None
         self._scenes = ours.brought() if ours else {}
         self.header = self.suite.header
         self._files = self.suite.files(folder)
@@ -154,7 +152,7 @@ class Run:
 
     def _claim(self) -> None:
         fix = f"--out another folder, or karma eval {self.path} --fresh, which throws that run away"
-        self._files.claim(self.header, self._config, fix=fix, scenes=self._scenes)
+        self._files.claim(self.header, fix=fix, scenes=self._scenes)
 
     def _go_on(self) -> None:
         """Read what is done."""

@@ -9,7 +9,7 @@ pair differs in the row and in nothing else.
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -42,20 +42,7 @@ from karma.journal.records import (
 from karma.types.memory import Tour
 
 OFF_ROW = "memory off"  # name of the twin in the experiments of eval/paper
-LOTA_ROW = "LoTa-Bench (modified)"  # what the paper's figures seem to be measured against
 Pair = tuple[TimedEpisode, TimedEpisode]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reduction:
-    """Exploration (RE) and time (RT) saved by a row against a reference row."""
-
-    row: str
-    reference: str
-    kind: str  # or "all"
-    pairs: int
-    solved_pairs: int  # that both rows solved
-    values: Mapping[str, Estimate]  # by the key of each saving
 
 
 def with_tour(amount: Amount, cost: Callable[[Tour], int]) -> Amount:
@@ -118,33 +105,6 @@ def paired_sums(pairs: Sequence[Pair], of: Amount) -> Floats:
     return np.array([sums[task] for task in sorted(sums)])
 
 
-def reductions(
-    episodes: Sequence[TimedEpisode], *, reference: str = OFF_ROW
-) -> tuple[Reduction, ...]:
-    """Return the savings of every row against a reference row, by kind and in all.
-
-    The reference itself is left out.
-    """
-    twins = [episode for episode in episodes if episode.record.row == reference]
-    kinds = (*kinds_of(one.record for one in episodes), ALL)
-    lines = []
-    for row, kind, some in by_row_and_kind(episodes, kinds) if twins else ():
-        if row == reference or not (pairs := paired(some, twins)):
-            continue
-        solved = [(a, b) for a, b in pairs if a.record.success and b.record.success]
-        lines.append(
-            Reduction(
-                row=row, reference=reference, kind=kind, pairs=len(pairs),
-                solved_pairs=len(solved),
-                values={
-                    saving.key: reduced(saving.of, solved if saving.both_solved else pairs)
-                    for saving in SAVINGS
-                },
-            )
-        )  # fmt: skip
-    return tuple(lines)
-
-
 def by_row_and_kind(
     episodes: Sequence[TimedEpisode], kinds: Iterable[str]
 ) -> Iterator[tuple[str, str, list[TimedEpisode]]]:
@@ -169,6 +129,8 @@ class Figures:
     episodes: int
     tasks: int
     seeds: int
+    pairs: int  # with the same task and seed without memory
+    solved_pairs: int  # that both solved
     values: Mapping[str, Estimate]  # by the keys of `COLUMNS`
     unjudged: Mapping[str, str] = field(default_factory=dict)  # tasks left out of it, and why
 
@@ -183,24 +145,22 @@ def figures(
 ) -> tuple[Figures, ...]:
     """Return all figures by row and kind, in all, and split by presence in training data.
 
-    Rows stand in the order of the records, kinds in the paper's. What is measured against a
-    reference row is undefined in a run without it, what is measured in seconds without timings.
+    Methods stand in the order of the records, kinds in the paper's. Savings are undefined in a run
+    without `OFF_ROW`, seconds without timings.
     """
-    episodes = episodes_of(records, timings)
-    return figures_of(records, episodes, reductions(episodes))
+    return figures_of(records, episodes_of(records, timings))
 
 
 def figures_of(
-    records: Sequence[EpisodeRecord],
-    episodes: Sequence[TimedEpisode],
-    reductions: Sequence[Reduction],
+    records: Sequence[EpisodeRecord], episodes: Sequence[TimedEpisode]
 ) -> tuple[Figures, ...]:
-    """Return the figures of episodes together with their savings, see `figures`."""
-    saved = {(one.row, one.kind): one.values for one in reductions}
+    """Return the figures of episodes, see `figures`."""
+    twins = [episode for episode in episodes if episode.record.row == OFF_ROW]
     kinds = (*kinds_of(episode.record for episode in episodes), ALL, TRAINED, NOT_TRAINED)
     lines = []
     for row, kind, some in by_row_and_kind(episodes, kinds):
-        savings = saved.get((row, kind), {})
+        pairs = paired(some, twins) if row != OFF_ROW else []
+        solved = [(a, b) for a, b in pairs if a.record.success and b.record.success]
         lines.append(
             Figures(
                 row=row,
@@ -208,8 +168,13 @@ def figures_of(
                 episodes=len(some),
                 tasks=len({one.record.task for one in some}),
                 seeds=len({one.record.seed for one in some}),
+                pairs=len(pairs),
+                solved_pairs=len(solved),
                 values={metric.key: measure(metric, some) for metric in METRICS}
-                | {saving.key: savings.get(saving.key, Estimate(value=None)) for saving in SAVINGS},
+                | {
+                    saving.key: reduced(saving.of, solved if saving.both_solved else pairs)
+                    for saving in SAVINGS
+                },
                 unjudged={
                     record.task: record.unjudged
                     for record in records
@@ -220,10 +185,7 @@ def figures_of(
     return tuple(lines)
 
 
-Counted = TypeVar("Counted", bound=Figures | Reduction)
-
-
-def without_repeats(lines: Sequence[Counted]) -> list[Counted]:
+def without_repeats(lines: Sequence[Figures]) -> list[Figures]:
     """Return lines without the totals if there is a single kind."""
     alone = len({line.kind for line in lines} - {ALL, TRAINED, NOT_TRAINED}) == 1
     return [line for line in lines if not (alone and line.kind == ALL)]

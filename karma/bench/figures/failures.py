@@ -11,8 +11,9 @@ from typing import Literal, get_args
 
 from karma.agent.planning.refused import sentence
 from karma.bench.figures.metrics import Need, TimedEpisode, needs, related_needs, types_of
-from karma.journal.records import Call, SubTaskRecord
-from karma.journal.steps import Ended, Enter, Instruction, Start, Step
+from karma.journal.entries import Call, Ended, Enter, Entry, Instruction
+from karma.journal.records import SubTaskRecord
+from karma.types.memory import MemoryUnit
 
 Cause = Literal["planner", "refused", "recall", "evicted", "not stored", "skill", "world", "error"]
 CAUSES: tuple[Cause, ...] = get_args(Cause)
@@ -77,7 +78,7 @@ class _Case:
         return "evicted" if need & self.memory.ever else "not stored"
 
 
-def failures(episode: TimedEpisode, steps: Sequence[Step] | None = None) -> tuple[Failure, ...]:
+def failures(episode: TimedEpisode, steps: Sequence[Entry] | None = None) -> tuple[Failure, ...]:
     """Return the failed sub-tasks of an episode with their causes, in order.
 
     The episode is one of `episodes_of`, so that what an error kept from being tried is in it.
@@ -154,19 +155,25 @@ def _of_call(case: _Case, call: Call) -> tuple[Cause, str]:
     return ("planner" if _MISPLANNED.search(call.reason) else "world"), why
 
 
-def _memories(steps: Sequence[Step]) -> dict[int, _Memory]:
+def _memories(steps: Sequence[Entry]) -> dict[int, _Memory]:
     """Return the types in memory at the start of each sub-task and before, of its room."""
-    room = ""
+    room, number = "", 0
     ever: dict[str, frozenset[str]] = {}
     found = {}
+
+    def types_in(memory: Sequence[MemoryUnit]) -> frozenset[str]:
+        return types_of(unit.object_id for unit in memory if unit.scene in ("", room))
+
     for step in steps:
-        if isinstance(step, Start | Enter):
+        if isinstance(step, Enter):
             room = step.scene
-        elif isinstance(step, Instruction | Ended):
-            held = types_of(u.object_id for u in step.memory if u.scene in ("", room))
-            ever[room] = ever.get(room, frozenset()) | held
-            if isinstance(step, Instruction):
-                found[step.number] = _Memory(held=held, ever=ever[room])
+        elif isinstance(step, Instruction):
+            number = step.number
+        elif isinstance(step, Ended):
+            held = types_in(step.resident)
+            before = ever.get(room, frozenset()) | held
+            found[number] = _Memory(held=held, ever=before)
+            ever[room] = before | types_in(step.kept)
     return found
 
 

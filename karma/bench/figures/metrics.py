@@ -14,11 +14,10 @@ from karma.goals.goals import alternatives, object_names, parse_goal
 from karma.household.ids import root_type
 from karma.household.pieces import base_type
 from karma.household.types import types_with
+from karma.journal.entries import Answer, Call
 from karma.journal.formats import COST_DIGITS
 from karma.journal.records import (
-    Answer,
     AnswerTiming,
-    Call,
     EpisodeRecord,
     EpisodeTiming,
     Key,
@@ -338,7 +337,6 @@ def _undone(sub: SubTaskRecord) -> SubTaskRecord:
         finished=False,
         answers=(),
         calls=(),
-        recalled=(),
         queries=0,
         hits=0,
         hosted=(),

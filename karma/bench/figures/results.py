@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from karma.bench.figures.columns import COLUMNS, LOTA_ROW, figures_of, reductions
+from karma.bench.figures.columns import COLUMNS, OFF_ROW, figures_of
 from karma.bench.figures.compare import Arm, Comparison, arm_of, compare_kinds, rows_of
 from karma.bench.figures.failures import Failure, failures
 from karma.bench.figures.metrics import TimedEpisode, episodes_of
@@ -15,8 +15,7 @@ from karma.bench.figures.tables import PublishedFigures, Result, Sheet
 from karma.errors import KarmaError
 from karma.files import read_bytes, shipped
 from karma.journal.formats import figure_text
-from karma.journal.header import all_apart, read_config, rows_apart, told_apart
-from karma.journal.owned_folder import changed
+from karma.journal.header import changed, options_apart, rows_apart, shared_apart
 from karma.journal.records import in_words
 from karma.journal.run_folder import RunData, read_run
 from karma.journal.steps import read_steps, steps_path
@@ -25,16 +24,12 @@ from karma.journal.steps import read_steps, steps_path
 def result_of(run: RunData, published: PublishedFigures) -> Result:
     """Return the figures behind the tables of a run.
 
-    The run may be unfinished: a figure says how many episodes stand behind it. RE and RT are
-    measured against memory off, and against LoTa-Bench, as the paper seems to do.
+    The run may be unfinished: a figure says how many episodes stand behind it.
     """
     episodes = episodes_of(run.records, run.timings)
-    saved = reductions(episodes)
     return Result(
         name=run.header.name,
-        figures=figures_of(run.records, episodes, saved),
-        reductions=saved,
-        paper_reductions=reductions(episodes, reference=LOTA_ROW),
+        figures=figures_of(run.records, episodes),
         comparisons=_comparisons(run, episodes),
         failures=[one for episode in episodes for one in _failures(run, episode)],
         published=published,
@@ -186,29 +181,25 @@ def set_apart(sides: Sequence[Side]) -> list[str]:
     return [
         f"{side.name}: {words}"
         for side in sides[1:]
-        for words in (*_headers_apart(first.run, side.run), *_told_apart(first, side))
+        for words in (*_headers_apart(first.run, side.run), *_options_apart(first, side))
     ]
 
 
 def _headers_apart(first: RunData, run: RunData) -> list[str]:
-    machines = ({k: str(v) for k, v in asdict(one.header.machine).items()} for one in (first, run))
-    found = first.header.apart(run.header)
-    left_out = ("experiment file: ", "name: ")  # said by the options
-    return [one for one in found if not one.startswith(left_out)] + changed("machine", *machines)
+    headers = [one.header for one in (first, run)]
+    machines = ({k: str(v) for k, v in asdict(h.machine).items()} for h in headers if h.machine)
+    return [*headers[0].inputs_apart(headers[1]), *changed("machine", *machines)]
 
 
-def _told_apart(first: Side, side: Side) -> list[str]:
-    old, new = read_config(first.run.folder), read_config(side.run.folder)
-    if old is None or new is None:
-        unknown = (first if old is None else side).run.folder
-        return [f"options: {unknown} was begun by an earlier version, which kept none"]
+def _options_apart(first: Side, side: Side) -> list[str]:
+    old, new = first.run.header.options, side.run.header.options
     if not first.row and not side.row:
-        return all_apart(old, new)
+        return options_apart(old, new)
     mine, other = (  # where none is named the only one is meant
-        row or next((str(one.get("name")) for one in config["rows"]), "")
-        for config, row in ((old, first.row), (new, side.row))
+        row or next((str(one.get("name")) for one in options["rows"]), "")
+        for options, row in ((old, first.row), (new, side.row))
     )
-    return told_apart(old, new) + rows_apart(old, mine, new, other)
+    return shared_apart(old, new) + rows_apart(old, mine, new, other)
 
 
 def unfinished(runs: Iterable[RunData]) -> list[str]:
@@ -284,31 +275,29 @@ def margin_sheet(result: Result) -> Sheet | None:
 
 
 def _of_success(result: Result) -> Iterator[Margin]:
-    twins = {line.reference for line in result.reductions}
     for kind, wanted in _OVER_BASELINES.items():
         mine = [comparison for comparison in result.comparisons if comparison.kind == kind]
-        if rivals := [one for one in mine if _is_baseline(one, twins)]:
+        if rivals := [one for one in mine if _is_baseline(one)]:
             best = max(rivals, key=lambda one: one.success.second.value or 0.0)
             text = f"SR of {best.first}, {kind} tasks, times that of the best baseline"
             yield Margin(text=text, wanted=wanted, ours=best.ratio, rival=best.second)
         for one in mine:
-            if one.second in twins:
+            if one.second == OFF_ROW:
                 text = f"SR of {one.first}, {kind} tasks, times that without memory"
                 yield Margin(text=text, wanted=_WITHOUT_MEMORY, ours=one.ratio, rival=one.second)
 
 
-def _is_baseline(one: Comparison, twins: set[str]) -> bool:
+def _is_baseline(one: Comparison) -> bool:
     """Return whether the second arm is a baseline: no ablation, no twin, not the expert."""
-    return one.second not in {EXPERT, *twins} and not one.second.startswith(one.first)
+    return one.second not in (EXPERT, OFF_ROW) and not one.second.startswith(one.first)
 
 
 def _of_savings(result: Result) -> Iterator[Margin]:
     first = result.figures[0].row if result.figures else ""
-    for kind in _OVER_BASELINES:
-        for one in (*result.reductions, *result.paper_reductions):
-            if (one.row, one.kind) == (first, kind):
-                for key in ("re", "rt", "re_related", "rt_related"):
-                    wanted = _SAVED[kind][key.removesuffix("_related")]
-                    text = f"{COLUMNS[key].title} of {first}, {kind} tasks"
-                    ours = one.values[key]
-                    yield Margin(text=text, wanted=wanted, ours=ours, rival=one.reference)
+    for line in result.figures:
+        if line.row != first or not line.pairs or line.kind not in _SAVED:
+            continue
+        for key in ("re", "rt", "re_related", "rt_related"):
+            wanted = _SAVED[line.kind][key.removesuffix("_related")]
+            text = f"{COLUMNS[key].title} of {first}, {line.kind} tasks"
+            yield Margin(text=text, wanted=wanted, ours=line.values[key], rival=OFF_ROW)

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 from karma.bench.figures.columns import (
     COLUMNS,
+    OFF_ROW,
     SAVINGS,
-    Counted,
     Figures,
-    Reduction,
     without_repeats,
 )
 from karma.bench.figures.compare import Comparison
@@ -60,8 +59,6 @@ class Result:
 
     name: str
     figures: Sequence[Figures]
-    reductions: Sequence[Reduction]  # against the memory-off twins
-    paper_reductions: Sequence[Reduction]  # against the LoTa row
     comparisons: Sequence[Comparison]
     failures: Sequence[Failure]
     published: PublishedFigures
@@ -72,12 +69,8 @@ def sheets(result: Result) -> list[Sheet]:
     found = [*main_sheets(result), _costs(result)]
     if left_out := left_out_of(result.figures):
         found.append(_unjudged(result, left_out))
-    for lines, words in (
-        (result.reductions, "the same task and seed without memory"),
-        (result.paper_reductions, "the LoTa-Bench row, as the paper's figures seem to be"),
-    ):
-        if lines:
-            found.append(_savings(lines, words))
+    if saving := [line for line in result.figures if line.pairs]:
+        found.append(_savings(saving))
     if result.comparisons:
         found.append(comparison_sheet(result.comparisons))
     if result.failures:
@@ -191,16 +184,16 @@ def _trained_words(apart: Sequence[str]) -> str:
 
 
 def _saved_words(result: Result) -> str:
-    if not result.reductions:
+    if not any(line.pairs for line in result.figures):
         return "RE and RT need a row without memory. "
     return (
-        f"RE and RT: places searched and actions saved against {result.reductions[0].reference!r}, "
+        f"RE and RT: places searched and actions saved against {OFF_ROW!r}, "
         "same task and seed; by the clock: seconds on the machine of the run. With tour: the first "
         "tour of each room counted, spread over all that the row was asked in it. "
     )
 
 
-def _any_measured(lines: Sequence[Counted], key: str) -> bool:
+def _any_measured(lines: Sequence[Figures], key: str) -> bool:
     return any(line.values[key].value is not None for line in lines)
 
 
@@ -223,12 +216,12 @@ def _costs(result: Result) -> Sheet:
 
 
 def _by_kind(
-    lines: Sequence[Counted],
+    lines: Sequence[Figures],
     *,
     title: str,
     caption: str,
     head: Sequence[str],
-    cells: Callable[[Counted], Sequence[str]],
+    cells: Callable[[Figures], Sequence[str]],
 ) -> Sheet:
     """Return a table with a line per row and kind, and totals if there are several kinds."""
     shown = [one for one in without_repeats(lines) if one.kind not in (TRAINED, NOT_TRAINED)]
@@ -236,13 +229,13 @@ def _by_kind(
     return Sheet(title=title, caption=caption, head=("method", "tasks", *head), lines=rows)
 
 
-def _savings(lines: Sequence[Reduction], words: str) -> Sheet:
+def _savings(lines: Sequence[Figures]) -> Sheet:
     return _by_kind(
         lines,
-        title=f"Saved against {lines[0].reference}",
+        title=f"Saved against {OFF_ROW}",
         caption=(
-            f"Shares saved of what the reference row spent: {words}. Related: only in sub-tasks "
-            "that come back to a thing; what is asked for first has to be searched by everybody. "
+            "Shares saved of what the same task and seed took without memory. Related: only in "
+            "sub-tasks that come back to a thing; everybody has to search what is asked for first. "
             "Both solved: only such pairs, as an agent that gives up early also searches little. "
             "With tour: the walk through each room that made its map is spread over all "
             "instructions there; methods without a map have none."

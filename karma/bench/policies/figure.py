@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
@@ -41,15 +41,14 @@ from karma.bench.policies.tasks import (
     trace_of,
 )
 from karma.errors import FileError, KarmaError
-from karma.files import read_bytes, read_json, read_toml, to_json
-from karma.journal.header import ALWAYS, RESULTS
-from karma.journal.owned_folder import HEADER, OwnedFolder, changed, check_sealed
+from karma.files import read_json, read_toml, to_json
+from karma.journal.folder import CLAIMS, RESULTS, check_sealed, is_begun
+from karma.journal.header import Header
 from karma.journal.records import NotRun, PlayedTiming
 from karma.journal.run_folder import Finished, RunFolder
 from karma.loading.models import Models, Row
 from karma.models.session import Session
 
-CLAIMS_FILE = "claims.md"
 AtLeastOne = Annotated[int, Meta(ge=1)]
 
 
@@ -89,29 +88,6 @@ class TraceFigure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         return tuple(one for one in self.checkpoints if one <= self.length) or (self.length,)
 
 
-class FigureHeader(msgspec.Struct, frozen=True, kw_only=True):
-    """Inputs of a figure, by hash."""
-
-    version: str
-    figure: str  # SHA-256 of the file
-    tasks: str  # and of what is drawn from
-
-    @classmethod
-    def read(cls, folder: Path) -> Self:
-        """Read what a figure depends on; FileError where it is damaged, or no figure's."""
-        return read_json(folder / HEADER, cls, fix="--out another folder")
-
-    @property
-    def names(self) -> frozenset[str]:
-        """The files that such a run may write."""
-        drawn = (f"figure-{one}.{end}" for one in UNIT_SETS for end in ("png", "svg"))
-        return ALWAYS | {CLAIMS_FILE, *drawn}
-
-    def apart(self, new: "FigureHeader") -> list[str]:
-        """Return what tells another header apart, in words."""
-        return changed("figure", *map(msgspec.structs.asdict, (self, new)))
-
-
 class Results(msgspec.Struct, frozen=True, kw_only=True):
     """Content of `results.json`."""
 
@@ -140,13 +116,14 @@ def figure_run(path: Path, folder: Path, *, fresh: bool = False) -> Run:
     figure = read_toml(path, TraceFigure)
     policies = _with_bounds(sized(figure.policies, figure.sizes))
     claims_of(figure.claims, [])  # a wrong name must not come to light minutes later
-    if folder.exists():
-        OwnedFolder(folder, "figure").look()  # before tasks are drawn, which takes seconds
+    is_begun(folder)  # before tasks are sampled, which takes seconds
     pool = _pool(figure, path)
-    header = FigureHeader(
-        version=__version__,
-        figure=hashlib.sha256(read_bytes(path)).hexdigest(),
-        tasks=hashlib.sha256(to_json([pool.source, pool.errands])).hexdigest(),
+    header = Header(
+        kind="figure",
+        name=figure.name,
+        options=msgspec.to_builtins(figure),
+        files={"tasks": hashlib.sha256(to_json([pool.source, pool.errands])).hexdigest()},
+        versions={"karma": __version__},
     )
     suite = FigureSuite(experiment=figure, header=header, policies=policies, pool=pool)
     return Run(path, folder, fresh=fresh, suite=suite)
@@ -157,7 +134,7 @@ class FigureSuite:
     """A figure, see `karma.bench.engine.suite.Suite`; no model is loaded for it."""
 
     experiment: TraceFigure
-    header: FigureHeader
+    header: Header
     policies: tuple[str, ...]
     pool: Pool  # that is drawn from
     models: Models = NO_MODELS
@@ -171,7 +148,7 @@ class FigureSuite:
 
     def files(self, folder: Path) -> "FigureFolder":
         """Return the folder as what takes the records."""
-        return FigureFolder(folder, steps=False, kind="figure", records=PolicyRecord)
+        return FigureFolder(folder, steps=False, records=PolicyRecord)
 
     def chains(self, seeds: Sequence[int]) -> list[Chain]:
         """Return a chain for each cell."""
@@ -240,7 +217,7 @@ def drawn(results: Results) -> dict[str, bytes]:
     """Return the claims as Markdown, and the pictures as PNG and SVG, by their files' names."""
     found: dict[str, bytes] = {}
     if results.claims:
-        found[CLAIMS_FILE] = claims_text(results.claims, caption_of(results)).encode()
+        found[CLAIMS] = claims_text(results.claims, caption_of(results)).encode()
     for name, picture in pictures_of(results):
         found |= {f"{name}.png": png_of(picture), f"{name}.svg": svg_of(picture)}
     return found

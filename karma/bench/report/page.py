@@ -5,6 +5,7 @@ from typing import Any
 
 import msgspec
 
+from karma.agent.planning.refused import sentence
 from karma.bench.figures.compare import rows_of
 from karma.bench.figures.failures import Failure
 from karma.bench.figures.tables import Result, Sheet, main_sheets, sheets
@@ -41,6 +42,7 @@ def render(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> st
         actions=actions,
         same=actions - sum(len(shown.differing) for shown in replays),
         failed=failed,
+        sentence=sentence,
         facts=facts_of(run.header),
     )
 

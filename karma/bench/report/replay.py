@@ -11,7 +11,16 @@ from pathlib import Path
 
 from karma.bench.report.html import data_uri
 from karma.errors import KarmaError
-from karma.journal import steps
+from karma.journal.entries import (
+    Action,
+    Answer,
+    Call,
+    Ended,
+    Enter,
+    Entry,
+    Instruction,
+    Map,
+)
 from karma.journal.records import EpisodeRecord
 from karma.journal.run_folder import RunData
 from karma.journal.steps import read_steps, steps_path
@@ -85,7 +94,7 @@ class ReplayedCall:
 class Attempt:
     """A program and its skill calls; `plan` is None before the planner answered."""
 
-    plan: steps.Planned | None = None
+    plan: Answer | None = None
     calls: list[ReplayedCall] = field(default_factory=list)
 
 
@@ -143,7 +152,7 @@ def replays(run: RunData, records: Sequence[EpisodeRecord]) -> Iterator[EpisodeR
 
 
 def replay(
-    lines: Sequence[steps.Step], record: EpisodeRecord, folder: Path, *, each_call: bool = True
+    lines: Sequence[Entry], record: EpisodeRecord, folder: Path, *, each_call: bool = True
 ) -> EpisodeReplay:
     """Replay a log up to its end, or to where the episode broke off.
 
@@ -167,47 +176,48 @@ class _Replayer:
         self._folder, self._each_call = folder, each_call
         self._rooms = Home(lambda: EmbeddedWorld(width=SIZE_PX, height=SIZE_PX))
         self._scene = self._map = self._shown = ""
+        self._memory: tuple[MemoryUnit, ...] = ()  # after the last instruction that ended
         self.instructions: list[ReplayedInstruction] = []
         self.actions = 0
         self.differing: list[int] = []
 
-    def take(self, line: steps.Step) -> None:
+    def take(self, line: Entry) -> None:
         """Process a line of the log."""
         match line:
-            case steps.Start() | steps.Enter():
+            case Enter():
                 self._scene = line.scene
                 self._rooms.enter(self._place(line.scene))
-            case steps.Instruction():
-                self._begin(line.instruction, line.memory)
-            case steps.Map():
+            case Instruction():
+                self._begin(line.instruction)
+            case Map():
                 self._map = line.text
                 if self.instructions:
                     self.instructions[-1].map_text = line.text
-            case steps.Planned():
+            case Answer():
                 self._plan(line)
-            case steps.Action():
+            case Action():
                 self._act(line)
-            case steps.SkillStep():
+            case Call():
                 self._end_call(line)
-            case steps.Ended():
+            case Ended():
                 self._end(line)
 
-    def _begin(self, instruction: str, memory: tuple[MemoryUnit, ...]) -> None:
+    def _begin(self, instruction: str) -> None:
         self.instructions.append(
             ReplayedInstruction(
-                instruction=instruction, scene=self._scene, before=memory, map_text=self._map,
+                instruction=instruction, scene=self._scene, before=self._memory, map_text=self._map,
                 picture=self._picture() if self._each_call else "",
             )
         )  # fmt: skip
 
-    def _plan(self, line: steps.Planned) -> None:
+    def _plan(self, line: Answer) -> None:
         attempts = self._attempts()
         if attempts[-1].plan is None and not attempts[-1].calls:
             attempts[-1].plan = line
         else:
             attempts.append(Attempt(plan=line))
 
-    def _act(self, line: steps.Action) -> None:
+    def _act(self, line: Action) -> None:
         try:
             event: Event | bool = self._rooms.step(line.action, **line.arguments)
         except ValueError:  # misuse, which the log records as a refused action
@@ -216,21 +226,23 @@ class _Replayer:
             self.differing.append(self.actions)
         self.actions += 1
 
-    def _end_call(self, line: steps.SkillStep) -> None:
+    def _end_call(self, line: Call) -> None:
         picture = self._picture() if self._each_call else ""
-        call = ReplayedCall(text=line.call, ok=line.ok, reason=line.reason, picture=picture)
+        call = ReplayedCall(text=line.text, ok=line.ok, reason=line.reason, picture=picture)
         self._attempts()[-1].calls.append(call)
 
-    def _end(self, line: steps.Ended) -> None:
+    def _end(self, line: Ended) -> None:
         calls = self._attempts()[-1].calls
         part = self.instructions[-1]
-        part.after, part.unmet, part.finished = line.memory, line.unmet, line.finished
+        part.before, part.after = line.resident, line.kept
+        part.unmet, part.finished = line.unmet, line.finished
+        self._memory = line.kept
         if not self._each_call and calls:
             calls[-1].picture = self._picture()
 
     def _attempts(self) -> list[Attempt]:
         if not self.instructions:
-            self._begin("", ())
+            self._begin("")
         return self.instructions[-1].attempts
 
     def _place(self, name: str) -> str:

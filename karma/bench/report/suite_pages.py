@@ -13,7 +13,7 @@ from karma.bench.report.html import fill
 from karma.bench.report.page import facts_of
 from karma.errors import KarmaError
 from karma.journal.formats import UNKNOWN, range_text
-from karma.journal.header import BenchmarkHeader
+from karma.journal.header import Header
 
 READS = {
     "curves": (
@@ -32,7 +32,7 @@ def benchmark_page(folder: Path) -> str:
         FileError: the run is damaged.
         KarmaError: no episode is done yet.
     """
-    header = BenchmarkHeader.read(folder)
+    header = Header.read(folder)
     benchmark, records = read_played(folder, header)
     if not records:
         raise KarmaError(

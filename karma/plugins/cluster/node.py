@@ -21,8 +21,7 @@ from karma.bench.engine.suite import Do, Done, Suite
 from karma.bench.engine.workers import loaded
 from karma.errors import FileError, KarmaError, ModelError, UnknownNameError
 from karma.files import shipped, write_atomic
-from karma.journal.header import BenchmarkHeader, Header, each_path
-from karma.journal.owned_folder import changed
+from karma.journal.header import Header, changed, each_path
 from karma.journal.provenance import (
     model_hashes,
     parts_of_planner,
@@ -79,7 +78,7 @@ def begin_on_node(suite: Suite, header: Any, there: DataFolders) -> Do:
         return _begin_our_tasks(suite, header)
     if isinstance(suite, BenchmarkSuite):
         return _begin_benchmark(suite, header, there)
-    refuse_node(changed("versions", {"karma": header.version}, {"karma": __version__}))
+    refuse_node(changed("versions", header.versions, {"karma": __version__}))
     return loaded(suite, Session())
 
 
@@ -89,14 +88,14 @@ def _begin_our_tasks(suite: OurTasks, header: Header) -> Do:
     return node.bringing(loaded(replace(suite, folder=node.path, models=models), Session()))
 
 
-def _begin_benchmark(suite: BenchmarkSuite, header: BenchmarkHeader, there: DataFolders) -> Do:
+def _begin_benchmark(suite: BenchmarkSuite, header: Header, there: DataFolders) -> Do:
     kind: Any = type(suite.experiment)
-    experiment: Any = with_places_here(msgspec.convert(header.experiment, kind), there)
+    experiment: Any = with_places_here(msgspec.convert(header.options, kind), there)
     if experiment.plans:
         models = models_here(experiment.models, header.models)
         experiment = msgspec.structs.replace(experiment, models=models)
     here = BenchmarkSuite(experiment, experiment, suite.path)
-    mine = msgspec.structs.replace(
+    mine = replace(
         header,
         files=here.file_hashes(),
         versions=versions(),

@@ -18,8 +18,8 @@ import msgspec
 from karma.assistant.session_log import CLOCK_START_S, DEFAULT_SCENE, PastRequest, SessionLog
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.files import LARGEST_LOG, append_line, read_bytes, read_json, to_json, write_atomic
+from karma.journal.folder import locked, read_lines
 from karma.journal.formats import plural
-from karma.journal.owned_folder import locked, read_lines
 from karma.plugins.homes.habits import check_people
 from karma.plugins.homes.memory.sighting_age import chance_in_place
 from karma.plugins.homes.types import HomeCard

@@ -50,7 +50,7 @@ def pick_up(state: WorldState, thing: SceneObject, *, manualInteract: bool = Fal
 
 
 def _grasped(state: WorldState, thing: SceneObject) -> WorldState:
-    upright = tilt_deg(thing.rotation) <= rules().hand.spills_deg
+    upright = tilt_deg(thing.rotation) <= rules().handling.spills_deg
     carried = state.objects.carried(thing.id)
     mine = {thing.id, *carried}
     changes = {thing.id: msgspec.structs.replace(thing, parents=(), is_picked_up=True)}
@@ -130,7 +130,7 @@ def _let_go(state: WorldState, force: float) -> Result:
     if state.held is None:
         return Refusal("Nothing held in hand to drop!")
     thing, fragile = state.objects[state.held], rules().fragile
-    far = min(force * rules().flight.m_per_n, rules().flight.longest_m)
+    far = min(force * rules().handling.m_per_n, rules().handling.longest_m)
     x, z = flight(state.room, thing.position, heading(state.pose.yaw_deg), far)
     middle, holder = land(state, thing, x, z)
     height = max(bottom(thing) - (middle[1] - thing.size[1] / 2), 0.0)
@@ -244,8 +244,8 @@ STATE_CHANGES = {name: state_changer(name, *row) for name, row in _CHANGES.items
 @on_object("FillObjectWithLiquid", "canFillWithLiquid")
 def fill(state: WorldState, thing: SceneObject, *, fillLiquid: str = "water") -> Result:
     """Fill a vessel; coffee makes it hot."""
-    if fillLiquid not in rules().liquids.known:
-        known = ", ".join(rules().liquids.known)
+    if fillLiquid not in rules().handling.liquids:
+        known = ", ".join(rules().handling.liquids)
         return Refusal(f"{fillLiquid} is not a valid Liquid Type; valid are: {known}")
     if thing.is_filled:
         return Refusal(f"{thing.name} is already filled!")

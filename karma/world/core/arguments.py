@@ -41,9 +41,6 @@ def fit(action: str, name: str, value: Any, annotation: Any, admitted: tuple[typ
     vector or list of the wrong form is a failure of the action. `admitted` are the annotation's
     `kinds`.
     """
-    kind = type(value)
-    if kind in admitted and _is_usual(value):
-        return value
     try:
         value = _as_json(value)
         if name == "rotation" and dict in admitted and isinstance(value, int | float):
@@ -66,16 +63,6 @@ def _misfit(action: str, name: str, shown: str, admitted: tuple[type, ...]) -> R
     wanted = " or ".join(kind.__name__ for kind in admitted if kind is not NoneType)
     text = f"action: {action} has an invalid argument: {name} (=={shown})."
     return Refusal(f"{text} Cannot convert to: {wanted}", "InvalidArgument")
-
-
-def _is_usual(value: Any) -> bool:
-    """Return whether a value is plain at first sight; False says nothing."""
-    kind = type(value)
-    return (
-        kind is bool
-        or (kind is float and abs(value) <= _MOST)
-        or (kind is str and bool(value.isascii()))
-    )
 
 
 def _as_json(value: Any, depth: int = 0) -> Any:

@@ -14,11 +14,10 @@ from karma.household.places import FLOOR
 from karma.types.space import Pose
 from karma.world.core.boxes import Flags, Floats
 from karma.world.core.ground import outside, walk
-from karma.world.core.hiding import blocking, hidden_rows
-from karma.world.core.rays import stopped
+from karma.world.core.hiding import hidden_rows
 from karma.world.core.state import BODY_M, SILL_M, Cell, WorldState
 from karma.world.core.thing import is_inert
-from karma.world.core.view import camera, camera_axes, in_picture, occluders, sample_points
+from karma.world.core.view import blocked, camera, camera_axes, in_picture, sample_points
 
 _YAWS = (0.0, 90.0, 180.0, 270.0)
 _HORIZONS = (-30.0, 0.0, 30.0, 60.0)
@@ -150,20 +149,13 @@ def _look(state: WorldState, row: int, cells: Sequence[Cell], looks: _Looks) -> 
 
 def _open_points(state: WorldState, row: int, eyes: Floats) -> tuple[Floats, Flags]:
     """Return per camera the sample points, shape (eyes, points, 3), and which nothing hides."""
-    objects = state.objects
-    targets = np.array([row])
-    reach = state.settings.visibility_m
-    points = np.stack([sample_points(objects, targets, eye, reach)[0] for eye in eyes])
-    hiding, _ = occluders(objects, state.in_hand)
-    rows = np.flatnonzero(hiding & blocking(objects, [row])[0])
-    center, half = objects.boxes.center[None, rows], objects.boxes.half[None, rows]
-    beside = np.abs(center - eyes[:, None]) - half
-    away = np.any(beside[..., [0, 2]] > 0, axis=2)  # not what the agent stands in
+    objects, shell, reach = state.objects, state.room.shell, state.settings.visibility_m
+    points = np.stack([sample_points(objects, np.array([row]), eye, reach)[0] for eye in eyes])
+    targets = np.full(points.shape[1], row)
     hidden = np.zeros(points.shape[:2], dtype=bool)
     for index, eye in enumerate(eyes):
-        ray, _ = stopped(objects, eye, points[index], rows, away[index], state.room.shell)
-        hidden[index] = state.room.shell.hides(eye, points[index])
-        hidden[index, ray] = True
+        solid, glass = blocked(objects, eye, points[index], targets, state.in_hand, shell)
+        hidden[index] = solid | glass
     return points, ~hidden
 
 

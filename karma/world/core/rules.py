@@ -80,11 +80,13 @@ class Toggle(Struct, frozen=True, forbid_unknown_fields=True):
     controlled_only: tuple[str, ...]
 
 
-class Flight(Struct, frozen=True, forbid_unknown_fields=True):
-    """How far a thrown thing gets."""
+class HandlingRules(Struct, frozen=True, forbid_unknown_fields=True):
+    """How far a thrown thing gets, what spills, and what vessels may be filled with."""
 
     m_per_n: float
     longest_m: float
+    spills_deg: float
+    liquids: tuple[str, ...]
 
 
 class Fragile(Struct, frozen=True, forbid_unknown_fields=True):
@@ -97,18 +99,6 @@ class Fragile(Struct, frozen=True, forbid_unknown_fields=True):
     stays_whole: tuple[str, ...]
     soft: tuple[str, ...]
     harmless: tuple[str, ...]
-
-
-class Liquids(Struct, frozen=True, forbid_unknown_fields=True):
-    """What a vessel may be filled with."""
-
-    known: tuple[str, ...]
-
-
-class Hand(Struct, frozen=True, forbid_unknown_fields=True):
-    """What comes along with what is picked up."""
-
-    spills_deg: float
 
 
 class Put(Struct, frozen=True, forbid_unknown_fields=True):
@@ -143,10 +133,8 @@ class Rules(Struct, frozen=True, forbid_unknown_fields=True):
 
     time: Time
     toggle: Toggle
-    flight: Flight
+    handling: HandlingRules
     fragile: Fragile
-    liquids: Liquids
-    hand: Hand
     put: Put
     doors: Doors
     view: HidingRules

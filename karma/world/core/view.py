@@ -160,8 +160,7 @@ def _look_round(
     targets = np.repeat(candidates, points.shape[1])
     points = points.reshape(-1, 3)
     offsets = points - eye
-    solid, glass = _blocked(objects, eye, points, targets, held, shell)
-    solid |= shell.hides(eye, points)
+    solid, glass = blocked(objects, eye, points, targets, held, shell)
     return _Vantage(offsets[~solid], targets[~solid], ~glass[~solid])
 
 
@@ -183,7 +182,7 @@ def sample_points(
     return np.concatenate([center + half * SAMPLES, nearest], axis=1)
 
 
-def _blocked(
+def blocked(
     objects: Objects,
     eye: Floats,
     ends: Floats,
@@ -202,6 +201,7 @@ def _blocked(
     clear = glass[row]
     solid, through_glass = np.zeros((2, len(ends)), dtype=bool)
     solid[ray[~clear]] = True
+    solid |= shell.hides(eye, ends)
     through_glass[ray[clear]] = True
     return solid, through_glass
 

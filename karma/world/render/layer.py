@@ -43,8 +43,6 @@ class Layer:
         length = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-20)
         self.normals: Floats = (across / length).astype(np.float32)
         self.centres: Floats = _shared(corners.mean(axis=1, dtype=np.float32), self.normals)
-        self.low: Floats | None = whole.low if len(whole.faces) else None
-        self.high: Floats | None = whole.high if len(whole.faces) else None
         self._vertices, self._faces = whole.vertices, whole.faces
         again = before is not None and self._fits(before)
         self._scene: EmbreeScene = before._scene if before and again else self._built()
@@ -78,17 +76,6 @@ class Layer:
             )
         found = self._scene.run(origins, directions, output=True)
         return found["tfar"], found["primID"]
-
-    def near(self, origins: Floats, directions: Floats) -> NDArray[np.intp]:
-        """Return which rays can meet the ball around all triangles; arguments as `shot`."""
-        if self.low is None or self.high is None:
-            return np.zeros(0, dtype=np.intp)
-        radius = float(np.linalg.norm(self.high - self.low)) / 2 + 1e-3
-        gap = (self.low + self.high) / 2 - origins
-        ahead = np.einsum("ij,ij->i", gap, directions)
-        length = np.einsum("ij,ij->i", directions, directions)
-        far = np.einsum("ij,ij->i", gap, gap) - ahead**2 / length
-        return np.flatnonzero(far <= np.float32(radius**2))
 
     def shaded(self, eye: Floats) -> NDArray[np.uint8]:
         """Return each triangle's colour as seen from an eye, shape (3,)."""

@@ -181,7 +181,6 @@ class BuiltRoom:
         self._still: list[DrawingTask] = []
         self._held: list[DrawingTask] = []
         self._stands: tuple[Box, ...] = ()
-        self._meshes: dict[str, Mesh] = {}
         self.layers = [Layer((), ())]
         self._build(state)
 
@@ -198,24 +197,19 @@ class BuiltRoom:
         self.shell = shell.around(state.room, state.objects)
         stands = supports(state.objects, state.room.floor_y)
         if not _same(still, self._still) or stands != self._stands:
-            kept = {task.thing.id: task for task in self._still}
-            self._meshes = {task.thing.id: self._mesh(task, kept, state) for task in still}
             self.layers[0] = Layer(
                 [*(task.owner for task in still), STAND],
-                [*self._meshes.values(), support(stands)],
+                [*self._drawn(still, state.room), support(stands)],
                 self.layers[0],
             )
             self._still, self._stands = still, stands
         if not _same(held, self._held):
-            meshes = [drawn(task, self._cells, state.room.name) for task in held]
-            self.layers[1:] = [Layer([task.owner for task in held], meshes)] if held else []
+            owners = [task.owner for task in held]
+            self.layers[1:] = [Layer(owners, self._drawn(held, state.room))] if held else []
             self._held = held
 
-    def _mesh(self, task: DrawingTask, kept: dict[str, DrawingTask], state: WorldState) -> Mesh:
-        before = kept.get(task.thing.id)
-        if before is not None and before.same(task):
-            return self._meshes[task.thing.id]
-        return drawn(task, self._cells, state.room.name)
+    def _drawn(self, some: list[DrawingTask], room: Room) -> list[Mesh]:
+        return [drawn(task, self._cells, room.name) for task in some]
 
 
 _ROOMS: WeakKeyDictionary[Room, BuiltRoom] = WeakKeyDictionary()  # the longest unused first

@@ -99,12 +99,9 @@ def _nearest(layers: list[Layer], view: Rays) -> tuple[Floats, NDArray[np.int32]
     along, triangle = layers[0].shot(view.origins, view.directions)
     start = len(layers[0])
     for layer in layers[1:]:
-        pixels = layer.near(view.origins, view.directions)
-        if len(pixels):
-            near, which = layer.shot(view.origins[pixels], view.directions[pixels])
-            closer = near < along[pixels]
-            along[pixels[closer]] = near[closer]
-            triangle[pixels[closer]] = which[closer] + start
+        near, which = layer.shot(view.origins, view.directions)
+        closer = near < along
+        along[closer], triangle[closer] = near[closer], which[closer] + start
         start += len(layer)
     return along, triangle
 

@@ -8,7 +8,6 @@ import ctypes.util
 import os
 import shlex
 import shutil
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -24,7 +23,7 @@ SOURCE = "http://s3-us-west-2.amazonaws.com/ai2-thor-public/builds"  # for peopl
 SIZE = "about half a gigabyte"
 INSTALL = f"pip install --no-index --find-links WHEELS ai2thor=={VERSION}"
 
-Platform = Literal["Linux64", "CloudRendering", "OSXIntel64"]
+Platform = Literal["Linux64", "CloudRendering"]
 Origin = Literal["given", "$KARMA_THOR_BUILD", "cache"]
 PLATFORMS: tuple[Platform, ...] = Platform.__args__  # type: ignore[attr-defined]
 
@@ -85,18 +84,13 @@ def name(platform: Platform) -> str:
 
 def cached(platform: Platform) -> Path:
     """Return where the client's cache has the executable of a platform."""
-    folder = home() / "releases" / name(platform)
-    if platform != "OSXIntel64":
-        return folder / name(platform)
-    return folder / f"{name(platform)}.app" / "Contents" / "MacOS" / "AI2-Thor"
+    return home() / "releases" / name(platform) / name(platform)
 
 
 def candidates(platform: Platform | None = None) -> tuple[Platform, ...]:
     """Return the platforms of this machine, the preferred one first."""
     if platform is not None:
         return (platform,)
-    if sys.platform == "darwin":
-        return ("OSXIntel64",)
     screen = "DISPLAY" in os.environ or any(screens())
     return ("Linux64", "CloudRendering") if screen else ("CloudRendering", "Linux64")
 
@@ -159,8 +153,7 @@ def _given(executable: str | Path, platform: Platform | None, origin: Origin) ->
         path = Path(shutil.which(first) or Path(first).expanduser())
     if not path.is_file():
         raise KarmaError(f"{path}: no such executable\n  To fix: export {VARIABLE}=/path/to/it")
-    usual: Platform = "OSXIntel64" if sys.platform == "darwin" else "Linux64"
-    by_name = next((one for one in PLATFORMS if f"-{one}-" in path.name), usual)
+    by_name = next((one for one in PLATFORMS if f"-{one}-" in path.name), PLATFORMS[0])
     command = (str(path), *arguments)
     return Build(path=path, command=command, platform=platform or by_name, origin=origin)
 
@@ -230,7 +223,7 @@ def _build(build: Build) -> Iterator[CheckResult]:
     yield CheckResult.of("build", True, f"{build.path} ({build.origin}, {build.platform})")
     bit = "set" if build.runs else "not set"
     yield CheckResult.of("executable bit", build.runs, bit, build.make_run)
-    if len(build.command) > 1 or build.platform == "OSXIntel64":
+    if len(build.command) > 1:
         return
     data = build.path.parent / f"{build.path.stem}_Data"
     fix = f"unzip the build again into {data.parent}"

@@ -9,7 +9,7 @@ from support.hosted_server import chat, plant_key, wire_server
 from typer.testing import CliRunner
 
 from karma.cli import app
-from karma.journal.header import TABLE
+from karma.journal.folder import TABLE
 from karma.plugins.alfred.eb_world.actions import PUT
 from karma.plugins.hosted.cassette import Cassette
 

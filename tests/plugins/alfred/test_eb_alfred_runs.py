@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import FileError
-from karma.journal.header import TABLE
+from karma.journal.folder import TABLE
 
 
 def test_run_gives_equal_bytes_twice_and_with_two_workers(experiment, tmp_path):

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import FileError, ModelError
-from karma.journal.header import TABLE
+from karma.journal.folder import TABLE
 from karma.plugins.alfred.suites.table import LOTA_TABLES, figures_of
 from karma.plugins.hosted.cassette import Cassette
 

@@ -20,8 +20,7 @@ from typer.testing import CliRunner
 from karma.bench.engine.run import Run
 from karma.cli import app
 from karma.errors import KarmaError, WorkerLost
-from karma.journal.header import EPISODES
-from karma.journal.owned_folder import HEADER
+from karma.journal.folder import EPISODES, HEADER
 from karma.plugins.alfred.suites.experiment import EbExperiment
 from karma.plugins.cluster.node import DataFolders, with_places_here
 

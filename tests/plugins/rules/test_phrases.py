@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from karma.plugins.rules.wording.phrases import phrases_of
-from karma.plugins.rules.wording.words import base_of, word_lists
+from karma.plugins.rules.wording.words import word_lists
 
 NOUNS = {
     "put something to write with on the old desk": ["something to write with", "old desk"],
@@ -118,15 +118,3 @@ def test_phrases_of_any_text_lie_within_it_in_order_and_apart(text):
         ends.append(noun.end)
     for one in (*found.pronouns, *found.verbs):
         assert 0 <= one.start < one.end <= len(text)
-
-
-def test_forms_of_a_verb_lead_to_their_base():
-    forms = {
-        "slicing": "slice",
-        "chopped": "chop",
-        "carries": "carry",
-        "put": "put",
-        "took": "take",
-    }
-    assert {form: base_of(form) for form in forms} == forms
-    assert base_of("mug") is None

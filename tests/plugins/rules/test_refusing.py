@@ -5,7 +5,7 @@ import pytest
 
 from karma.agent.planning.planner import Planner
 from karma.agent.planning.refused import sentence, with_words
-from karma.journal.records import Answer
+from karma.journal.entries import Answer
 from karma.models.scripted import ScriptedModel
 from karma.types.completion import Decoding
 from karma.types.planning import REFUSAL_KINDS, Hint, Meaning, PlanRequest, RefusedRequest

@@ -54,15 +54,7 @@ def test_a_model_of_each_family_looks_and_says_something(folders, family):
     assert model.name == family
     states = model.read_states(FRAME, "wash the mug", [MUG])
     assert set(states) <= {"Mug|1"}
-
-
-@pytest.mark.parametrize("family", FAMILIES)
-def test_answers_are_the_same_twice(folders, family):
-    question = [{"role": "user", "content": [{"type": "image"}, {"type": "text", "text": "mug?"}]}]
-    said = [
-        TransformersVision(folders[family], options=SHORT).answer(FRAME, question) for _ in range(2)
-    ]
-    assert said[0] == said[1]
+    assert model.read_states(FRAME, "wash the mug", [MUG]) == states
 
 
 def test_the_paper_s_question_reaches_the_model_with_the_picture(folders):

@@ -45,7 +45,7 @@ def _begun(said: Any, work: Callable[..., None], given: tuple[Any, ...]) -> None
 def until_free(folder: Path) -> None:
     """Wait until a killed run's workers are gone, which hold its lock no longer than they live."""
     from karma.errors import KarmaError
-    from karma.journal.owned_folder import locked
+    from karma.journal.folder import locked
 
     until = time.monotonic() + _PATIENCE_S
     while True:

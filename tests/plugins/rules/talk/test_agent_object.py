@@ -14,8 +14,7 @@ from karma import Agent
 from karma.assistant.agent import asking
 from karma.assistant.talk_folder import TalkFolder
 from karma.errors import FileError, KarmaError
-from karma.journal.header import EPISODES, RESULTS
-from karma.journal.owned_folder import MARK
+from karma.journal.folder import EPISODES, MARK, RESULTS
 from karma.journal.run_folder import read_run
 from karma.journal.steps import read_steps, steps_path
 from karma.loading.models import Models
@@ -168,14 +167,6 @@ def test_conversation_in_which_nothing_was_said_leaves_no_folder(tmp_path):
     for one in places:
         one.leave()
     assert list(tmp_path.rglob("*")) == [given]
-
-
-def test_file_of_somebody_s_in_the_way_of_a_conversation_stays(tmp_path):
-    agent = agent_saying(tmp_path, [TAKE])
-    (agent.folder / "results.json").write_text("mine")
-    with pytest.raises(FileError, match="this run did not write it"):
-        agent.do("take the apple")
-    assert (agent.folder / "results.json").read_text() == "mine"
 
 
 def test_nothing_said_is_refused(tmp_path):

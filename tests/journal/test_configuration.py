@@ -12,8 +12,9 @@ from karma.bench.engine.experiment import Experiment
 from karma.bench.engine.experiment_file import Changes, setting_of
 from karma.bench.engine.our_tasks import configuration
 from karma.bench.engine.run import Run
-from karma.errors import FileError, KarmaError
-from karma.journal.header import CONFIG, all_apart, read_config, rows_apart
+from karma.errors import KarmaError
+from karma.journal.folder import HEADER
+from karma.journal.header import options_apart, rows_apart
 from karma.loading.models import Models, Row
 
 ROW = '[[rows]]\nname = "expert"\nmethod = "expert"\n[[rows]]\nname = "idle"\nmethod = "idle"\n'
@@ -52,8 +53,8 @@ def test_every_method_of_ours_tells_its_options_by_what_it_refuses_others(name):
 
 
 def test_differences_name_each_option_and_nothing_that_is_equal():
-    assert all_apart(told(), told()) == []
-    assert all_apart(told(), told(constraint="free", examples=5)) == [
+    assert options_apart(told(), told()) == []
+    assert options_apart(told(), told(constraint="free", examples=5)) == [
         'models.constraint: "types" became "free"',
         "models.examples: null became 5",
     ]
@@ -61,14 +62,6 @@ def test_differences_name_each_option_and_nothing_that_is_equal():
     assert 'row a -> b: preset: "" became "paper"' in words
     assert "row a -> b: options.recall_k: 3 became 10" in words
     assert not any("policy" in word for word in words)
-
-
-def test_damaged_configuration_is_named(tmp_path):
-    assert read_config(tmp_path) is None
-    for text in ("{", "[]", "{}", '{"rows": 1}', '{"rows": [1]}'):
-        (tmp_path / CONFIG).write_text(text)
-        with pytest.raises(FileError, match=r"config\.json"):
-            read_config(tmp_path)
 
 
 @pytest.fixture(scope="module")
@@ -99,13 +92,7 @@ def test_compare_names_every_difference(runs):
     assert "models.constraint" not in compared(a, copy(a, runs / "c"))
 
 
-def test_compare_says_where_options_are_not_known(runs):
-    old = copy(runs / "b", runs / "old")
-    (old / CONFIG).unlink()
-    assert f"options: {old} was begun by an earlier version" in compared(runs / "a", old)
-
-
 def test_configuration_is_what_the_folder_keeps(runs):
-    kept = json.loads((runs / "b" / CONFIG).read_text())
+    kept = json.loads((runs / "b" / HEADER).read_text())["options"]
     assert kept["models"]["constraint"] == "free"
     assert [row["name"] for row in kept["rows"]] == ["expert", "idle"]

@@ -1,6 +1,5 @@
 """Every command that writes a folder: it owns what it wrote, by its mark, and touches no more."""
 
-import json
 import shutil
 
 import pytest
@@ -8,15 +7,7 @@ from support.run_files import write_experiment
 from typer.testing import CliRunner
 
 from karma.cli import app
-from karma.errors import FileError
-from karma.journal.owned_folder import (
-    MADE,
-    MARK,
-    OwnedFolder,
-    kind_in,
-    read_mark,
-    write_beside,
-)
+from karma.journal.folder import MARK
 
 RUN = 'name = "expert"\nmethod = "expert"\n'
 FIGURE = (
@@ -69,19 +60,6 @@ def finished(commands, tmp_path_factory):
         return made[kind]
 
     return folder
-
-
-# ----------------------------------------------------------------- what kind it is
-
-
-@pytest.mark.parametrize("kind", KINDS[:-1])
-def test_kind_of_a_folder_is_known_with_and_without_its_mark(finished, tmp_path, kind):
-    folder = tmp_path / "run"
-    shutil.copytree(finished(kind), folder)
-    assert kind_in(folder) == kind
-    (folder / MARK).unlink()
-    assert kind_in(folder) == ("run" if kind == "talk" else kind)
-    assert kind_in(tmp_path) is None
 
 
 @pytest.mark.parametrize(
@@ -157,7 +135,7 @@ def test_fresh_start_keeps_what_somebody_has_put_beside_and_ends_in_the_same_fil
 ):
     folder = tmp_path / "again"
     shutil.copytree(finished(kind), folder)
-    theirs = ("notes.txt", "cells/notes.txt", "maps/mine.json", "steps/notes.txt")
+    theirs = ("notes.txt", "cells/notes.txt", "maps/mine.txt", "steps/notes.txt")
     for name in theirs:
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text("mine")
@@ -167,76 +145,3 @@ def test_fresh_start_keeps_what_somebody_has_put_beside_and_ends_in_the_same_fil
     names = {name for name, data in contents(folder).items() if data is not None}
     whole = {name for name, data in contents(finished(kind)).items() if data is not None}
     assert names == whole | set(theirs)
-
-
-# ----------------------------------------------------------------- the mark
-
-
-def test_mark_names_each_file_of_a_finished_run(finished):
-    folder = finished("run")
-    begun, names = read_mark(folder)
-    there = {name for name, data in contents(folder).items() if data is not None}
-    assert begun.kind == "run"
-    assert there - {MARK} <= names
-    assert MADE not in there
-
-
-def test_mark_with_a_torn_end_is_gone_on_with(tmp_path):
-    owned = OwnedFolder(tmp_path, "run")
-    owned.begin(["a"])
-    owned.own("b")
-    mark = tmp_path / MARK
-    mark.write_bytes(mark.read_bytes() + b'\n"steps/torn')
-    again = OwnedFolder(tmp_path, "run")
-    assert again.look()
-    again.write("c", b"c")
-    assert read_mark(tmp_path)[1] == {"a", "b", "c"}
-
-
-@pytest.mark.parametrize("name", ["../mine", "/mine", "a/../../mine", "..", ""])
-def test_mark_that_names_a_file_elsewhere_removes_nothing_there(tmp_path, name):
-    folder, mine = tmp_path / "run", tmp_path / "mine"
-    mine.write_text("mine")
-    OwnedFolder(folder, "run").begin(["a"])
-    with (folder / MARK).open("ab") as mark:
-        mark.write(json.dumps(name.replace("/mine", str(mine))).encode() + b"\n")
-    owned = OwnedFolder(folder, "run")
-    assert owned.look()
-    owned.clear()
-    assert mine.read_text() == "mine"
-
-
-def test_file_that_came_into_the_way_of_a_run_is_not_replaced(tmp_path):
-    owned = OwnedFolder(tmp_path, "run")
-    owned.begin(["episodes.jsonl"])
-    (tmp_path / "steps").mkdir()
-    (tmp_path / "steps" / "a").write_text("mine")
-    with pytest.raises(FileError, match="is there, and this run did not write it"):
-        owned.write("steps/a", b"ours")
-    assert (tmp_path / "steps" / "a").read_text() == "mine"
-
-
-# ----------------------------------------------------------------- what is made of runs
-
-
-def test_page_and_tables_of_a_run_replace_their_own_and_nothing_else(finished, tmp_path):
-    folder = tmp_path / "run"
-    shutil.copytree(finished("run"), folder)
-    made = {"report": "report.html", "table": "table.csv"}
-    for command, name in made.items():
-        for _ in range(2):
-            done = CliRunner().invoke(app, [command, str(folder)])
-            assert done.exit_code == 0, done.output
-        (folder / name).write_text("mine")
-        done = CliRunner().invoke(app, [command, str(folder)])
-        assert (done.exit_code, (folder / name).read_text()) == (1, "mine"), done.output
-        assert "To fix: move it away, or --out another place" in done.output
-
-
-def test_page_of_a_folder_without_a_mark_is_written_once_and_again(tmp_path):
-    write_beside(tmp_path, "comparison.html", b"one")
-    write_beside(tmp_path, "comparison.html", b"two")
-    assert (tmp_path / "comparison.html").read_bytes() == b"two"
-    (tmp_path / "table.md").write_text("mine")
-    with pytest.raises(FileError, match="no such command has written it"):
-        write_beside(tmp_path, "table.md", b"ours")
