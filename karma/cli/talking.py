@@ -47,7 +47,12 @@ class RequestOptions:
         "", "Name in the manifest, or a GGUF; default karma-mini, else karma-nano."
     )
     assistant: str = option("", '"rules" or "direct"; default as the planner wants.')
-    profile: str = option("", '"compact", "full", or "goals".')
+    profile: str = option(
+        "",
+        '"tools", "goals", or "full" and "compact" for programs; default as suits the planner.',
+        "--mode",
+        "--profile",
+    )
     preset: str = option("", '"paper": recall, K and query as in the paper.')
     perception: str = option(
         "metadata", '"pictures": sees by boxes, depth and the vision model alone.'
