@@ -8,11 +8,9 @@ characters alone are in capitals. `start` is the whole answer.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
-from typing import TYPE_CHECKING
+from typing import Any
 
-if TYPE_CHECKING:
-    from karma.types.planning import ProgramSpec
-
+_Spec = Any  # a `karma.types.planning.ProgramSpec`: that module imports this one
 CLOSINGS = ("\n", "```", "#")  # on the line below a call: the program has ended above it
 _MAX_POSITIONS = 100  # entries of a list, as the parser admits
 
@@ -84,7 +82,7 @@ class LineForm:
     needed: int  # how many arguments no line leaves out
 
 
-def forms(spec: "ProgramSpec") -> tuple[LineForm, ...]:
+def forms(spec: _Spec) -> tuple[LineForm, ...]:
     """Return the forms of lines that a spec admits, those of equal arguments together.
 
     Raises:
@@ -118,7 +116,7 @@ def forms(spec: "ProgramSpec") -> tuple[LineForm, ...]:
     )
 
 
-def program_grammar(spec: "ProgramSpec", refusals: Sequence[str]) -> str:
+def program_grammar(spec: _Spec, refusals: Sequence[str]) -> str:
     """Return the grammar of programs, or of one of the lines that refuse.
 
     Raises:
