@@ -13,7 +13,7 @@ from typing import NamedTuple
 from karma.household.ids import part_id
 from karma.household.types import types_with
 from karma.household.uses import BASIN_OF, TAPS, WHOLE_OF
-from karma.types.space import Vec3
+from karma.types.space import Vec3, outside_m
 
 POURS_M = 1.0  # across the floor: a tap pours into the nearest basin within it
 _ABOVE_M = 0.1  # by which a basin's middle may be higher than its tap's
@@ -58,9 +58,11 @@ def wetted(running: Collection[str], things: Iterable[Lying]) -> frozenset[str]:
 
 def _under(tap: Lying, by_id: Mapping[str, Lying]) -> list[str]:
     """Return the basin that a tap pours into; [] if none is near enough."""
-    x, y, z = tap.center_m
-    below = (one for one in by_id.values() if one.center_m[1] <= y + _ABOVE_M)
-    basins = [(_gap(one, x, z), one.object_id) for one in below if _is_basin(one, by_id)]
+    basins = []
+    for one in by_id.values():
+        if one.center_m[1] <= tap.center_m[1] + _ABOVE_M and _is_basin(one, by_id):
+            x, _, z = outside_m(tap.center_m, one.center_m, one.size_m)
+            basins.append((math.hypot(x, z), one.object_id))
     return [name for far, name in sorted(basins)[:1] if far <= POURS_M]
 
 
@@ -70,9 +72,3 @@ def _is_basin(one: Lying, by_id: Mapping[str, Lying]) -> bool:
         return True
     parts = (part_id(one.object_id, basin) for basin in WHOLE_OF)
     return one.object_type in BASIN_OF and by_id.keys().isdisjoint(parts)
-
-
-def _gap(one: Lying, x: float, z: float) -> float:
-    """Return how far a place is from a box across the floor; 0 within."""
-    (cx, _, cz), (long, _, wide) = one.center_m, one.size_m
-    return math.hypot(max(abs(x - cx) - long / 2, 0.0), max(abs(z - cz) - wide / 2, 0.0))

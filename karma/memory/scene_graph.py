@@ -6,7 +6,7 @@ objects are seen, and lasts on disk.
 """
 
 from collections.abc import Iterable, Iterator
-from math import dist, prod
+from math import hypot, prod
 from pathlib import Path
 
 import msgspec
@@ -18,9 +18,9 @@ from scipy.sparse.csgraph import dijkstra
 from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
 from karma.household.uses import with_wholes
-from karma.types.memory import Area, Fixture, Known, Tour
+from karma.types.memory import Area, Known, Tour
 from karma.types.observation import SeenObject
-from karma.types.space import Vec3
+from karma.types.space import Vec3, outside_m
 
 VERSION = 1
 SPACING_M = 1.25  # no cell is farther from its area node, on foot
@@ -43,11 +43,18 @@ class ObjectNode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     def distance_m(self, position: Vec3) -> float:
         """Return the distance on the floor plan from a position to the box; 0 inside."""
-        gaps = (
-            max(abs(position[axis] - self.box_center_m[axis]) - self.box_size_m[axis] / 2, 0.0)
-            for axis in (0, 2)
+        x, _, z = outside_m(position, self.box_center_m, self.box_size_m)
+        return hypot(x, z)
+
+    def known(self) -> Known:
+        """Return the object as a belief."""
+        return Known(
+            object_id=self.id,
+            object_type=self.type,
+            position_m=self.position_m,
+            box_center_m=self.box_center_m,
+            box_size_m=self.box_size_m,
         )
-        return dist((0.0, 0.0), tuple(gaps))
 
 
 class AreaNode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -159,10 +166,7 @@ class SceneGraph:
                 position_m=area.position_m,
                 contains=tuple(sorted(with_wholes(node.type for node in self.objects(name)))),
                 adjacent=area.adjacent,
-                fixtures=tuple(
-                    Fixture(object_id=node.id, object_type=node.type, position_m=node.position_m)
-                    for node in self.objects(name)
-                ),
+                fixtures=tuple(node.known() for node in self.objects(name)),
             )
             for name, area in self._areas.items()
         )
@@ -175,16 +179,8 @@ class SceneGraph:
     def known(self, name: str, *, near: Vec3) -> Known | None:
         """Return the object of an id or type whose box is nearest to a position, if any."""
         nodes = [node for node in self.objects() if name in (node.id, node.type)]
-        if not nodes:
-            return None
-        node = min(nodes, key=lambda node: node.distance_m(near))
-        return Known(
-            object_id=node.id,
-            object_type=node.type,
-            position_m=node.position_m,
-            box_center_m=node.box_center_m,
-            box_size_m=node.box_size_m,
-        )
+        nearest = min(nodes, key=lambda node: node.distance_m(near), default=None)
+        return nearest.known() if nearest is not None else None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, SceneGraph) and self._saved() == other._saved()

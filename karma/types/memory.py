@@ -75,12 +75,15 @@ class Recalled:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fixture:
-    """One immovable thing of the map."""
+class Known:
+    """Where the agent believes one object to be."""
 
     object_id: str
     object_type: str
     position_m: Vec3
+    place_id: str | None = None  # receptacle it was last seen in or on
+    box_center_m: Vec3 | None = None  # of the room it takes, where that is known
+    box_size_m: Vec3 = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,19 +94,7 @@ class Area:
     position_m: Vec3
     contains: tuple[str, ...] = ()  # types of the immovable objects assigned to it
     adjacent: tuple[str, ...] = ()  # names of the areas that can be walked to directly
-    fixtures: tuple[Fixture, ...] = ()  # the immovable objects assigned to it, by id
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Known:
-    """Where the agent believes one object to be."""
-
-    object_id: str
-    object_type: str
-    position_m: Vec3
-    place_id: str | None = None  # receptacle it was last seen in or on
-    box_center_m: Vec3 | None = None  # of the room it takes, where that is known
-    box_size_m: Vec3 = (0.0, 0.0, 0.0)
+    fixtures: tuple[Known, ...] = ()  # the immovable objects assigned to it, by id
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

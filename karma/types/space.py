@@ -14,6 +14,17 @@ from numpy.typing import NDArray
 Vec3 = tuple[float, float, float]
 
 
+def outside_m(point: Vec3, center: Vec3, size: Vec3) -> Vec3:
+    """Return how far a point is outside a box along each axis; 0 inside.
+
+    >>> outside_m((2.0, 0.0, 0.5), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    (1.5, 0.0, 0.0)
+    """
+    box = zip(point, center, size, strict=True)
+    x, y, z = (max(abs(at - middle) - length / 2, 0.0) for at, middle, length in box)
+    return x, y, z
+
+
 Frame = NDArray[np.uint8]  # (H, W, 3) RGB
 
 

@@ -13,7 +13,7 @@ from karma.agent.planning.prompt import PROFILES, render
 from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.household.uses import with_wholes
-from karma.types.memory import Area, Fixture, MemoryUnit
+from karma.types.memory import Area, Known, MemoryUnit
 from karma.types.observation import SeenObject
 from karma.types.planning import FailedProgram, Hint, Meaning, PlanRequest
 
@@ -118,7 +118,7 @@ def test_short_names_are_unique_and_reach_every_unit(units):
 
 
 def fixture(object_id, x):
-    return Fixture(
+    return Known(
         object_id=object_id, object_type=object_id.partition("|")[0], position_m=(x, 1.0, -0.04)
     )
 

@@ -11,7 +11,7 @@ from karma.agent.body.refusals import contents, explained
 from karma.agent.body.sightings import Sightings
 from karma.agent.body.skills import Skills
 from karma.agent.seeing.perceive import reason_of
-from karma.types.memory import Area, Fixture, Known
+from karma.types.memory import Area, Known
 from karma.types.observation import SeenObject
 from karma.types.planning import SkillCall
 from karma.world.sim import EmbeddedWorld
@@ -126,7 +126,7 @@ def test_remembered_plate_that_is_full_is_not_exchanged_for_another():
 def test_furniture_out_of_reach_names_others_of_its_kind():
     lost = thing("Cabinet", (9.0, 0.4, 9.0))
     there = next(one for one in kitchen().objects if one.type == "Cabinet")
-    fixtures = [Fixture(object_id=one.id, object_type=one.type, position_m=one.position)
+    fixtures = [Known(object_id=one.id, object_type=one.type, position_m=one.position)
                 for one in (lost, there)]  # fmt: skip
     skills = Skills(EmbeddedWorld(kitchen()), remembering([lost], fixtures))
     result = skills.run(SkillCall(skill="OpenObject", objects=(lost.id,)))

@@ -95,36 +95,6 @@ def test_random_program_is_a_member_and_its_prefixes_are_alive(spec, generator, 
         assert read(spec, text[:cut]) == ("whole" if whole else "alive")
 
 
-@st.composite
-def programs(draw, spec):
-    """Programs built from the spec without the automaton."""
-    lines = []
-    for _ in range(draw(st.integers(1, spec.max_calls))):
-        skill = draw(st.sampled_from(spec.skills))
-        count = len(skill.arguments) - draw(st.integers(0, skill.optional))
-        objects, positions = [], []
-        for kind in skill.arguments[:count]:
-            if kind == "object":
-                objects.append(draw(st.sampled_from(spec.objects)))
-            elif spec.positions:
-                most = len(set(spec.positions))
-                entries = st.sampled_from(spec.positions)
-                positions = draw(st.lists(entries, min_size=1, max_size=most))
-        if (
-            "positions" in skill.arguments[: len(skill.arguments) - skill.optional]
-            and not positions
-        ):
-            skill, objects = SKILLS[-1], []
-        lines.append(str(SkillCall(skill=skill.name, objects=(*objects,), positions=(*positions,))))
-    return "".join(f"{line}\n" for line in lines)
-
-
-@given(data=st.data())
-def test_every_program_of_the_spec_is_admitted(data):
-    spec = data.draw(SPECS.filter(lambda s: SKILLS[-1] in s.skills))
-    assert read(spec, data.draw(programs(spec))) == "whole"
-
-
 @given(spec=SPECS, generator=SEEDS, data=st.data())
 def test_mangled_program_is_accepted_only_if_still_a_member(spec, generator, data):
     text = random_program(spec, generator, data.draw(st.integers(1, spec.max_calls)))

@@ -76,7 +76,7 @@ def test_a_guess_that_does_not_come_true_leaves_no_trace(guess):
     model.evaluate([begun])
     model.extend(goes_on[:1])
     model.extend(goes_on[1:])
-    assert model.decoded == len(begun) + len(goes_on)
+    assert model.llama.n_tokens == len(begun) + len(goes_on)
     assert found == pytest.approx(model.logits(), abs=1e-3)
 
 
@@ -85,4 +85,4 @@ def test_a_guess_never_goes_beyond_the_context():
     model.evaluate([[5] * 30])
     model.extend([6], ahead=[7] * 20)
     model.extend([7])
-    assert model.decoded == 32
+    assert model.llama.n_tokens == 32

@@ -3,7 +3,7 @@
 import math
 from contextlib import suppress
 
-from karma.agent.body.reach import Reach, off_m
+from karma.agent.body.reach import Reach
 from karma.agent.body.refusals import RefusedError, hand_full, put_refused
 from karma.agent.body.search import Search
 from karma.agent.body.sightings import known, means
@@ -20,6 +20,7 @@ from karma.household.types import types_with
 from karma.household.uses import BASIN_OF, BURNER, KNOB, STOVE, TAP_OF, TAPS
 from karma.types.memory import Known
 from karma.types.observation import SeenObject
+from karma.types.space import outside_m
 
 THROW_FORCE = 100.0  # AI2-THOR's moveMagnitude
 _OTHER_RECEPTACLES = 3  # tried when the one that was meant is full
@@ -113,7 +114,7 @@ class Handling:
         on = self._log.seen.get(other.object_id)
         ranked = []
         for name, sight in self._log.in_view.items():
-            gap = off_m(other.position_m, sight)
+            gap = math.hypot(*outside_m(other.position_m, sight.box_center_m, sight.box_size_m))
             takes = gap <= NEAR_M and goes_in(held.object_type, sight.object_type)
             inside = root_id(name) == root_id(other.object_id)
             inside = inside and preposition(sight.object_type) == "in"  # beside a sink, not in it

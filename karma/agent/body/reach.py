@@ -16,7 +16,7 @@ from karma.household.uses import BASIN_OF, without_basin
 from karma.types.memory import Known
 from karma.types.observation import Observation, SeenObject
 from karma.types.roles import Event, Knowledge, Stage
-from karma.types.space import Vec3
+from karma.types.space import Vec3, outside_m
 
 _CURES = {"open": "CloseObject", "on": "ToggleOff", "closed": "OpenObject"}  # what would help
 _SMALL_M = 1.0  # furniture up to this long is seen whole from its edge
@@ -141,9 +141,8 @@ class Reach:
         around = (
             sight
             for sight in self.log.seen.values()
-            if off_m(target.position_m, sight) == 0
-            and sight.object_type in types_with("receptacle")
-            if "closed" in self.log.states(sight)
+            if not any(outside_m(target.position_m, sight.box_center_m, sight.box_size_m))
+            if sight.object_type in types_with("receptacle") and "closed" in self.log.states(sight)
         )
         return min(around, key=lambda sight: sight.object_id, default=None)
 
@@ -171,11 +170,7 @@ class Reach:
 
     def _all_known(self) -> list[Known]:
         """Return the map's furniture, memory's vessels and all that was seen, but what is held."""
-        mapped = [
-            Known(object_id=one.object_id, object_type=one.object_type, position_m=one.position_m)
-            for area in self.knowledge.areas()
-            for one in area.fixtures
-        ]
+        mapped = [one for area in self.knowledge.areas() for one in area.fixtures]
         vessels = sorted(types_with("receptacle") & types_with("pickupable"))
         remembered = [one for kind in vessels if (one := self.knowledge.where(kind)) is not None]
         seen = {**self._before, **self.log.seen}.values()
@@ -221,15 +216,6 @@ class Reach:
         if there:
             self.look()
         return there
-
-    def unseen(
-        self, points: Sequence[Vec3], things: Sequence[SeenObject], *, since: int = 0
-    ) -> list[Vec3]:
-        """Return the points that no look has shown.
-
-        The first `since` looks do not count.
-        """
-        return unseen(points, self.log.looks[since:], things, reach_m=self.limits.reach_m)
 
     def look_at_point(
         self, point: Vec3, things: Sequence[SeenObject], *, nearest: bool = False
@@ -315,12 +301,6 @@ def _box_of(target: Known) -> Target:
     if target.box_center_m is None or opens or max(target.box_size_m) > _SMALL_M:
         return Target(center_m=target.position_m)
     return Target(center_m=target.box_center_m, size_m=target.box_size_m)
-
-
-def off_m(point: Vec3, sight: SeenObject) -> float:
-    """Return the distance of a point from an object's box; 0 inside."""
-    box = zip(point, sight.box_center_m, sight.box_size_m, strict=True)
-    return math.hypot(*(max(abs(at - mid) - size / 2, 0.0) for at, mid, size in box))
 
 
 def _alike(one: Stance, other: Stance) -> bool:

@@ -9,7 +9,7 @@ from karma.agent.body.reach import Reach
 from karma.agent.body.refusals import NOT_FOUND, RefusedError
 from karma.agent.body.sightings import known, means
 from karma.agent.body.walk import OutOfActionsError
-from karma.agent.seeing.projection import before, spots
+from karma.agent.seeing.projection import before, spots, unseen
 from karma.household.containment import goes_in
 from karma.household.ids import type_of
 from karma.household.places import FLOOR
@@ -241,13 +241,14 @@ class Search:
         First one look from where nothing at all hides a point, then past what surely does; last,
         from near, at points that are hidden from everywhere. Looks before `since` do not count.
         """
+        log, reach_m = self._log, self._reach.limits.reach_m
         hidden = spots(space, inside=inside)
         for surely, most in ((False, int(inside)), (True, len(hidden))):
-            points, tried, looks = hidden, set[Vec3](), len(self._log.looks)
-            while len(self._log.looks) < looks + most:
-                seen = self._log.seen.values()  # more with each look
+            points, tried, looks = hidden, set[Vec3](), len(log.looks)
+            while len(log.looks) < looks + most:
+                seen = log.seen.values()  # more with each look
                 things = before(space, seen, inside=inside, surely=surely)
-                hidden = self._reach.unseen(points, things, since=since)
+                hidden = unseen(points, log.looks[since:], things, reach_m=reach_m)
                 rest = [point for point in hidden if point not in tried]
                 if not rest:
                     break
@@ -256,14 +257,14 @@ class Search:
                     found = self._in_view()
                     if found is not None:
                         return found
-        since = len(self._log.looks)
+        since = len(log.looks)
         while hidden:
             hidden.remove(point := self._farthest(hidden))
             if self._reach.look_at_point(point, [], nearest=True):
                 found = self._in_view()
                 if found is not None:
                     return found
-                hidden = self._reach.unseen(hidden, [], since=since)
+                hidden = unseen(hidden, log.looks[since:], [], reach_m=reach_m)
         return None
 
     def _farthest(self, points: Iterable[Vec3]) -> Vec3:

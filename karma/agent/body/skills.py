@@ -19,7 +19,7 @@ from karma.agent.body.walk import OutOfActionsError
 from karma.agent.planning.program import OUR_SKILLS, SKILLS, SWITCH_AFTER
 from karma.agent.seeing.eyes import Eyes, MetadataEyes
 from karma.types.events import SkillResult
-from karma.types.memory import Area, Experience, Known
+from karma.types.memory import Area, Experience
 from karma.types.observation import SeenObject
 from karma.types.planning import SkillCall
 from karma.types.roles import Knowledge, World
@@ -71,57 +71,47 @@ class Skills:
         Search(self.reach).look_around()
         self.actions += self.reach.walker.actions
 
-    def look_from(self, name: str, area: Area, *, max_actions: int | None = None) -> SkillResult:
-        """Walk near a place and look around for an object; ok if it is in view then.
-
-        Without a name it only looks; `max_actions` None: the limits' own.
-        """
-        look = partial(Search(self.reach, name).look_from, area.position_m)
-        return self._looked(name, area.name, look, max_actions)
-
-    def look_into(
-        self, name: str, container: SeenObject, *, max_actions: int | None = None
+    def look_for(
+        self, name: str, place: Area | SeenObject, *, max_actions: int | None = None
     ) -> SkillResult:
-        """Open a closed container and look, as `look_from`; it is closed again if unsuccessful."""
-        look = partial(Search(self.reach, name).look_into, container)
-        return self._looked(name, container.object_id, look, max_actions)
+        """Look for an object around an area, or in a container, which is closed again afterwards.
+
+        Ok if it is in view then. Without a name it only looks; `max_actions` None: the limits' own.
+        """
+        search = Search(self.reach, name)
+        at = place.name if isinstance(place, Area) else place.object_id
+
+        def look() -> str:
+            if isinstance(place, Area):
+                found = search.look_from(place.position_m)
+            else:
+                found = search.look_into(place)
+            if name and found is None:
+                raise RefusedError(f"no {name} there")
+            self.reach.used = []  # not the places searched on the way
+            if found is not None:
+                self.reach.use(found)
+            return ""
+
+        explore = SkillCall(skill="Explore", objects=(name,), positions=(at,))
+        call = explore if name else SkillCall.of("GoToObject", at)
+        return self._counted(call, look, max_actions)
 
     def look_over(self, place: SeenObject) -> SkillResult:
         """Look at the whole of a surface, or of a container, which is open afterwards."""
         call = SkillCall.of("GoToObject", place.object_id)
         return self._counted(call, partial(Search(self.reach).look_over, place), None)
 
-    def _looked(
-        self, name: str, at: str, look: Callable[[], Known | None], max_actions: int | None
+    def run(
+        self, call: SkillCall, *, max_actions: int | None = None, aside: Collection[str] = ()
     ) -> SkillResult:
-        """Look somewhere; note the object that was found, and not the places on the way."""
-        explore = SkillCall(skill="Explore", objects=(name,), positions=(at,))
+        """Carry out one skill call; no name of a type means an id in `aside`.
 
-        def found() -> str:
-            target = look()
-            if name and target is None:
-                raise RefusedError(f"no {name} there")
-            self.reach.used = []
-            if target is not None:
-                self.reach.use(target)
-            return ""
+        A program that calls two objects by one name means different objects; if no other is found,
+        the first is used again.
 
-        call = explore if name else SkillCall.of("GoToObject", at)
-        return self._counted(call, found, max_actions)
-
-    def find_another(self, name: str, aside: Collection[str]) -> SkillResult:
-        """Search for an object of a type that has none of some ids."""
-        self.reach.log.aside = frozenset(aside)
-        call = SkillCall.of("Explore", name)
-        result = self._counted(call, partial(self._carry_out, call), None)
-        self.reach.log.aside = frozenset()
-        return result
-
-    def run(self, call: SkillCall, *, max_actions: int | None = None) -> SkillResult:
-        """Carry out one skill call; ValueError for no such skill, or a wrong number of objects.
-
-        Of two things that a program calls by one name the second is another one than the first;
-        where no other is found, the first.
+        Raises:
+            ValueError: no such skill, or a wrong number of objects.
         """
         least, kinds = _ARITY.get(call.skill, (0, ()))
         most = kinds.count("object")
@@ -131,15 +121,16 @@ class Skills:
             raise ValueError(f"{call.skill} takes {most} object(s): {call}")
         if call.positions and "positions" not in kinds:
             raise ValueError(f"{call.skill} takes no positions: {call}")
-        log = self.reach.log
-        log.aside = frozenset(one for one, turn in self._taken if turn < call.turn)
-        do = partial(self._carry_out, call)
+        log, do = self.reach.log, partial(self._carry_out, call)
+        earlier = frozenset(one for one, turn in self._taken if turn < call.turn)
+        log.aside = earlier.union(aside)
         result = self._counted(call, do, max_actions)
-        if log.aside and not result.ok:
-            log.aside = frozenset()
+        if earlier and not result.ok:
+            log.aside = frozenset(aside)
             first, result = result, self._counted(call, do, max_actions)
             both = first.explorations + result.explorations
             result = replace(result, actions=first.actions + result.actions, explorations=both)
+        log.aside = frozenset()
         if result.ok and call.skill == "PickupObject":
             self._taken += [(one, call.turn) for one in result.object_ids[:1]]
         return result

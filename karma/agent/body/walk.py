@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import breadth_first_order
 
 from karma.agent.seeing.perceive import camera_of, cells_of, pose_of, scene_of
 from karma.types.roles import Event, Stage
-from karma.types.space import CameraPose, Pose, Vec3
+from karma.types.space import CameraPose, Pose, Vec3, outside_m
 
 Cell = tuple[int, int]  # steps along x and z from where the map was asked for
 State = tuple[int, int, int]  # cell and heading (0 = +z, 1 = +x, 2 = -z, 3 = -x)
@@ -46,8 +46,8 @@ class Stance:
 
     state: State
     horizon_deg: float
-    gap_m: float  # horizontally, to the target's box
-    cost: float
+    gap_m: float = 0.0  # horizontally, to the target's box
+    cost: float = 0.0
 
 
 class FloorMap:
@@ -98,12 +98,11 @@ class FloorMap:
         x, z = self.metres(cell)
         return math.hypot(point[0] - x, point[2] - z)
 
-    def outside_m(self, cell: Cell, target: Target) -> list[float]:
+    def outside_m(self, cell: Cell, target: Target) -> tuple[float, float]:
         """Return how far the cell is outside the target's box, along x and along z."""
-        return [
-            max(abs(at - target.center_m[axis]) - target.size_m[axis] / 2, 0.0)
-            for at, axis in zip(self.metres(cell), (0, 2), strict=True)
-        ]
+        at_x, at_z = self.metres(cell)
+        x, _, z = outside_m((at_x, 0.0, at_z), target.center_m, target.size_m)
+        return x, z
 
     def aim(self, cell: Cell, target: Target) -> tuple[float, float]:
         """Return the point of the box to face: the nearest one, up to 0.25 m inside."""
@@ -261,9 +260,9 @@ class Walker:
     def stance(self, pose: Pose | None = None) -> Stance:
         """Return a pose, by default the agent's own, as a view; its cost and gap are 0."""
         if pose is None:
-            return Stance(state=self._state, horizon_deg=self.horizon_deg, gap_m=0.0, cost=0.0)
+            return Stance(state=self._state, horizon_deg=self.horizon_deg)
         state = (*self._floor.cell(pose.position_m), round(pose.yaw_deg / 90.0) % 4)
-        return Stance(state=state, horizon_deg=pose.horizon_deg, gap_m=0.0, cost=0.0)
+        return Stance(state=state, horizon_deg=pose.horizon_deg)
 
     def camera_of(self, view: Stance) -> CameraPose:
         """Return the camera as it would be in a view."""

@@ -27,7 +27,7 @@ from karma.household.uses import (
     with_wholes,
     without_basin,
 )
-from karma.types.memory import Area, Fixture, MemoryUnit
+from karma.types.memory import Area, Known, MemoryUnit
 from karma.types.observation import SeenObject
 from karma.types.planning import FailedProgram, PlanRequest
 from karma.types.space import Vec3
@@ -236,7 +236,7 @@ def off_the_map(
     return _placed(seen, name_of)
 
 
-def _placed(things: Iterable[Fixture | SeenObject], name_of: Mapping[str, str]) -> list[str]:
+def _placed(things: Iterable[Known | SeenObject], name_of: Mapping[str, str]) -> list[str]:
     """Return what of furniture has a name, with its place; burners are all where the stove is."""
     named = [one for one in things if one.object_id in name_of]
     placed = [

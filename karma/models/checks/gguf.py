@@ -20,6 +20,7 @@ _SCALARS = {
 _STRING, _ARRAY = 8, 9
 _MAX_DIMENSIONS = 4
 LANGUAGE = ("context_length", "embedding_length", "block_count", "attention.head_count")
+TEMPLATE = "tokenizer.chat_template"  # key of the metadata
 _MAGIC = b"GGUF"
 _OTHERS = {  # first bytes of common mistakes -> what the file is, what to do
     b"version https://git-lfs": ("a pointer of Git LFS, not the file", "git lfs pull"),

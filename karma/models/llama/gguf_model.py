@@ -103,13 +103,7 @@ class GgufModel:
             "n_threads_batch": options.threads, "flash_attn": self._flash,
             **self.placement.keywords,
         }  # fmt: skip
-        self.llama: Any
-        self.llama, layers = open_gguf(path, keywords)
-        if layers != self.placement.layers:
-            raise ModelError(
-                f"{self.name}: llama.cpp put {layers} layers on {self.placement.name}, not "
-                f"{self.placement.layers}\n  To fix: gpu_layers = 0"
-            )
+        self.llama: Any = open_gguf(path, keywords)
         self.vocabulary = int(self.llama.n_vocab())  # how many tokens there are
         self.end_token = int(self.llama.token_eos())  # it ends an answer
         self._control = _control_tokens(self.llama)
@@ -275,11 +269,6 @@ class GgufModel:
             pointer = llama_cpp.llama_get_logits(self.llama.ctx)
             rows.append(np.ctypeslib.as_array(pointer, (len(batch), self.vocabulary)).copy())
         return np.concatenate(rows)
-
-    @property
-    def decoded(self) -> int:
-        """How many tokens were decoded, the prompt's included."""
-        return int(self.llama.n_tokens)
 
     def logits(self) -> Logits:
         """Return the logits after the last token, shape (vocabulary,), valid until the next."""

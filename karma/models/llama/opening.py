@@ -6,9 +6,7 @@ are called through ctypes. Source: ggml-backend.h of the pinned llama.cpp.
 """
 
 import ctypes
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -74,39 +72,14 @@ def try_in_own_process(trial: str, *files: Path, cannot: str) -> None:
     _passed.add(tried)
 
 
-def open_gguf(path: Path, keywords: Mapping[str, Any]) -> tuple[Any, int]:
-    """Return a loaded `Llama`, and how many layers llama.cpp says that it has put on GPUs.
-
-    ModelError names the file where it cannot be loaded.
-    """
+def open_gguf(path: Path, keywords: Mapping[str, Any]) -> Any:
+    """Return a loaded `Llama`; ModelError names the file where it cannot be loaded."""
     import llama_cpp
 
-    with _listening() as said:
-        try:
-            llama = llama_cpp.Llama(str(path), verbose=False, **keywords)
-        except Exception as error:  # ValueError, RuntimeError, Jinja's: all mean an unusable file
-            raise ModelError(f"{path}: llama.cpp cannot load it: {error}") from error
-    layers = re.findall(rb"offloaded (\d+)/\d+ layers to GPU", b"".join(said))
-    return llama, int(layers[-1]) if layers else 0
-
-
-@contextmanager
-def _listening() -> Iterator[list[bytes]]:
-    """Collect what llama.cpp logs meanwhile: it tells nowhere else what it has done."""
-    import llama_cpp
-    from llama_cpp import _logger
-
-    said: list[bytes] = []
-
-    def listen(level: int, text: bytes, _: Any) -> None:
-        said.append(text)
-
-    callback: Any = llama_cpp.llama_log_callback(listen)
-    llama_cpp.llama_log_set(callback, None)
     try:
-        yield said
-    finally:
-        llama_cpp.llama_log_set(_logger.llama_log_callback, None)
+        return llama_cpp.Llama(str(path), verbose=False, **keywords)
+    except Exception as error:  # ValueError, RuntimeError, Jinja's: all mean an unusable file
+        raise ModelError(f"{path}: llama.cpp cannot load it: {error}") from error
 
 
 def open_context(llama: Any, tokens: int) -> Any:

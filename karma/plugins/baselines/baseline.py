@@ -136,10 +136,7 @@ class RowBody(Generic[Memory]):
     def search(self, name: str, place: SeenObject | Area, most: int | None = None) -> SkillResult:
         """Look for a thing from an area or into a receptacle, within `most` actions."""
         limit = self.left if most is None else min(most, self.left)
-        if isinstance(place, Area):
-            result = self.skills.look_from(name, place, max_actions=limit)
-        else:
-            result = self.skills.look_into(name, place, max_actions=limit)
+        result = self.skills.look_for(name, place, max_actions=limit)
         self.memory.observe(self.skills.experience)
         return result
 

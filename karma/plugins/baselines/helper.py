@@ -243,7 +243,7 @@ class HelperEpisode(MappedEpisode[ObjectMemory]):
             rest.sort(
                 key=lambda a: ((a.position_m[0] - x) ** 2 + (a.position_m[2] - z) ** 2, a.name)
             )
-            yield body.skills.look_from("", rest.pop(0), max_actions=left)
+            yield body.skills.look_for("", rest.pop(0), max_actions=left)
             self.memory.observe(body.skills.experience)
 
     def _carry_out(
